@@ -1,0 +1,1 @@
+"""The `hhsim` command line: one thin module a command."""

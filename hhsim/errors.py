@@ -1,0 +1,40 @@
+"""The errors that hhsim raises on purpose.
+
+Every message is one line: what is wrong, where, and what would be right. The command line prints it without a
+traceback and exits with `exit_code`.
+"""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class HhsimError(Exception):
+    """Anything wrong with what the user gave, or with the place where results should go."""
+
+    exit_code = 2
+
+
+class InputError(HhsimError):
+    """A file, an option or a value that cannot be used."""
+
+
+class MeshError(InputError):
+    """A mesh that is empty, broken, or has no inside."""
+
+
+class TrajectoryError(InputError):
+    """A trajectory whose arrays, stamps or orientations cannot be replayed."""
+
+
+class UnknownNameError(InputError):
+    """A name that no catalogue holds; the message lists the near ones."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        names = sorted(known)
+        near = get_close_matches(name, names, n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(names)}"
+        super().__init__(f"unknown {kind} '{name}': {hint}")
+
+
+class OutputError(HhsimError):
+    """A result that cannot be written: no permission, a full disk, a folder in the way."""

@@ -1,0 +1,88 @@
+"""The one jit factory of the kernels.
+
+numba's file cache sees edits of the file that holds a function but not of the functions it calls, and would then return
+yesterday's callee. The cache folder is therefore named by a digest of all kernel sources, the numba version and
+the CPU, and set before the first decorator runs.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+JIT_ENABLED = not numba.config.DISABLE_JIT
+
+
+def cache_root() -> Path:
+    """Folder for everything hhsim may delete and make again.
+
+    `HHSIM_CACHE_DIR` wins, then `XDG_CACHE_HOME`/hhsim, then ~/.cache/hhsim; where none can be written, a folder of the
+    user's in the system's temporary directory.
+    """
+    named = os.environ.get("HHSIM_CACHE_DIR")
+    if named:
+        root = Path(named)
+    else:
+        base = os.environ.get("XDG_CACHE_HOME")
+        root = (Path(base) if base else Path("~/.cache").expanduser()) / "hhsim"
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        if os.access(root, os.W_OK):
+            return root
+    except OSError:
+        pass
+    fallback = Path(tempfile.gettempdir()) / f"hhsim-{os.getuid()}"
+    fallback.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return fallback
+
+
+def _digest() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    digest.update(str(numba.config.CPU_NAME or _host_cpu()).encode())
+    digest.update(str(numba.config.BOUNDSCHECK).encode())
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.name.encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _host_cpu() -> str:
+    from llvmlite import binding
+
+    return f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+
+
+KERNEL_CACHE: Path = cache_root() / "kernels" / _digest()
+"""Where the compiled kernels of exactly these sources lie."""
+
+numba.config.CACHE_DIR = str(KERNEL_CACHE)
+
+
+def is_cached() -> bool:
+    """Whether any compiled kernel of these sources lies in the cache; if not, the first run compiles."""
+    return KERNEL_CACHE.is_dir() and any(KERNEL_CACHE.rglob("*.nbi"))
+
+
+def jit(function: F) -> F:
+    """Compile with strict IEEE arithmetic, no exceptions, cached."""
+    return numba.njit(cache=True, error_model="numpy", nogil=True)(function)  # type: ignore[no-any-return]
+
+
+def jit_inline(function: F) -> F:
+    """Compile a small function that callers should absorb."""
+    return numba.njit(cache=True, error_model="numpy", nogil=True, inline="never", forceinline=True)(function)  # type: ignore[no-any-return]
+
+
+def jit_vector(function: F) -> F:
+    """Compile with sums that may be reordered and fused, so that loops use the vector unit.
+
+    Only for plain loops over arrays: NaN, infinities and signed zeros keep their meaning, and no tolerance is tested inside.
+    """
+    flags = {"reassoc", "contract", "arcp"}
+    return numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=flags)(function)  # type: ignore[no-any-return]

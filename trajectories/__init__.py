@@ -1,0 +1,1 @@
+"""The trajectory catalogue: TOML scripts and small recordings."""
