@@ -1,0 +1,160 @@
+"""A triangle mesh in metres, and how a file becomes one."""
+
+import hashlib
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.errors import InputError, MeshError
+from hhsim.mesh_file import read_triangles
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
+"""The units that `load_mesh` takes, and their length [m]."""
+
+SMALLEST_USUAL_EXTENT = 0.01
+LARGEST_USUAL_EXTENT = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A closed surface of triangles, counter-clockwise seen from outside.
+
+    Attributes:
+        vertices: Corner positions [m], shape (V, 3), float64, C-contiguous.
+        faces: Corner indices of each triangle, shape (F, 3), int64, C-contiguous.
+        name: Short name for tables and messages.
+        source: Where it comes from: a path, or the generator with its parameters.
+        repairs: What was repaired or assumed on the way in, one plain sentence each.
+        warnings: What looks wrong but does not stop the work, one plain sentence each.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    name: str = "mesh"
+    source: str = ""
+    repairs: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Normalise the arrays.
+
+        Raises:
+            MeshError: Wrong shapes, no triangle, non-finite vertices, or an index that no vertex has.
+        """
+        vertices = np.array(self.vertices, dtype=np.float64, order="C")
+        faces = np.array(self.faces, dtype=np.int64, order="C")
+        require_usable_arrays(vertices, faces, self.name)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+    @cached_property
+    def triangles(self) -> FloatArray:
+        """Corner positions of each triangle [m], shape (F, 3, 3)."""
+        return np.ascontiguousarray(self.vertices[self.faces])
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Lowest and highest corner of the axis-aligned box around the triangles [m], shape (2, 3)."""
+        corners = self.triangles.reshape(-1, 3)
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+    @property
+    def extent(self) -> FloatArray:
+        """Edge lengths of the axis-aligned box [m], shape (3,)."""
+        return np.asarray(self.bounds[1] - self.bounds[0], dtype=np.float64)
+
+    @cached_property
+    def volume(self) -> float:
+        """Enclosed volume [m³]; negative when the triangles are wound inside out."""
+        a, b, c = (self.triangles - self.bounds.mean(axis=0)).transpose(1, 0, 2)
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Content hash (hex) of the vertices as little-endian float64 and the faces as little-endian int64."""
+        digest = hashlib.sha256(self.vertices.astype("<f8").tobytes())
+        digest.update(self.faces.astype("<i8").tobytes())
+        return digest.hexdigest()
+
+    def scaled(self, factor: float) -> "Mesh":
+        """Return the mesh scaled about the origin by a positive factor [-]."""
+        return replace(self, vertices=self.vertices * factor)
+
+    def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "Mesh":
+        """Return the mesh moved by `rotation @ vertex + translation`; shapes (3, 3) and (3,) [m]."""
+        moved = self.vertices @ np.asarray(rotation, dtype=np.float64).T + np.asarray(translation, dtype=np.float64)
+        return replace(self, vertices=moved)
+
+
+def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> None:
+    """Raise a MeshError unless these are finite (V, 3) vertices and at least one (F, 3) triangle of valid indices."""
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise MeshError(f"{name}: vertices have shape {vertices.shape}, expected (V, 3)")
+    if faces.size == 0:
+        raise MeshError(f"{name}: no triangles; expected a surface mesh")
+    if faces.ndim != 2 or faces.shape[1] != 3:
+        raise MeshError(f"{name}: faces have shape {faces.shape}, expected (F, 3)")
+    broken = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if broken.size:
+        raise MeshError(
+            f"{name}: {broken.size} of {len(vertices)} vertices are NaN or infinite, first at index {broken[0]}; "
+            "export the mesh again"
+        )
+    bad = np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))
+    if bad.size:
+        raise MeshError(
+            f"{name}: {bad.size} of {len(faces)} triangles name a vertex that does not exist, first triangle {bad[0]}; "
+            f"indices must lie in 0 to {len(vertices) - 1}"
+        )
+
+
+def load_mesh(path: str | Path, unit: str = "m", size: float | None = None, repair: bool = True) -> Mesh:
+    """Read a mesh file, scale it to metres, check it and repair what is safe to repair.
+
+    Args:
+        path: Any format that trimesh reads (.obj .stl .ply .off .glb …); the parts of a scene are joined.
+        unit: Length unit of the file: m, cm, mm or inch.
+        size: Longest extent that the mesh should get [m]; replaces `unit`.
+        repair: False refuses a mesh that needs more than merging equal vertices.
+
+    Returns:
+        The mesh [m]; `repairs` says what was changed, `warnings` what looks wrong.
+
+    Raises:
+        InputError: No such file, an unknown unit, or a size that is not positive.
+        MeshError: Unreadable, empty, not finite, or no inside that could be repaired.
+    """
+    path = Path(path)
+    if unit not in METRES_PER_UNIT:
+        raise InputError(f"unknown unit '{unit}': known: {', '.join(METRES_PER_UNIT)}")
+    if size is not None and not (np.isfinite(size) and size > 0.0):
+        raise InputError(f"size {size} m: the longest extent must be positive")
+    vertices, faces = read_triangles(path)
+    mesh = Mesh(vertices, faces, name=path.stem, source=str(path))
+    longest = float(mesh.extent.max())
+    if longest == 0.0:
+        raise MeshError(f"{path}: all vertices lie in one point; expected a surface mesh")
+    mesh = mesh.scaled(METRES_PER_UNIT[unit] if size is None else size / longest)
+    if size is None:
+        mesh = replace(mesh, warnings=size_warnings(mesh, unit))
+    return mesh
+
+
+def size_warnings(mesh: Mesh, unit: str) -> tuple[str, ...]:
+    """Say so when a mesh is too large or too small for a hand; the usual cause is a wrong unit."""
+    longest = float(mesh.extent.max())
+    if longest > LARGEST_USUAL_EXTENT:
+        smaller = {"m": "mm", "inch": "mm", "cm": "mm"}.get(unit, "")
+        name = {"mm": "millimetres"}.get(smaller, "")
+        hint = f"is the file in {name}? pass --unit {smaller}" if smaller else "pass --size to state its longest extent"
+        return (f"longest extent {longest:.3g} m: {hint}",)
+    if longest < SMALLEST_USUAL_EXTENT:
+        hint = "is the file in metres? pass --unit m" if unit != "m" else "pass --size to state its longest extent"
+        return (f"longest extent {1000.0 * longest:.3g} mm: {hint}",)
+    return ()
