@@ -1,0 +1,129 @@
+"""Signed distances in closed form: sphere to sphere, sphere to round cone.
+
+A phalanx of the paper (cone frustum, a sphere at each joint, a hemisphere at the tip) is a *round cone*, the hull of two
+spheres with centres a, b and radii r_a >= r_b a length l apart. It is the union of the spheres with centre
+x(s) = a + s (b - a) and radius r(s) = r_a - s (r_a - r_b), 0 <= s <= 1, so its distance to a sphere is the least of the
+sphere-to-sphere distances over s. With t and h the axial and radial coordinates of the other centre and
+sin φ = (r_a - r_b) / l that minimum lies at s = clamp((t - h tan φ) / l, 0, 1): one formula for all the cases of
+the paper's Eq. 4 to 7 and 13. Where one sphere holds the other (l <= r_a - r_b), the round cone is the larger sphere: s = 0.
+
+A signed distance is negative inside; distances are in metres.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import jit, jit_inline, jit_vector
+
+Array = NDArray[np.float64]
+
+
+@jit
+def cone_slope(length: float, radius_a: float, radius_b: float) -> tuple[float, float]:
+    """(tan φ, 1 / length) of a round cone with radius_a >= radius_b; (0, 0) where it is the larger sphere alone."""
+    drop = radius_a - radius_b
+    if length <= drop or length <= 0.0:
+        return 0.0, 0.0
+    sine = drop / length
+    return sine / math.sqrt(1.0 - sine * sine), 1.0 / length
+
+
+@jit_inline
+def round_cone_parameter(
+    dx: float, dy: float, dz: float, ux: float, uy: float, uz: float, tan_slope: float, inverse_length: float
+) -> float:
+    """Axis parameter s in [0, 1] of the sphere of a round cone that is nearest to the point a + (dx, dy, dz).
+
+    u is the unit axis from a to b.
+    """
+    t = dx * ux + dy * uy + dz * uz
+    px, py, pz = dx - t * ux, dy - t * uy, dz - t * uz
+    h = math.sqrt(px * px + py * py + pz * pz)
+    return min(max((t - h * tan_slope) * inverse_length, 0.0), 1.0)
+
+
+@jit
+def sphere_round_cone_distance(
+    center: Array, radius: float, a: Array, b: Array, radius_a: float, radius_b: float
+) -> tuple[float, float]:
+    """Signed distance [m] between a sphere and a round cone (radius_a >= radius_b), and the axis parameter s of the nearest sphere."""
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    length = math.sqrt(ux * ux + uy * uy + uz * uz)
+    tan_slope, inverse_length = cone_slope(length, radius_a, radius_b)
+    ux, uy, uz = ux * inverse_length, uy * inverse_length, uz * inverse_length
+    dx, dy, dz = center[0] - a[0], center[1] - a[1], center[2] - a[2]
+    s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
+    qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
+    distance = math.sqrt(qx * qx + qy * qy + qz * qz) - (radius_a - s * (radius_a - radius_b)) - radius
+    return distance, s
+
+
+@jit_vector
+def round_cone_distances(
+    x: Array,
+    y: Array,
+    z: Array,
+    radius: Array,
+    count: int,
+    ax: float,
+    ay: float,
+    az: float,
+    ux: float,
+    uy: float,
+    uz: float,
+    length: float,
+    tan_slope: float,
+    inverse_length: float,
+    radius_a: float,
+    radius_drop: float,
+    distance_out: Array,
+    parameter_out: Array,
+) -> None:
+    """Signed distances [m] and axis parameters of `count` spheres against one round cone, structure of arrays.
+
+    (a, u, length) is the axis, radius_drop = r_a - r_b. Branch-free, so that it runs on the vector unit.
+    """
+    for i in range(count):
+        dx = x[i] - ax
+        dy = y[i] - ay
+        dz = z[i] - az
+        t = dx * ux + dy * uy + dz * uz
+        px = dx - t * ux
+        py = dy - t * uy
+        pz = dz - t * uz
+        h2 = px * px + py * py + pz * pz
+        s = (t - math.sqrt(h2) * tan_slope) * inverse_length
+        s = 0.0 if s < 0.0 else s
+        s = 1.0 if s > 1.0 else s
+        along = t - s * length
+        distance_out[i] = math.sqrt(h2 + along * along) - radius_a + s * radius_drop - radius[i]
+        parameter_out[i] = s
+
+
+@jit_vector
+def sphere_pair_distances(
+    hand_x: Array,
+    hand_y: Array,
+    hand_z: Array,
+    hand_radius: Array,
+    object_x: Array,
+    object_y: Array,
+    object_z: Array,
+    object_radius: Array,
+    count: int,
+    position: Array,
+    rotation: Array,
+    distance_out: Array,
+) -> None:
+    """Signed distances [m] of sphere pairs; hand centres in the palm frame (position (3,), rotation (3, 3)), object centres in the world."""
+    px, py, pz = position[0], position[1], position[2]
+    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
+    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
+    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
+    for i in range(count):
+        dx = px + r00 * hand_x[i] + r01 * hand_y[i] + r02 * hand_z[i] - object_x[i]
+        dy = py + r10 * hand_x[i] + r11 * hand_y[i] + r12 * hand_z[i] - object_y[i]
+        dz = pz + r20 * hand_x[i] + r21 * hand_y[i] + r22 * hand_z[i] - object_z[i]
+        distance_out[i] = math.sqrt(dx * dx + dy * dy + dz * dz) - hand_radius[i] - object_radius[i]

@@ -1,0 +1,138 @@
+"""Kinematics of the 21-DoF hand: a 6-DoF palm and five planar chains of three flexion joints.
+
+Flexion angle θ curls a finger towards the palm. Abduction turns the whole finger about its dorsal axis towards the thumb
+side; it comes from the glove and is not optimised (paper, Section III-B). Since the three flexion axes of a finger
+are parallel, phalanx k points along cos(Θ) u - sin(Θ) w with Θ = θ_1 + ... + θ_k, u distal and w dorsal.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import jit
+
+Array = NDArray[np.float64]
+
+FINGER_COUNT = 5
+PHALANX_COUNT = 3
+BODY_COUNT = 16
+PALM_BODY = 15
+"""Bodies 0 to 14 are the phalanges, finger by finger, proximal to distal; body 15 is the palm."""
+DOF = 21
+"""Palm translation [m] 0 to 2, palm rotation vector [rad] 3 to 5, flexion [rad] 6 + 3 finger + joint."""
+
+
+class HandArrays(NamedTuple):
+    """The hand as the kernels see it; palm frame.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | base | first joint of each finger [m] | (5, 3) |
+    | distal | unit direction of the straight finger at zero abduction | (5, 3) |
+    | dorsal | unit direction out of the finger's back, perpendicular to distal | (5, 3) |
+    | abduction_sign | +1 where a positive turn about dorsal goes towards the thumb side (right hand), -1 left | (1,) |
+    | length | distance between joint centres, the last one to the tip sphere's centre [m] | (5, 3) |
+    | radius | radius at each joint and at the tip, not growing towards the tip [m] | (5, 4) |
+    | tan_slope, inverse_length | of each round cone, see `kernels.distance.cone_slope` | (5, 3) |
+    | flexion_min, flexion_max | joint limits [rad] | (5, 3) |
+    | reach | farthest that an axis point of the phalanx can be from the palm's origin [m] | (5, 3) |
+    | lever | farthest that an axis point of phalanx k can be from joint i [m], 0 for i > k | (5, 3, 3) |
+    | palm_x, palm_y, palm_z, palm_radius | leaf spheres of the palm's tree [m] | (P,) |
+    | palm_reach | farthest palm sphere centre from the palm's origin [m] | (1,) |
+    """
+
+    base: Array
+    distal: Array
+    dorsal: Array
+    abduction_sign: Array
+    length: Array
+    radius: Array
+    tan_slope: Array
+    inverse_length: Array
+    flexion_min: Array
+    flexion_max: Array
+    reach: Array
+    lever: Array
+    palm_x: Array
+    palm_y: Array
+    palm_z: Array
+    palm_radius: Array
+    palm_reach: Array
+
+
+@jit
+def forward_kinematics(
+    hand: HandArrays,
+    position: Array,
+    rotation: Array,
+    flexion: Array,
+    abduction: Array,
+    joints_out: Array,
+    direction_out: Array,
+    axis_out: Array,
+    abduction_axis_out: Array,
+) -> None:
+    """World positions of the hand's joints.
+
+    Args:
+        hand: the hand.
+        position: palm origin [m], shape (3,), world.
+        rotation: palm orientation, shape (3, 3), palm to world.
+        flexion: joint angles [rad], shape (5, 3).
+        abduction: [rad], shape (5,).
+        joints_out: joint centres and tip sphere centre [m], shape (5, 4, 3), world.
+        direction_out: unit axis of each phalanx, shape (5, 3, 3), world.
+        axis_out: unit flexion axis of each finger, about which a positive angle flexes, shape (5, 3), world.
+        abduction_axis_out: unit axis about which a positive abduction turns the finger, shape (5, 3), world.
+    """
+    sign = hand.abduction_sign[0]
+    for f in range(FINGER_COUNT):
+        ux, uy, uz = hand.distal[f, 0], hand.distal[f, 1], hand.distal[f, 2]
+        wx, wy, wz = hand.dorsal[f, 0], hand.dorsal[f, 1], hand.dorsal[f, 2]
+        # The flexion axis w × u turns u towards -w; abduction turns the pair (u, axis) in their own plane.
+        ax, ay, az = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
+        cosine = math.cos(abduction[f])
+        sine = sign * math.sin(abduction[f])
+        ux, uy, uz, ax, ay, az = (
+            cosine * ux + sine * ax,
+            cosine * uy + sine * ay,
+            cosine * uz + sine * az,
+            cosine * ax - sine * ux,
+            cosine * ay - sine * uy,
+            cosine * az - sine * uz,
+        )
+        for i in range(3):
+            r0, r1, r2 = rotation[i, 0], rotation[i, 1], rotation[i, 2]
+            axis_out[f, i] = r0 * ax + r1 * ay + r2 * az
+            abduction_axis_out[f, i] = sign * (r0 * wx + r1 * wy + r2 * wz)
+            joints_out[f, 0, i] = position[i] + r0 * hand.base[f, 0] + r1 * hand.base[f, 1] + r2 * hand.base[f, 2]
+        total = 0.0
+        for k in range(PHALANX_COUNT):
+            total += flexion[f, k]
+            c, s = math.cos(total), math.sin(total)
+            dx, dy, dz = c * ux - s * wx, c * uy - s * wy, c * uz - s * wz
+            length = hand.length[f, k]
+            for i in range(3):
+                d = rotation[i, 0] * dx + rotation[i, 1] * dy + rotation[i, 2] * dz
+                direction_out[f, k, i] = d
+                joints_out[f, k + 1, i] = joints_out[f, k, i] + length * d
+
+
+@jit
+def motion_bounds(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> None:
+    """Upper bound [m] on how far any point of each body moves in a step, shape (16,).
+
+    `step` is (δp, δφ, δθ), shape (21,); |δp| + |δφ|·reach + Σ |δθ_i|·lever_i holds for every point at every
+    instant of the motion, because a sphere of the hand moves as far as its centre.
+    """
+    shift = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+    turn = math.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
+    motion_out[PALM_BODY] = shift + turn * hand.palm_reach[0]
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            motion = shift + turn * hand.reach[f, k] + abs(abduction_step[f]) * hand.lever[f, k, 0]
+            for i in range(k + 1):
+                motion += abs(step[6 + 3 * f + i]) * hand.lever[f, k, i]
+            motion_out[3 * f + k] = motion

@@ -1,0 +1,149 @@
+"""Sphere trees and the queries on them: which leaves lie within a margin, and how deep is the deepest.
+
+Every inner node encloses the balls of its descendant leaves, so the distance of a query body to a node is a lower bound of
+its distance to every leaf below: a node farther than the margin is left out with all that is under it.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .distance import round_cone_parameter
+from .jit import jit
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+STACK_SIZE = 1024
+"""A depth-first walk holds at most (branching - 1) · depth + 1 nodes; trees have at most 5 levels."""
+
+
+class TreeArrays(NamedTuple):
+    """A sphere tree, breadth first: node 0 is the root, the children of a node are contiguous, the leaves come last.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | x, y, z | sphere centres [m] | (N,) |
+    | radius | [m] | (N,) |
+    | first_child | index of the first child, -1 for a leaf | (N,) |
+    | child_count | 0 for a leaf | (N,) |
+    | leaf_start | index of the first leaf; leaf i of the tree is node leaf_start + i | int |
+    """
+
+    x: Array
+    y: Array
+    z: Array
+    radius: Array
+    first_child: Indices
+    child_count: Indices
+    leaf_start: int
+
+
+@jit
+def gather_round_cone(
+    tree: TreeArrays,
+    ax: float,
+    ay: float,
+    az: float,
+    ux: float,
+    uy: float,
+    uz: float,
+    length: float,
+    tan_slope: float,
+    inverse_length: float,
+    radius_a: float,
+    radius_drop: float,
+    margin: float,
+    stack: Indices,
+    index_out: Indices,
+) -> tuple[int, float, int]:
+    """Leaves whose signed distance to a round cone is at most `margin` [m].
+
+    A sphere is the round cone of length 0.
+
+    Returns:
+        (count, clearance, node tests): `index_out[:count]` holds the node indices of the leaves; every leaf left out is at least
+        `clearance` [m] away (more than the margin; infinite when none was left out). count is -1 where
+        `index_out` is too small.
+    """
+    clearance = np.inf
+    count = 0
+    tests = 1
+    dx, dy, dz = tree.x[0] - ax, tree.y[0] - ay, tree.z[0] - az
+    s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
+    qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
+    distance = math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[0]
+    if distance > margin:
+        return 0, distance, tests
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        first = tree.first_child[node]
+        if first < 0:
+            if count >= index_out.shape[0]:
+                return -1, 0.0, tests
+            index_out[count] = node
+            count += 1
+            continue
+        last = first + tree.child_count[node]
+        tests += last - first
+        for child in range(last - 1, first - 1, -1):
+            dx, dy, dz = tree.x[child] - ax, tree.y[child] - ay, tree.z[child] - az
+            s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
+            qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
+            distance = math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[child]
+            if distance > margin:
+                clearance = min(clearance, distance)
+            else:
+                stack[top] = child
+                top += 1
+    return count, clearance, tests
+
+
+@jit
+def nearest_leaf_round_cone(
+    tree: TreeArrays,
+    ax: float,
+    ay: float,
+    az: float,
+    ux: float,
+    uy: float,
+    uz: float,
+    length: float,
+    tan_slope: float,
+    inverse_length: float,
+    radius_a: float,
+    radius_drop: float,
+    limit: float,
+    stack: Indices,
+) -> tuple[float, int]:
+    """Least signed distance [m] of a round cone to the leaves, and that leaf's node index.
+
+    Only distances below `limit` are looked for; (limit, -1) where there is none.
+    """
+    best = limit
+    best_leaf = -1
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        dx, dy, dz = tree.x[node] - ax, tree.y[node] - ay, tree.z[node] - az
+        s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
+        qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
+        distance = math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[node]
+        if distance >= best:
+            continue
+        first = tree.first_child[node]
+        if first < 0:
+            best = distance
+            best_leaf = node
+            continue
+        for child in range(first, first + tree.child_count[node]):
+            stack[top] = child
+            top += 1
+    return best, best_leaf
