@@ -1,0 +1,36 @@
+# Both commands need Python 3.11 to 3.13 with pip; everything else goes into .venv, once.
+#   make replay     the first result: a five-finger grasp of the Stanford bunny
+#   make test       style, types and tests
+# Another interpreter: make test PYTHON=python3.12
+
+PYTHON ?= python3
+PYTEST_OPTIONS ?= -n 2
+BIN := .venv/bin
+
+.PHONY: replay test clean
+
+replay: .venv/hhsim.stamp
+	$(BIN)/hhsim replay
+
+test: .venv/test.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+
+.venv/python.stamp:
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \
+	{ echo 'hhsim needs Python 3.11 to 3.13 and "$(PYTHON)" is not: name one, such as make PYTHON=python3.12' >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+	@touch $@
+
+.venv/hhsim.stamp: .venv/python.stamp pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e .
+	@touch $@
+
+.venv/test.stamp: .venv/hhsim.stamp
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[test,lint]'
+	@touch $@
+
+clean:
+	rm -rf .venv build dist hhsim.egg-info .pytest_cache .mypy_cache .ruff_cache
