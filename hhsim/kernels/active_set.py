@@ -46,7 +46,7 @@ class QpWork(NamedTuple):
     | x | solution | (n_max,) |
     | active | rows of the active set | (n_max + 1,) |
     | multiplier | their multipliers, >= 0, for rows as given (not normalised) | (n_max + 1,) |
-    | count | [size of the active set, iterations, row that proves infeasibility or -1] | (3,) |
+    | count | [size of the active set, iterations, row that proves it infeasible or -1] | (3,) |
     | basis | orthonormal rows, of which the active normals are combinations | (n_max, n_max) |
     | triangle | upper triangular, active normal j = Σ_i triangle[i, j] basis[i] | (n_max, n_max) |
     | active_rhs | b - a · x₀ of the active rows, normalised | (n_max,) |
@@ -75,10 +75,16 @@ class QpWork(NamedTuple):
 
 @jit_vector
 def _norms(
-    n_common: int, common: Array, block: Array, group_start: Indices, group_block: Indices, inverse_norm: Array
+    n_common: int,
+    common: Array,
+    block: Array,
+    group_start: Indices,
+    group_stop: Indices,
+    group_block: Indices,
+    inverse_norm: Array,
 ) -> None:
     for g in range(group_block.shape[0]):
-        start, stop = group_start[g], group_start[g + 1]
+        start, stop = group_start[g], group_stop[g]
         for i in range(start, stop):
             inverse_norm[i] = 0.0
         for j in range(n_common):
@@ -99,13 +105,14 @@ def _violations(
     block: Array,
     rhs: Array,
     group_start: Indices,
+    group_stop: Indices,
     group_block: Indices,
     x: Array,
     inverse_norm: Array,
     violation: Array,
 ) -> None:
     for g in range(group_block.shape[0]):
-        start, stop = group_start[g], group_start[g + 1]
+        start, stop = group_start[g], group_stop[g]
         offset = group_block[g]
         if offset >= 0:
             x0, x1, x2 = x[offset], x[offset + 1], x[offset + 2]
@@ -154,6 +161,7 @@ def _load_normal(
     common: Array,
     block: Array,
     group_start: Indices,
+    group_stop: Indices,
     group_block: Indices,
     scale: float,
     normal_out: Array,
@@ -163,7 +171,7 @@ def _load_normal(
     for j in range(n_common):
         normal_out[j] = common[j, row] * scale
     group = 0
-    while row >= group_start[group + 1]:
+    while row < group_start[group] or row >= group_stop[group]:
         group += 1
     offset = group_block[group]
     if offset >= 0:
@@ -262,6 +270,7 @@ def solve(
     block: Array,
     rhs: Array,
     group_start: Indices,
+    group_stop: Indices,
     group_block: Indices,
     target: Array,
     tolerance: float,
@@ -278,7 +287,8 @@ def solve(
         common: shape (>= n_common, capacity).
         block: shape (3, capacity), see the module's text.
         rhs: b, shape (capacity,).
-        group_start: first row of each group and the end, shape (groups + 1,).
+        group_start: first row of each group, shape (groups,).
+        group_stop: row after the last of each group, shape (groups,); no row may be in two groups.
         group_block: first variable of each group's block, -1 for none, shape (groups,).
         target: x₀, shape (n,).
         tolerance: largest violation, in units of x, that counts as satisfied.
@@ -294,13 +304,15 @@ def solve(
         row and -dual_step_j for the others.
     """
     groups = group_block.shape[0]
-    first, last = group_start[0], group_start[groups]
-    limit = 100 + 10 * (n + last - first)
+    rows = 0
+    for g in range(groups):
+        rows += group_stop[g] - group_start[g]
+    limit = 100 + 10 * (n + rows)
     iterations = 0
     skipped = 0
     k = 0
     work.count[2] = -1
-    _norms(n_common, common, block, group_start, group_block, work.inverse_norm)
+    _norms(n_common, common, block, group_start, group_stop, group_block, work.inverse_norm)
     inverse_norm = work.inverse_norm
 
     for g in range(guess_count):
@@ -308,7 +320,7 @@ def solve(
         scale = inverse_norm[row]
         if k == n or scale == 0.0:
             continue
-        _load_normal(row, n, n_common, common, block, group_start, group_block, scale, work.normal)
+        _load_normal(row, n, n_common, common, block, group_start, group_stop, group_block, scale, work.normal)
         _project(n, k, work.basis, work.normal, work.coefficient, work.direction)
         length = math.sqrt(_dot(work.direction, work.direction, n))
         if length > WARM_RANK_TOLERANCE:
@@ -331,26 +343,32 @@ def solve(
     status = OPTIMAL
     settled = True
     while True:
-        _violations(n_common, common, block, rhs, group_start, group_block, work.x, inverse_norm, work.violation)
+        _violations(
+            n_common, common, block, rhs, group_start, group_stop, group_block, work.x, inverse_norm, work.violation
+        )
         for j in range(k):
             work.violation[work.active[j]] = 0.0
         for j in range(skipped):
             work.violation[work.skipped[j]] = 0.0
-        worst = _largest(work.violation, first, last)
+        worst, worst_group = -np.inf, 0
+        for g in range(groups):
+            candidate = _largest(work.violation, group_start[g], group_stop[g])
+            if candidate > worst:
+                worst, worst_group = candidate, g
         if worst <= tolerance:
             if settled:
                 break
             _resolve(k, n, target, work)
             settled = True
             continue
-        row = first
+        row = group_start[worst_group]
         while work.violation[row] != worst:
             row += 1
         settled = False
         scale = inverse_norm[row]
         violation = worst
         new_multiplier = 0.0
-        _load_normal(row, n, n_common, common, block, group_start, group_block, scale, work.normal)
+        _load_normal(row, n, n_common, common, block, group_start, group_stop, group_block, scale, work.normal)
         new_rhs = rhs[row] * scale - _dot(work.normal, target, n)
         while True:
             iterations += 1
@@ -398,11 +416,11 @@ def solve(
             break
 
     if status == OPTIMAL:
-        for i in range(first, last):
-            if inverse_norm[i] == 0.0 and rhs[i] > relaxation:
-                status = INFEASIBLE
-                work.count[2] = i
-                break
+        for g in range(groups):
+            for i in range(group_start[g], group_stop[g]):
+                if inverse_norm[i] == 0.0 and rhs[i] > relaxation:
+                    status = INFEASIBLE
+                    work.count[2] = i
     if status == OPTIMAL:
         for j in range(k):
             work.multiplier[j] = max(work.multiplier[j], 0.0) * inverse_norm[work.active[j]]
