@@ -1,0 +1,428 @@
+"""The virtual hand: five chains of three round cones on a palm, from published anthropometry.
+
+Hand length HL runs from the wrist crease to the middle fingertip, hand breadth HB across the knuckles; their default is
+a male hand (Binvignat et al. 2012, n = 267: mean HL 184.9 mm). Sources of the shares of HL and HB below:
+
+- segment lengths: Buchholz, Armstrong & Goldstein, Ergonomics 35(3), 1992; proximal phalanges by the ratios to the
+  middle ones in An, Chao, Cooney & Linscheid, J. Biomechanics 12, 1979;
+- thicknesses and knuckle positions: the kinematic hand model of Sancho-Bru and colleagues;
+- joint limits: the same, and clinical ranges where it is silent (thumb abduction).
+
+The thumb's metacarpal counts as its first phalanx; the palm is the rest (paper, Section III-B).
+
+A TOML file replaces any size; keys left out keep their default. Lengths in m, angles in rad, points in the palm frame
+of a *right* hand (x from thumb to little finger, y to the fingers, z out of the back); a left hand is its mirror::
+
+    hand_length = 0.18          # everything below that is not named scales with it
+    hand_breadth = 0.080
+    palm_level = 2              # of the palm's sphere tree
+
+    [index]
+    base = [-0.026, 0.041, 0.003]      # first joint (MCP; CMC of the thumb)
+    distal = [-0.087, 0.996, 0.0]      # where the straight finger points at zero abduction
+    dorsal = [-0.07, 0.0, 0.998]       # out of the finger's back
+    length = [0.048, 0.026, 0.011]     # between joint centres; the last one to the CENTRE of the tip sphere
+    radius = [0.009, 0.0085, 0.0075, 0.006]  # at the three joints and the tip, not growing towards the tip
+    flexion_min = [-0.35, 0.0, -0.17]
+    flexion_max = [1.57, 1.75, 1.57]
+    abduction_min = -0.26
+    abduction_max = 0.73
+"""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.kernels.distance import cone_slope
+from hhsim.kernels.hand import HandArrays, forward_kinematics
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.mesh import Mesh
+from hhsim.palm import palm_mesh
+
+FloatArray = NDArray[np.float64]
+Side = Literal["right", "left"]
+
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+DEFAULT_HAND_LENGTH = 0.19
+BREADTH_PER_LENGTH = 0.085 / 0.19
+HAND_LENGTH_RANGE = (0.05, 0.40)
+"""Hand lengths [m] that are taken for a hand; outside it the unit is probably wrong."""
+
+LENGTH_SHARES = (
+    (0.251, 0.196, 0.158),
+    (0.265, 0.143, 0.097),
+    (0.277, 0.170, 0.108),
+    (0.259, 0.165, 0.107),
+    (0.206, 0.117, 0.093),
+)
+"""Segment lengths [HL]; the distal one runs to the surface of the fingertip."""
+
+THICKNESS_SHARES = (
+    ((0.438, 0.231), (0.231, 0.227), (0.239, 0.185)),
+    ((0.231, 0.227), (0.210, 0.186), (0.198, 0.153)),
+    ((0.212, 0.220), (0.206, 0.187), (0.200, 0.159)),
+    ((0.202, 0.204), (0.192, 0.172), (0.187, 0.148)),
+    ((0.186, 0.180), (0.172, 0.157), (0.165, 0.133)),
+)
+"""Diameters [HB] at the proximal and distal end of each segment."""
+
+PALM_CENTER = (0.223, -0.070)
+"""Palm origin from the wrist's middle: distal [HL], towards the thumb [HB]; halfway to the knuckles, halfway across."""
+
+CARPAL = (0.073, (0.196, 0.126, 0.0, -0.129, -0.223))
+"""Proximal ends of the metacarpals from the wrist's middle: distal [HL], towards the thumb [HB]."""
+
+METACARPAL = ((0.374, 0.126), (0.373, 0.0), (0.336, -0.077), (0.295, -0.179))
+"""Finger metacarpals: length [HL], run towards the thumb [HB]."""
+
+BASE_HEIGHT = (-0.085, 0.030, 0.045, 0.030, -0.005)
+"""Height of the first joints over the palm's middle plane [HB]: the transverse arch, highest at the middle finger."""
+
+FAN = (5.0, 0.0, -5.0, -11.0)
+"""Where the straight index to little finger points at zero abduction, towards the thumb side [degrees]."""
+
+ROLL = (6.0, 0.0, -5.0, -12.0)
+"""Lean of the finger's back towards the thumb side [degrees]: it follows the arch, so that curling fingers converge."""
+
+THUMB_DISTAL = (-0.62, 0.62, -0.48)
+THUMB_DORSAL = (-0.66, -0.10, 0.74)
+"""Thumb at zero flexion and abduction: set so that its pad meets the pads of index and middle finger when they flex."""
+
+FLEXION_DEGREES = (
+    ((-25.0, 35.0), (-10.0, 80.0), (-15.0, 80.0)),
+    ((-20.0, 90.0), (0.0, 100.0), (-10.0, 90.0)),
+    ((-20.0, 90.0), (0.0, 100.0), (-10.0, 90.0)),
+    ((-20.0, 90.0), (0.0, 100.0), (-20.0, 90.0)),
+    ((-20.0, 90.0), (0.0, 100.0), (-30.0, 90.0)),
+)
+ABDUCTION_DEGREES = ((-25.0, 35.0), (-15.0, 42.0), (-8.0, 35.0), (-14.0, 20.0), (-40.0, 30.0))
+
+FINGER_SHAPES: dict[str, tuple[int, ...]] = {
+    "base": (3,),
+    "distal": (3,),
+    "dorsal": (3,),
+    "length": (3,),
+    "radius": (4,),
+    "flexion_min": (3,),
+    "flexion_max": (3,),
+    "abduction_min": (),
+    "abduction_max": (),
+}
+"""The sizes of one finger that a TOML file may replace, and their shapes."""
+
+
+@dataclass(frozen=True)
+class _Leaves:
+    leaf_center: FloatArray
+    leaf_radius: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class HandModel:
+    """Sizes and limits of one hand, palm frame; fingers in the order of `FINGERS`.
+
+    Attributes:
+        side: right or left.
+        hand_length: Wrist crease to middle fingertip [m].
+        hand_breadth: Across the knuckles [m].
+        base: First joint of each finger [m], shape (5, 3).
+        distal: Unit direction of the straight finger at zero abduction, shape (5, 3).
+        dorsal: Unit direction out of the finger's back, perpendicular to distal, shape (5, 3).
+        length: Between joint centres, the last one to the tip sphere's centre [m], shape (5, 3).
+        radius: At each joint and at the tip, not growing towards the tip [m], shape (5, 4).
+        flexion_min, flexion_max: Joint limits [rad], shape (5, 3).
+        abduction_min, abduction_max: Abduction limits, positive towards the thumb side [rad], shape (5,).
+        palm_mesh: The palm without the thumb's metacarpal [m], closed, palm frame.
+        palm_tree: Its sphere tree; the leaves are what collides.
+    """
+
+    side: Side
+    hand_length: float
+    hand_breadth: float
+    base: FloatArray
+    distal: FloatArray
+    dorsal: FloatArray
+    length: FloatArray
+    radius: FloatArray
+    flexion_min: FloatArray
+    flexion_max: FloatArray
+    abduction_min: FloatArray
+    abduction_max: FloatArray
+    palm_mesh: Mesh
+    palm_tree: _Leaves
+
+    @classmethod
+    def default(
+        cls,
+        side: Side = "right",
+        hand_length: float = DEFAULT_HAND_LENGTH,
+        hand_breadth: float | None = None,
+        palm_level: int = 2,
+    ) -> "HandModel":
+        """The hand of the published shares.
+
+        Args:
+            side: right or left; a left hand is the mirror in x.
+            hand_length: Wrist crease to middle fingertip [m].
+            hand_breadth: Across the knuckles [m]; in proportion to the length if not given.
+            palm_level: Level of the palm's sphere tree.
+
+        Raises:
+            InputError: A size that no hand has, or an unknown side.
+        """
+        sizes: dict[str, Any] = {"hand_length": hand_length, "palm_level": palm_level}
+        if hand_breadth is not None:
+            sizes["hand_breadth"] = hand_breadth
+        return _model(sizes, side, "hand")
+
+    @classmethod
+    def from_toml(cls, path: str | Path, side: Side = "right") -> "HandModel":
+        """The default hand with the sizes that a TOML file replaces; the module's docstring shows one.
+
+        Raises:
+            InputError: No such file, broken TOML, or a size of wrong shape or sign.
+            UnknownNameError: A key that no hand has; the message lists the near ones.
+        """
+        path = Path(path)
+        try:
+            sizes = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(f"{path}: cannot read the hand file: {error.strerror or error}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: not a TOML file: {error}") from error
+        return _model(sizes, side, str(path))
+
+    def arrays(self) -> HandArrays:
+        """The hand as the kernels take it."""
+        slope = np.array(
+            [
+                [cone_slope(self.length[f, k], self.radius[f, k], self.radius[f, k + 1]) for k in range(3)]
+                for f in range(len(FINGERS))
+            ]
+        )
+        # A chain stretches at most to the sum of its lengths, whatever the joint angles are.
+        lever = np.zeros((len(FINGERS), 3, 3))
+        for k in range(3):
+            for i in range(k + 1):
+                lever[:, k, i] = self.length[:, i : k + 1].sum(axis=1)
+        center = np.ascontiguousarray(self.palm_tree.leaf_center, dtype=np.float64)
+        return HandArrays(
+            base=self.base.copy(),
+            distal=self.distal.copy(),
+            dorsal=self.dorsal.copy(),
+            abduction_sign=np.array([1.0 if self.side == "right" else -1.0]),
+            length=self.length.copy(),
+            radius=self.radius.copy(),
+            tan_slope=np.ascontiguousarray(slope[:, :, 0]),
+            inverse_length=np.ascontiguousarray(slope[:, :, 1]),
+            flexion_min=self.flexion_min.copy(),
+            flexion_max=self.flexion_max.copy(),
+            reach=np.linalg.norm(self.base, axis=1)[:, None] + np.cumsum(self.length, axis=1),
+            lever=lever,
+            palm_x=np.ascontiguousarray(center[:, 0]),
+            palm_y=np.ascontiguousarray(center[:, 1]),
+            palm_z=np.ascontiguousarray(center[:, 2]),
+            palm_radius=np.ascontiguousarray(self.palm_tree.leaf_radius, dtype=np.float64),
+            palm_reach=np.array([np.linalg.norm(center, axis=1).max()]),
+        )
+
+    def joints(
+        self, position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
+    ) -> FloatArray:
+        """World positions of the three joints and the tip sphere's centre of each finger [m], shape (5, 4, 3).
+
+        Args:
+            position: Palm origin [m], shape (3,), world.
+            orientation: Unit quaternion (w, x, y, z), palm to world, shape (4,).
+            flexion: [rad], shape (5, 3).
+            abduction: [rad], shape (5,).
+
+        Raises:
+            InputError: An array of another shape.
+        """
+        rotation = np.empty((3, 3))
+        quaternion_to_matrix(_array("orientation", orientation, (4,)), rotation)
+        joints = np.empty((5, 4, 3))
+        forward_kinematics(
+            self.arrays(),
+            _array("position", position, (3,)),
+            rotation,
+            _array("flexion", flexion, (5, 3)),
+            _array("abduction", abduction, (5,)),
+            joints,
+            np.empty((5, 3, 3)),
+            np.empty((5, 3)),
+            np.empty((5, 3)),
+        )
+        return joints
+
+
+def default_fingers(hand_length: float, hand_breadth: float) -> dict[str, FloatArray]:
+    """The finger arrays of `HandModel` for a right hand of these sizes [m]."""
+    thickness = np.array(THICKNESS_SHARES)
+    radius = np.empty((5, 4))
+    radius[:, 0] = thickness[:, 0, 0]
+    radius[:, 1:3] = 0.5 * (thickness[:, :2, 1] + thickness[:, 1:, 0])
+    radius[:, 3] = thickness[:, 2, 1]
+    # A round cone of the paper narrows towards the tip: a slight bulge is levelled.
+    radius = 0.5 * hand_breadth * np.minimum.accumulate(radius, axis=1)
+    length = hand_length * np.array(LENGTH_SHARES)
+    length[:, 2] -= radius[:, 3]
+
+    carpal_y, carpal_lateral = CARPAL
+    base = np.empty((5, 3))
+    base[0, :2] = -carpal_lateral[0] * hand_breadth, carpal_y * hand_length
+    for finger, (bone, run) in enumerate(METACARPAL, start=1):
+        base[finger, 0] = -(carpal_lateral[finger] + run) * hand_breadth
+        base[finger, 1] = carpal_y * hand_length + math.sqrt((bone * hand_length) ** 2 - (run * hand_breadth) ** 2)
+    base[:, 0] += PALM_CENTER[1] * hand_breadth
+    base[:, 1] -= PALM_CENTER[0] * hand_length
+    base[:, 2] = np.array(BASE_HEIGHT) * hand_breadth
+
+    distal, dorsal = np.empty((5, 3)), np.empty((5, 3))
+    distal[0], dorsal[0] = THUMB_DISTAL, THUMB_DORSAL
+    fan, roll = np.radians(FAN), np.radians(ROLL)
+    distal[1:] = np.stack([-np.sin(fan), np.cos(fan), np.zeros(4)], axis=1)
+    dorsal[1:] = np.stack([-np.sin(roll), np.zeros(4), np.cos(roll)], axis=1)
+    flexion, abduction = np.radians(FLEXION_DEGREES), np.radians(ABDUCTION_DEGREES)
+    return {
+        "base": base,
+        "distal": distal,
+        "dorsal": dorsal,
+        "length": length,
+        "radius": radius,
+        "flexion_min": flexion[:, :, 0],
+        "flexion_max": flexion[:, :, 1],
+        "abduction_min": abduction[:, 0],
+        "abduction_max": abduction[:, 1],
+    }
+
+
+def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
+    """The default hand with `sizes` replaced, checked; `where` names their origin in messages."""
+    if side not in ("right", "left"):
+        raise UnknownNameError("hand side", str(side), ("right", "left"))
+    known = ("hand_length", "hand_breadth", "palm_level", *FINGERS)
+    for key in sizes:
+        if key not in known:
+            raise UnknownNameError(f"key in {where}", key, known)
+    hand_length = _number(where, sizes, "hand_length", DEFAULT_HAND_LENGTH)
+    low, high = HAND_LENGTH_RANGE
+    if not low <= hand_length <= high:
+        raise InputError(
+            f"{where}: hand_length {hand_length:g} m: expected {low:g} to {high:g} m, wrist to middle fingertip"
+        )
+    hand_breadth = _number(where, sizes, "hand_breadth", BREADTH_PER_LENGTH * hand_length)
+    if not 0.25 * hand_length <= hand_breadth <= 0.75 * hand_length:
+        raise InputError(
+            f"{where}: hand_breadth {hand_breadth:g} m: expected {0.25 * hand_length:.3g} to "
+            f"{0.75 * hand_length:.3g} m, a quarter to three quarters of hand_length"
+        )
+    palm_level = sizes.get("palm_level", 2)
+    if isinstance(palm_level, bool) or not isinstance(palm_level, int) or not 1 <= palm_level <= 5:
+        raise InputError(f"{where}: palm_level {palm_level!r}: expected a whole number from 1 to 5")
+    arrays = default_fingers(hand_length, hand_breadth)
+    for index, finger in enumerate(FINGERS):
+        _replace_finger(arrays, index, sizes.get(finger, {}), where)
+    arrays["distal"], arrays["dorsal"] = _frames(arrays["distal"], arrays["dorsal"], where)
+    mesh = palm_mesh(hand_length, hand_breadth, arrays["base"][1:], arrays["radius"][1:, 0])
+    if side == "left":
+        mirror = np.array([-1.0, 1.0, 1.0])
+        for key in ("base", "distal", "dorsal"):
+            arrays[key] = arrays[key] * mirror
+        mesh = Mesh(mesh.vertices * mirror, mesh.faces[:, ::-1], name=mesh.name, source=f"{mesh.source}, left")
+    return HandModel(
+        side=side,
+        hand_length=hand_length,
+        hand_breadth=hand_breadth,
+        palm_mesh=mesh,
+        palm_tree=_stand_in_tree(mesh),
+        **{key: np.ascontiguousarray(value) for key, value in arrays.items()},
+    )
+
+
+def _stand_in_tree(mesh: Mesh) -> _Leaves:
+    low, high = mesh.bounds
+    radius = 0.19 * (high[2] - low[2])
+    grids = [np.arange(low[i] + radius, high[i] - radius + 1e-9, 2 * radius) for i in range(3)]
+    grid = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, 3)
+    normals = np.cross(mesh.triangles[:, 1] - mesh.triangles[:, 0], mesh.triangles[:, 2] - mesh.triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    centers = mesh.triangles.mean(axis=1)
+    offset = grid[:, None] - centers
+    nearest = np.linalg.norm(offset, axis=2).argmin(axis=1)
+    depth = -np.einsum("ij,ij->i", offset[np.arange(len(grid)), nearest], normals[nearest])
+    keep = depth > 0.5 * radius
+    return _Leaves(grid[keep], np.minimum(radius * 1.3, depth[keep]))
+
+
+def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: Any, where: str) -> None:
+    """Put the sizes that a TOML table names for one finger in place and check that finger."""
+    finger = FINGERS[index]
+    if not isinstance(sizes, Mapping):
+        raise InputError(f"{where}: {finger} is {sizes!r}: expected a table of sizes, [{finger}]")
+    for key, value in sizes.items():
+        if key not in FINGER_SHAPES:
+            raise UnknownNameError(f"key in {where}, [{finger}]", key, FINGER_SHAPES)
+        arrays[key][index] = _array(f"{where}: {finger}.{key}", value, FINGER_SHAPES[key])
+    for key in ("length", "radius"):
+        value = arrays[key][index]
+        if not (value > 0.0).all():
+            raise InputError(f"{where}: {finger}.{key} {_text(value)}: every one must be positive [m]")
+    radius = arrays["radius"][index]
+    if (np.diff(radius) > 0.0).any():
+        raise InputError(f"{where}: {finger}.radius {_text(radius)}: must not grow towards the tip")
+    for kind in ("flexion", "abduction"):
+        least, most = arrays[f"{kind}_min"][index], arrays[f"{kind}_max"][index]
+        if not np.all(least < most):
+            raise InputError(
+                f"{where}: {finger}.{kind}_min {_text(least)} must lie below {kind}_max {_text(most)} [rad]"
+            )
+        if not np.all(np.abs([least, most]) <= math.pi):
+            raise InputError(
+                f"{where}: {finger}.{kind} limits {_text(least)} to {_text(most)}: expected radians within ±π"
+            )
+
+
+def _frames(distal: FloatArray, dorsal: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:
+    """Unit distal directions and the unit dorsal directions perpendicular to them."""
+    for finger, u, w in zip(FINGERS, distal, dorsal):
+        sine = np.linalg.norm(np.cross(u, w))
+        if not sine > 1e-3 * np.linalg.norm(u) * np.linalg.norm(w) > 0.0:
+            raise InputError(
+                f"{where}: {finger}.distal {_text(u)} and {finger}.dorsal {_text(w)}: "
+                "expected two directions across each other"
+            )
+    distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
+    dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
+    return distal, dorsal / np.linalg.norm(dorsal, axis=1, keepdims=True)
+
+
+def _number(where: str, sizes: Mapping[str, Any], key: str, default: float) -> float:
+    return float(_array(f"{where}: {key}", sizes.get(key, default), ()))
+
+
+def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """A finite float64 array of this shape, or an InputError that names it."""
+    what = f"{shape[0]} numbers" if len(shape) == 1 else f"an array of shape {shape}" if shape else "one number"
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} is {value!r}: expected {what}") from error
+    if array.shape != shape:
+        raise InputError(f"{name} has shape {array.shape}: expected {what}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} {_text(array)}: expected finite numbers")
+    return array
+
+
+def _text(value: ArrayLike) -> str:
+    array = np.asarray(value)
+    return f"{float(array):g}" if array.ndim == 0 else f"[{', '.join(f'{x:g}' for x in array.ravel())}]"

@@ -1,0 +1,146 @@
+"""The palm as a closed mesh, generated from a few sizes.
+
+The palm of the hybrid hand holds the four finger metacarpals, the carpus and the flesh on them; the thumb's metacarpal
+is a phalanx of its own (paper, Section III-B). The surface is the zero set of a smooth union of round cones: bones
+from the carpus to the knuckles, pads under the knuckles, hypothenar, thenar base and heel. Seen from its centre the
+palm is star-shaped, so one vertex a ray from there gives a mesh that is closed by construction.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+RAYS_PER_EDGE = (12, 14, 6)
+"""Squares along x, y and z of the box whose surface grid names the rays: 2 · 2 (12·14 + 14·6 + 6·12) = 1,296 triangles."""
+
+BLEND_SHARE = 0.028
+"""Width of the blend between two parts, as a share of hand breadth."""
+
+
+@dataclass(frozen=True)
+class RoundCones:
+    """Round cones (hulls of two spheres) in the palm frame, right hand.
+
+    Attributes:
+        a, b: Sphere centres [m], shape (n, 3).
+        radius_a, radius_b: Their radii [m], shape (n,).
+    """
+
+    a: FloatArray
+    b: FloatArray
+    radius_a: FloatArray
+    radius_b: FloatArray
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Distance [m] of points, shape (m, 3), to each part, shape (m, n); linear taper, negative inside."""
+        axis = self.b - self.a
+        offset = points[:, None, :] - self.a
+        share = np.clip(np.einsum("mni,ni->mn", offset, axis) / np.einsum("ni,ni->n", axis, axis), 0.0, 1.0)
+        gap = np.linalg.norm(offset - share[..., None] * axis, axis=2)
+        return np.asarray(gap - self.radius_a - share * (self.radius_b - self.radius_a), dtype=np.float64)
+
+
+def palm_parts(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuckle_radius: FloatArray) -> RoundCones:
+    """Bones and pads of a right palm.
+
+    Args:
+        hand_length: Wrist crease to middle fingertip [m].
+        hand_breadth: Across the knuckles [m].
+        knuckle: First joints of index to little finger [m], shape (4, 3), palm frame.
+        knuckle_radius: Finger radii there [m], shape (4,).
+    """
+    along, across = hand_length, hand_breadth
+    carpus = -0.150 * along
+    carpal_x = np.array([-0.196, -0.070, 0.059, 0.153]) * across
+    rows: list[tuple[FloatArray, float, FloatArray, float]] = []
+    for x, joint, radius in zip(carpal_x, knuckle, knuckle_radius):
+        rows.append((np.array([x, carpus, 0.015 * across]), 0.105 * across, joint, 0.90 * radius))
+    for joint, radius in zip(knuckle, knuckle_radius):
+        pad = 0.85 * radius
+        back = joint - np.array([0.0, 0.045 * along, 0.115 * across])
+        rows.append((back, pad, joint - np.array([0.0, 0.010 * along, 0.055 * across]), 0.92 * pad))
+    heel = np.array([0.0, carpus - 0.010 * along, -0.045 * across])
+    side = np.array([0.20 * across, 0.0, 0.0])
+    rows.append((heel - side, 0.150 * across, heel + side, 0.150 * across))
+    rows.append(
+        (
+            np.array([0.255 * across, carpus + 0.010 * along, -0.075 * across]),
+            0.160 * across,
+            np.array([0.330 * across, 0.050 * along, -0.045 * across]),
+            0.115 * across,
+        )
+    )
+    rows.append(
+        (
+            np.array([-0.215 * across, carpus + 0.020 * along, -0.060 * across]),
+            0.150 * across,
+            np.array([-0.290 * across, 0.080 * along, -0.015 * across]),
+            0.100 * across,
+        )
+    )
+    return RoundCones(
+        a=np.array([row[0] for row in rows]),
+        b=np.array([row[2] for row in rows]),
+        radius_a=np.array([row[1] for row in rows]),
+        radius_b=np.array([row[3] for row in rows]),
+    )
+
+
+def palm_mesh(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuckle_radius: FloatArray) -> Mesh:
+    """The closed mesh of a right palm, palm frame; arguments as `palm_parts`."""
+    parts = palm_parts(hand_length, hand_breadth, knuckle, knuckle_radius)
+    blend = BLEND_SHARE * hand_breadth
+    rays, faces = box_rays(np.array([0.45 * hand_breadth, 0.23 * hand_length, 0.16 * hand_breadth]))
+
+    def inside(distance: FloatArray) -> NDArray[np.bool_]:
+        d = parts.distance(distance[:, None] * rays)
+        least = d.min(axis=1)
+        return np.asarray(least - blend * np.log(np.exp((least[:, None] - d) / blend).sum(axis=1)) < 0.0)
+
+    near, far = np.zeros(len(rays)), np.full(len(rays), 0.6 * hand_length)
+    for _ in range(48):
+        middle = 0.5 * (near + far)
+        hit = inside(middle)
+        near, far = np.where(hit, middle, near), np.where(hit, far, middle)
+    return Mesh(
+        vertices=rays * (0.5 * (near + far))[:, None],
+        faces=faces,
+        name="palm",
+        source=f"generated, hand length {hand_length:g} m, breadth {hand_breadth:g} m",
+    )
+
+
+def box_rays(half_extent: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Unit rays through a rounded box's grid, shape (n, 3), and the outward triangles between them, shape (m, 3)."""
+    keys: dict[tuple[int, ...], int] = {}
+    points: list[FloatArray] = []
+    faces: list[tuple[int, int, int]] = []
+
+    def ray(cell: tuple[int, ...]) -> int:
+        if cell not in keys:
+            keys[cell] = len(points)
+            # The tangent spreads the rays of a box's face evenly over the sphere.
+            corner = np.tan(0.25 * np.pi * (2.0 * np.array(cell) / np.array(RAYS_PER_EDGE) - 1.0))
+            points.append(corner / np.linalg.norm(corner) * half_extent)
+        return keys[cell]
+
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        for end in (0, 1):
+            for i in range(RAYS_PER_EDGE[u]):
+                for j in range(RAYS_PER_EDGE[v]):
+                    square = []
+                    for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                        cell = [0, 0, 0]
+                        cell[axis], cell[u], cell[v] = end * RAYS_PER_EDGE[axis], i + di, j + dj
+                        square.append(ray(tuple(cell)))
+                    a, b, c, d = square if end else square[::-1]
+                    faces += [(a, b, c), (a, c, d)]
+    directions = np.array(points)
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True), np.array(faces, dtype=np.int64)
