@@ -1,0 +1,150 @@
+"""From samples at irregular stamps to ticks: monotone cubic, slerp, or hold.
+
+The cubic is the shape-preserving one of Fritsch & Butland (SIAM J. Sci. Stat. Comput. 5, 1984; "PCHIP"): between two
+samples it never leaves their range, so a resampled finger flexes no further than the glove said and a palm that rests
+stays at rest.
+Orientations go along the great arc between neighbouring samples.
+
+Ticks that fall on a stamp (within `STAMP_TOLERANCE`) take the sample as it is, bit for bit: a recording made at the
+tick rate is replayed unchanged.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+STAMP_TOLERANCE = 1e-9
+"""A stamp this close to a tick [s] is that tick: stamps such as 3 · 0.001 and 3 / 1000 differ in the last bit."""
+
+SMALL_ARC = 1e-6
+"""Below this angle [rad] between quaternions the chord is the arc in double precision."""
+
+
+def tick_times(duration: float, rate: float) -> Array:
+    """k / rate [s] for k = 0, 1, … up to `duration` [s] inclusive, shape (N,)."""
+    count = int(np.floor((duration + STAMP_TOLERANCE) * rate)) + 1
+    return np.arange(count) / rate
+
+
+def newest_sample(time: Array, ticks: Array) -> Indices:
+    """Index of the newest sample at or before each tick, shape (N,).
+
+    Args:
+        time: increasing stamps [s], shape (T,).
+        ticks: [s], shape (N,), none before the first stamp.
+    """
+    index = np.searchsorted(time, ticks + STAMP_TOLERANCE, side="right") - 1
+    return np.asarray(np.maximum(index, 0), dtype=np.int64)
+
+
+def on_stamp(time: Array, ticks: Array, newest: Indices) -> NDArray[np.bool_]:
+    """Where a tick falls on its newest sample, or after the last one, and so takes the sample itself; shape (N,)."""
+    sample: NDArray[np.bool_] = np.abs(ticks - time[newest]) <= STAMP_TOLERANCE
+    sample |= newest == time.shape[0] - 1
+    return sample
+
+
+def monotone_slopes(time: Array, values: Array) -> Array:
+    """Slopes of the shape-preserving cubic at the samples.
+
+    Args:
+        time: increasing stamps [s], shape (T,), T >= 2.
+        values: shape (T, C).
+
+    Returns:
+        Slopes [1/s], shape (T, C): zero at every local extremum, else the weighted harmonic mean of the neighbouring
+        secants, which keeps every interval monotone.
+    """
+    step = np.diff(time)[:, None]
+    secant = np.diff(values, axis=0) / step
+    if time.shape[0] == 2:
+        return np.repeat(secant, 2, axis=0)
+    slopes = np.zeros_like(values)
+    before, after = secant[:-1], secant[1:]
+    weight_before = 2.0 * step[1:] + step[:-1]
+    weight_after = step[1:] + 2.0 * step[:-1]
+    # Signs, not the product: the product of two tiny secants underflows to zero.
+    turning = np.sign(before) * np.sign(after) <= 0.0
+    first = np.where(turning, 1.0, before)
+    second = np.where(turning, 1.0, after)
+    total = weight_before + weight_after
+    # In ratio form the mean cannot overflow when the secants are tiny.
+    ratio = np.minimum(np.abs(first), np.abs(second)) / np.maximum(np.abs(first), np.abs(second))
+    swapped = np.abs(first) > np.abs(second)
+    small = np.where(swapped, second, first)
+    weight_small = np.where(swapped, weight_after, weight_before)
+    weight_large = total - weight_small
+    slopes[1:-1] = np.where(turning, 0.0, small * total / (weight_small + weight_large * ratio))
+    slopes[0] = _end_slope(step[0], step[1], secant[0], secant[1])
+    slopes[-1] = _end_slope(step[-1], step[-2], secant[-1], secant[-2])
+    return slopes
+
+
+def _end_slope(step: Array, next_step: Array, secant: Array, next_secant: Array) -> Array:
+    """Three-point slope at an end, cut back so that the end interval stays monotone."""
+    slope = ((2.0 * step + next_step) * secant - step * next_secant) / (step + next_step)
+    wrong_way = np.sign(slope) != np.sign(secant)
+    too_steep = (np.sign(secant) != np.sign(next_secant)) & (np.abs(slope) > 3.0 * np.abs(secant))
+    return np.where(wrong_way, 0.0, np.where(too_steep, 3.0 * secant, slope))
+
+
+def interpolate_monotone(time: Array, values: Array, ticks: Array) -> Array:
+    """Shape-preserving cubic through the samples.
+
+    Args:
+        time: increasing stamps [s], shape (T,).
+        values: shape (T, …), any unit.
+        ticks: [s], shape (N,), within the stamps; later ones take the last sample.
+
+    Returns:
+        Shape (N, …), each channel within the range of the two samples around the tick.
+    """
+    flat = values.reshape(values.shape[0], -1)
+    newest = newest_sample(time, ticks)
+    out = flat[newest]
+    between = ~on_stamp(time, ticks, newest)
+    if between.any():
+        i = newest[between]
+        slopes = monotone_slopes(time, flat)
+        step = (time[i + 1] - time[i])[:, None]
+        s = (ticks[between] - time[i])[:, None] / step
+        a, b = flat[i], flat[i + 1]
+        # Hermite's cubic written about the sample, so that equal samples give exactly that value.
+        rise = (b - a) * (s * s * (3.0 - 2.0 * s))
+        bend = step * (s * (1.0 - s)) * (slopes[i] * (1.0 - s) - slopes[i + 1] * s)
+        out[between] = np.clip(a + rise + bend, np.minimum(a, b), np.maximum(a, b))
+    return np.ascontiguousarray(out.reshape(ticks.shape[0], *values.shape[1:]))
+
+
+def interpolate_orientation(time: Array, quaternions: Array, ticks: Array) -> Array:
+    """Great-arc interpolation (slerp) between neighbouring samples, the short way round.
+
+    Args:
+        time: increasing stamps [s], shape (T,).
+        quaternions: unit, (w, x, y, z), shape (T, 4).
+        ticks: [s], shape (N,).
+
+    Returns:
+        Unit quaternions, shape (N, 4).
+    """
+    newest = newest_sample(time, ticks)
+    out = quaternions[newest]
+    between = ~on_stamp(time, ticks, newest)
+    if between.any():
+        i = newest[between]
+        s = ((ticks[between] - time[i]) / (time[i + 1] - time[i]))[:, None]
+        a, b = quaternions[i], quaternions[i + 1]
+        b = np.where(np.sum(a * b, axis=1, keepdims=True) < 0.0, -b, b)
+        # Half chords give the angle without the cancellation of acos near 1.
+        chord = np.linalg.norm(b - a, axis=1, keepdims=True)
+        arc = 2.0 * np.arctan2(chord, np.linalg.norm(b + a, axis=1, keepdims=True))
+        small = arc < SMALL_ARC
+        sine = np.where(small, 1.0, np.sin(arc))
+        weight_a = np.where(small, 1.0 - s, np.sin((1.0 - s) * arc) / sine)
+        weight_b = np.where(small, s, np.sin(s * arc) / sine)
+        mixed = weight_a * a + weight_b * b
+        still = np.all(a == b, axis=1, keepdims=True)
+        out[between] = np.where(still, a, mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
+    return np.ascontiguousarray(out)

@@ -1,0 +1,283 @@
+"""A hand motion: time-stamped poses of the haptic hand, the pose of the object, and where the motion comes from.
+
+World right-handed, z up; quaternions (w, x, y, z); fingers thumb, index, middle, ring, little; joints proximal to
+distal. Positive flexion curls towards the palm, positive abduction turns a finger towards the thumb side.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.resample import (
+    STAMP_TOLERANCE,
+    interpolate_monotone,
+    interpolate_orientation,
+    newest_sample,
+    tick_times,
+)
+from hhsim.trajectory_checks import (
+    as_numbers,
+    check_finite,
+    check_increasing,
+    check_magnitude,
+    continuous_orientation,
+)
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+ResampleMode = Literal["interpolate", "hold"]
+
+MAX_ANGLE = 2.0 * np.pi
+"""A joint angle beyond a full turn [rad] is a recording in degrees."""
+MAX_POSITION = 100.0
+"""A palm farther than this from the origin [m] is a recording in millimetres."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A named part of a motion: start_time <= t < end_time [s] on the stamps' clock.
+
+    The last phase holds the last sample too where it ends there.
+    """
+
+    name: str
+    start_time: float
+    end_time: float
+
+
+@dataclass(frozen=True)
+class TickPhase:
+    """A phase in ticks, both ends included."""
+
+    name: str
+    first_tick: int
+    last_tick: int
+
+
+@dataclass(frozen=True, eq=False)
+class RawChannel:
+    """What the device measured before calibration; carried along, never replayed.
+
+    Attributes:
+        name: a word without slashes.
+        values: shape (T, …).
+        unit: "" for plain numbers.
+        meaning: one line.
+    """
+
+    name: str
+    values: Array
+    unit: str = ""
+    meaning: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class TickInput:
+    """The haptic hand at each tick of the replay; C-contiguous and writable, as the kernels take it.
+
+    Attributes:
+        time: k / rate [s], 0 at the first sample, shape (N,).
+        input_seq: index of the newest sample at or before the tick, shape (N,).
+        position: palm origin [m], shape (N, 3), world.
+        orientation: palm to world, unit (w, x, y, z), shape (N, 4).
+        flexion: [rad], shape (N, 5, 3).
+        abduction: [rad], shape (N, 5).
+        phases: those that hold a tick.
+        rate: [Hz].
+    """
+
+    time: Array
+    input_seq: Indices
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
+    phases: tuple[TickPhase, ...]
+    rate: float
+
+    @property
+    def tick_count(self) -> int:
+        """Number of ticks N."""
+        return int(self.time.shape[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A checked motion: making one validates it.
+
+    Quaternions come out normalised and without sign flips; all arrays are read-only copies.
+
+    Attributes:
+        time: strictly increasing stamps [s], any rate, irregular ones too, shape (T,).
+        position: palm origin [m], shape (T, 3), world.
+        orientation: palm to world, (w, x, y, z), shape (T, 4).
+        flexion: [rad], shape (T, 5, 3).
+        abduction: [rad], shape (T, 5).
+        phases: in order of time, not overlapping.
+        object_position: of the object's origin [m], shape (3,), world; constant.
+        object_orientation: object to world, (w, x, y, z), shape (4,); constant.
+        name: a short name.
+        source: who or what made the motion.
+        licence: under which it may be used.
+        device: what measured it; "" for synthetic ones.
+        raw: channels as the device gave them.
+
+    Raises:
+        TrajectoryError: wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
+            zero, angles in degrees, positions in millimetres, phases out of order.
+    """
+
+    time: Array
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
+    phases: tuple[Phase, ...] = ()
+    object_position: Array = field(default_factory=lambda: np.zeros(3))
+    object_orientation: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
+    name: str = ""
+    source: str = ""
+    licence: str = ""
+    device: str = ""
+    raw: tuple[RawChannel, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check and normalise every field."""
+        time = as_numbers("time", self.time)
+        if time.ndim != 1:
+            raise TrajectoryError(f"time has shape {time.shape}; expected (T,), one stamp [s] a sample")
+        count = time.shape[0]
+        if count == 0:
+            raise TrajectoryError("no samples; expected at least one")
+        check_finite("time", time)
+        check_increasing(time)
+        checked = {"time": time}
+        for label, tail in (("position", (3,)), ("orientation", (4,)), ("flexion", (5, 3)), ("abduction", (5,))):
+            values = as_numbers(label, getattr(self, label))
+            expected = (count, *tail)
+            if values.shape != expected:
+                raise TrajectoryError(f"{label} has shape {values.shape}; expected {expected} for {count} stamp(s)")
+            check_finite(label, values, time)
+            checked[label] = values
+        checked["orientation"] = continuous_orientation(checked["orientation"], time)
+        for label in ("flexion", "abduction"):
+            check_magnitude(label, checked[label], MAX_ANGLE, "rad", "is it in degrees?", time)
+        check_magnitude("position", checked["position"], MAX_POSITION, "m", "is it in millimetres?", time)
+        checked["object_position"] = _constant("object_position", self.object_position, 3)
+        pose = _constant("object_orientation", self.object_orientation, 4)
+        try:
+            checked["object_orientation"] = continuous_orientation(pose[None], time[:1])[0]
+        except TrajectoryError:
+            raise TrajectoryError("object_orientation is a zero quaternion; expected unit (w, x, y, z)") from None
+        for label, values in checked.items():
+            values.setflags(write=False)
+            object.__setattr__(self, label, values)
+        object.__setattr__(self, "phases", tuple(self.phases))
+        _check_phases(self.phases)
+        object.__setattr__(self, "raw", tuple(_checked_channel(channel, count) for channel in self.raw))
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples T."""
+        return int(self.time.shape[0])
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last stamp [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def mean_rate(self) -> float:
+        """Samples per second [Hz], 0 for a single sample."""
+        return (self.sample_count - 1) / self.duration if self.sample_count > 1 else 0.0
+
+    def resampled(self, rate: float, mode: ResampleMode = "interpolate") -> TickInput:
+        """The motion at the ticks of a replay.
+
+        Args:
+            rate: ticks per second [Hz].
+            mode: "interpolate": monotone cubic and slerp, no overshoot; "hold": each tick sees the newest sample, as
+                from a glove that is slower than the loop.
+
+        Raises:
+            InputError: a rate that is not positive, or an unknown mode.
+        """
+        if not (np.isfinite(rate) and rate > 0.0):
+            raise InputError(f"tick rate {rate} Hz; expected a positive number")
+        if mode not in get_args(ResampleMode):
+            raise InputError(f"resampling mode '{mode}'; expected {' or '.join(get_args(ResampleMode))}")
+        # Stamps may be seconds since 1970: subtract first, so that the arithmetic keeps its nanoseconds.
+        stamps = self.time - self.time[0]
+        ticks = tick_times(self.duration, rate)
+        newest = newest_sample(stamps, ticks)
+        if mode == "hold":
+            position, orientation = self.position[newest], self.orientation[newest]
+            flexion, abduction = self.flexion[newest], self.abduction[newest]
+        else:
+            position = interpolate_monotone(stamps, self.position, ticks)
+            orientation = interpolate_orientation(stamps, self.orientation, ticks)
+            flexion = interpolate_monotone(stamps, self.flexion, ticks)
+            abduction = interpolate_monotone(stamps, self.abduction, ticks)
+        phases = _phase_ticks(self.phases, float(self.time[0]), ticks.shape[0], rate)
+        return TickInput(ticks, newest, position, orientation, flexion, abduction, phases, float(rate))
+
+    def placed(self, object_position: ArrayLike, object_orientation: ArrayLike) -> Self:
+        """The same motion beside an object at another constant pose.
+
+        Args:
+            object_position: [m], shape (3,), world.
+            object_orientation: (w, x, y, z), shape (4,).
+        """
+        return replace(
+            self,
+            object_position=as_numbers("object_position", object_position),
+            object_orientation=as_numbers("object_orientation", object_orientation),
+        )
+
+
+def _constant(label: str, given: ArrayLike, size: int) -> Array:
+    values = as_numbers(label, given)
+    if values.shape != (size,):
+        raise TrajectoryError(f"{label} has shape {values.shape}; expected ({size},), one constant pose")
+    check_finite(label, values)
+    return values
+
+
+def _check_phases(phases: tuple[Phase, ...]) -> None:
+    end = -np.inf
+    for phase in phases:
+        span = f"phase '{phase.name}' from {phase.start_time:.6g} s to {phase.end_time:.6g} s"
+        if not phase.name:
+            raise TrajectoryError(f"{span} has no name")
+        if not np.isfinite([phase.start_time, phase.end_time]).all() or phase.end_time < phase.start_time:
+            raise TrajectoryError(f"{span}; expected finite times in order")
+        if phase.start_time < end - STAMP_TOLERANCE:
+            raise TrajectoryError(f"{span} overlaps the one before, which ends at {end:.6g} s")
+        end = phase.end_time
+
+
+def _checked_channel(channel: RawChannel, count: int) -> RawChannel:
+    label = f"raw channel '{channel.name}'"
+    if not channel.name or "/" in channel.name or channel.name.startswith("."):
+        raise TrajectoryError(f"{label}: expected a name without slashes or a leading dot")
+    values = as_numbers(label, channel.values)
+    if values.ndim == 0 or values.shape[0] != count:
+        raise TrajectoryError(f"{label} has shape {values.shape}; expected ({count}, …), one row a sample")
+    values.setflags(write=False)
+    return replace(channel, values=values)
+
+
+def _phase_ticks(phases: tuple[Phase, ...], start: float, tick_count: int, rate: float) -> tuple[TickPhase, ...]:
+    found = []
+    for phase in phases:
+        first = max(0, int(np.ceil((phase.start_time - start - STAMP_TOLERANCE) * rate)))
+        end = int(np.ceil((phase.end_time - start - STAMP_TOLERANCE) * rate))
+        if phase is phases[-1] and end == tick_count - 1:
+            end = tick_count
+        last = min(tick_count, end) - 1
+        if last >= first:
+            found.append(TickPhase(phase.name, first, last))
+    return tuple(found)

@@ -1,0 +1,87 @@
+"""What makes a motion fit to replay. Every refusal is one line: what is wrong, at which sample, what would be right."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.errors import TrajectoryError
+
+Array = NDArray[np.float64]
+
+MIN_QUATERNION_NORM = 1e-6
+"""A quaternion shorter than this has no direction left."""
+UNIT_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
+"""A quaternion this close to unit stays as it is, so that a file read back holds the same bytes."""
+
+
+def as_numbers(label: str, values: ArrayLike) -> Array:
+    """A float64 copy, C-contiguous.
+
+    Raises:
+        TrajectoryError: `values` are not numbers, or rows of unequal length.
+    """
+    try:
+        return np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise TrajectoryError(f"{label} is not an array of numbers") from None
+
+
+def check_finite(label: str, values: Array, time: Array | None = None) -> None:
+    """Refuse NaN and infinity."""
+    bad = ~np.isfinite(values)
+    if bad.any():
+        place = _place(np.argwhere(bad)[0], time)
+        count = int(bad.sum())
+        raise TrajectoryError(
+            f"{label} has {count} NaN or infinite value(s), first at {place}; expected finite numbers"
+        )
+
+
+def check_increasing(time: Array) -> None:
+    """Refuse stamps that repeat or go backwards."""
+    bad = np.flatnonzero(np.diff(time) <= 0.0) + 1
+    if bad.size:
+        i = int(bad[0])
+        kind = "repeats" if time[i] == time[i - 1] else "goes backwards"
+        raise TrajectoryError(
+            f"time {kind} at sample {i} ({time[i - 1]:.9g} s, then {time[i]:.9g} s), {bad.size} such place(s); "
+            "expected increasing stamps"
+        )
+
+
+def check_magnitude(label: str, values: Array, limit: float, unit: str, question: str, time: Array) -> None:
+    """Refuse values beyond `limit`, which betray another unit: `question` says which."""
+    bad = np.abs(values) > limit
+    if bad.any():
+        first = np.argwhere(bad)[0]
+        raise TrajectoryError(
+            f"{label} is {values[tuple(first)]:.6g} at {_place(first, time)}, beyond {limit:.4g} {unit}: "
+            f"{question}; expected [{unit}]"
+        )
+
+
+def continuous_orientation(quaternions: Array, time: Array) -> Array:
+    """Unit quaternions without sign flips between neighbours, shape (T, 4).
+
+    Raises:
+        TrajectoryError: a quaternion of length zero.
+    """
+    norm = np.linalg.norm(quaternions, axis=1)
+    zero = np.flatnonzero(norm < MIN_QUATERNION_NORM)
+    if zero.size:
+        place = _place(zero[:1], time)
+        raise TrajectoryError(
+            f"orientation has {zero.size} zero quaternion(s), first at {place}; expected unit (w, x, y, z)"
+        )
+    off = np.abs(norm - 1.0) > UNIT_TOLERANCE
+    unit = np.where(off[:, None], quaternions / norm[:, None], quaternions)
+    flips = np.where(np.sum(unit[1:] * unit[:-1], axis=1) < 0.0, -1.0, 1.0)
+    sign = np.concatenate([[1.0], np.cumprod(flips)])
+    return np.ascontiguousarray(unit * sign[:, None])
+
+
+def _place(index: NDArray[np.int64], time: Array | None) -> str:
+    sample = int(index[0])
+    place = f"sample {sample}"
+    if len(index) > 1:
+        place += f", channel {', '.join(str(i) for i in index[1:])}"
+    return place if time is None else f"{place} (t = {time[sample]:.6g} s)"

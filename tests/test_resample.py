@@ -1,0 +1,128 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation, Slerp
+
+from hhsim.resample import (
+    interpolate_monotone,
+    interpolate_orientation,
+    monotone_slopes,
+    newest_sample,
+    on_stamp,
+    tick_times,
+)
+
+Array = NDArray[np.float64]
+
+
+def stamps(rng: np.random.Generator, count: int) -> Array:
+    """Irregular stamps from 0 on, gaps of 1 to 40 ms."""
+    return np.concatenate([[0.0], np.cumsum(rng.uniform(0.001, 0.04, count - 1))])
+
+
+def test_tick_times_reach_the_last_stamp_in_spite_of_rounding() -> None:
+    time = tick_times(np.float64(2999 * 0.001), 1000.0)
+    assert time.shape == (3000,)
+    assert time[-1] == 2999 / 1000.0
+    assert tick_times(0.0, 1000.0).tolist() == [0.0]
+    assert tick_times(0.0105, 1000.0).shape == (11,)
+
+
+def test_newest_sample_is_the_last_one_not_after_the_tick() -> None:
+    time = np.array([0.0, 0.010, 0.011, 0.030])
+    ticks = np.array([0.0, 0.009, 0.010, 0.0105, 0.029, 0.030, 0.031])
+    assert newest_sample(time, ticks).tolist() == [0, 0, 1, 1, 2, 3, 3]
+    # 3 · 0.001 > 3 / 1000 in the last bit; the sample is there all the same.
+    assert newest_sample(0.001 * np.arange(5.0), np.arange(5) / 1000.0).tolist() == [0, 1, 2, 3, 4]
+
+
+@settings(max_examples=60)
+@given(st.integers(3, 30), st.integers(0, 2**32 - 1), st.sampled_from([1e-300, 1e-6, 1.0, 1e6]))
+def test_monotone_cubic_is_scipys_pchip(count: int, seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    time = stamps(rng, count)
+    values = scale * rng.choice([rng.normal(size=(count, 4)), np.round(rng.normal(size=(count, 4)))])
+    ticks = np.append(rng.uniform(0.0, time[-1], 200), time)
+    ours = interpolate_monotone(time, values, ticks)
+    if scale < 1e-200:
+        # scipy's harmonic mean underflows there; the cubic scales, so compare at scale 1.
+        theirs = scale * PchipInterpolator(time, values / scale)(ticks)
+    else:
+        theirs = PchipInterpolator(time, values)(ticks)
+    np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-12 * scale)
+
+
+@settings(max_examples=60)
+@given(arrays(np.float64, (12, 2), elements=st.floats(-1e3, 1e3)), st.integers(0, 2**32 - 1))
+def test_monotone_cubic_never_leaves_the_range_of_its_two_samples(values: Array, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    time = stamps(rng, 12)
+    ticks = np.sort(rng.uniform(0.0, time[-1], 300))
+    out = interpolate_monotone(time, values, ticks)
+    left = newest_sample(time, ticks)
+    right = np.minimum(left + 1, 11)
+    assert (out >= np.minimum(values[left], values[right])).all()
+    assert (out <= np.maximum(values[left], values[right])).all()
+
+
+def test_monotone_cubic_passes_through_the_samples_bit_for_bit() -> None:
+    rng = np.random.default_rng(1)
+    time = 0.001 * np.arange(500.0)
+    values = rng.normal(size=(500, 5, 3))
+    out = interpolate_monotone(time, values, np.arange(500) / 1000.0)
+    assert out.tobytes() == values.tobytes()
+
+
+def test_monotone_cubic_keeps_a_rest_exactly_at_rest() -> None:
+    time = np.array([0.0, 0.01, 0.02, 0.05, 0.06])
+    values = np.array([[0.0], [0.7], [0.7], [0.7], [0.2]])
+    out = interpolate_monotone(time, values, np.linspace(0.01, 0.05, 77))
+    assert (out == 0.7).all()
+
+
+def test_two_samples_make_a_straight_line_and_one_sample_stays() -> None:
+    ticks = np.linspace(0.0, 0.5, 11)
+    line = interpolate_monotone(np.array([0.0, 0.5]), np.array([[1.0], [2.0]]), ticks)
+    np.testing.assert_allclose(line[:, 0], 1.0 + 2.0 * ticks, rtol=1e-15)
+    one = interpolate_monotone(np.array([0.0]), np.array([[3.0]]), np.array([0.0]))
+    assert one.tolist() == [[3.0]]
+
+
+def test_slopes_at_an_extremum_are_zero() -> None:
+    slopes = monotone_slopes(np.arange(5.0), np.array([[0.0], [2.0], [1.0], [1.0], [4.0]]))
+    assert slopes[1:4, 0].tolist() == [0.0, 0.0, 0.0]
+
+
+@settings(max_examples=60)
+@given(st.integers(2, 20), st.integers(0, 2**32 - 1), st.sampled_from([1e-9, 1e-4, 0.5, 1.5]))
+def test_orientation_is_scipys_slerp(count: int, seed: int, step: float) -> None:
+    rng = np.random.default_rng(seed)
+    time = stamps(rng, count)
+    rotation = Rotation.from_rotvec(np.cumsum(rng.normal(size=(count, 3)) * step, axis=0))
+    quaternions = rotation.as_quat(scalar_first=True) * rng.choice([-1.0, 1.0], size=(count, 1))
+    ticks = rng.uniform(0.0, time[-1], 100)
+    ours = interpolate_orientation(time, quaternions, ticks)
+    np.testing.assert_allclose(np.linalg.norm(ours, axis=1), 1.0, atol=1e-14)
+    theirs = Slerp(time, rotation)(ticks)
+    difference = (Rotation.from_quat(ours, scalar_first=True) * theirs.inv()).magnitude()
+    assert difference.max() < 1e-9
+
+
+def test_orientation_at_rest_and_on_a_stamp_is_the_sample_itself() -> None:
+    rng = np.random.default_rng(2)
+    quaternions = rng.normal(size=(6, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    time = 0.01 * np.arange(6.0)
+    assert interpolate_orientation(time, quaternions, np.arange(6) / 100.0).tobytes() == quaternions.tobytes()
+    quaternions[3] = quaternions[2]
+    still = interpolate_orientation(time, quaternions, np.linspace(0.021, 0.029, 9))
+    assert (still == quaternions[2]).all()
+
+
+def test_on_stamp_marks_exact_ticks_and_those_after_the_end() -> None:
+    time = np.array([0.0, 0.01, 0.02])
+    ticks = np.array([0.0, 0.005, 0.01, 0.02, 0.03])
+    assert on_stamp(time, ticks, newest_sample(time, ticks)).tolist() == [True, False, True, True, True]

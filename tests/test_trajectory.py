@@ -1,0 +1,182 @@
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.trajectory import Phase, RawChannel, TickPhase, Trajectory
+
+Array = NDArray[np.float64]
+
+
+def motion(count: int = 20, rate: float = 100.0, **changes: Any) -> Trajectory:
+    """A smooth motion of every channel."""
+    time = np.arange(count) / rate
+    angle = 2.0 * time[:, None]
+    axis = np.array([0.6, 0.0, 0.8])
+    fields: dict[str, Any] = {
+        "time": time,
+        "position": np.stack([0.1 * time, np.sin(time), 0.2 * np.ones(count)], axis=1),
+        "orientation": np.concatenate([np.cos(angle / 2), np.sin(angle / 2) * axis], axis=1),
+        "flexion": np.linspace(0.0, 1.0, count)[:, None, None] * np.ones((5, 3)),
+        "abduction": np.zeros((count, 5)),
+    }
+    return Trajectory(**(fields | changes))
+
+
+def test_a_good_motion_is_kept_as_read_only_doubles() -> None:
+    given = motion()
+    made = motion(flexion=np.zeros((20, 5, 3), dtype=np.float32))
+    assert made.flexion.dtype == np.float64
+    assert given.sample_count == 20
+    assert given.duration == pytest.approx(0.19)
+    assert given.mean_rate == pytest.approx(100.0)
+    for array in (given.time, given.position, given.orientation, given.flexion, given.abduction, given.object_position):
+        assert array.flags.c_contiguous and not array.flags.writeable
+
+
+def test_the_callers_arrays_are_copied() -> None:
+    position = np.zeros((20, 3))
+    made = motion(position=position)
+    position[:] = 1.0
+    assert (made.position == 0.0).all()
+
+
+def test_quaternions_are_normalised_and_flips_are_fixed() -> None:
+    good = motion()
+    signs = np.where(np.arange(20) % 3 == 0, -1.0, 1.0)[:, None]
+    made = motion(orientation=good.orientation * signs * np.linspace(0.5, 3.0, 20)[:, None])
+    np.testing.assert_allclose(made.orientation, -good.orientation, atol=1e-15)
+    assert (np.sum(made.orientation[1:] * made.orientation[:-1], axis=1) > 0.0).all()
+
+
+def test_normalising_twice_changes_no_bit() -> None:
+    rng = np.random.default_rng(3)
+    made = motion(count=2000, orientation=rng.normal(size=(2000, 4)))
+    again = replace(made)
+    assert again.orientation.tobytes() == made.orientation.tobytes()
+
+
+def spoiled(label: str, index: tuple[int, ...], value: float) -> dict[str, Array]:
+    array = np.array(getattr(motion(), label))
+    array[index] = value
+    return {label: array}
+
+
+BAD: list[tuple[dict[str, Any], str]] = [
+    ({"time": np.zeros((20, 1))}, r"time has shape \(20, 1\); expected \(T,\)"),
+    ({"time": np.zeros(0)}, "no samples"),
+    ({"time": np.arange(19.0)}, r"position has shape \(20, 3\); expected \(19, 3\)"),
+    ({"position": np.zeros((20, 4))}, r"position has shape \(20, 4\); expected \(20, 3\)"),
+    ({"orientation": np.ones((20, 3))}, r"orientation has shape \(20, 3\); expected \(20, 4\)"),
+    ({"flexion": np.zeros((20, 15))}, r"flexion has shape \(20, 15\); expected \(20, 5, 3\)"),
+    ({"abduction": np.zeros((5, 20))}, r"abduction has shape \(5, 20\); expected \(20, 5\)"),
+    ({"position": [[1.0, 2.0], [3.0]]}, "position is not an array of numbers"),
+    ({"position": "somewhere"}, "position is not an array of numbers"),
+    (spoiled("position", (7, 1), np.nan), r"position has 1 NaN .* first at sample 7, channel 1 \(t = 0.07 s\)"),
+    (spoiled("flexion", (4, 2, 1), np.inf), r"flexion has 1 .* first at sample 4, channel 2, 1"),
+    (spoiled("time", (5,), np.nan), "time has 1 NaN or infinite value"),
+    (spoiled("time", (5,), 0.01), r"time goes backwards at sample 5 \(0.04 s, then 0.01 s\)"),
+    (spoiled("time", (5,), 0.04), r"time repeats at sample 5 \(0.04 s, then 0.04 s\)"),
+    ({"orientation": np.zeros((20, 4))}, "20 zero quaternion.*first at sample 0"),
+    ({"object_orientation": np.zeros(4)}, "object_orientation is a zero quaternion"),
+    ({"object_position": np.zeros((2, 3))}, r"object_position has shape \(2, 3\)"),
+    ({"object_position": np.array([0.0, np.nan, 0.0])}, "object_position has 1 NaN"),
+    (spoiled("flexion", (9, 0, 0), 45.0), r"flexion is 45 at sample 9.*is it in degrees\?"),
+    (spoiled("abduction", (9, 4), -15.0), r"abduction is -15 at sample 9.*is it in degrees\?"),
+    (spoiled("position", (9, 2), 412.0), r"position is 412 at sample 9.*is it in millimetres\?"),
+    ({"phases": (Phase("hold", 0.1, 0.05),)}, "phase 'hold' from 0.1 s to 0.05 s; expected finite times in order"),
+    ({"phases": (Phase("hold", 0.0, np.nan),)}, "phase 'hold' from 0 s to nan s; expected finite"),
+    ({"phases": (Phase("", 0.0, 0.1),)}, "has no name"),
+    ({"phases": (Phase("a", 0.0, 0.1), Phase("b", 0.05, 0.2))}, "phase 'b' .* overlaps the one before"),
+    ({"raw": (RawChannel("bend", np.zeros(19)),)}, r"raw channel 'bend' has shape \(19,\); expected \(20, …\)"),
+    ({"raw": (RawChannel("a/b", np.zeros(20)),)}, "without slashes"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), BAD, ids=[message[:30] for _, message in BAD])
+def test_bad_motions_are_refused_in_one_line(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(TrajectoryError, match=message) as caught:
+        motion(**changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_resampling_at_the_sample_rate_changes_no_bit() -> None:
+    given = motion(count=300, rate=1000.0)
+    for mode in ("interpolate", "hold"):
+        ticks = given.resampled(1000.0, mode)
+        assert ticks.tick_count == 300
+        assert ticks.input_seq.tolist() == list(range(300))
+        assert ticks.position.tobytes() == given.position.tobytes()
+        assert ticks.orientation.tobytes() == given.orientation.tobytes()
+        assert ticks.flexion.tobytes() == given.flexion.tobytes()
+        assert ticks.abduction.tobytes() == given.abduction.tobytes()
+        assert ticks.position.flags.writeable and ticks.position.flags.c_contiguous
+
+
+def test_hold_shows_each_sample_until_the_next() -> None:
+    given = motion(count=5, rate=100.0)
+    ticks = given.resampled(1000.0, "hold")
+    assert ticks.tick_count == 41
+    assert ticks.input_seq.tolist() == [k // 10 for k in range(41)]
+    assert (ticks.position == given.position[ticks.input_seq]).all()
+
+
+def test_a_recording_that_starts_late_is_replayed_from_its_first_stamp() -> None:
+    offset = 1.7e9
+    late = motion(time=offset + np.arange(20) / 100.0, phases=(Phase("grasp", offset + 0.05, offset + 0.19),))
+    ticks = late.resampled(1000.0)
+    assert ticks.time[0] == 0.0
+    assert ticks.phases == (TickPhase("grasp", 50, 190),)
+    np.testing.assert_allclose(ticks.position, motion().resampled(1000.0).position, atol=1e-6)
+
+
+def test_phases_become_ticks_that_do_not_overlap() -> None:
+    given = motion(
+        count=101,
+        rate=1000.0,
+        phases=(Phase("approach", 0.0, 0.04), Phase("grasp", 0.04, 0.07), Phase("hold", 0.07, 0.1)),
+    )
+    assert given.resampled(1000.0).phases == (
+        TickPhase("approach", 0, 39),
+        TickPhase("grasp", 40, 69),
+        TickPhase("hold", 70, 100),
+    )
+    assert given.resampled(10.0).phases == (TickPhase("approach", 0, 0), TickPhase("hold", 1, 1))
+
+
+@pytest.mark.parametrize("rate", [0.0, -5.0, np.nan, np.inf])
+def test_a_rate_that_is_no_rate_is_refused(rate: float) -> None:
+    with pytest.raises(InputError, match="expected a positive number"):
+        motion().resampled(rate)
+
+
+def test_an_unknown_mode_is_refused() -> None:
+    unknown: Any = "linear"
+    with pytest.raises(HhsimError, match="'linear'; expected interpolate or hold"):
+        motion().resampled(1000.0, unknown)
+
+
+def test_placed_moves_only_the_object() -> None:
+    placed = motion().placed([0.0, 0.1, 0.2], [2.0, 0.0, 0.0, 0.0])
+    assert placed.object_position.tolist() == [0.0, 0.1, 0.2]
+    assert placed.object_orientation.tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert placed.position.tobytes() == motion().position.tobytes()
+
+
+@pytest.mark.parametrize("name", ["leap_grab", "leap_confidence-demo", "dapg_door_00"])
+def test_real_recordings_resample_without_overshoot(shared_data: Path, name: str) -> None:
+    with np.load(shared_data / "recordings" / f"{name}.npz", allow_pickle=False) as data:
+        made = Trajectory(data["t"], data["wrist_pos"], data["wrist_quat_wxyz"], data["flex"], data["abd"], device=name)
+    ticks = made.resampled(1000.0)
+    assert ticks.tick_count == int(made.duration * 1000.0 + 1e-6) + 1
+    left = ticks.input_seq
+    right = np.minimum(left + 1, made.sample_count - 1)
+    for label in ("position", "flexion", "abduction"):
+        values, out = getattr(made, label), getattr(ticks, label)
+        assert (out >= np.minimum(values[left], values[right])).all()
+        assert (out <= np.maximum(values[left], values[right])).all()
+    np.testing.assert_allclose(np.linalg.norm(ticks.orientation, axis=1), 1.0, atol=1e-14)
