@@ -2,17 +2,21 @@
 
     minimise ½ |x - x₀|²   subject to   a_i · x >= b_i,   i = 1 … m
 
-Variables are scaled so that the Hessian is the identity: x = √G δ. The method starts at the unconstrained optimum x₀, or at
-the optimum for a guessed active set, adds the most violated row and drops rows by the ratio test; every iterate is
-the optimum for the rows in its active set, so the objective only rises and no first feasible point is needed.
+Variables are scaled so that the Hessian is the identity: x = √G δ. The method starts at the unconstrained optimum
+x₀, or at the optimum for a guessed active set, adds the most violated row and drops rows by the ratio test; every iterate
+is the optimum for the rows in its active set, so the objective only rises and no first feasible point is needed.
 
-The normals of the active set are kept as Q R, Q with orthonormal rows by Gram-Schmidt, done twice (Daniel, Gragg, Kaufman &
-Stewart 1976): contact patches bring duplicate and near-parallel rows, and the Gram matrix would lose half the digits on
-them. Rows are normalised, so that the rank test is relative and violations are compared as lengths.
+The normals of the active set are kept as Q R, Q with orthonormal rows by Gram-Schmidt, done twice (Daniel, Gragg, Kaufman
+& Stewart 1976): contact patches bring duplicate and near-parallel rows, and the Gram matrix would lose half the digits
+on them. Rows are normalised, so that the rank test is relative and violations are compared as lengths.
 
-Rows are stored as a structure of arrays in groups: all rows share `common` columns 0 … n_common - 1; the rows of group g
-have three more in `block`, which stand for the variables group_block[g] … + 2 (none where it is negative). A contact of
-the coupled problem thus takes 9 numbers, not 21.
+Rows that contradict each other leave no solution. Between two opposed walls that the hand touches, rounding alone makes
+them contradict: such rows are all moved back by the relaxation, which no longer leaves the corridor empty. Giving up
+single rows instead would leave them unguarded in the rest of the solve.
+
+Rows are stored as a structure of arrays in groups: all rows share `common` columns 0 … n_common - 1; the rows of group
+g have three more in `block`, which stand for the variables group_block[g] … + 2 (none where it is negative). A contact
+of the coupled problem thus takes 9 numbers, not 21.
 """
 
 import math
@@ -29,13 +33,14 @@ Indices = NDArray[np.int64]
 OPTIMAL = 0
 INFEASIBLE = 1
 ITERATION_LIMIT = 2
+NOT_FINITE = 3
 
 RANK_TOLERANCE = 1e-10
 """A unit row whose part outside the span of the active rows is shorter than this counts as dependent on them."""
 WARM_RANK_TOLERANCE = 1e-6
 """Stricter for guessed rows: a guess that is nearly dependent costs more than it saves."""
 MULTIPLIER_TOLERANCE = 1e-13
-"""Entries of the dual step direction up to this size are rounding."""
+"""Entries of the dual step direction up to this size, relative to its largest or to 1, are rounding."""
 
 
 class QpWork(NamedTuple):
@@ -54,7 +59,6 @@ class QpWork(NamedTuple):
     | coefficient, dual_step | its coordinates in the basis, and the dual direction | (n_max,) |
     | violation | b - a · x of every row, normalised | (row capacity,) |
     | inverse_norm | 1 / |a|, 0 for a zero row | (row capacity,) |
-    | skipped | rows given up as unattainable within the relaxation tolerance | (64,) |
     """
 
     x: Array
@@ -70,7 +74,25 @@ class QpWork(NamedTuple):
     dual_step: Array
     violation: Array
     inverse_norm: Array
-    skipped: Indices
+
+
+def new_work(n_max: int, capacity: int) -> QpWork:
+    """Workspace for problems of up to `n_max` variables and `capacity` rows."""
+    return QpWork(
+        x=np.zeros(n_max),
+        active=np.zeros(n_max + 1, dtype=np.int64),
+        multiplier=np.zeros(n_max + 1),
+        count=np.zeros(3, dtype=np.int64),
+        basis=np.zeros((n_max, n_max)),
+        triangle=np.zeros((n_max, n_max)),
+        active_rhs=np.zeros(n_max),
+        normal=np.zeros(n_max),
+        direction=np.zeros(n_max),
+        coefficient=np.zeros(n_max),
+        dual_step=np.zeros(n_max),
+        violation=np.zeros(capacity),
+        inverse_norm=np.zeros(capacity),
+    )
 
 
 @jit_vector
@@ -263,6 +285,22 @@ def _resolve(k: int, n: int, target: Array, work: QpWork) -> None:
 
 
 @jit
+def _drop_negative(k: int, n: int, target: Array, work: QpWork) -> int:
+    # Equations are a valid start once no multiplier is negative; dropping one may turn others negative.
+    _resolve(k, n, target, work)
+    while True:
+        worst, position = 0.0, -1
+        for j in range(k):
+            if work.multiplier[j] < worst:
+                worst, position = work.multiplier[j], j
+        if position < 0:
+            return k
+        _remove(k, n, position, work)
+        k -= 1
+        _resolve(k, n, target, work)
+
+
+@jit
 def solve(
     n: int,
     n_common: int,
@@ -292,16 +330,17 @@ def solve(
         group_block: first variable of each group's block, -1 for none, shape (groups,).
         target: x₀, shape (n,).
         tolerance: largest violation, in units of x, that counts as satisfied.
-        relaxation: a row that contradicts the others by no more than this, in units of x, is left out; a zero row
-            short by no more than this, in units of b, counts as satisfied.
-        guess: rows expected to be active, shape (>= guess_count,).
+        relaxation: where rows contradict each other, and moving each of them by no more than this, in units of x, would
+            reconcile them, all are moved by this much; a zero row short by no more than this, in units of b, counts
+            as satisfied.
+        guess: rows expected to be active, shape (>= guess_count,); duplicates and rows that no group holds are ignored.
         guess_count: how many; 0 for a cold start.
         work: workspace and result.
 
     Returns:
-        OPTIMAL, INFEASIBLE or ITERATION_LIMIT. When INFEASIBLE, work.count[2] is a row whose normalised normal a equals
-        Σ dual_step_j a_j over the active rows with no positive dual_step: Farkas' certificate is 1 for that
-        row and -dual_step_j for the others.
+        OPTIMAL, INFEASIBLE, ITERATION_LIMIT, or NOT_FINITE for NaN in a row or in the target. When INFEASIBLE,
+        work.count[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows with no
+        positive dual_step: Farkas' certificate is 1 for that row and -dual_step_j for the others.
     """
     groups = group_block.shape[0]
     rows = 0
@@ -309,7 +348,7 @@ def solve(
         rows += group_stop[g] - group_start[g]
     limit = 100 + 10 * (n + rows)
     iterations = 0
-    skipped = 0
+    shift = 0.0
     k = 0
     work.count[2] = -1
     _norms(n_common, common, block, group_start, group_stop, group_block, work.inverse_norm)
@@ -317,28 +356,21 @@ def solve(
 
     for g in range(guess_count):
         row = guess[g]
-        scale = inverse_norm[row]
-        if k == n or scale == 0.0:
+        held = False
+        for h in range(groups):
+            held = held or group_start[h] <= row < group_stop[h]
+        if k == n or not held or inverse_norm[row] == 0.0:
             continue
+        scale = inverse_norm[row]
         _load_normal(row, n, n_common, common, block, group_start, group_stop, group_block, scale, work.normal)
         _project(n, k, work.basis, work.normal, work.coefficient, work.direction)
         length = math.sqrt(_dot(work.direction, work.direction, n))
         if length > WARM_RANK_TOLERANCE:
             _append(k, n, row, rhs[row] * scale - _dot(work.normal, target, n), length, work)
             k += 1
-    _resolve(k, n, target, work)
-    while True:
-        # A guess is a valid start once no multiplier is negative; dropping may turn others negative.
-        worst, position = 0.0, -1
-        for j in range(k):
-            if work.multiplier[j] < worst:
-                worst, position = work.multiplier[j], j
-        if position < 0:
-            break
-        _remove(k, n, position, work)
-        k -= 1
-        iterations += 1
-        _resolve(k, n, target, work)
+    guessed = k
+    k = _drop_negative(k, n, target, work)
+    iterations += guessed - k
 
     status = OPTIMAL
     settled = True
@@ -348,14 +380,12 @@ def solve(
         )
         for j in range(k):
             work.violation[work.active[j]] = 0.0
-        for j in range(skipped):
-            work.violation[work.skipped[j]] = 0.0
         worst, worst_group = -np.inf, 0
         for g in range(groups):
             candidate = _largest(work.violation, group_start[g], group_stop[g])
             if candidate > worst:
                 worst, worst_group = candidate, g
-        if worst <= tolerance:
+        if worst - shift <= tolerance:
             if settled:
                 break
             _resolve(k, n, target, work)
@@ -366,10 +396,10 @@ def solve(
             row += 1
         settled = False
         scale = inverse_norm[row]
-        violation = worst
+        violation = worst - shift
         new_multiplier = 0.0
         _load_normal(row, n, n_common, common, block, group_start, group_stop, group_block, scale, work.normal)
-        new_rhs = rhs[row] * scale - _dot(work.normal, target, n)
+        new_rhs = rhs[row] * scale - shift - _dot(work.normal, target, n)
         while True:
             iterations += 1
             if iterations > limit:
@@ -381,18 +411,27 @@ def solve(
             length = math.sqrt(square)
             blocking = -1
             dual_limit = np.inf
+            largest, total = 1.0, 1.0
+            for j in range(k):
+                largest = max(largest, abs(work.dual_step[j]))
+                total += abs(work.dual_step[j])
             for j in range(k):
                 step = work.dual_step[j]
-                if step > MULTIPLIER_TOLERANCE:
+                if step > MULTIPLIER_TOLERANCE * largest:
                     ratio = work.multiplier[j] / step
                     if ratio < dual_limit:
                         dual_limit, blocking = ratio, j
             independent = length > RANK_TOLERANCE and k < n
             primal_limit = violation / square if independent else np.inf
             if not independent and blocking < 0:
-                if violation <= relaxation and skipped < work.skipped.shape[0]:
-                    work.skipped[skipped] = row
-                    skipped += 1
+                # Wherever x is, some row of a Farkas certificate y is violated by yᵀb / Σy or more.
+                if shift == 0.0 and violation <= relaxation * total:
+                    shift = relaxation
+                    for j in range(k):
+                        work.active_rhs[j] -= shift
+                    guessed = k
+                    k = _drop_negative(k, n, target, work)
+                    iterations += guessed - k
                 else:
                     status = INFEASIBLE
                     work.count[2] = row
@@ -415,12 +454,18 @@ def solve(
         if status != OPTIMAL:
             break
 
-    if status == OPTIMAL:
-        for g in range(groups):
-            for i in range(group_start[g], group_stop[g]):
-                if inverse_norm[i] == 0.0 and rhs[i] > relaxation:
-                    status = INFEASIBLE
-                    work.count[2] = i
+    for g in range(groups):
+        for i in range(group_start[g], group_stop[g]):
+            if inverse_norm[i] == 0.0 and rhs[i] > relaxation and status == OPTIMAL:
+                status = INFEASIBLE
+                work.count[2] = i
+                for j in range(k):
+                    work.dual_step[j] = 0.0
+            if math.isnan(work.violation[i]):
+                status = NOT_FINITE
+    for j in range(n):
+        if math.isnan(work.x[j]):
+            status = NOT_FINITE
     if status == OPTIMAL:
         for j in range(k):
             work.multiplier[j] = max(work.multiplier[j], 0.0) * inverse_norm[work.active[j]]
