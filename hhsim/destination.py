@@ -1,0 +1,67 @@
+"""Where an output goes: the default dated name, and the checks that belong before the work instead of after it."""
+
+import os
+from datetime import datetime
+from pathlib import Path
+
+from hhsim.errors import OutputError
+
+RESULTS = Path("results")
+"""Where results land by default, under the current folder."""
+
+
+def dated_destination(stem: str, suffix: str = ".h5", *, folder: Path = RESULTS, now: datetime | None = None) -> Path:
+    """Name a file that does not exist yet, such as results/2026-03-01-142530-bunny-grasp.h5, by local time and `stem`.
+
+    Args:
+        stem: what the file is about; characters that do not belong in a file name become "-".
+        suffix: with its dot.
+        folder: is made where it is missing.
+        now: the time in the name; the current local time by default.
+
+    Raises:
+        OutputError: the folder cannot be made or written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {folder}: {_reason(error)}; name a file with --out") from error
+    kept = "".join(letter if letter.isalnum() or letter in "._-" else "-" for letter in stem)
+    name = f"{now or datetime.now():%Y-%m-%d-%H%M%S}-{kept}"
+    path = free_name(folder / f"{name}{suffix}")
+    check_destination(path)
+    return path
+
+
+def free_name(path: Path) -> Path:
+    """Return `path`, or where that exists the first of path-2, path-3, … that does not."""
+    candidate, number = path, 2
+    while os.path.lexists(candidate):
+        candidate, number = path.with_name(f"{path.stem}-{number}{path.suffix}"), number + 1
+    return candidate
+
+
+def check_destination(path: Path) -> None:
+    """Look, before the work, for what would keep `path` from being written or replaced.
+
+    Raises:
+        OutputError: a folder or a device in the way, no such folder, no permission.
+    """
+    target = Path(os.path.realpath(path))
+    folder = target.parent
+    if target.is_dir():
+        raise OutputError(f"{path} is a folder: name a file in it, such as {path / ('run' + (path.suffix or '.h5'))}")
+    if target.exists() and not target.is_file():
+        raise OutputError(f"{path} is no ordinary file: name one that can be written")
+    if not folder.exists():
+        raise OutputError(f"there is no folder {folder} for {path.name}: make it first, or name another with --out")
+    if not folder.is_dir():
+        raise OutputError(f"{folder} is a file, not a folder: name another place with --out")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f"no permission to write in {folder}: name another place with --out")
+    if target.exists() and not os.access(target, os.W_OK):
+        raise OutputError(f"no permission to replace {path}: name another file with --out")
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)

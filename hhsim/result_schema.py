@@ -1,0 +1,93 @@
+"""What a result file holds: the one table that the writer, the reader and the checks go by.
+
+Format `hhsim-result`, schema_version 1. A change here raises `SCHEMA_VERSION`; the reader keeps reading the older ones.
+"""
+
+from dataclasses import dataclass
+
+FORMAT = "hhsim-result"
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Column:
+    """One dataset: `shape` is that of a tick's value, or of the whole array where it does not change with time.
+
+    A size of -1 is any size.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: str
+    units: str
+    long_name: str
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A stretch of the trajectory, such as approach, hold or slide; both ticks belong to it."""
+
+    name: str
+    first_tick: int
+    last_tick: int
+
+
+def _hand(of: str, whose: str) -> tuple[Column, ...]:
+    return (
+        Column(f"{of}/position", (3,), "<f8", "m", f"palm centre of the {whose} hand, world"),
+        Column(f"{of}/orientation", (4,), "<f8", "1", f"palm orientation of the {whose} hand, unit quaternion w x y z"),
+        Column(f"{of}/flexion", (5, 3), "<f8", "rad", f"flexion of the {whose} hand, finger by joint, positive curls"),
+        Column(
+            f"{of}/abduction", (5,), "<f8", "rad", f"abduction of the {whose} hand, positive towards the thumb side"
+        ),
+    )
+
+
+TICK_COLUMNS: tuple[Column, ...] = (
+    Column("time", (), "<f8", "s", "time of the tick since the start of the trajectory"),
+    Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0"),
+    Column("status", (), "<i4", "1", "how the tick ended: 0 is converged"),
+    *_hand("haptic", "haptic (measured)"),
+    *_hand("graphic", "graphic (shown)"),
+    Column(
+        "graphic/joints", (5, 4, 3), "<f8", "m", "joint and tip positions of the graphic hand, proximal first, world"
+    ),
+    Column("penetration_depth", (), "<f8", "m", "deepest penetration of any hand body into any object leaf sphere"),
+    Column("penetration_palm", (), "<f8", "m", "deepest penetration of the palm"),
+    Column("penetration_finger", (5,), "<f8", "m", "deepest penetration of each finger"),
+    Column("force/phalanx", (5, 3, 3), "<f8", "N", "contact force on each phalanx, finger by phalanx, world"),
+    Column("force/fingertip_normal", (5, 3), "<f8", "N", "normal force at each fingertip, world"),
+    Column("force/palm_wrench", (6,), "<f8", "N,N·m", "force (first three) and moment about the palm centre, world"),
+    Column("force/total", (3,), "<f8", "N", "sum of all contact forces on the hand, world"),
+    Column("force_variation_rate", (), "<f8", "%", "one-tick change of the total force's size; NaN below 0.01 N"),
+    Column("force_variation_finger", (5,), "<f8", "%", "one-tick change of each finger's force size; NaN below 0.01 N"),
+    Column("duration/detect", (), "<i8", "ns", "wall time of contact detection"),
+    Column("duration/palm", (), "<i8", "ns", "wall time of the palm's (or the whole hand's) optimisation"),
+    Column("duration/fingers", (), "<i8", "ns", "wall time of the fingers' optimisation"),
+    Column("duration/force", (), "<i8", "ns", "wall time of the forces"),
+    Column("duration/total", (), "<i8", "ns", "wall time of the whole tick"),
+    Column("duration/total_cpu", (), "<i8", "ns", "thread CPU time of the whole tick"),
+    Column("contacts/candidates", (), "<i8", "1", "candidate pairs that entered the optimisation"),
+    Column("contacts/touching", (), "<i8", "1", "pairs within 10 µm of each other after the tick"),
+    Column("work/node_tests", (), "<i8", "1", "sphere-tree nodes tested"),
+    Column("work/pair_tests", (), "<i8", "1", "exact distances between a hand body and a leaf sphere"),
+    Column("work/qp_iterations", (), "<i8", "1", "active-set changes, all problems of the tick"),
+    Column("work/linearisations", (), "<i8", "1", "times that the contacts were linearised"),
+)
+"""Datasets under /tick, one row a tick; `name` is relative to /tick."""
+
+STATIC_COLUMNS: tuple[Column, ...] = (
+    Column("object/vertices", (-1, 3), "<f8", "m", "vertices of the object's mesh, world"),
+    Column(
+        "object/faces", (-1, 3), "<i8", "1", "triangles of the object's mesh: three vertices, outward by the right hand"
+    ),
+    Column("object/tree/center", (-1, 3), "<f8", "m", "sphere centres, breadth first, world"),
+    Column("object/tree/radius", (-1,), "<f8", "m", "sphere radii"),
+    Column("object/tree/level", (-1,), "<i8", "1", "level of each sphere; the root is 0"),
+    Column("object/tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1"),
+    Column("hand/phalanx_radius", (5, 4), "<f8", "m", "radius at each joint and at the tip, finger by joint"),
+    Column("hand/phalanx_length", (5, 3), "<f8", "m", "length of each phalanx, finger by phalanx"),
+    Column("hand/palm_center", (-1, 3), "<f8", "m", "centres of the palm's spheres, palm frame"),
+    Column("hand/palm_radius", (-1,), "<f8", "m", "radii of the palm's spheres"),
+)
+"""Datasets that do not change with time; `name` is relative to the root."""

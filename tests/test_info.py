@@ -1,0 +1,78 @@
+"""What hhsim says about the machine and itself."""
+
+import importlib.metadata
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from hhsim import __version__, info
+from hhsim.kernels import jit
+
+
+def test_everything_is_stated_and_can_be_json() -> None:
+    collected = info.collect()
+    again = json.loads(json.dumps(collected.to_json()))
+    assert again["hhsim"] == __version__
+    assert again["machine"]["cores"] >= 1
+    assert again["machine"]["cpu"]
+    assert 0.0 < again["clock"]["resolution"] <= again["clock"]["step"] < 1e-3
+    assert again["kernels"]["folder"] == str(jit.KERNEL_CACHE)
+
+
+def test_versions_are_those_of_the_imported_packages() -> None:
+    import h5py
+    import numba
+    import numpy
+
+    versions = info.package_versions()
+    assert versions["numpy"] == numpy.__version__
+    assert versions["numba"] == numba.__version__
+    assert versions["h5py"] == h5py.__version__
+    assert "pytest" not in versions
+
+
+def test_a_missing_optional_package_is_named_under_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    declared = ["numpy>=2", "no-such-viewer>=1; extra == 'view'", 'no-such-linter; extra == "lint"', "no-such-base<3"]
+    monkeypatch.setattr(importlib.metadata, "requires", lambda name: declared)
+    collected = info.collect()
+    assert collected.missing == {"view": ["no-such-viewer"], "required": ["no-such-base"]}
+    assert set(collected.packages) == {"numpy"}
+
+
+def git(folder: Path, *arguments: str) -> str:
+    identity = ["-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false"]
+    answer = subprocess.run(
+        ["git", "-C", str(folder), *identity, *arguments], capture_output=True, text=True, check=True
+    )
+    return answer.stdout.strip()
+
+
+def test_the_revision_is_that_of_the_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = tmp_path / "hhsim" / "info.py"
+    module.parent.mkdir()
+    module.write_text("")
+    (tmp_path / "pyproject.toml").write_text("")
+    monkeypatch.setattr(info, "__file__", str(module))
+    assert info.revision() == info.Revision("unknown", "unknown")
+    git(tmp_path, "init", "--quiet")
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "--quiet", "-m", "first")
+    assert info.revision() == info.Revision(git(tmp_path, "rev-parse", "HEAD"), False)
+    module.write_text("changed\n")
+    assert info.revision().dirty is True
+
+
+def test_an_installed_package_has_no_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    git(tmp_path, "init", "--quiet")
+    monkeypatch.setattr(info, "__file__", str(tmp_path / "lib" / "hhsim" / "info.py"))
+    assert info.revision() == info.Revision("unknown", "unknown")
+
+
+def test_the_machine_is_described_but_not_named() -> None:
+    import platform
+
+    text = json.dumps(info.collect().to_json()["machine"])
+    assert not re.search(rf"\b{re.escape(platform.node())}\b", text) or platform.node() in ("", "localhost")

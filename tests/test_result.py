@@ -1,0 +1,399 @@
+"""Result files: what is written is what is read, and no way of stopping a run leaves something unreadable."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hhsim import result
+from hhsim.errors import InputError, OutputError
+from hhsim.result import CHUNK_TICKS, ResultWriter, load_result
+from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS, Phase
+
+Arrays = dict[str, NDArray[Any]]
+SCENE = {"object": "bunny", "trajectory": "grasp", "stiffness": [200.0, 2.0, 0.5], "seed": 0}
+PHASES = (Phase("approach", 0, 39), Phase("hold", 40, 99))
+
+
+def block(ticks: int, seed: int = 0) -> Arrays:
+    generator = np.random.default_rng(seed)
+    arrays = {}
+    for column in TICK_COLUMNS:
+        values = generator.normal(size=(ticks, *column.shape)) * 1000.0
+        arrays[column.name] = values.astype(column.dtype)
+    return arrays
+
+
+def static() -> Arrays:
+    generator = np.random.default_rng(1)
+    shapes = {column.name: tuple(7 if size == -1 else size for size in column.shape) for column in STATIC_COLUMNS}
+    return {
+        column.name: (generator.normal(size=shapes[column.name]) * 10.0).astype(column.dtype)
+        for column in STATIC_COLUMNS
+    }
+
+
+def write(path: Path, blocks: list[Arrays], *, phases: tuple[Phase, ...] = PHASES) -> Path:
+    with ResultWriter(path, scene=SCENE, static=static(), phases=phases) as writer:
+        for arrays in blocks:
+            writer.append(arrays)
+        return writer.finish({"tick p50": 41.5, "ticks": 100, "method": "coupled"})
+
+
+def test_what_is_written_is_read_back_exactly(tmp_path: Path) -> None:
+    blocks = [block(CHUNK_TICKS, 2), block(300, 3), block(1, 4)]
+    path = write(tmp_path / "run.h5", blocks)
+    loaded = load_result(path)
+    assert loaded.complete
+    assert loaded.ticks == CHUNK_TICKS + 301
+    assert loaded.scene == SCENE
+    assert loaded.phases == PHASES
+    assert loaded.summary == {"tick p50": 41.5, "ticks": 100, "method": "coupled"}
+    for column in TICK_COLUMNS:
+        expected = np.concatenate([arrays[column.name] for arrays in blocks])
+        assert np.array_equal(loaded[column.name], expected, equal_nan=True), column.name
+        assert loaded[column.name].dtype == np.dtype(column.dtype)
+    for name, array in static().items():
+        assert np.array_equal(loaded.static[name], array), name
+
+
+def test_arrays_of_a_loaded_result_cannot_be_changed(tmp_path: Path) -> None:
+    loaded = load_result(write(tmp_path / "run.h5", [block(3)]))
+    with pytest.raises(ValueError, match="read-only"):
+        loaded["time"][0] = 1.0
+
+
+def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.h5", [block(3)])
+    bare = []
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and not (item.attrs.get("units") and item.attrs.get("long_name")):
+            bare.append(name)
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+        datasets = sum(isinstance(file[f"tick/{column.name}"], h5py.Dataset) for column in TICK_COLUMNS)
+        attributes = set(file.attrs)
+    assert bare == []
+    assert datasets == len(TICK_COLUMNS)
+    assert attributes == {
+        "format",
+        "schema_version",
+        "hhsim_version",
+        "git_revision",
+        "git_dirty",
+        "created_utc",
+        "machine",
+        "packages",
+        "scene",
+        "complete",
+    }
+
+
+def test_the_schema_is_the_documented_one() -> None:
+    shapes = {column.name: column.shape for column in TICK_COLUMNS}
+    assert len(shapes) == len(TICK_COLUMNS), "a name stands twice"
+    assert shapes["graphic/joints"] == (5, 4, 3)
+    assert shapes["force/phalanx"] == (5, 3, 3)
+    assert shapes["force/palm_wrench"] == (6,)
+    assert {name.split("/")[0] for name in shapes} == {
+        *("time", "input_seq", "status", "haptic", "graphic", "force", "duration", "contacts", "work"),
+        *("penetration_depth", "penetration_palm", "penetration_finger"),
+        *("force_variation_rate", "force_variation_finger"),
+    }
+
+
+def test_two_runs_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Clock:
+        @staticmethod
+        def now(zone: object) -> Any:
+            from datetime import UTC, datetime
+
+            return datetime(2026, 1, 2, tzinfo=UTC)
+
+    monkeypatch.setattr(result, "datetime", Clock)
+    first = write(tmp_path / "a.h5", [block(300, 5), block(300, 6)])
+    second = write(tmp_path / "b.h5", [block(300, 5), block(300, 6)])
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_a_block_of_another_size_gives_the_same_datasets(tmp_path: Path) -> None:
+    whole = block(700, 7)
+    pieces = [{name: array[start : start + 123] for name, array in whole.items()} for start in range(0, 700, 123)]
+    first, second = load_result(write(tmp_path / "a.h5", [whole])), load_result(write(tmp_path / "b.h5", pieces))
+    for column in TICK_COLUMNS:
+        assert first[column.name].tobytes() == second[column.name].tobytes()
+
+
+@pytest.mark.parametrize("fault", ["missing", "surplus", "shape", "lengths"])
+def test_a_block_that_does_not_fit_the_schema_is_refused(tmp_path: Path, fault: str) -> None:
+    arrays = block(4)
+    if fault == "missing":
+        del arrays["time"]
+    elif fault == "surplus":
+        arrays["force/magic"] = np.zeros(4)
+    elif fault == "shape":
+        arrays["force/total"] = np.zeros((4, 4))
+    else:
+        arrays["time"] = np.zeros(5)
+    with ResultWriter(tmp_path / "run.h5", scene=SCENE, static=static()) as writer, pytest.raises(ValueError):
+        writer.append(arrays)
+
+
+def test_phases_may_be_given_at_the_end(tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "run.h5", scene=SCENE, static=static()) as writer:
+        writer.append(block(100))
+        writer.finish({}, PHASES)
+    loaded = load_result(tmp_path / "run.h5")
+    assert loaded.phases == PHASES
+    assert loaded.phase("hold") == slice(40, 100)
+    with pytest.raises(InputError, match="no phase 'slide': it has approach, hold"):
+        loaded.phase("slide")
+
+
+def test_an_exception_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    with (
+        pytest.raises(KeyboardInterrupt) as caught,
+        ResultWriter(path, scene=SCENE, static=static(), phases=PHASES) as writer,
+    ):
+        writer.append(block(30))
+        raise KeyboardInterrupt
+    assert caught.value.__notes__ == [f"the 30 ticks so far are in {path} (complete = 0)"]
+    loaded = load_result(path)
+    assert not loaded.complete
+    assert loaded.ticks == 30
+    assert [phase.name for phase in loaded.phases] == ["approach"]
+    assert loaded.phase("approach") == slice(0, 30)
+
+
+def test_an_exception_before_the_first_tick_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), ResultWriter(tmp_path / "run.h5", scene=SCENE, static=static()):
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bad_header_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="object/faces"):
+        ResultWriter(tmp_path / "run.h5", scene=SCENE, static=static() | {"object/faces": np.zeros((3, 4))})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_older_result_stands_until_the_new_one_is_complete(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.h5", [block(10)])
+    older = path.read_bytes()
+    with pytest.raises(KeyboardInterrupt), ResultWriter(path, scene=SCENE, static=static()) as writer:
+        writer.append(block(20))
+        raise KeyboardInterrupt
+    assert path.read_bytes() == older
+    assert load_result(tmp_path / "run.partial.h5").ticks == 20
+    assert write(path, [block(5)]) == path
+    assert load_result(path).ticks == 5
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["run.h5", "run.partial.h5"]
+
+
+def test_an_existing_file_of_another_kind_is_never_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "bunny.ply"
+    path.write_text("ply\n")
+    with pytest.raises(OutputError, match=r"exists and is no result file"):
+        ResultWriter(path, scene=SCENE, static=static())
+    assert path.read_text() == "ply\n"
+
+
+def test_a_folder_in_the_way_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="is a folder: name a file in it"):
+        ResultWriter(tmp_path, scene=SCENE, static=static())
+
+
+def run_limited(script: str, path: Path, limit: int) -> subprocess.CompletedProcess[str]:
+    """Run a script in a process whose files may not grow beyond `limit` bytes: a full disk that needs no root."""
+    prelude = f"""
+        import resource, signal, sys
+        from pathlib import Path
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_result import SCENE, PHASES, block, static
+        from hhsim.result import ResultWriter
+        path = Path({str(path)!r})
+        resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+    """
+    source = textwrap.dedent(prelude) + textwrap.dedent(script)
+    return subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
+
+
+WRITE_MANY = """
+    from hhsim.errors import OutputError
+    try:
+        with ResultWriter(path, scene=SCENE, static=static(), phases=PHASES) as writer:
+            for seed in range(20):
+                writer.append(block(256, seed))
+            writer.finish({})
+    except OutputError as error:
+        print(error, *getattr(error, "__notes__", ()), sep="\\n")
+"""
+
+
+def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    run = run_limited(WRITE_MANY, path, 6_000_000)
+    assert run.returncode == 0, run.stderr
+    assert run.stderr == ""
+    message, note = run.stdout.splitlines()
+    assert message == f"cannot write {path}: {os.strerror(errno.EFBIG).lower()}"
+    loaded = load_result(path)
+    assert not loaded.complete
+    assert loaded.ticks > 0
+    assert loaded.ticks % 256 == 0
+    assert note == f"the {loaded.ticks:,} ticks so far are in {path} (complete = 0)"
+    assert np.array_equal(loaded["graphic/joints"][:256], block(256, 0)["graphic/joints"])
+
+
+@pytest.mark.parametrize("limit", [0, 200_000, 1_200_000])
+def test_a_disk_that_is_full_from_the_start_leaves_nothing(tmp_path: Path, limit: int) -> None:
+    run = run_limited(WRITE_MANY, tmp_path / "run.h5", limit)
+    assert run.returncode == 0, run.stderr
+    assert run.stderr == ""
+    assert run.stdout.startswith("cannot write")
+    assert len(run.stdout.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    script = f"""
+        import sys
+        from pathlib import Path
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_result import SCENE, block, static
+        from hhsim.result import ResultWriter
+        with ResultWriter(Path({str(path)!r}), scene=SCENE, static=static()) as writer:
+            arrays = block(128)
+            while True:
+                writer.append(arrays)
+                print(writer.ticks, flush=True)
+    """
+    process = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    for line in process.stdout:
+        if int(line) >= 640:
+            break
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    loaded = load_result(path)
+    assert not loaded.complete
+    assert loaded.ticks >= 640
+    assert np.array_equal(loaded["time"][:128], block(128)["time"])
+
+
+def test_a_file_that_is_being_written_is_told_apart_from_a_broken_one(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    with ResultWriter(path, scene=SCENE, static=static()) as writer:
+        writer.append(block(2))
+        reader = (
+            "import sys; from pathlib import Path; from hhsim.result import load_result; load_result(Path(sys.argv[1]))"
+        )
+        run = subprocess.run([sys.executable, "-c", reader, str(path)], capture_output=True, text=True)
+        writer.finish({})
+    assert run.stderr.splitlines()[-1].endswith("is still being written by another process: wait for it to end")
+
+
+def test_datasets_of_unequal_length_are_trimmed_to_what_all_have(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.h5", [block(50)])
+    with h5py.File(path, "r+") as file:
+        file["tick/time"].resize(41, axis=0)
+    loaded = load_result(path)
+    assert loaded.ticks == 41
+    assert all(len(loaded[column.name]) == 41 for column in TICK_COLUMNS)
+
+
+def spoil_text(path: Path) -> None:
+    path.write_text("time,x,y,z\n")
+
+
+def spoil_cut(path: Path) -> None:
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def spoil_empty(path: Path) -> None:
+    os.truncate(path, 0)
+
+
+def spoil_newer(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema_version"] = 2
+
+
+def spoil_format(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"] = "hhsim-tree"
+
+
+def spoil_no_format(path: Path) -> None:
+    with h5py.File(path, "w"):
+        pass
+
+
+def spoil_lacking(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["tick/force/total"]
+
+
+def spoil_no_ticks(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["tick"]
+
+
+def spoil_shape(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["tick/force/total"]
+        file["tick/force/total"] = np.zeros((50, 4))
+
+
+def spoil_scene(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file.attrs["scene"]
+
+
+def spoil_gone(path: Path) -> None:
+    path.unlink()
+
+
+def spoil_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (spoil_text, "is no HDF5 file"),
+        (spoil_cut, "cut short or damaged"),
+        (spoil_empty, "is no HDF5 file"),
+        (spoil_newer, r"newer hhsim \(schema 2; this one reads up to 1\): upgrade hhsim"),
+        (spoil_format, "its format is 'hhsim-tree', not 'hhsim-result'"),
+        (spoil_no_format, "states no format"),
+        (spoil_lacking, "lacks the dataset force/total"),
+        (spoil_no_ticks, "lacks the dataset time"),
+        (spoil_shape, r"force/total has shape \(50, 4\), expected \(any, 3\)"),
+        (spoil_scene, "is damaged or no result file"),
+        (spoil_gone, "there is no file"),
+        (spoil_folder, "is a folder"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_told_in_one_line(tmp_path: Path, spoil: Any, says: str) -> None:
+    path = write(tmp_path / "run.h5", [block(50)])
+    spoil(path)
+    with pytest.raises(InputError, match=says) as caught:
+        load_result(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
