@@ -1,0 +1,101 @@
+"""Proof that balls cover a mesh, made from nothing but the mesh and the balls."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import jit
+from .micro_triangle import CUT_STACK
+from .triangle import longest_edge
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@jit
+def certify_cover(
+    corner: Array, center: Array, radius: Array, slack: float, finest: float, uncovered_out: Indices
+) -> int:
+    """Prove for each face that it lies in the union of the balls.
+
+    A triangle whose three corners lie in one ball lies in it, since balls are convex. Any other is halved across its
+    longest edge and both halves are proved. Only balls that reach the triangle are handed down to its halves.
+
+    Args:
+        corner: a, b, c of the faces [m], shape (F, 9).
+        center: ball centres [m], shape (balls, 3).
+        radius: [m], shape (balls,).
+        slack: how far inside a ball a corner must lie to count [m]; covers the rounding.
+        finest: edge length [m] below which an unproved triangle is given up, and its face counts as uncovered.
+        uncovered_out: faces without a proof, shape (F,); only the first of them, up to the returned number, are set.
+
+    Returns:
+        Number of faces without a proof.
+    """
+    balls = radius.shape[0]
+    triangle = np.empty((CUT_STACK, 9))
+    level = np.empty(CUT_STACK, np.int64)
+    # lists[l] holds the balls that reach the triangle at depth l of the path that is being walked.
+    lists = np.empty((CUT_STACK, balls), np.int64)
+    length = np.empty(CUT_STACK, np.int64)
+    for j in range(balls):
+        lists[0, j] = j
+    length[0] = balls
+    unproved = 0
+    for face in range(corner.shape[0]):
+        triangle[0] = corner[face]
+        level[0] = 1
+        top = 1
+        proved = True
+        while top > 0 and proved:
+            top -= 1
+            t = triangle[top]
+            ax, ay, az, bx, by, bz, cx, cy, cz = t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8]
+            depth = level[top]
+            mx, my, mz = (ax + bx + cx) / 3.0, (ay + by + cy) / 3.0, (az + bz + cz) / 3.0
+            extent = 0.0
+            for v in range(0, 9, 3):
+                extent = max(extent, (t[v] - mx) ** 2 + (t[v + 1] - my) ** 2 + (t[v + 2] - mz) ** 2)
+            extent = math.sqrt(extent)
+            count = 0
+            inside = False
+            for k in range(length[depth - 1]):
+                j = lists[depth - 1, k]
+                x, y, z, r = center[j, 0], center[j, 1], center[j, 2], radius[j] - slack
+                reach = extent + radius[j]
+                if (mx - x) ** 2 + (my - y) ** 2 + (mz - z) ** 2 > reach * reach:
+                    continue
+                far2 = 0.0
+                for v in range(0, 9, 3):
+                    far2 = max(far2, (t[v] - x) ** 2 + (t[v + 1] - y) ** 2 + (t[v + 2] - z) ** 2)
+                if r >= 0.0 and far2 <= r * r:
+                    inside = True
+                    break
+                lists[depth, count] = j
+                count += 1
+            if inside:
+                continue
+            length[depth] = count
+            longest, length2 = longest_edge(ax, ay, az, bx, by, bz, cx, cy, cz)
+            if count == 0 or length2 < finest * finest or depth + 1 >= CUT_STACK:
+                proved = False
+                continue
+            if longest == 1:
+                ax, ay, az, bx, by, bz, cx, cy, cz = bx, by, bz, cx, cy, cz, ax, ay, az
+            elif longest == 2:
+                ax, ay, az, bx, by, bz, cx, cy, cz = cx, cy, cz, ax, ay, az, bx, by, bz
+            mx, my, mz = 0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz)
+            for half in range(2):
+                s = triangle[top + half]
+                if half == 0:
+                    s[0], s[1], s[2], s[3], s[4], s[5] = mx, my, mz, bx, by, bz
+                else:
+                    s[0], s[1], s[2], s[3], s[4], s[5] = ax, ay, az, mx, my, mz
+                s[6], s[7], s[8] = cx, cy, cz
+                level[top + half] = depth + 1
+            top += 2
+        if not proved:
+            uncovered_out[unproved] = face
+            unproved += 1
+    return unproved

@@ -1,0 +1,70 @@
+"""Sampling of the gap and the protrusion of a union of balls: by brute force over the balls, apart from the builder."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import jit, jit_vector
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+_CHUNK = 64
+
+
+@jit_vector
+def _nearest_surface(
+    px: float, py: float, pz: float, x: Array, y: Array, z: Array, radius: Array, begin: int, end: int
+) -> float:
+    """Least signed distance [m] from p to the balls begin to end."""
+    least = np.inf
+    for j in range(begin, end):
+        dx, dy, dz = x[j] - px, y[j] - py, z[j] - pz
+        least = min(least, math.sqrt(dx * dx + dy * dy + dz * dz) - radius[j])
+    return least
+
+
+@jit
+def union_distance(points: Array, x: Array, y: Array, z: Array, radius: Array, distance_out: Array) -> None:
+    """Distance [m] from points, shape (n, 3), to a union of balls: 0 inside, shape (n,)."""
+    balls = radius.shape[0]
+    latest = 0
+    for i in range(points.shape[0]):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        # Neighbouring samples tend to lie in the same balls.
+        least = _nearest_surface(px, py, pz, x, y, z, radius, latest, min(latest + _CHUNK, balls))
+        begin = 0
+        while begin < balls and least > 0.0:
+            least = min(least, _nearest_surface(px, py, pz, x, y, z, radius, begin, min(begin + _CHUNK, balls)))
+            if least <= 0.0:
+                latest = begin
+            begin += _CHUNK
+        distance_out[i] = max(least, 0.0)
+
+
+@jit
+def exposed(points: Array, owner: Indices, x: Array, y: Array, z: Array, radius: Array, exposed_out: Flags) -> None:
+    """Whether points on the surface of balls lie in no other ball.
+
+    Args:
+        points: [m], shape (n, 3).
+        owner: the ball on whose surface each lies, shape (n,).
+        x, y, z, radius: the balls [m], shape (balls,).
+        exposed_out: shape (n,).
+    """
+    balls = radius.shape[0]
+    latest = -1
+    for i in range(points.shape[0]):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        exposed_out[i] = True
+        for k in range(-1, balls):
+            j = latest if k < 0 else k
+            if j < 0 or j == owner[i]:
+                continue
+            dx, dy, dz = x[j] - px, y[j] - py, z[j] - pz
+            if dx * dx + dy * dy + dz * dz < radius[j] * radius[j]:
+                exposed_out[i] = False
+                latest = j
+                break

@@ -1,0 +1,199 @@
+"""Bounding-volume hierarchy over the triangles of a mesh: exact closest point and signed distance.
+
+The sign comes from the angle-weighted pseudonormal of the closest feature (Bærentzen and Aanæs, 2005), which is exact
+for a watertight mesh that does not intersect itself. A signed distance is negative inside.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import jit, jit_inline
+from .median_tree import STACK, build_median_tree
+from .triangle import closest_on_triangle
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_LEAF_TRIANGLES = 4
+
+
+class MeshBvh(NamedTuple):
+    """Triangles in tree order, and the tree over them.
+
+    corner: (F, 9) a, b, c of each triangle [m]; pseudonormal: (F, 7, 3) outward, one for each feature code of
+    `closest_on_triangle` (not normalised: only the sign of a product is used); face: (F,) index in the mesh;
+    low, high: (N, 3) bounds [m]; start, end, right: (N,) as in `MedianTree`.
+    """
+
+    corner: Array
+    pseudonormal: Array
+    face: Indices
+    low: Array
+    high: Array
+    start: Indices
+    end: Indices
+    right: Indices
+
+
+def face_normals(vertices: Array, faces: Indices) -> Array:
+    """Outward unit normals, shape (F, 3); zero for a face without area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=1)
+    return np.asarray(normal / np.where(length > 0.0, length, 1.0)[:, None])
+
+
+def _pseudonormals(vertices: Array, faces: Indices) -> Array:
+    normal = face_normals(vertices, faces)
+    result = np.empty((len(faces), 7, 3))
+    result[:, 0] = normal
+
+    at_vertex = np.zeros_like(vertices)
+    for k in range(3):
+        out = vertices[faces[:, (k + 1) % 3]] - vertices[faces[:, k]]
+        back = vertices[faces[:, (k + 2) % 3]] - vertices[faces[:, k]]
+        angle = np.arctan2(np.linalg.norm(np.cross(out, back), axis=1), np.einsum("ij,ij->i", out, back))
+        np.add.at(at_vertex, faces[:, k], angle[:, None] * normal)
+    result[:, 1:4] = at_vertex[faces]
+
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    _, edge = np.unique(ends[:, 0] * np.int64(len(vertices)) + ends[:, 1], return_inverse=True)
+    at_edge = np.zeros((int(edge.max()) + 1, 3))
+    np.add.at(at_edge, edge, np.repeat(normal, 3, axis=0))
+    result[:, 4:7] = at_edge[edge].reshape(-1, 3, 3)
+    return result
+
+
+def build_mesh_bvh(vertices: Array, faces: Indices) -> MeshBvh:
+    """Build the hierarchy.
+
+    Args:
+        vertices: [m], shape (V, 3).
+        faces: vertex indices, outward by the right hand, shape (F, 3), F ≥ 1.
+    """
+    corners = np.ascontiguousarray(vertices[faces], np.float64)
+    tree = build_median_tree(corners.mean(axis=1), _LEAF_TRIANGLES)
+    corners = corners[tree.order]
+    nodes = len(tree.start)
+    low, high = np.empty((nodes, 3)), np.empty((nodes, 3))
+    _bound(corners.min(axis=1), corners.max(axis=1), tree.start, tree.end, tree.right, low, high)
+    pseudonormal = np.ascontiguousarray(_pseudonormals(vertices, faces)[tree.order])
+    corner = np.ascontiguousarray(corners.reshape(-1, 9))
+    return MeshBvh(corner, pseudonormal, tree.order, low, high, tree.start, tree.end, tree.right)
+
+
+@jit
+def _bound(
+    triangle_low: Array,
+    triangle_high: Array,
+    start: Indices,
+    end: Indices,
+    right: Indices,
+    low_out: Array,
+    high_out: Array,
+) -> None:
+    """Bounds of the nodes; children follow their parents in preorder, so walk backwards."""
+    for node in range(start.shape[0] - 1, -1, -1):
+        for k in range(3):
+            if right[node] < 0:
+                low, high = triangle_low[start[node], k], triangle_high[start[node], k]
+                for i in range(start[node] + 1, end[node]):
+                    low = min(low, triangle_low[i, k])
+                    high = max(high, triangle_high[i, k])
+            else:
+                low = min(low_out[node + 1, k], low_out[right[node], k])
+                high = max(high_out[node + 1, k], high_out[right[node], k])
+            low_out[node, k] = low
+            high_out[node, k] = high
+
+
+@jit_inline
+def _box_distance2(low: Array, high: Array, node: int, px: float, py: float, pz: float) -> float:
+    dx = max(max(low[node, 0] - px, px - high[node, 0]), 0.0)
+    dy = max(max(low[node, 1] - py, py - high[node, 1]), 0.0)
+    dz = max(max(low[node, 2] - pz, pz - high[node, 2]), 0.0)
+    return float(dx * dx + dy * dy + dz * dz)
+
+
+@jit
+def closest_on_mesh(
+    bvh: MeshBvh, px: float, py: float, pz: float, limit2: float, stack: Indices, stack_distance2: Array
+) -> tuple[int, float, float, float, float, int]:
+    """Closest point of the mesh to p, if it is nearer than √limit2.
+
+    Args:
+        bvh: the `MeshBvh`.
+        px, py, pz: the point [m].
+        limit2: squared distance [m²] at and beyond which nothing is looked for; infinity for none.
+        stack, stack_distance2: workspace, int64 and float64, shape (STACK,).
+
+    Returns:
+        (triangle, x, y, z, distance², feature): triangle in the order of the BVH, −1 if none is nearer than the limit.
+    """
+    best = limit2
+    triangle, feature = -1, 0
+    x = y = z = 0.0
+    stack[0] = 0
+    stack_distance2[0] = _box_distance2(bvh.low, bvh.high, 0, px, py, pz)
+    top = 1
+    while top > 0:
+        top -= 1
+        if stack_distance2[top] >= best:
+            continue
+        node = stack[top]
+        right = bvh.right[node]
+        if right < 0:
+            for i in range(bvh.start[node], bvh.end[node]):
+                t = bvh.corner[i]
+                qx, qy, qz, d2, f = closest_on_triangle(
+                    px, py, pz, t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8]
+                )
+                if d2 < best:
+                    best = d2
+                    x, y, z, triangle, feature = qx, qy, qz, i, f
+        else:
+            near, far = node + 1, right
+            near2 = _box_distance2(bvh.low, bvh.high, near, px, py, pz)
+            far2 = _box_distance2(bvh.low, bvh.high, far, px, py, pz)
+            if far2 < near2:
+                near, far, near2, far2 = far, near, far2, near2
+            if far2 < best:
+                stack[top], stack_distance2[top] = far, far2
+                top += 1
+            if near2 < best:
+                stack[top], stack_distance2[top] = near, near2
+                top += 1
+    return triangle, x, y, z, best, feature
+
+
+@jit_inline
+def outside(bvh: MeshBvh, triangle: int, feature: int, dx: float, dy: float, dz: float) -> bool:
+    """Whether a point lies outside; (dx, dy, dz) leads to it from its closest point on `triangle`."""
+    n = bvh.pseudonormal[triangle, feature]
+    return bool(n[0] * dx + n[1] * dy + n[2] * dz > 0.0)
+
+
+@jit
+def closest_points(bvh: MeshBvh, points: Array, closest_out: Array, signed_distance_out: Array) -> None:
+    """Closest points on the mesh [m], shape (n, 3), and signed distances [m], shape (n,), of points, shape (n, 3)."""
+    stack = np.empty(STACK, np.int64)
+    stack_distance2 = np.empty(STACK)
+    for i in range(points.shape[0]):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        triangle, x, y, z, d2, feature = closest_on_mesh(bvh, px, py, pz, np.inf, stack, stack_distance2)
+        closest_out[i, 0], closest_out[i, 1], closest_out[i, 2] = x, y, z
+        distance = math.sqrt(d2)
+        if triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z):
+            distance = -distance
+        signed_distance_out[i] = distance
+
+
+def mesh_signed_distance(bvh: MeshBvh, points: Array) -> Array:
+    """Signed distances [m] of points to the mesh, shape (n,); negative inside."""
+    points = np.ascontiguousarray(points, np.float64)
+    closest, signed = np.empty((len(points), 3)), np.empty(len(points))
+    closest_points(bvh, points, closest, signed)
+    return signed

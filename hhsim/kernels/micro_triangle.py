@@ -1,0 +1,140 @@
+"""Micro-triangles: the faces of a mesh cut fine enough to be assigned whole to one ball of a cover each."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import jit
+from .median_tree import build_median_tree
+from .triangle import longest_edge
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+CUT_STACK = 256
+"""Room for the stack of `cut_faces`: a halved triangle leaves one waiting, and 256 halvings end below any float."""
+
+_BLOCK = 32
+_CUT_TRIALS = 12
+
+
+class MicroTriangles(NamedTuple):
+    """Micro-triangles in spatial order, and a median tree over them whose leaves are blocks of at most 32.
+
+    corner: (M, 9) a, b, c [m]; normal: (M, 3) outward unit normal of the face (zero without area);
+    start, end, right: (N,) as in `MedianTree`; center: (N, 3) and radius: (N,) balls around the nodes [m].
+    """
+
+    corner: Array
+    normal: Array
+    start: Indices
+    end: Indices
+    right: Indices
+    center: Array
+    radius: Array
+
+
+@jit
+def cut_faces(corner: Array, edge: float, corner_out: Array, face_out: Indices) -> int:
+    """Halve triangles across their longest edge until no edge is longer than `edge` [m].
+
+    Args:
+        corner: a, b, c of the faces [m], shape (F, 9).
+        edge: [m].
+        corner_out: micro-triangles [m], shape (room, 9); those beyond the room are counted but not stored.
+        face_out: the face that each was cut from, shape (room,).
+
+    Returns:
+        How many micro-triangles there are.
+    """
+    stack = np.empty((CUT_STACK, 9))
+    count = 0
+    for face in range(corner.shape[0]):
+        stack[0] = corner[face]
+        top = 1
+        while top > 0:
+            top -= 1
+            ax, ay, az = stack[top, 0], stack[top, 1], stack[top, 2]
+            bx, by, bz = stack[top, 3], stack[top, 4], stack[top, 5]
+            cx, cy, cz = stack[top, 6], stack[top, 7], stack[top, 8]
+            longest, length2 = longest_edge(ax, ay, az, bx, by, bz, cx, cy, cz)
+            if length2 <= edge * edge or top + 2 > CUT_STACK:
+                if count < face_out.shape[0]:
+                    corner_out[count] = stack[top]
+                    face_out[count] = face
+                count += 1
+                continue
+            if longest == 1:
+                ax, ay, az, bx, by, bz, cx, cy, cz = bx, by, bz, cx, cy, cz, ax, ay, az
+            elif longest == 2:
+                ax, ay, az, bx, by, bz, cx, cy, cz = cx, cy, cz, ax, ay, az, bx, by, bz
+            mx, my, mz = 0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz)
+            for half in range(2):
+                s = stack[top + half]
+                if half == 0:
+                    s[0], s[1], s[2], s[3], s[4], s[5] = mx, my, mz, bx, by, bz
+                else:
+                    s[0], s[1], s[2], s[3], s[4], s[5] = ax, ay, az, mx, my, mz
+                s[6], s[7], s[8] = cx, cy, cz
+            top += 2
+    return count
+
+
+@jit
+def _node_balls(
+    corner: Array, start: Indices, end: Indices, right: Indices, center_out: Array, radius_out: Array
+) -> None:
+    """Balls around the corners of each node, about the centre of their bounds."""
+    low, high = np.empty((start.shape[0], 3)), np.empty((start.shape[0], 3))
+    for node in range(start.shape[0] - 1, -1, -1):
+        for k in range(3):
+            if right[node] < 0:
+                least, most = np.inf, -np.inf
+                for i in range(start[node], end[node]):
+                    for v in range(0, 9, 3):
+                        least = min(least, corner[i, v + k])
+                        most = max(most, corner[i, v + k])
+            else:
+                least = min(low[node + 1, k], low[right[node], k])
+                most = max(high[node + 1, k], high[right[node], k])
+            low[node, k], high[node, k] = least, most
+            center_out[node, k] = 0.5 * (least + most)
+        farthest2 = 0.0
+        for i in range(start[node], end[node]):
+            for v in range(0, 9, 3):
+                dx = corner[i, v] - center_out[node, 0]
+                dy = corner[i, v + 1] - center_out[node, 1]
+                dz = corner[i, v + 2] - center_out[node, 2]
+                farthest2 = max(farthest2, dx * dx + dy * dy + dz * dz)
+        radius_out[node] = np.sqrt(farthest2) * (1.0 + 1e-12)
+
+
+def cut_mesh(corner: Array, normal: Array, target: int) -> MicroTriangles:
+    """Cut faces into about `target` micro-triangles of like size; faces already smaller stay whole.
+
+    Args:
+        corner: a, b, c of the faces [m], shape (F, 9).
+        normal: outward unit normals of the faces, shape (F, 3).
+        target: Number of micro-triangles wanted.
+    """
+    ab, ac = corner[:, 3:6] - corner[:, :3], corner[:, 6:] - corner[:, :3]
+    area = 0.5 * float(np.linalg.norm(np.cross(ab, ac), axis=1).sum())
+    no_corner, no_face = np.empty((0, 9)), np.empty(0, np.int64)
+    edge = 2.0 * np.sqrt(area / target)
+    count = cut_faces(corner, edge, no_corner, no_face)
+    for _ in range(_CUT_TRIALS):
+        if 0.85 * target <= count <= 1.15 * target or count == len(corner):
+            break
+        edge *= float(np.clip(np.sqrt(count / target), 0.5, 2.0))
+        count = cut_faces(corner, edge, no_corner, no_face)
+    micro, face = np.empty((count, 9)), np.empty(count, np.int64)
+    cut_faces(corner, edge, micro, face)
+
+    tree = build_median_tree(micro.reshape(-1, 3, 3).mean(axis=1), _BLOCK)
+    micro = np.ascontiguousarray(micro[tree.order])
+    center, radius = np.empty((len(tree.start), 3)), np.empty(len(tree.start))
+    _node_balls(micro, tree.start, tree.end, tree.right, center, radius)
+    return MicroTriangles(
+        micro, np.ascontiguousarray(normal[face[tree.order]]), tree.start, tree.end, tree.right, center, radius
+    )

@@ -1,0 +1,142 @@
+"""Closest point of a triangle, with the feature it lies on; and the cut of a triangle across its longest edge."""
+
+from .jit import jit_inline
+
+FEATURE_FACE = 0
+FEATURE_VERTEX = 1
+"""Codes 1, 2, 3: the corners a, b, c."""
+FEATURE_EDGE = 4
+"""Codes 4, 5, 6: the edges ab, bc, ca."""
+
+_SLIVER = 1e-12
+"""Squared sine of an angle under which a triangle counts as its three edges: its barycentric weights are noise."""
+
+
+@jit_inline
+def _closest_on_segment(
+    px: float, py: float, pz: float, ax: float, ay: float, az: float, bx: float, by: float, bz: float
+) -> tuple[float, float, float, float, int]:
+    """Return (x, y, z, distance², end): the closest point of ab; end is 0 at a, 1 at b, 2 between."""
+    ux, uy, uz = bx - ax, by - ay, bz - az
+    along = ux * (px - ax) + uy * (py - ay) + uz * (pz - az)
+    length2 = ux * ux + uy * uy + uz * uz
+    if along <= 0.0:
+        x, y, z, end = ax, ay, az, 0
+    elif along >= length2:
+        x, y, z, end = bx, by, bz, 1
+    else:
+        t = along / length2
+        x, y, z, end = ax + t * ux, ay + t * uy, az + t * uz, 2
+    dx, dy, dz = px - x, py - y, pz - z
+    return x, y, z, dx * dx + dy * dy + dz * dz, end
+
+
+@jit_inline
+def _closest_on_edges(
+    px: float,
+    py: float,
+    pz: float,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    cx: float,
+    cy: float,
+    cz: float,
+) -> tuple[float, float, float, float, int]:
+    """The same as `closest_on_triangle` for a triangle without area."""
+    x, y, z, best, end = _closest_on_segment(px, py, pz, ax, ay, az, bx, by, bz)
+    feature = 4 if end == 2 else 1 + end
+    x2, y2, z2, d2, end = _closest_on_segment(px, py, pz, bx, by, bz, cx, cy, cz)
+    if d2 < best:
+        x, y, z, best = x2, y2, z2, d2
+        feature = 5 if end == 2 else 2 + end
+    x2, y2, z2, d2, end = _closest_on_segment(px, py, pz, cx, cy, cz, ax, ay, az)
+    if d2 < best:
+        x, y, z, best = x2, y2, z2, d2
+        feature = 6 if end == 2 else (3 if end == 0 else 1)
+    return x, y, z, best, feature
+
+
+@jit_inline
+def closest_on_triangle(
+    px: float,
+    py: float,
+    pz: float,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    cx: float,
+    cy: float,
+    cz: float,
+) -> tuple[float, float, float, float, int]:
+    """Closest point of the triangle abc to the point p.
+
+    By Voronoi regions (Ericson, Real-Time Collision Detection, 5.1.5); the returned point always lies on the triangle,
+    so that a distance is never too small. Slivers and triangles without area are treated as their three edges.
+
+    Returns:
+        (x, y, z, distance², feature), feature as `FEATURE_FACE`, `FEATURE_VERTEX` + corner, `FEATURE_EDGE` + edge.
+    """
+    abx, aby, abz = bx - ax, by - ay, bz - az
+    acx, acy, acz = cx - ax, cy - ay, cz - az
+    apx, apy, apz = px - ax, py - ay, pz - az
+    d1 = abx * apx + aby * apy + abz * apz
+    d2 = acx * apx + acy * apy + acz * apz
+    if d1 <= 0.0 and d2 <= 0.0:
+        return ax, ay, az, apx * apx + apy * apy + apz * apz, 1
+    bpx, bpy, bpz = px - bx, py - by, pz - bz
+    d3 = abx * bpx + aby * bpy + abz * bpz
+    d4 = acx * bpx + acy * bpy + acz * bpz
+    if d3 >= 0.0 and d4 <= d3:
+        return bx, by, bz, bpx * bpx + bpy * bpy + bpz * bpz, 2
+    cpx, cpy, cpz = px - cx, py - cy, pz - cz
+    d5 = abx * cpx + aby * cpy + abz * cpz
+    d6 = acx * cpx + acy * cpy + acz * cpz
+    if d6 >= 0.0 and d5 <= d6:
+        return cx, cy, cz, cpx * cpx + cpy * cpy + cpz * cpz, 3
+
+    nx, ny, nz = aby * acz - abz * acy, abz * acx - abx * acz, abx * acy - aby * acx
+    area2 = nx * nx + ny * ny + nz * nz
+    longest2 = max(abx * abx + aby * aby + abz * abz, acx * acx + acy * acy + acz * acz)
+    if not area2 > _SLIVER * longest2 * longest2:
+        return _closest_on_edges(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz)
+
+    vc = d1 * d4 - d3 * d2
+    vb = d5 * d2 - d1 * d6
+    va = d3 * d6 - d5 * d4
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        t = d1 / (d1 - d3)
+        x, y, z, feature = ax + t * abx, ay + t * aby, az + t * abz, 4
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        t = d2 / (d2 - d6)
+        x, y, z, feature = ax + t * acx, ay + t * acy, az + t * acz, 6
+    elif va <= 0.0 and d4 >= d3 and d5 >= d6:
+        t = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        x, y, z, feature = bx + t * (cx - bx), by + t * (cy - by), bz + t * (cz - bz), 5
+    else:
+        weight = 1.0 / (va + vb + vc)
+        v, w = vb * weight, vc * weight
+        x, y, z, feature = ax + abx * v + acx * w, ay + aby * v + acy * w, az + abz * v + acz * w, 0
+    dx, dy, dz = px - x, py - y, pz - z
+    return x, y, z, dx * dx + dy * dy + dz * dz, feature
+
+
+@jit_inline
+def longest_edge(
+    ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float
+) -> tuple[int, float]:
+    """Return (edge, length²): 0 is ab, 1 bc, 2 ca; the first of equals."""
+    ab = (bx - ax) * (bx - ax) + (by - ay) * (by - ay) + (bz - az) * (bz - az)
+    bc = (cx - bx) * (cx - bx) + (cy - by) * (cy - by) + (cz - bz) * (cz - bz)
+    ca = (ax - cx) * (ax - cx) + (ay - cy) * (ay - cy) + (az - cz) * (az - cz)
+    if ab >= bc and ab >= ca:
+        return 0, ab
+    if bc >= ca:
+        return 1, bc
+    return 2, ca

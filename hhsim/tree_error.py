@@ -1,0 +1,140 @@
+"""How far the spheres of each level are from the mesh, measured by sampling, and what is proved about it.
+
+The measurement shares nothing with the builder but the mesh: it does not know which sphere was made for what.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.cover_certificate import certify_cover
+from hhsim.kernels.cover_error import exposed, union_distance
+from hhsim.kernels.mesh_bvh import MeshBvh, mesh_signed_distance
+from hhsim.sphere_tree import LevelError, SphereTree
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Progress = Callable[[str, int, int], None]
+
+MESH_SAMPLES = 20_000
+SPHERE_SAMPLES = 60_000
+LEAST_SAMPLES_EACH = 24
+"""On each sphere of a level, however many there are."""
+
+ROUNDING = 1e-12
+"""Relative room for rounding: balls are made this much larger, and the proof counts them half this much smaller."""
+
+
+def sample_mesh(vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator) -> FloatArray:
+    """Points on a mesh [m], shape (count, 3), uniform by area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    face = rng.choice(len(faces), size=count, p=area / area.sum())
+    u, v = rng.random((2, count))
+    over = u + v > 1.0
+    u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
+    return np.ascontiguousarray(a[face] + u[:, None] * (b - a)[face] + v[:, None] * (c - a)[face])
+
+
+def sample_spheres(
+    center: FloatArray, radius: FloatArray, count: int, rng: np.random.Generator
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Points on spheres, about `count`, at least `LEAST_SAMPLES_EACH` on each.
+
+    Returns:
+        Points [m], shape (n, 3); the sphere that each lies on, (n,); the area that each stands for [m²], (n,).
+    """
+    area = 4.0 * np.pi * radius**2
+    share = area / area.sum() if area.sum() > 0.0 else np.full(len(radius), 1.0 / len(radius))
+    each = np.maximum(LEAST_SAMPLES_EACH, np.floor(count * share)).astype(np.int64)
+    owner = np.repeat(np.arange(len(radius)), each)
+    direction = rng.normal(size=(len(owner), 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    points = center[owner] + radius[owner, None] * direction
+    return np.ascontiguousarray(points), owner, (area / each)[owner]
+
+
+def protrusion_bound(bvh: MeshBvh, center: FloatArray, radius: FloatArray) -> float:
+    """Proved upper bound of the protrusion [m]: the largest of (radius − depth of the centre inside the mesh)."""
+    return float((radius + mesh_signed_distance(bvh, center)).max())
+
+
+def uncovered_faces(vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray) -> IntArray:
+    """Faces for which there is no proof that the balls cover them; empty for a certified cover."""
+    corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
+    size = max(float(np.abs(vertices[faces]).max()), float(np.abs(center).max()))
+    extent = float(np.ptp(corner.reshape(-1, 3), axis=0).max())
+    unproved = np.empty(len(faces), np.int64)
+    count = certify_cover(
+        corner,
+        np.ascontiguousarray(center, np.float64),
+        np.ascontiguousarray(radius, np.float64),
+        0.5 * ROUNDING * size,
+        1e-5 * extent,
+        unproved,
+    )
+    return unproved[:count]
+
+
+def measure_levels(
+    vertices: FloatArray,
+    faces: IntArray,
+    bvh: MeshBvh,
+    tree: SphereTree,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> tuple[LevelError, ...]:
+    """Measure every level of a tree against a mesh.
+
+    Args:
+        vertices: [m], shape (V, 3).
+        faces: shape (F, 3).
+        bvh: over the same mesh.
+        tree: in the frame of the mesh.
+        seed: of the samples.
+        progress: called with ("measure", levels done, levels).
+    """
+    rng = np.random.default_rng(seed)
+    surface = sample_mesh(vertices, faces, MESH_SAMPLES, rng)
+    errors = []
+    for level in range(tree.depth + 1):
+        chosen = tree.level == level
+        center, radius = tree.center[chosen], np.ascontiguousarray(tree.radius[chosen])
+        x, y, z = (np.ascontiguousarray(center[:, k]) for k in range(3))
+        gap = np.empty(len(surface))
+        union_distance(surface, x, y, z, radius, gap)
+
+        points, owner, area = sample_spheres(center, radius, SPHERE_SAMPLES, rng)
+        free = np.empty(len(points), np.bool_)
+        exposed(points, owner, x, y, z, radius, free)
+        height, area = mesh_signed_distance(bvh, points[free]), area[free]
+        height, area = height[height > 0.0], area[height > 0.0]
+        mean, p99 = _mean_and_p99(height, area)
+        errors.append(
+            LevelError(
+                level=level,
+                spheres=len(radius),
+                gap_max=float(gap.max()),
+                gap_mean=float(gap.mean()),
+                gap_p99=float(np.quantile(gap, 0.99)),
+                protrusion_max=float(height.max(initial=0.0)),
+                protrusion_mean=mean,
+                protrusion_p99=p99,
+                bound=protrusion_bound(bvh, center, radius),
+            )
+        )
+        if progress is not None:
+            progress("measure", level + 1, tree.depth + 1)
+    return tuple(errors)
+
+
+def _mean_and_p99(height: FloatArray, area: FloatArray) -> tuple[float, float]:
+    """Mean and 99th percentile by area."""
+    total = float(area.sum())
+    if total <= 0.0:
+        return 0.0, 0.0
+    order = np.argsort(height, kind="stable")
+    reached = np.cumsum(area[order])
+    row = min(int(np.searchsorted(reached, 0.99 * reached[-1])), len(order) - 1)
+    return float((height * area).sum() / total), float(height[order[row]])

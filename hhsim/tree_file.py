@@ -1,0 +1,110 @@
+"""The hhsim-tree file: a sphere tree in HDF5, with units beside every number."""
+
+import json
+import os
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from hhsim.errors import InputError, OutputError
+from hhsim.sphere_tree import LENGTHS, LevelError, SphereTree
+
+FORMAT = "hhsim-tree"
+SCHEMA_VERSION = 1
+
+_DATASETS = {
+    "center": ("m", "sphere centres, frame of the mesh"),
+    "radius": ("m", "sphere radii"),
+    "level": ("1", "depth of each sphere, 0 is the root"),
+    "parent": ("1", "index of the parent, -1 for the root"),
+}
+_ERROR_NAMES = {
+    "level": "level that the errors belong to",
+    "spheres": "number of spheres of the level",
+    "gap_max": "farthest that the mesh lies outside the spheres",
+    "gap_mean": "mean distance of the mesh outside the spheres",
+    "gap_p99": "99th percentile of the distance of the mesh outside the spheres",
+    "protrusion_max": "farthest that the spheres lie outside the mesh, sampled",
+    "protrusion_mean": "mean distance of the spheres' union outside the mesh",
+    "protrusion_p99": "99th percentile of the distance of the spheres' union outside the mesh",
+    "bound": "proved upper bound of the protrusion",
+}
+
+
+def save_tree(tree: SphereTree, path: str | Path) -> None:
+    """Write a tree; a file of that name is replaced in one step, so that no reader sees half of one.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    target = Path(path)
+    partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        with h5py.File(partial, "w") as file:
+            _write(tree, file)
+        partial.replace(target)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise OutputError(f"cannot write sphere tree {target}: {error.strerror or error}") from error
+
+
+def _write(tree: SphereTree, file: h5py.File) -> None:
+    file.attrs["format"] = FORMAT
+    file.attrs["schema_version"] = SCHEMA_VERSION
+    file.attrs["mesh_sha256"] = tree.mesh_sha256
+    file.attrs["options"] = json.dumps(dict(tree.options), sort_keys=True)
+    for name, (units, long_name) in _DATASETS.items():
+        dataset = file.create_dataset(name, data=getattr(tree, name), track_times=False)
+        dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
+    group = file.create_group("errors")
+    for name, long_name in _ERROR_NAMES.items():
+        kind = np.float64 if name in LENGTHS else np.int64
+        values = np.array([getattr(error, name) for error in tree.errors], dtype=kind)
+        dataset = group.create_dataset(name, data=values, track_times=False)
+        dataset.attrs["units"], dataset.attrs["long_name"] = "m" if name in LENGTHS else "1", long_name
+
+
+def load_tree(path: str | Path) -> SphereTree:
+    """Read and check a tree.
+
+    Raises:
+        InputError: No such file, not an hhsim-tree file of a known version, or a tree that is not sound.
+    """
+    source = Path(path)
+    if not source.is_file():
+        raise InputError(f"{source}: no such file; expected a sphere tree (.h5)")
+    try:
+        with h5py.File(source, "r") as file:
+            return _read(file)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"{source}: not a readable hhsim-tree file ({reason})") from error
+
+
+def _read(file: h5py.File) -> SphereTree:
+    kind = file.attrs.get("format")
+    if kind != FORMAT:
+        raise InputError(f"format is {kind!r}, expected '{FORMAT}'")
+    version = int(file.attrs.get("schema_version", 0))
+    if not 1 <= version <= SCHEMA_VERSION:
+        raise InputError(f"schema version {version}, this hhsim reads 1 to {SCHEMA_VERSION}")
+    columns = {name: file["errors"][name][()] for name in _ERROR_NAMES}
+    if len({len(column) for column in columns.values()}) != 1:
+        raise InputError("the errors of the levels have different lengths")
+    names = [item.name for item in fields(LevelError)]
+    errors = tuple(LevelError(*(columns[name][row].item() for name in names)) for row in range(len(columns["level"])))
+    if not all(np.isfinite(list(asdict(error).values())).all() for error in errors):
+        raise InputError("an error of a level is not finite")
+    return SphereTree(
+        center=file["center"][()],
+        radius=file["radius"][()],
+        level=file["level"][()],
+        parent=file["parent"][()],
+        errors=errors,
+        mesh_sha256=str(file.attrs["mesh_sha256"]),
+        options=json.loads(file.attrs["options"]),
+    )
