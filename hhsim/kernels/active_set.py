@@ -3,12 +3,13 @@
     minimise ½ |x - x₀|²   subject to   a_i · x >= b_i,   i = 1 … m
 
 Variables are scaled so that the Hessian is the identity: x = √G δ. The method starts at the unconstrained optimum
-x₀, or at the optimum for a guessed active set, adds the most violated row and drops rows by the ratio test; every iterate
-is the optimum for the rows in its active set, so the objective only rises and no first feasible point is needed.
+x₀, or at the optimum for a guessed active set, adds the most violated row and drops rows by the ratio test; every
+iterate is the optimum for the rows in its active set, so the objective only rises and no first feasible point is
+needed.
 
-The normals of the active set are kept as Q R, Q with orthonormal rows by Gram-Schmidt, done twice (Daniel, Gragg, Kaufman
-& Stewart 1976): contact patches bring duplicate and near-parallel rows, and the Gram matrix would lose half the digits
-on them. Rows are normalised, so that the rank test is relative and violations are compared as lengths.
+The normals of the active set are kept as Q R, Q with orthonormal rows by Gram-Schmidt, done twice (Daniel, Gragg,
+Kaufman & Stewart 1976): contact patches bring duplicate and near-parallel rows, and the Gram matrix would lose half
+the digits on them. Rows are normalised, so that the rank test is relative and violations are compared as lengths.
 
 Rows that contradict each other leave no solution. Between two opposed walls that the hand touches, rounding alone makes
 them contradict: such rows are all moved back by the relaxation, which no longer leaves the corridor empty. Giving up
