@@ -32,7 +32,7 @@ of a *right* hand (x from thumb to little finger, y to the fingers, z out of the
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -45,6 +45,8 @@ from hhsim.kernels.hand import HandArrays, forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh import Mesh
 from hhsim.palm import palm_mesh
+from hhsim.sphere_tree import SphereTree
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
 FloatArray = NDArray[np.float64]
 Side = Literal["right", "left"]
@@ -91,9 +93,9 @@ FAN = (5.0, 0.0, -5.0, -11.0)
 ROLL = (6.0, 0.0, -5.0, -12.0)
 """Lean of the finger's back towards the thumb side [degrees]: it follows the arch, so that curling fingers converge."""
 
-THUMB_DISTAL = (-0.62, 0.62, -0.48)
-THUMB_DORSAL = (-0.66, -0.10, 0.74)
-"""Thumb at zero flexion and abduction: set so that its pad meets the pads of index and middle finger when they flex."""
+THUMB_DISTAL = (-0.50, 0.70, -0.51)
+THUMB_DORSAL = (-0.80, -0.59, -0.03)
+"""Thumb at zero flexion and abduction. Measured frames differ by author; this one lets its pad meet those of all fingers."""
 
 FLEXION_DEGREES = (
     ((-25.0, 35.0), (-10.0, 80.0), (-15.0, 80.0)),
@@ -102,7 +104,7 @@ FLEXION_DEGREES = (
     ((-20.0, 90.0), (0.0, 100.0), (-20.0, 90.0)),
     ((-20.0, 90.0), (0.0, 100.0), (-30.0, 90.0)),
 )
-ABDUCTION_DEGREES = ((-25.0, 35.0), (-15.0, 42.0), (-8.0, 35.0), (-14.0, 20.0), (-40.0, 30.0))
+ABDUCTION_DEGREES = ((-20.0, 45.0), (-15.0, 42.0), (-8.0, 35.0), (-14.0, 20.0), (-40.0, 30.0))
 
 FINGER_SHAPES: dict[str, tuple[int, ...]] = {
     "base": (3,),
@@ -116,12 +118,6 @@ FINGER_SHAPES: dict[str, tuple[int, ...]] = {
     "abduction_max": (),
 }
 """The sizes of one finger that a TOML file may replace, and their shapes."""
-
-
-@dataclass(frozen=True)
-class _Leaves:
-    leaf_center: FloatArray
-    leaf_radius: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +152,7 @@ class HandModel:
     abduction_min: FloatArray
     abduction_max: FloatArray
     palm_mesh: Mesh
-    palm_tree: _Leaves
+    palm_tree: SphereTree
 
     @classmethod
     def default(
@@ -333,34 +329,21 @@ def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
         _replace_finger(arrays, index, sizes.get(finger, {}), where)
     arrays["distal"], arrays["dorsal"] = _frames(arrays["distal"], arrays["dorsal"], where)
     mesh = palm_mesh(hand_length, hand_breadth, arrays["base"][1:], arrays["radius"][1:, 0])
+    tree = cached_sphere_tree(mesh, TreeOptions(level=palm_level))
     if side == "left":
         mirror = np.array([-1.0, 1.0, 1.0])
         for key in ("base", "distal", "dorsal"):
             arrays[key] = arrays[key] * mirror
         mesh = Mesh(mesh.vertices * mirror, mesh.faces[:, ::-1], name=mesh.name, source=f"{mesh.source}, left")
+        tree = replace(tree, center=tree.center * mirror, mesh_sha256=mesh.sha256)
     return HandModel(
         side=side,
         hand_length=hand_length,
         hand_breadth=hand_breadth,
         palm_mesh=mesh,
-        palm_tree=_stand_in_tree(mesh),
+        palm_tree=tree,
         **{key: np.ascontiguousarray(value) for key, value in arrays.items()},
     )
-
-
-def _stand_in_tree(mesh: Mesh) -> _Leaves:
-    low, high = mesh.bounds
-    radius = 0.19 * (high[2] - low[2])
-    grids = [np.arange(low[i] + radius, high[i] - radius + 1e-9, 2 * radius) for i in range(3)]
-    grid = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, 3)
-    normals = np.cross(mesh.triangles[:, 1] - mesh.triangles[:, 0], mesh.triangles[:, 2] - mesh.triangles[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    centers = mesh.triangles.mean(axis=1)
-    offset = grid[:, None] - centers
-    nearest = np.linalg.norm(offset, axis=2).argmin(axis=1)
-    depth = -np.einsum("ij,ij->i", offset[np.arange(len(grid)), nearest], normals[nearest])
-    keep = depth > 0.5 * radius
-    return _Leaves(grid[keep], np.minimum(radius * 1.3, depth[keep]))
 
 
 def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: Any, where: str) -> None:

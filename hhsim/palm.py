@@ -16,10 +16,10 @@ from hhsim.mesh import Mesh
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-RAYS_PER_EDGE = (12, 14, 6)
-"""Squares along x, y and z of the box whose surface grid names the rays: 2 · 2 (12·14 + 14·6 + 6·12) = 1,296 triangles."""
+RAYS_PER_EDGE = (16, 16, 8)
+"""Squares along x, y and z of the box whose grid names the rays: 4 (16·16 + 16·8 + 8·16) = 2,048 triangles."""
 
-BLEND_SHARE = 0.028
+BLEND_SHARE = 0.035
 """Width of the blend between two parts, as a share of hand breadth."""
 
 
@@ -57,33 +57,25 @@ def palm_parts(hand_length: float, hand_breadth: float, knuckle: FloatArray, knu
     """
     along, across = hand_length, hand_breadth
     carpus = -0.150 * along
-    carpal_x = np.array([-0.196, -0.070, 0.059, 0.153]) * across
+    # Flesh fills the gaps between the bones: every other strand runs between two fingers and ends in their web.
+    joint, radius = np.repeat(knuckle, 2, axis=0)[:-1], np.repeat(knuckle_radius, 2)[:-1]
+    joint[1::2] = 0.5 * (knuckle[:-1] + knuckle[1:]) + np.array([0.0, 0.022 * along, -0.015 * across])
+    radius[1::2] = 0.42 * (knuckle_radius[:-1] + knuckle_radius[1:])
+    wrist_x = np.linspace(-0.180, 0.180, len(joint)) * across
     rows: list[tuple[FloatArray, float, FloatArray, float]] = []
-    for x, joint, radius in zip(carpal_x, knuckle, knuckle_radius):
-        rows.append((np.array([x, carpus, 0.015 * across]), 0.105 * across, joint, 0.90 * radius))
-    for joint, radius in zip(knuckle, knuckle_radius):
-        pad = 0.85 * radius
-        back = joint - np.array([0.0, 0.045 * along, 0.115 * across])
-        rows.append((back, pad, joint - np.array([0.0, 0.010 * along, 0.055 * across]), 0.92 * pad))
-    heel = np.array([0.0, carpus - 0.010 * along, -0.045 * across])
-    side = np.array([0.20 * across, 0.0, 0.0])
-    rows.append((heel - side, 0.150 * across, heel + side, 0.150 * across))
+    for x, end, r in zip(wrist_x, joint, radius):
+        rows.append((np.array([x, carpus, 0.0]), 0.115 * across, end, 0.78 * r))
+        pad = end - np.array([0.0, 0.030 * along, 0.070 * across])
+        rows.append((np.array([x, carpus, -0.070 * across]), 0.110 * across, pad, 0.86 * r))
+    heel = np.array([0.0, carpus - 0.010 * along, -0.030 * across])
+    side = np.array([0.150 * across, 0.0, 0.0])
+    rows.append((heel - side, 0.145 * across, heel + side, 0.145 * across))
+    hypothenar = np.array([0.245 * across, carpus + 0.020 * along, -0.080 * across])
     rows.append(
-        (
-            np.array([0.255 * across, carpus + 0.010 * along, -0.075 * across]),
-            0.160 * across,
-            np.array([0.330 * across, 0.050 * along, -0.045 * across]),
-            0.115 * across,
-        )
+        (hypothenar, 0.150 * across, np.array([0.320 * across, 0.060 * along, -0.050 * across]), 0.110 * across)
     )
-    rows.append(
-        (
-            np.array([-0.215 * across, carpus + 0.020 * along, -0.060 * across]),
-            0.150 * across,
-            np.array([-0.290 * across, 0.080 * along, -0.015 * across]),
-            0.100 * across,
-        )
-    )
+    thenar = np.array([-0.215 * across, carpus + 0.020 * along, -0.070 * across])
+    rows.append((thenar, 0.150 * across, np.array([-0.290 * across, 0.090 * along, -0.025 * across]), 0.105 * across))
     return RoundCones(
         a=np.array([row[0] for row in rows]),
         b=np.array([row[2] for row in rows]),
