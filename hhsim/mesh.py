@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh_file import read_triangles
+from hhsim.mesh_repair import closed_surface
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -140,10 +141,15 @@ def load_mesh(path: str | Path, unit: str = "m", size: float | None = None, repa
     longest = float(mesh.extent.max())
     if longest == 0.0:
         raise MeshError(f"{path}: all vertices lie in one point; expected a surface mesh")
-    mesh = mesh.scaled(METRES_PER_UNIT[unit] if size is None else size / longest)
-    if size is None:
-        mesh = replace(mesh, warnings=size_warnings(mesh, unit))
-    return mesh
+    unit_length = METRES_PER_UNIT[unit] if size is None else size / longest
+    surface = closed_surface(mesh.vertices, mesh.faces, str(path), unit_length, repair)
+    mesh = replace(
+        mesh,
+        vertices=surface.vertices * unit_length,
+        faces=surface.faces,
+        repairs=(*surface.merged, *surface.repairs),
+    )
+    return replace(mesh, warnings=(*(size_warnings(mesh, unit) if size is None else ()), *surface.warnings))
 
 
 def size_warnings(mesh: Mesh, unit: str) -> tuple[str, ...]:

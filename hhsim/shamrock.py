@@ -10,7 +10,7 @@ from hhsim.surface_parts import finished_mesh
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-SHAMROCK_LEAVES_DEG = (205.0, 335.0, 90.0)
+SHAMROCK_LEAVES_DEG = (198.0, 342.0, 90.0)
 SHAMROCK_RIM = 4.5
 SHAMROCK_SPACING = 1.9
 

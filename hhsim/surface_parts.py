@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.mesh import Mesh
+from hhsim.mesh_topology import in_fixed_order
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -86,10 +87,4 @@ def finished_mesh(vertices: FloatArray, faces: Sequence[IntArray] | IntArray, na
     vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
     # Adding zero turns -0.0 into 0.0.
     vertices = np.round(vertices, GRID) + 0.0
-    order = np.lexsort(vertices.T)
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    faces = rank[faces]
-    first = np.argmin(faces, axis=1)
-    faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
-    return Mesh(vertices[order], faces[np.lexsort(faces.T[::-1])], name=name, source=source)
+    return Mesh(*in_fixed_order(vertices, faces), name=name, source=source)

@@ -1,8 +1,8 @@
 """Generalized winding number: how often a surface surrounds a point, closed or not.
 
 The number is the signed solid angle of all triangles over 4π (Jacobson, Kavan, Sorkine-Hornung 2013, "Robust
-inside-outside segmentation using generalized winding numbers"); 1 inside and 0 outside a closed surface, in between near
-a hole, 2 or −1 where parts overlap or are inside out.
+inside-outside segmentation using generalized winding numbers"); 1 inside and 0 outside a closed surface, in between
+near a hole, 2 or −1 where parts overlap or are inside out.
 """
 
 import math

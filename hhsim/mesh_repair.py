@@ -1,0 +1,392 @@
+"""Checks of a triangle mesh, and the repairs that are safe: each is named, and what is not safe is refused."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import MeshError
+from hhsim.kernels.winding import winding_numbers
+from hhsim.mesh_topology import (
+    alike_wound,
+    boundary_loops,
+    face_areas,
+    in_fixed_order,
+    is_closed,
+    merged_vertices,
+    part_labels,
+    signed_volume,
+    undirected_edges,
+)
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+NEAR_VERTEX = 1e-5
+"""Vertices closer than this share of the longest extent are merged where that closes open edges."""
+
+FRAGMENT_AREA = 0.01
+"""Loose open fragments may be dropped while they make at most this share of the surface."""
+
+CAP_AREA = 0.4
+"""Holes are closed while the caps make at most this share of the surface; the rest is called an open surface."""
+
+WIDE_HOLE = 0.1
+"""A hole wider than this share of the longest extent must be flat to be closed, and is warned of."""
+
+BENT_HOLE = 0.2
+"""Largest distance of a wide hole's edge from its plane, as a share of its width."""
+
+WINDING_TOLERANCE = 0.05
+CROSSING_SHARE = 0.01
+"""Share of test points that may lie where the surface crosses itself; more is refused."""
+
+WINDING_WORK = 3.0e7
+"""Largest number of point-triangle pairs in one winding test, about a third of a second."""
+
+SAMPLE_OFFSET = 1e-4
+"""Distance of the test points from the surface, as a share of the longest extent."""
+
+
+@dataclass
+class Surface:
+    """A mesh under repair, in the unit of its source, so that round numbers stay round until the end.
+
+    Attributes:
+        vertices: Corners [unit of the source], shape (V, 3).
+        faces: Corner indices, shape (F, 3).
+        name: What messages call the mesh.
+        unit_length: Length of the unit [m], for messages.
+        merged: What was done that every mesh file needs.
+        repairs: What was repaired.
+        warnings: What looks wrong and was kept.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    name: str
+    unit_length: float = 1.0
+    merged: list[str] = field(default_factory=list)
+    repairs: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def size(self) -> float:
+        """Longest extent of the faces [unit of the source]."""
+        return float(np.ptp(self.vertices[self.faces].reshape(-1, 3), axis=0).max())
+
+    def millimetres(self, length: float) -> str:
+        """A length [unit of the source] as people read it."""
+        return f"{1000.0 * self.unit_length * length:.3g} mm"
+
+
+def closed_surface(
+    vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0, repair: bool = True
+) -> Surface:
+    """Check a mesh and repair it to a closed surface, wound outward, whose winding number is 0 or 1.
+
+    Args:
+        vertices: Finite corners [unit of the source], shape (V, 3).
+        faces: Valid indices, shape (F, 3), F > 0.
+        name: What messages call the mesh.
+        unit_length: Length of the unit [m].
+        repair: False refuses a mesh that needs more than merging vertices at equal places.
+
+    Returns:
+        The closed surface, still in the unit of the source, with its repairs and warnings in plain sentences.
+
+    Raises:
+        MeshError: The mesh has no inside that a safe repair would give; or it needs a repair and `repair` is False.
+    """
+    surface = Surface(vertices, faces, name, unit_length)
+    _merge_equal_vertices(surface)
+    _drop_useless_faces(surface)
+    _merge_near_vertices(surface)
+    _drop_fragments(surface)
+    _wind_alike(surface)
+    _close_holes(surface)
+    _require_closed(surface)
+    _turn_outward(surface)
+    _resolve_overlaps(surface)
+    if surface.repairs and not repair:
+        raise MeshError(f"{name}: needs repair, which is switched off: {'; '.join(surface.repairs)}")
+    return surface
+
+
+def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
+    """Winding number at points close to both sides of the faces, spread evenly over them.
+
+    Returns:
+        How many points are neither inside (1) nor outside (0), how many were tested, and the lowest and highest
+        winding number found.
+    """
+    triangles = np.ascontiguousarray(vertices[faces])
+    step = max(1, int(np.ceil(2.0 * len(faces) ** 2 / WINDING_WORK)))
+    tested = triangles[::step]
+    normal = np.cross(tested[:, 1] - tested[:, 0], tested[:, 2] - tested[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    wide = length > 0.0
+    offset = normal[wide] / length[wide, None] * (SAMPLE_OFFSET * float(np.ptp(triangles.reshape(-1, 3), axis=0).max()))
+    middle = tested[wide].mean(axis=1)
+    points = np.ascontiguousarray(np.concatenate([middle + offset, middle - offset]))
+    winding = np.empty(len(points))
+    winding_numbers(triangles, points, winding)
+    faulty = np.minimum(np.abs(winding), np.abs(winding - 1.0)) > WINDING_TOLERANCE
+    return int(faulty.sum()), len(points), float(winding.min(initial=0.0)), float(winding.max(initial=0.0))
+
+
+def _counted(count: int, noun: str) -> str:
+    plural = {"vertex": "vertices", "degenerate triangle": "degenerate triangles"}.get(noun, noun + "s")
+    return f"{count} {noun if count == 1 else plural}"
+
+
+def _merge_equal_vertices(surface: Surface) -> None:
+    before = len(surface.vertices)
+    surface.vertices, surface.faces = merged_vertices(surface.vertices, surface.faces)
+    if len(surface.vertices) < before:
+        surface.merged.append(
+            f"merged {_counted(before, 'vertex')} into {len(surface.vertices)}: equal places, or used by no triangle"
+        )
+
+
+def _drop_useless_faces(surface: Surface) -> None:
+    faces = surface.faces
+    a, b, c = faces.T
+    degenerate = (a == b) | (b == c) | (c == a)
+    if degenerate.any():
+        surface.repairs.append(f"removed {_counted(int(degenerate.sum()), 'degenerate triangle')}")
+        faces = faces[~degenerate]
+    # Equal triangles count once; a triangle and its reverse enclose nothing and cancel.
+    corners = np.sort(faces, axis=1)
+    first = np.argmin(faces, axis=1)
+    turned = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    sign = np.where(turned[:, 1] < turned[:, 2], 1, -1)
+    _, group = np.unique(corners, axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    net = np.bincount(group, weights=sign) if len(faces) else np.empty(0)
+    order = np.arange(len(faces))
+    wanted = np.sign(net[group]) == sign
+    keep = np.zeros(len(faces), dtype=bool)
+    _, chosen = np.unique(group[wanted], return_index=True)
+    keep[order[wanted][chosen]] = True
+    if not keep.all():
+        surface.repairs.append(f"removed {_counted(int((~keep).sum()), 'duplicate triangle')}")
+        faces = faces[keep]
+    if len(faces) == 0:
+        raise MeshError(f"{surface.name}: no volume: its triangles are degenerate or cancel each other")
+    surface.faces = faces
+
+
+def _open_edges(faces: IntArray) -> int:
+    return int(np.count_nonzero(undirected_edges(faces)[1] == 1))
+
+
+def _merge_near_vertices(surface: Surface) -> None:
+    before = _open_edges(surface.faces)
+    if before == 0:
+        return
+    distance = NEAR_VERTEX * surface.size
+    vertices, faces = merged_vertices(surface.vertices, surface.faces, distance)
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    if len(faces) and _open_edges(faces) < before:
+        merged = len(surface.vertices) - len(vertices)
+        surface.repairs.append(
+            f"merged {_counted(merged, 'vertex')} closer than {surface.millimetres(distance)} to another"
+        )
+        surface.vertices, surface.faces = vertices, faces
+
+
+def _drop_fragments(surface: Surface) -> None:
+    label = part_labels(surface.faces)
+    if label.max() == 0:
+        return
+    area = face_areas(surface.vertices, surface.faces)
+    part_area = np.bincount(label, weights=area)
+    index, count, _ = undirected_edges(surface.faces)
+    # Open: the part has an edge that is not shared by two faces.
+    loose = np.zeros(len(part_area), dtype=bool)
+    loose[label[np.flatnonzero(count[index] != 2) // 3]] = True
+    loose[np.argmax(part_area)] = False
+    small = loose & (part_area <= FRAGMENT_AREA * area.sum())
+    share = float(part_area[small].sum() / area.sum()) if area.sum() > 0.0 else 0.0
+    if not small.any() or share > FRAGMENT_AREA:
+        return
+    surface.faces = surface.faces[~small[label]]
+    surface.repairs.append(
+        f"dropped {_counted(int(small.sum()), 'loose open fragment')}, {100.0 * share:.2g} % of the surface"
+    )
+
+
+def _wind_alike(surface: Surface) -> None:
+    result = alike_wound(surface.faces)
+    if result is None:
+        raise MeshError(f"{surface.name}: one-sided like a Möbius strip, so it has no inside")
+    surface.faces, turned = result
+    if turned:
+        surface.repairs.append(f"turned {_counted(turned, 'triangle')} wound against the neighbours")
+
+
+def _close_holes(surface: Surface) -> None:
+    loops = boundary_loops(surface.faces)
+    if not loops:
+        return
+    caps: list[IntArray] = []
+    extra: list[FloatArray] = []
+    widths: list[float] = []
+    for loop in loops:
+        ring = surface.vertices[loop]
+        offset = ring - ring.mean(axis=0)
+        axes = np.linalg.svd(offset, full_matrices=False)[2]
+        width = float(np.ptp(offset @ axes[0]))
+        bend = float(np.abs(offset @ axes[2]).max()) if len(loop) > 3 else 0.0
+        if width > WIDE_HOLE * surface.size and bend > BENT_HOLE * width:
+            raise MeshError(
+                f"{surface.name}: open: a hole {surface.millimetres(width)} wide is bent by {surface.millimetres(bend)}, too much to "
+                "close safely; close it in a mesh editor"
+            )
+        widths.append(width)
+        cap = _capped(loop, offset @ axes[:2].T, len(surface.vertices) + len(extra))
+        caps.append(cap)
+        if cap.max() == len(surface.vertices) + len(extra):
+            extra.append(ring.mean(axis=0))
+    vertices = np.concatenate([surface.vertices, np.array(extra).reshape(-1, 3)])
+    added = np.concatenate(caps)
+    share = float(face_areas(vertices, added).sum() / face_areas(vertices, surface.faces).sum())
+    if share > CAP_AREA:
+        raise MeshError(
+            f"{surface.name}: an open surface: {_counted(len(loops), 'hole')} up to {surface.millimetres(max(widths))} wide, "
+            f"whose caps would be {100.0 * share:.0f} % of it; give it a thickness"
+        )
+    surface.repairs.append(f"closed {_counted(len(loops), 'hole')} up to {surface.millimetres(max(widths))} wide")
+    wide = sum(width > WIDE_HOLE * surface.size for width in widths)
+    if wide:
+        surface.warnings.append(
+            f"{_counted(wide, 'hole')} up to {surface.millimetres(max(widths))} wide closed: it is solid there; if it should "
+            "be hollow, give the wall a thickness"
+        )
+    surface.vertices, surface.faces = vertices, np.concatenate([surface.faces, added])
+
+
+def _capped(loop: IntArray, flat: FloatArray, center: int) -> IntArray:
+    """Triangles that close a loop: a fan about its centroid where that folds nowhere, else ears.
+
+    Args:
+        loop: Vertex indices in the direction of the faces around, shape (n,).
+        flat: The loop in its plane, about its centroid [m], shape (n, 2).
+        center: Index that a centroid vertex would get.
+    """
+    if len(loop) == 3:
+        return loop[::-1][None].copy()
+    following = np.roll(flat, -1, axis=0)
+    turn = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
+    if (turn > 0.0).all() or (turn < 0.0).all():
+        return np.stack([np.full(len(loop), center), np.roll(loop, -1), loop], axis=1)
+    from manifold3d import triangulate
+
+    forward = turn.sum() > 0.0
+    order = np.arange(len(loop)) if forward else np.arange(len(loop))[::-1]
+    ears = np.asarray(triangulate([np.ascontiguousarray(flat[order])]), dtype=np.int64)
+    triangles = loop[order][ears]
+    # Ears are wound as the polygon is; the cap must run against the faces around.
+    return triangles[:, ::-1].copy() if forward else triangles
+
+
+def _require_closed(surface: Surface) -> None:
+    _, count, balance = undirected_edges(surface.faces)
+    if not np.any(balance):
+        return
+    fanned = int(np.count_nonzero(count > 2))
+    open_edges = int(np.count_nonzero(count == 1))
+    what = " and ".join(
+        part
+        for part in (
+            f"{_counted(fanned, 'edge')} shared by more than two triangles" if fanned else "",
+            f"{_counted(open_edges, 'open edge')}" if open_edges else "",
+        )
+        if part
+    )
+    raise MeshError(f"{surface.name}: not watertight: {what or 'neighbours wound against each other'}; no safe repair")
+
+
+def _winding_at(vertices: FloatArray, faces: IntArray, point: FloatArray) -> float:
+    winding = np.empty(1)
+    winding_numbers(np.ascontiguousarray(vertices[faces]), np.ascontiguousarray(point[None]), winding)
+    return float(winding[0])
+
+
+def _turn_outward(surface: Surface) -> None:
+    """Wind closed parts outward; a part inside another may be wound inward: a cavity."""
+    label = part_labels(surface.faces)
+    if not all(is_closed(surface.faces[label == part]) for part in range(label.max() + 1)):
+        # Parts that share an edge close each other: they are one.
+        label = np.zeros_like(label)
+    parts = [surface.faces[label == part] for part in range(label.max() + 1)]
+    volumes = [signed_volume(surface.vertices, part) for part in parts]
+    turned = 0
+    for part, volume in enumerate(volumes):
+        if volume >= 0.0:
+            continue
+        others = surface.faces[label != part]
+        point = surface.vertices[parts[part][0]].mean(axis=0)
+        enclosed = len(others) > 0 and abs(_winding_at(surface.vertices, others, point)) > 0.5
+        if not enclosed:
+            surface.faces[label == part] = parts[part][:, ::-1]
+            turned += 1
+    if turned:
+        whole = turned == len(parts)
+        surface.repairs.append("turned inside out" if whole else f"turned {_counted(turned, 'part')} inside out")
+    volume = signed_volume(surface.vertices, surface.faces)
+    if volume <= 1e-9 * surface.size**3:
+        raise MeshError(
+            f"{surface.name}: no volume: it encloses {1e9 * volume * surface.unit_length**3:.3g} mm³; expected a solid"
+        )
+
+
+def _resolve_overlaps(surface: Surface) -> None:
+    faulty, tested, low, high = winding_faults(surface.vertices, surface.faces)
+    if faulty and part_labels(surface.faces).max() > 0:
+        joined = _union_of_parts(surface)
+        if joined is not None:
+            parts = int(part_labels(surface.faces).max()) + 1
+            surface.vertices, surface.faces = joined
+            left = int(part_labels(surface.faces).max()) + 1
+            surface.repairs.append(f"joined {parts} overlapping parts into {left}")
+            faulty, tested, low, high = winding_faults(surface.vertices, surface.faces)
+    share = faulty / tested if tested else 1.0
+    if share > CROSSING_SHARE:
+        raise MeshError(
+            f"{surface.name}: crosses itself: the winding number is neither 0 nor 1 at {faulty} of {tested} points "
+            f"beside the surface (from {low:.2f} to {high:.2f}); no safe repair"
+        )
+    if faulty:
+        surface.warnings.append(
+            f"crosses itself at about {100.0 * share:.2g} % of its surface (winding number {low:.2f} to {high:.2f})"
+        )
+
+
+def _union_of_parts(surface: Surface) -> tuple[FloatArray, IntArray] | None:
+    """Union of the parts wound outward less those wound inward; None where a part is no manifold."""
+    from manifold3d import Error, Manifold, Mesh64, OpType
+
+    label = part_labels(surface.faces)
+    solids: list[Manifold] = []
+    cavities: list[Manifold] = []
+    for part in range(int(label.max()) + 1):
+        faces = surface.faces[label == part]
+        inward = signed_volume(surface.vertices, faces) < 0.0
+        vertices, faces = merged_vertices(surface.vertices, faces[:, ::-1] if inward else faces)
+        solid = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
+        if solid.status() != Error.NoError:
+            return None
+        (cavities if inward else solids).append(solid)
+    whole = Manifold.batch_boolean(solids, OpType.Add)
+    if cavities:
+        whole -= Manifold.batch_boolean(cavities, OpType.Add)
+    result = whole.to_mesh64()
+    vertices = np.asarray(result.vert_properties, dtype=np.float64)[:, :3]
+    faces = np.asarray(result.tri_verts).astype(np.int64)
+    if len(faces) == 0 or not is_closed(faces):
+        return None
+    return in_fixed_order(vertices, faces)

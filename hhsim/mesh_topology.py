@@ -1,0 +1,176 @@
+"""How triangles hang together: shared vertices, edges, parts, boundary loops, winding."""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+def merged_vertices(vertices: FloatArray, faces: IntArray, distance: float = 0.0) -> tuple[FloatArray, IntArray]:
+    """Give vertices at the same place one index, and drop those that no face names.
+
+    Args:
+        vertices: Corners [m], shape (V, 3).
+        faces: Indices, shape (F, 3).
+        distance: Vertices at most this far apart are the same [m]; chains of them too.
+
+    Returns:
+        Vertices in the order of their first use, and faces.
+    """
+    vertices = vertices + 0.0  # -0.0 and 0.0 are one place
+    place: IntArray
+    if distance > 0.0:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import cKDTree
+
+        pairs = cKDTree(vertices).query_pairs(distance, output_type="ndarray")
+        links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices), len(vertices)))
+        place = connected_components(links, directed=False)[1].astype(np.int64)
+    else:
+        place = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    used = place[faces].ravel()
+    labels, first, index = np.unique(used, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty(len(labels), dtype=np.int64)
+    rank[order] = np.arange(len(labels))
+    return vertices[faces.ravel()[first[order]]], rank[index].reshape(-1, 3)
+
+
+def in_fixed_order(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Sort vertices by (z, y, x), start each face at its lowest index, sort the faces; the surface stays the same."""
+    order = np.lexsort(vertices.T)
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    faces = rank[faces]
+    first = np.argmin(faces, axis=1)
+    faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    return vertices[order], faces[np.lexsort(faces.T[::-1])]
+
+
+def directed_edges(faces: IntArray) -> IntArray:
+    """Start and end of the three edges of each face, face by face, shape (3F, 2)."""
+    return np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+
+
+def undirected_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Group the directed edges by their pair of vertices.
+
+    Returns:
+        Which undirected edge each directed edge is, shape (3F,); how many faces each undirected edge has, shape (E,);
+        and forward minus backward directed edges of each, shape (E,): 0 where the surface is closed and wound alike.
+    """
+    edges = directed_edges(faces)
+    forward = edges[:, 0] < edges[:, 1]
+    index = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    count = np.bincount(index)
+    balance = np.bincount(index, weights=np.where(forward, 1.0, -1.0)).astype(np.int64)
+    return index, count, balance
+
+
+def is_closed(faces: IntArray) -> bool:
+    """Whether each edge is walked as often forth as back: no boundary, all faces wound alike."""
+    return bool(np.all(undirected_edges(faces)[2] == 0))
+
+
+def part_labels(faces: IntArray) -> IntArray:
+    """Connected part of each face, through edges that exactly two faces share, shape (F,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    first, second, _ = _neighbours(faces)
+    links = coo_array((np.ones(len(first)), (first, second)), shape=(len(faces), len(faces)))
+    return connected_components(links, directed=False)[1].astype(np.int64)
+
+
+def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Pairs of faces that share an edge that no third face has, and whether the two are wound alike."""
+    index, count, balance = undirected_edges(faces)
+    paired = np.flatnonzero(count[index] == 2)
+    paired = paired[np.argsort(index[paired], kind="stable")]
+    first, second = paired[0::2], paired[1::2]
+    return first // 3, second // 3, balance[index[first]] == 0
+
+
+def alike_wound(faces: IntArray) -> tuple[IntArray, int] | None:
+    """Turn faces round until neighbours are wound alike; in each part the minority is turned.
+
+    Returns:
+        Faces and how many were turned; None where a part is one-sided and cannot be wound.
+    """
+    first, second, alike = _neighbours(faces)
+    if alike.all():
+        return faces, 0
+    links: list[list[tuple[int, bool]]] = [[] for _ in range(len(faces))]
+    for i, j, same in zip(first.tolist(), second.tolist(), alike.tolist()):
+        links[i].append((j, same))
+        links[j].append((i, same))
+    state = np.full(len(faces), -1, dtype=np.int64)
+    for seed in range(len(faces)):
+        if state[seed] >= 0:
+            continue
+        state[seed] = 0
+        part = [seed]
+        queue = deque(part)
+        while queue:
+            face = queue.popleft()
+            for other, same in links[face]:
+                wanted = state[face] if same else 1 - state[face]
+                if state[other] < 0:
+                    state[other] = wanted
+                    part.append(other)
+                    queue.append(other)
+                elif state[other] != wanted:
+                    return None
+        if 2 * state[part].sum() > len(part):
+            state[part] = 1 - state[part]
+    turned = state == 1
+    result = faces.copy()
+    result[turned] = result[turned][:, ::-1]
+    return result, int(turned.sum())
+
+
+def boundary_loops(faces: IntArray) -> list[IntArray]:
+    """Closed walks along the edges that only one face has, in the direction of that face.
+
+    Where two loops touch in a vertex each is a loop of its own. Edges that cannot be joined to a loop are left out.
+    """
+    index, count, _ = undirected_edges(faces)
+    onward: dict[int, list[int]] = {}
+    for start, end in directed_edges(faces)[count[index] == 1].tolist():
+        onward.setdefault(start, []).append(end)
+    loops: list[IntArray] = []
+    for seed in sorted(onward):
+        while onward[seed]:
+            path = [seed]
+            place = {seed: 0}
+            while onward.get(path[-1]):
+                step = onward[path[-1]].pop()
+                if step in place:
+                    at = place[step]
+                    loops.append(np.array(path[at:], dtype=np.int64))
+                    for vertex in path[at + 1 :]:
+                        del place[vertex]
+                    del path[at + 1 :]
+                    if not onward.get(path[-1]):
+                        break
+                else:
+                    place[step] = len(path)
+                    path.append(step)
+    return loops
+
+
+def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Area of each face [m²], shape (F,)."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
+
+
+def signed_volume(vertices: FloatArray, faces: IntArray) -> float:
+    """Volume [m³] that closed faces enclose, negative when they are wound inside out."""
+    a, b, c = (vertices[faces] - vertices[faces].reshape(-1, 3).mean(axis=0)).transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
