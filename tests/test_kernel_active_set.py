@@ -339,7 +339,7 @@ def parallel(angle: float) -> Maker:
 
 
 def corridor(angle: float) -> Maker:
-    """Opposed pairs of rows, parallel up to the angle: a pair that touches leaves a wedge with the inside point as tip."""
+    """Opposed pairs of rows, parallel up to the angle; a pair that touches leaves a wedge, its tip the inside point."""
 
     def make(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
         matrix, _, target, inside = feasible_set(rng, n, m)
