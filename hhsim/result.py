@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from hhsim import __version__, info
 from hhsim.destination import check_destination, free_name
 from hhsim.errors import InputError, OutputError
-from hhsim.result_schema import FORMAT, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column, Phase
+from hhsim.result_schema import FORMAT, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column
+from hhsim.trajectory import TickPhase
 
 Array: TypeAlias = NDArray[Any]
 Scalar: TypeAlias = str | int | float | bool
@@ -59,7 +60,7 @@ class ResultWriter:
     """Ticks written so far."""
 
     def __init__(
-        self, path: Path, *, scene: Mapping[str, Any], static: Mapping[str, Array], phases: Sequence[Phase] = ()
+        self, path: Path, *, scene: Mapping[str, Any], static: Mapping[str, Array], phases: Sequence[TickPhase] = ()
     ) -> None:
         check_destination(path)
         self._destination = path
@@ -117,7 +118,7 @@ class ResultWriter:
             self._file.flush()
         self.ticks = end
 
-    def finish(self, summary: Mapping[str, Scalar], phases: Sequence[Phase] | None = None) -> Path:
+    def finish(self, summary: Mapping[str, Scalar], phases: Sequence[TickPhase] | None = None) -> Path:
         """Write the summary, mark the file complete and give it its final name.
 
         Args:
@@ -145,7 +146,7 @@ class ResultWriter:
                 self.path = self._destination
         return self.path
 
-    def _write_header(self, scene: Mapping[str, Any], static: Mapping[str, Array], phases: Sequence[Phase]) -> None:
+    def _write_header(self, scene: Mapping[str, Any], static: Mapping[str, Array], phases: Sequence[TickPhase]) -> None:
         arrays = _checked(static, STATIC_COLUMNS)
         scene_json = json.dumps(scene, sort_keys=True)
         self._claim(sum(array.nbytes for array in arrays.values()) + len(scene_json) + 2 * _OVERHEAD)
@@ -180,7 +181,7 @@ class ResultWriter:
         self._write_phases(phases)
         self._file.flush()
 
-    def _write_phases(self, phases: Sequence[Phase]) -> None:
+    def _write_phases(self, phases: Sequence[TickPhase]) -> None:
         if "phase" in self._file:
             del self._file["phase"]
         group = self._file.create_group("phase")
@@ -227,7 +228,7 @@ class Result:
     """Every option of the run."""
     machine: dict[str, Any]
     packages: dict[str, str]
-    phases: tuple[Phase, ...]
+    phases: tuple[TickPhase, ...]
     """Phases that begin within the ticks."""
     summary: dict[str, Any]
     static: Mapping[str, Array] = field(repr=False)
@@ -284,10 +285,10 @@ def load_result(path: Path) -> Result:
         )
 
 
-def _read_phases(file: h5py.File) -> Iterator[Phase]:
+def _read_phases(file: h5py.File) -> Iterator[TickPhase]:
     group = file["phase"]
     for name, first, last in zip(group["name"].asstr()[...], group["first_tick"], group["last_tick"]):
-        yield Phase(str(name), int(first), int(last))
+        yield TickPhase(str(name), int(first), int(last))
 
 
 @contextlib.contextmanager

@@ -23,15 +23,6 @@ class Column:
     long_name: str
 
 
-@dataclass(frozen=True)
-class Phase:
-    """A stretch of the trajectory, such as approach, hold or slide; both ticks belong to it."""
-
-    name: str
-    first_tick: int
-    last_tick: int
-
-
 def _hand(of: str, whose: str) -> tuple[Column, ...]:
     return (
         Column(f"{of}/position", (3,), "<f8", "m", f"palm centre of the {whose} hand, world"),

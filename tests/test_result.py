@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from hhsim import result
 from hhsim.errors import InputError, OutputError
 from hhsim.result import CHUNK_TICKS, ResultWriter, load_result
-from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS, Phase
+from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.trajectory import TickPhase
 
 Arrays = dict[str, NDArray[Any]]
 SCENE = {"object": "bunny", "trajectory": "grasp", "stiffness": [200.0, 2.0, 0.5], "seed": 0}
-PHASES = (Phase("approach", 0, 39), Phase("hold", 40, 99))
+PHASES = (TickPhase("approach", 0, 39), TickPhase("hold", 40, 99))
 
 
 def block(ticks: int, seed: int = 0) -> Arrays:
@@ -42,7 +43,7 @@ def static() -> Arrays:
     }
 
 
-def write(path: Path, blocks: list[Arrays], *, phases: tuple[Phase, ...] = PHASES) -> Path:
+def write(path: Path, blocks: list[Arrays], *, phases: tuple[TickPhase, ...] = PHASES) -> Path:
     with ResultWriter(path, scene=SCENE, static=static(), phases=phases) as writer:
         for arrays in blocks:
             writer.append(arrays)

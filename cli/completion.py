@@ -1,0 +1,25 @@
+"""`hhsim completion`."""
+
+import click
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@click.pass_context
+def command(context: click.Context, shell: str) -> None:
+    """Print the script that completes hhsim commands in a shell.
+
+    \b
+    Example:
+      hhsim completion bash > ~/.local/share/bash-completion/completions/hhsim
+      hhsim completion zsh > ~/.zfunc/_hhsim
+      hhsim completion fish > ~/.config/fish/completions/hhsim.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    from .main import COMPLETION_VARIABLE
+
+    maker = get_completion_class(shell)
+    if maker is None:
+        raise click.UsageError(f"no completion for {shell}")
+    click.echo(maker(context.find_root().command, {}, "hhsim", COMPLETION_VARIABLE).source())

@@ -1,0 +1,86 @@
+"""What a command prints: tables for people, one JSON document for machines, progress for a terminal."""
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeAlias
+
+Report: TypeAlias = Callable[[str, int, int], None]
+"""Called with what is being done, how much of it is done, and how much there is."""
+
+
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", numbers: int = 0) -> None:
+    """Print a table to stdout.
+
+    Args:
+        columns: headings, with the unit where there is one.
+        rows: cells as they are to be shown.
+        title: a line above the table.
+        numbers: how many columns from the right are aligned right.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    table.title, table.title_justify, table.title_style = title or None, "left", "bold"
+    for index, heading in enumerate(columns):
+        table.add_column(heading, justify="right" if index >= len(columns) - numbers else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    # A pipe has no width: nothing is folded there, so that lines can be searched.
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 1_000)
+    with console.capture() as captured:
+        console.print(table)
+    print("\n".join(line.rstrip() for line in captured.get().splitlines()))
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Print a document to stdout; what JSON cannot hold (NaN, infinities) becomes null."""
+    print(json.dumps(_plain(document), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def announce_compilation(*, quiet: bool) -> None:
+    """Say on stderr that the first run compiles, so that nobody takes it for a fault."""
+    from hhsim.kernels import jit
+
+    if not quiet and jit.JIT_ENABLED and not jit.is_cached():
+        print("hhsim: compiling the kernels: this happens once, and again after an upgrade", file=sys.stderr)
+
+
+def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:
+    """Print remarks to stderr, a line each."""
+    for note in notes:
+        print(f"hhsim: {prefix}: {note}", file=sys.stderr)
+
+
+@contextmanager
+def progress(*, quiet: bool) -> Iterator[Report | None]:
+    """Show a bar on stderr while the work reports; nothing where stderr is no terminal, or where it should be quiet."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:,.0f} of {task.total:,.0f}"))
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1)
+
+        def report(what: str, done: int, total: int) -> None:
+            bar.update(task, description=what, completed=done, total=total)
+
+        yield report
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

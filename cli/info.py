@@ -1,0 +1,46 @@
+"""`hhsim info`."""
+
+import click
+
+from . import options
+from .console import print_json, print_table
+
+
+@click.command()
+@options.json
+def command(as_json: bool) -> None:
+    """Show versions, processor, clock and what is missing.
+
+    Put it into every report of a fault; it names neither you nor the host.
+
+    \b
+    Example:
+      hhsim info
+    """
+    from hhsim.info import collect
+
+    info = collect()
+    if as_json:
+        print_json(info.to_json())
+        return
+    changed = " with uncommitted changes" if info.revision.dirty is True else ""
+    compiled = "compiled" if info.kernels.compiled else "not compiled yet: the first run does it, once"
+    rows = [
+        ("hhsim", info.hhsim),
+        ("revision", f"{info.revision.commit}{changed}"),
+        ("Python", info.machine.python),
+        ("system", info.machine.system),
+        ("processor", f"{info.machine.cpu}, {info.machine.cores} cores"),
+        ("clock", f"{info.clock.function}, source {info.clock.source}"),
+        ("clock step", f"{info.clock.step * 1e9:.0f} ns seen, {info.clock.resolution * 1e9:.0f} ns stated"),
+        ("kernels", compiled if info.kernels.jit else "interpreted: NUMBA_DISABLE_JIT is set"),
+        ("kernel cache", info.kernels.folder),
+        *sorted(info.packages.items()),
+        *(
+            ("missing", f"{', '.join(names)}: pip install 'hhsim[{extra}]'")
+            for extra, names in info.missing.items()
+            if extra != "required"
+        ),
+        *(("missing", f"{name}: required") for name in info.missing.get("required", [])),
+    ]
+    print_table(("what", "value"), rows)
