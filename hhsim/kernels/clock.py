@@ -1,0 +1,38 @@
+"""Clocks that a kernel can read, so that whole blocks of ticks run inside one compiled call and are still timed tick by tick."""
+
+import time
+
+import numpy as np
+from numba import types
+
+from .jit import JIT_ENABLED, jit
+
+CLOCK_MONOTONIC = 1
+CLOCK_THREAD_CPU = 3
+
+if JIT_ENABLED:
+    # ctypes function pointers make a kernel uncacheable; an external symbol does not.
+    _clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.CPointer(types.int64)))
+
+    @jit
+    def _read(clock: int) -> int:
+        now = np.empty(2, np.int64)
+        _clock_gettime(clock, now.ctypes)
+        return now[0] * 1_000_000_000 + now[1]  # type: ignore[no-any-return]
+
+else:
+
+    def _read(clock: int) -> int:
+        return time.clock_gettime_ns(clock)
+
+
+@jit
+def monotonic_ns() -> int:
+    """Wall clock [ns], monotonic."""
+    return _read(CLOCK_MONOTONIC)
+
+
+@jit
+def thread_cpu_ns() -> int:
+    """CPU time of the calling thread [ns]."""
+    return _read(CLOCK_THREAD_CPU)

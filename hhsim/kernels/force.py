@@ -1,0 +1,200 @@
+"""Forces of the object on the hand.
+
+`kkt`: the multipliers of the quadratic program, f = Σ λ_i n_i. They balance the coupling of Eq. 1 exactly (G (q_g - q_h) = Jᵀ λ) and
+vary continuously, because a contact enters and leaves with λ = 0.
+
+`paper`: Eq. 14, f_i = k |p_g - p_h| n_i over the spheres in touch, p_g the contact point on the graphic phalanx and p_h the same
+point of the haptic phalanx. It jumps whenever a sphere joins or leaves that set.
+
+Both: the fingertip's normal force of Fig. 9, perpendicular to the distal phalanx, and the palm's wrench of Eq. 1.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .contact import Contacts
+from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from .jit import jit
+from .pose import HandPose
+from .rotation import rotation_vector_between
+from .step import ActiveContacts
+
+Array = NDArray[np.float64]
+
+FORCE_KKT = 0
+FORCE_PAPER = 1
+
+
+class Forces(NamedTuple):
+    """Forces on the hand, world frame.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | phalanx | [N] | (5, 3, 3) |
+    | fingertip_normal | [N], Fig. 9 | (5, 3) |
+    | palm_wrench | Eq. 1: force [N], torque about the palm's origin [N·m] | (6,) |
+    | total | sum over phalanges and palm [N] | (3,) |
+    """
+
+    phalanx: Array
+    fingertip_normal: Array
+    palm_wrench: Array
+    total: Array
+
+
+@jit
+def clear_forces(forces: Forces) -> None:
+    """Set every force to zero."""
+    for f in range(FINGER_COUNT):
+        for i in range(3):
+            forces.fingertip_normal[f, i] = 0.0
+            for k in range(PHALANX_COUNT):
+                forces.phalanx[f, k, i] = 0.0
+    for i in range(3):
+        forces.total[i] = 0.0
+    for i in range(6):
+        forces.palm_wrench[i] = 0.0
+
+
+@jit
+def _add(forces: Forces, body: int, nx: float, ny: float, nz: float, magnitude: float) -> None:
+    if body < PALM_BODY:
+        f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
+        forces.phalanx[f, k, 0] += magnitude * nx
+        forces.phalanx[f, k, 1] += magnitude * ny
+        forces.phalanx[f, k, 2] += magnitude * nz
+    forces.total[0] += magnitude * nx
+    forces.total[1] += magnitude * ny
+    forces.total[2] += magnitude * nz
+
+
+@jit
+def multiplier_forces(active: ActiveContacts, forces: Forces) -> None:
+    """Add λ_i n_i of every active contact; joint limits exert no force of the object."""
+    for i in range(active.count[0]):
+        body = active.body[i]
+        if body >= 0:
+            _add(forces, body, active.normal[0, i], active.normal[1, i], active.normal[2, i], active.multiplier[i])
+
+
+@jit
+def _same_point(pose: HandPose, haptic: HandPose, contacts: Contacts, i: int, point_out: Array) -> None:
+    # The body frame is rigid, so the point keeps its coordinates along (axis, direction, their cross product).
+    body = contacts.body[i]
+    if body == PALM_BODY:
+        for j in range(3):
+            point_out[j] = haptic.position[j]
+        for c in range(3):
+            local = 0.0
+            for j in range(3):
+                local += pose.rotation[j, c] * (contacts.point[j, i] - pose.position[j])
+            for j in range(3):
+                point_out[j] += haptic.rotation[j, c] * local
+        return
+    f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
+    rx = contacts.point[0, i] - pose.joints[f, k, 0]
+    ry = contacts.point[1, i] - pose.joints[f, k, 1]
+    rz = contacts.point[2, i] - pose.joints[f, k, 2]
+    ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
+    dx, dy, dz = pose.direction[f, k, 0], pose.direction[f, k, 1], pose.direction[f, k, 2]
+    along_axis = rx * ax + ry * ay + rz * az
+    along = rx * dx + ry * dy + rz * dz
+    across = rx * (ay * dz - az * dy) + ry * (az * dx - ax * dz) + rz * (ax * dy - ay * dx)
+    ax, ay, az = haptic.axis[f, 0], haptic.axis[f, 1], haptic.axis[f, 2]
+    dx, dy, dz = haptic.direction[f, k, 0], haptic.direction[f, k, 1], haptic.direction[f, k, 2]
+    point_out[0] = haptic.joints[f, k, 0] + along_axis * ax + along * dx + across * (ay * dz - az * dy)
+    point_out[1] = haptic.joints[f, k, 1] + along_axis * ay + along * dy + across * (az * dx - ax * dz)
+    point_out[2] = haptic.joints[f, k, 2] + along_axis * az + along * dz + across * (ax * dy - ay * dx)
+
+
+@jit
+def proxy_forces(
+    pose: HandPose,
+    haptic: HandPose,
+    contacts: Contacts,
+    touch: float,
+    contact_stiffness: float,
+    scratch: Array,
+    forces: Forces,
+) -> None:
+    """Add Eq. 14 over all contacts within `touch` [m]; contact_stiffness in N/m, scratch of shape (3,)."""
+    for i in range(contacts.start[FINGER_COUNT + 1]):
+        if contacts.distance[i] > touch:
+            continue
+        _same_point(pose, haptic, contacts, i, scratch)
+        dx = contacts.point[0, i] - scratch[0]
+        dy = contacts.point[1, i] - scratch[1]
+        dz = contacts.point[2, i] - scratch[2]
+        magnitude = contact_stiffness * math.sqrt(dx * dx + dy * dy + dz * dz)
+        _add(
+            forces,
+            contacts.body[i],
+            contacts.normal[0, i],
+            contacts.normal[1, i],
+            contacts.normal[2, i],
+            magnitude,
+        )
+
+
+@jit
+def fingertip_normal_forces(pose: HandPose, haptic: HandPose, contact_stiffness: float, forces: Forces) -> None:
+    """Fig. 9: k |E E₁| along the part of E₁E perpendicular to the graphic distal phalanx, E and E₁ the graphic and haptic tips.
+
+    Only for fingers whose phalanges bear a force; contact_stiffness in N/m.
+    """
+    for f in range(FINGER_COUNT):
+        bears = 0.0
+        for k in range(PHALANX_COUNT):
+            for i in range(3):
+                bears += abs(forces.phalanx[f, k, i])
+        if bears == 0.0:
+            continue
+        ex = pose.joints[f, 3, 0] - haptic.joints[f, 3, 0]
+        ey = pose.joints[f, 3, 1] - haptic.joints[f, 3, 1]
+        ez = pose.joints[f, 3, 2] - haptic.joints[f, 3, 2]
+        dx, dy, dz = pose.direction[f, 2, 0], pose.direction[f, 2, 1], pose.direction[f, 2, 2]
+        along = ex * dx + ey * dy + ez * dz
+        nx, ny, nz = ex - along * dx, ey - along * dy, ez - along * dz
+        across = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if across == 0.0:
+            continue
+        scale = contact_stiffness * math.sqrt(ex * ex + ey * ey + ez * ez) / across
+        forces.fingertip_normal[f, 0] = scale * nx
+        forces.fingertip_normal[f, 1] = scale * ny
+        forces.fingertip_normal[f, 2] = scale * nz
+
+
+@jit
+def palm_wrench(pose: HandPose, haptic: HandPose, stiffness: Array, scratch: Array, forces: Forces) -> None:
+    """Eq. 1, F = G (q_g - q_h); stiffness of all 21 variables, shape (21,), scratch of shape (3,)."""
+    rotation_vector_between(haptic.orientation, pose.orientation, scratch)
+    for i in range(3):
+        forces.palm_wrench[i] = stiffness[i] * (pose.position[i] - haptic.position[i])
+        forces.palm_wrench[3 + i] = stiffness[3 + i] * scratch[i]
+
+
+@jit
+def hand_forces(
+    hand: HandArrays,
+    pose: HandPose,
+    haptic: HandPose,
+    active: ActiveContacts,
+    contacts: Contacts,
+    model: int,
+    touch: float,
+    contact_stiffness: float,
+    stiffness: Array,
+    scratch: Array,
+    forces: Forces,
+) -> None:
+    """All forces of a tick; for FORCE_PAPER `contacts` must be those of the final configuration."""
+    clear_forces(forces)
+    if model == FORCE_PAPER:
+        proxy_forces(pose, haptic, contacts, touch, contact_stiffness, scratch, forces)
+    else:
+        multiplier_forces(active, forces)
+    fingertip_normal_forces(pose, haptic, contact_stiffness, forces)
+    palm_wrench(pose, haptic, stiffness, scratch, forces)

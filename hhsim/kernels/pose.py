@@ -1,0 +1,98 @@
+"""A hand configuration together with the kinematics that follow from it."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
+from .jit import jit
+from .rotation import quaternion_to_matrix, rotate_quaternion
+
+Array = NDArray[np.float64]
+
+
+class HandPose(NamedTuple):
+    """One configuration of the hand; world frame.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | position | palm origin [m] | (3,) |
+    | orientation | palm quaternion (w, x, y, z) | (4,) |
+    | flexion | joint angles [rad] | (5, 3) |
+    | abduction | [rad] | (5,) |
+    | rotation | palm to world, from orientation | (3, 3) |
+    | joints | joint and tip sphere centres [m] | (5, 4, 3) |
+    | direction | unit axis of each phalanx | (5, 3, 3) |
+    | axis | unit flexion axis of each finger | (5, 3) |
+    | abduction_axis | unit abduction axis of each finger | (5, 3) |
+    """
+
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
+    rotation: Array
+    joints: Array
+    direction: Array
+    axis: Array
+    abduction_axis: Array
+
+
+@jit
+def update_kinematics(hand: HandArrays, pose: HandPose) -> None:
+    """Bring the derived fields up to date with position, orientation, flexion and abduction."""
+    quaternion_to_matrix(pose.orientation, pose.rotation)
+    forward_kinematics(
+        hand,
+        pose.position,
+        pose.rotation,
+        pose.flexion,
+        pose.abduction,
+        pose.joints,
+        pose.direction,
+        pose.axis,
+        pose.abduction_axis,
+    )
+
+
+@jit
+def copy_configuration(source: HandPose, target: HandPose) -> None:
+    """Copy position, orientation, flexion and abduction; the derived fields of `target` are then out of date."""
+    for i in range(3):
+        target.position[i] = source.position[i]
+    for i in range(4):
+        target.orientation[i] = source.orientation[i]
+    for f in range(FINGER_COUNT):
+        target.abduction[f] = source.abduction[f]
+        for k in range(PHALANX_COUNT):
+            target.flexion[f, k] = source.flexion[f, k]
+
+
+@jit
+def move(pose: HandPose, step: Array, abduction_step: Array, fraction: float) -> None:
+    """Move by `fraction` of a step (δp, δφ, δθ), shape (21,), and of an abduction step [rad], shape (5,)."""
+    for i in range(3):
+        pose.position[i] += fraction * step[i]
+    rotate_quaternion(pose.orientation, fraction * step[3], fraction * step[4], fraction * step[5], pose.orientation)
+    for f in range(FINGER_COUNT):
+        pose.abduction[f] += fraction * abduction_step[f]
+        for k in range(PHALANX_COUNT):
+            pose.flexion[f, k] += fraction * step[6 + 3 * f + k]
+
+
+@jit
+def is_finite_configuration(position: Array, orientation: Array, flexion: Array, abduction: Array) -> bool:
+    """Whether every number is finite and the quaternion is not zero."""
+    square = 0.0
+    total = 0.0
+    for i in range(3):
+        total += position[i]
+    for i in range(4):
+        square += orientation[i] * orientation[i]
+    for f in range(FINGER_COUNT):
+        total += abduction[f]
+        for k in range(PHALANX_COUNT):
+            total += flexion[f, k]
+    return math.isfinite(total) and math.isfinite(square) and square > 1e-12

@@ -1,0 +1,201 @@
+"""Method `progressive`: the paper's decoupled-and-progressive framework, palm first, then finger by finger.
+
+The paper's palm problem does not see the fingers and can carry one to where its three joint angles cannot free it. Here the palm yields
+to that: when the rows A_θ δθ >= b - A_p δp of a finger contradict each other for the palm step δp, the solver returns Farkas
+multipliers y >= 0 with yᵀ A_θ = 0, so that every palm step that leaves the finger a way out satisfies yᵀ A_p δp >= yᵀ b. That is one
+more row of the palm problem, a feasibility cut (Benders 1962); the palm is solved again. Standing still satisfies every cut,
+there are finitely many, so the loop ends with a palm step that all five fingers can follow: the guarantee
+of `coupled`, with the paper's order of precedence.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active_set import INFEASIBLE, ITERATION_LIMIT, OPTIMAL, QpWork, solve
+from .clock import monotonic_ns
+from .contact import Contacts
+from .hand import FINGER_COUNT, PHALANX_COUNT
+from .jit import jit
+from .linearise import CUT_ROWS, Problem, limit_start
+from .step import DURATION_FINGERS, DURATION_PALM, ActiveContacts, Step, guess_rows
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class ProgressiveWork(NamedTuple):
+    """Workspace: QPs of palm and finger, groups, guesses, and the rows and weights of which each cut is made.
+
+    `rhs` (capacity,) holds the finger rows' right-hand sides for the palm step at hand.
+    """
+
+    palm: QpWork
+    finger: QpWork
+    palm_start: Indices
+    palm_stop: Indices
+    palm_block: Indices
+    finger_start: Indices
+    finger_stop: Indices
+    finger_block: Indices
+    guess: Indices
+    target: Array
+    rhs: Array
+    cut_row: Indices
+    cut_weight: Array
+    cut_size: Indices
+
+
+@jit
+def finger_rhs(problem: Problem, start: int, stop: int, palm_step: Array, rhs_out: Array) -> None:
+    """Right-hand sides of rows [start, stop) once the palm has taken its (scaled) step, shape (6,)."""
+    for i in range(start, stop):
+        total = problem.rhs[i]
+        for j in range(6):
+            total -= problem.common[j, i] * palm_step[j]
+        rhs_out[i] = total
+
+
+@jit
+def _add_cut(problem: Problem, row: int, work: ProgressiveWork, cut: int) -> None:
+    finger, count = work.finger, work.finger.count[0]
+    size = 0
+    for i in range(-1, count):
+        source = finger.count[2] if i < 0 else finger.active[i]
+        weight = finger.inverse_norm[source]
+        if i >= 0:
+            weight *= max(-finger.dual_step[i], 0.0)
+        elif weight == 0.0:
+            weight = 1.0
+        work.cut_row[cut, size] = source
+        work.cut_weight[cut, size] = weight
+        size += 1
+    work.cut_size[cut] = size
+    for j in range(6):
+        problem.common[j, row] = 0.0
+    for j in range(PHALANX_COUNT):
+        problem.block[j, row] = 0.0
+    problem.rhs[row] = 0.0
+    for i in range(size):
+        source, weight = work.cut_row[cut, i], work.cut_weight[cut, i]
+        for j in range(6):
+            problem.common[j, row] += weight * problem.common[j, source]
+        problem.rhs[row] += weight * problem.rhs[source]
+
+
+@jit
+def solve_progressive(
+    problem: Problem,
+    contacts: Contacts,
+    active: ActiveContacts,
+    tolerance: float,
+    relaxation: float,
+    work: ProgressiveWork,
+    step: Step,
+) -> int:
+    """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL."""
+    first_cut = limit_start(contacts, FINGER_COUNT)
+    work.palm_start[0] = contacts.start[0]
+    work.palm_stop[0] = contacts.start[1]
+    work.palm_block[0] = -1
+    work.palm_start[1] = first_cut
+    work.palm_stop[1] = first_cut
+    work.palm_block[1] = -1
+    cuts = 0
+    guessed = guess_rows(contacts, active, 0, work.guess, 0)
+    while True:
+        began = monotonic_ns()
+        status = solve(
+            6,
+            6,
+            problem.common,
+            problem.block,
+            problem.rhs,
+            work.palm_start,
+            work.palm_stop,
+            work.palm_block,
+            problem.target,
+            tolerance,
+            relaxation,
+            work.guess,
+            guessed,
+            work.palm,
+        )
+        step.count[1] += work.palm.count[1]
+        solved = monotonic_ns()
+        step.duration[DURATION_PALM] += solved - began
+        if status != OPTIMAL:
+            return status
+        count = work.palm.count[0]
+        for i in range(count):
+            step.row[i] = work.palm.active[i]
+            step.multiplier[i] = work.palm.multiplier[i]
+        yielding = False
+        for f in range(FINGER_COUNT):
+            work.finger_start[0] = contacts.start[f + 1]
+            work.finger_stop[0] = contacts.start[f + 2]
+            work.finger_start[1] = limit_start(contacts, f)
+            work.finger_stop[1] = limit_start(contacts, f + 1)
+            finger_rhs(problem, work.finger_start[0], work.finger_stop[0], work.palm.x, work.rhs)
+            finger_rhs(problem, work.finger_start[1], work.finger_stop[1], work.palm.x, work.rhs)
+            for k in range(PHALANX_COUNT):
+                work.target[k] = problem.target[6 + 3 * f + k]
+            guessed = guess_rows(contacts, active, f + 1, work.guess, 0)
+            status = solve(
+                PHALANX_COUNT,
+                0,
+                problem.common,
+                problem.block,
+                work.rhs,
+                work.finger_start,
+                work.finger_stop,
+                work.finger_block,
+                work.target,
+                tolerance,
+                relaxation,
+                work.guess,
+                guessed,
+                work.finger,
+            )
+            step.count[1] += work.finger.count[1]
+            if status == INFEASIBLE:
+                if cuts == CUT_ROWS:
+                    return ITERATION_LIMIT
+                _add_cut(problem, first_cut + cuts, work, cuts)
+                cuts += 1
+                yielding = True
+                continue
+            if status != OPTIMAL:
+                return status
+            if yielding:
+                continue
+            for k in range(PHALANX_COUNT):
+                step.delta[6 + 3 * f + k] = work.finger.x[k] * problem.inverse_root[6 + 3 * f + k]
+            for i in range(work.finger.count[0]):
+                step.row[count] = work.finger.active[i]
+                step.multiplier[count] = work.finger.multiplier[i]
+                count += 1
+        step.duration[DURATION_FINGERS] += monotonic_ns() - solved
+        if not yielding:
+            break
+        work.palm_stop[1] = first_cut + cuts
+        guessed = work.palm.count[0]
+        for i in range(guessed):
+            work.guess[i] = work.palm.active[i]
+    for j in range(6):
+        step.delta[j] = work.palm.x[j] * problem.inverse_root[j]
+    # A cut stands for the finger contacts of which it is made: they carry its force.
+    for i in range(work.palm.count[0]):
+        row = step.row[i]
+        if row < first_cut:
+            continue
+        cut, multiplier = row - first_cut, step.multiplier[i]
+        step.row[i] = work.cut_row[cut, 0]
+        step.multiplier[i] = multiplier * work.cut_weight[cut, 0]
+        for j in range(1, work.cut_size[cut]):
+            step.row[count] = work.cut_row[cut, j]
+            step.multiplier[count] = multiplier * work.cut_weight[cut, j]
+            count += 1
+    step.count[0] = count
+    return OPTIMAL

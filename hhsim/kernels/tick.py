@@ -1,0 +1,465 @@
+"""One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
+
+A tick is a short sequence of linearisations. Each one finds the contacts within the margin, builds the quadratic program, solves it by the
+chosen method and takes the step, shortened so that no point of the hand moves further than the pairs at hand can vouch for:
+no feature of the object can be jumped over. After each step the *true* distances decide. A configuration without
+penetration becomes the last feasible one; from a penetrating one (the second order of a rotation) the next linearisation
+corrects; if it does not come free, the step is taken back and tried shorter. A program that fails is never followed.
+Since the tick starts from a feasible configuration and ends at the last feasible one, the graphic hand never penetrates.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active_set import OPTIMAL
+from .clock import monotonic_ns, thread_cpu_ns
+from .contact import Candidates, Contacts, evaluate, find_contacts
+from .coupled import CoupledWork, solve_coupled
+from .force import FORCE_PAPER, Forces, hand_forces
+from .hand import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
+from .jit import jit
+from .linearise import Problem, build_rows, clamp_to_limits
+from .pose import HandPose, copy_configuration, is_finite_configuration, move, update_kinematics
+from .progressive import ProgressiveWork, solve_progressive
+from .rotation import rotation_vector_between
+from .step import DURATION_DETECT, DURATION_FORCE, ActiveContacts, Step, keep_active
+from .tree import TreeArrays
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+METHOD_COUPLED = 0
+METHOD_PROGRESSIVE = 1
+
+STATUS_STUCK = 1
+"""The tick kept the last feasible configuration although the haptic hand asked for a motion."""
+STATUS_LAG = 2
+"""The work budget ended with a shortened step: there is distance still to go."""
+STATUS_HELD = 4
+"""The input was not finite; the last good one was used."""
+STATUS_START_INSIDE = 8
+"""The haptic hand began inside the object; the graphic hand began at a free place nearby."""
+STATUS_FULL = 16
+"""More pairs were near than the arrays hold."""
+
+TOUCH = 1e-5
+"""Pairs nearer than this [m] count as touching."""
+
+WORK_LINEARISATIONS = 3
+WORK_QP_ITERATIONS = 4
+WORK_CANDIDATES = 5
+WORK_TOUCHING = 6
+"""Places in the work counters, behind those of `kernels.contact`."""
+
+FLOW_RELAXED = 0
+FLOW_HOLD_ABDUCTION = 1
+FLOW_BAD_STEPS = 2
+FLOW_ACCEPTED = 3
+
+
+class TickOptions(NamedTuple):
+    """How a tick works; lengths in metres.
+
+    | field | meaning |
+    |---|---|
+    | method | METHOD_COUPLED or METHOD_PROGRESSIVE |
+    | force_model | FORCE_KKT or FORCE_PAPER |
+    | linearisations | the tick's budget |
+    | margin | pairs up to this far enter the program; the longest step near the object |
+    | skin | pairs up to this much farther are kept at hand between ticks |
+    | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
+    | settled | a step shorter than this ends the tick |
+    | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
+    | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
+    """
+
+    method: int
+    force_model: int
+    linearisations: int
+    margin: float
+    skin: float
+    offset: float
+    settled: float
+    tolerance: float
+    relaxation: float
+    contact_stiffness: float
+
+
+class TickState(NamedTuple):
+    """Everything that lives from tick to tick, and the workspaces.
+
+    | field | meaning |
+    |---|---|
+    | pose | the graphic hand |
+    | safe | the last configuration without penetration |
+    | haptic | the haptic hand: the last good input |
+    | candidates, contacts | near pairs and contact records |
+    | problem, step | the program and the step that solves it |
+    | warm | contacts active in the last program, to start the next one from |
+    | active | contacts active at the last accepted step: they carry the forces |
+    | coupled, progressive | workspaces of the methods |
+    | forces | of this tick |
+    | motion, since_safe | motion bound of the last step, and summed since `safe` [m], shape (16,) |
+    | trust | longest step [m], [distance still to go], shape (2,) |
+    | flow | where in the tick we are, shape (4,) |
+    | work | counters of this tick, shape (7,) |
+    | stiffness | G, shape (21,) |
+    | scratch | shape (3,) |
+    """
+
+    pose: HandPose
+    safe: HandPose
+    haptic: HandPose
+    candidates: Candidates
+    contacts: Contacts
+    problem: Problem
+    step: Step
+    warm: ActiveContacts
+    active: ActiveContacts
+    coupled: CoupledWork
+    progressive: ProgressiveWork
+    forces: Forces
+    motion: Array
+    since_safe: Array
+    trust: Array
+    flow: Indices
+    work: Indices
+    stiffness: Array
+    scratch: Array
+
+
+@jit
+def set_haptic(
+    hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: TickState
+) -> int:
+    """Take the new haptic configuration; returns STATUS_HELD and keeps the old one where it is not finite, else 0."""
+    if not is_finite_configuration(position, orientation, flexion, abduction):
+        return STATUS_HELD
+    haptic = state.haptic
+    square = 0.0
+    for i in range(4):
+        square += orientation[i] * orientation[i]
+    scale = 1.0 / math.sqrt(square)
+    for i in range(3):
+        haptic.position[i] = position[i]
+    for i in range(4):
+        haptic.orientation[i] = orientation[i] * scale
+    for f in range(FINGER_COUNT):
+        haptic.abduction[f] = abduction[f]
+        for k in range(PHALANX_COUNT):
+            haptic.flexion[f, k] = flexion[f, k]
+    update_kinematics(hand, haptic)
+    return 0
+
+
+@jit
+def evaluate_pose(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> int:
+    """Kinematics and pair distances at the present configuration."""
+    update_kinematics(hand, state.pose)
+    return evaluate(hand, state.pose, tree, options.margin, options.skin, state.candidates, state.work)
+
+
+@jit
+def least_distance(candidates: Candidates) -> float:
+    """Least signed distance [m] of all pairs at hand, infinite where there is none."""
+    least = np.inf
+    for body in range(BODY_COUNT):
+        least = min(least, candidates.nearest[body])
+    return least
+
+
+@jit
+def begin_tick(options: TickOptions, state: TickState) -> None:
+    """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
+    copy_configuration(state.pose, state.safe)
+    for body in range(BODY_COUNT):
+        state.since_safe[body] = 0.0
+    for i in range(state.flow.shape[0]):
+        state.flow[i] = 0
+    for i in range(state.work.shape[0]):
+        state.work[i] = 0
+    for i in range(state.step.duration.shape[0]):
+        state.step.duration[i] = 0
+    state.step.count[1] = 0
+    state.trust[0] = options.margin
+    state.trust[1] = 0.0
+
+
+@jit
+def _aim(state: TickState) -> None:
+    pose, haptic, problem = state.pose, state.haptic, state.problem
+    rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
+    for i in range(3):
+        problem.target[i] = haptic.position[i] - pose.position[i]
+        problem.target[3 + i] = state.scratch[i]
+    for f in range(FINGER_COUNT):
+        held = state.flow[FLOW_HOLD_ABDUCTION] == 1
+        problem.abduction_step[f] = 0.0 if held else haptic.abduction[f] - pose.abduction[f]
+        for k in range(PHALANX_COUNT):
+            problem.target[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
+
+
+@jit
+def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> int:
+    """Contacts and program at the present configuration; returns the number of contacts, -1 where they do not fit."""
+    began = monotonic_ns()
+    status = find_contacts(
+        hand, state.pose, state.candidates, options.margin, tree.radius.shape[0], state.contacts
+    )
+    if status != 0:
+        return -1
+    _aim(state)
+    contacts = state.contacts.start[FINGER_COUNT + 1]
+    state.work[WORK_LINEARISATIONS] += 1
+    state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], contacts)
+    if contacts == 0:
+        for j in range(DOF):
+            state.step.delta[j] = state.problem.target[j]
+        clamp_to_limits(hand, state.pose, state.step.delta)
+        state.step.count[0] = 0
+    else:
+        build_rows(
+            hand, state.pose, state.contacts, options.offset, state.flow[FLOW_RELAXED] == 1, state.problem
+        )
+        for j in range(DOF):
+            state.problem.target[j] /= state.problem.inverse_root[j]
+    state.step.duration[DURATION_DETECT] += monotonic_ns() - began
+    return contacts
+
+
+@jit
+def _take_back(state: TickState) -> None:
+    copy_configuration(state.safe, state.pose)
+    for body in range(BODY_COUNT):
+        state.candidates.slack[body] -= state.since_safe[body]
+        state.since_safe[body] = 0.0
+    state.flow[FLOW_BAD_STEPS] = 0
+
+
+@jit
+def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> bool:
+    """After a program without solution: make the next one easier. False where nothing is left to try."""
+    flow = state.flow
+    if flow[FLOW_RELAXED] == 0:
+        flow[FLOW_RELAXED] = 1
+        return True
+    moved = 0.0
+    for body in range(BODY_COUNT):
+        moved += state.since_safe[body]
+    if moved > 0.0:
+        _take_back(state)
+        state.trust[0] *= 0.25
+        return evaluate_pose(hand, tree, options, state) == 0
+    if flow[FLOW_HOLD_ABDUCTION] == 0:
+        flow[FLOW_HOLD_ABDUCTION] = 1
+        return True
+    return False
+
+
+@jit
+def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> bool:
+    """Take the step as far as the pairs at hand vouch for and judge it by the true distances; True where the tick is done."""
+    began = monotonic_ns()
+    candidates, step, problem = state.candidates, state.step, state.problem
+    keep_active(state.contacts, step, state.warm)
+    motion_bounds(hand, step.delta, problem.abduction_step, state.motion)
+    fraction = 1.0
+    longest = 0.0
+    for body in range(BODY_COUNT):
+        motion = state.motion[body]
+        longest = max(longest, motion)
+        near = candidates.nearest[body]
+        if near <= options.margin:
+            allowed = min(candidates.slack[body], state.trust[0])
+        else:
+            allowed = min(candidates.slack[body], near)
+        if motion * fraction > allowed:
+            fraction = allowed / motion
+    move(state.pose, step.delta, problem.abduction_step, fraction)
+    for body in range(BODY_COUNT):
+        moved = fraction * state.motion[body]
+        candidates.slack[body] -= moved
+        state.since_safe[body] += moved
+    status = evaluate_pose(hand, tree, options, state)
+    state.trust[1] = (1.0 - fraction) * longest
+    done = False
+    if status != 0:
+        done = True
+    elif least_distance(candidates) >= 0.0:
+        copy_configuration(state.pose, state.safe)
+        for body in range(BODY_COUNT):
+            state.since_safe[body] = 0.0
+        keep_active(state.contacts, step, state.active)
+        state.flow[FLOW_ACCEPTED] = 1
+        state.flow[FLOW_BAD_STEPS] = 0
+        done = fraction == 1.0 and longest <= options.settled
+    else:
+        state.flow[FLOW_BAD_STEPS] += 1
+        if state.flow[FLOW_BAD_STEPS] > 3:
+            _take_back(state)
+            state.trust[0] *= 0.25
+            done = evaluate_pose(hand, tree, options, state) != 0
+    state.step.duration[DURATION_DETECT] += monotonic_ns() - began
+    return done
+
+
+@jit
+def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> int:
+    """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
+    began = monotonic_ns()
+    status = 0
+    candidates = state.candidates
+    unsafe = 0.0
+    for body in range(BODY_COUNT):
+        unsafe += state.since_safe[body]
+    if unsafe > 0.0:
+        _take_back(state)
+        if evaluate_pose(hand, tree, options, state) != 0:
+            status |= STATUS_FULL
+    if state.flow[FLOW_ACCEPTED] == 0:
+        status |= STATUS_STUCK
+    elif state.trust[1] > 0.0:
+        status |= STATUS_LAG
+    touching = 0
+    for body in range(BODY_COUNT):
+        if candidates.nearest[body] > TOUCH:
+            continue
+        distances = candidates.palm_distance if body == BODY_COUNT - 1 else candidates.distance[body]
+        for i in range(candidates.count[body]):
+            if distances[i] <= TOUCH:
+                touching += 1
+    state.work[WORK_TOUCHING] = touching
+    state.work[WORK_QP_ITERATIONS] = state.step.count[1]
+    detected = monotonic_ns()
+    if options.force_model == FORCE_PAPER:
+        find_contacts(hand, state.pose, candidates, TOUCH, tree.radius.shape[0], state.contacts)
+    hand_forces(
+        hand,
+        state.pose,
+        state.haptic,
+        state.active,
+        state.contacts,
+        options.force_model,
+        TOUCH,
+        options.contact_stiffness,
+        state.stiffness,
+        state.scratch,
+        state.forces,
+    )
+    state.step.duration[DURATION_DETECT] += detected - began
+    state.step.duration[DURATION_FORCE] += monotonic_ns() - detected
+    return status
+
+
+@jit
+def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> int:
+    """Bring the graphic hand as near to the haptic hand (`set_haptic`) as the object allows; returns status bits."""
+    begin_tick(options, state)
+    status = 0
+    for _ in range(options.linearisations):
+        contacts = prepare(hand, tree, options, state)
+        if contacts < 0:
+            status |= STATUS_FULL
+            break
+        if contacts > 0:
+            if options.method == METHOD_COUPLED:
+                solved = solve_coupled(
+                    state.problem,
+                    state.contacts,
+                    state.warm,
+                    options.tolerance,
+                    options.relaxation,
+                    state.coupled,
+                    state.step,
+                )
+            else:
+                solved = solve_progressive(
+                    state.problem,
+                    state.contacts,
+                    state.warm,
+                    options.tolerance,
+                    options.relaxation,
+                    state.progressive,
+                    state.step,
+                )
+            if solved != OPTIMAL:
+                if recover(hand, tree, options, state):
+                    continue
+                break
+        if advance(hand, tree, options, state):
+            break
+    return status | finish_tick(hand, tree, options, state)
+
+
+class TickRecord(NamedTuple):
+    """Where a block of ticks writes its results; names, units and shapes as in the result file, first axis the tick."""
+
+    status: Indices
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
+    joints: Array
+    phalanx: Array
+    fingertip_normal: Array
+    palm_wrench: Array
+    total: Array
+    duration: Indices
+    duration_total: Indices
+    duration_cpu: Indices
+    work: Indices
+    lag: Array
+
+
+@jit
+def record_tick(state: TickState, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
+    """Copy the outcome of the last tick to row i of the record; wall and CPU time in ns."""
+    pose, forces = state.pose, state.forces
+    record.status[i] = status
+    record.position[i, :] = pose.position
+    record.orientation[i, :] = pose.orientation
+    record.flexion[i, :, :] = pose.flexion
+    record.abduction[i, :] = pose.abduction
+    record.joints[i, :, :, :] = pose.joints
+    record.phalanx[i, :, :, :] = forces.phalanx
+    record.fingertip_normal[i, :, :] = forces.fingertip_normal
+    record.palm_wrench[i, :] = forces.palm_wrench
+    record.total[i, :] = forces.total
+    record.duration[i, :] = state.step.duration
+    record.duration_total[i] = wall
+    record.duration_cpu[i] = cpu
+    record.work[i, :] = state.work
+    record.lag[i] = state.trust[1]
+
+
+@jit
+def run_block(
+    hand: HandArrays,
+    tree: TreeArrays,
+    options: TickOptions,
+    state: TickState,
+    position: Array,
+    orientation: Array,
+    flexion: Array,
+    abduction: Array,
+    record: TickRecord,
+) -> int:
+    """Run one tick for each row of the haptic input, shapes (B, 3), (B, 4), (B, 5, 3), (B, 5); returns the ticks done.
+
+    Fewer than B only where the pairs did not fit (STATUS_FULL in the last row). What is timed is all that a haptic loop would
+    do with a sample: taking the input, detection, programs and forces; copying to the record is not part of a tick.
+    """
+    for i in range(position.shape[0]):
+        cpu = thread_cpu_ns()
+        wall = monotonic_ns()
+        status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
+        status |= tick(hand, tree, options, state)
+        wall = monotonic_ns() - wall
+        cpu = thread_cpu_ns() - cpu
+        record_tick(state, status, wall, cpu, i, record)
+        if status & STATUS_FULL:
+            return i + 1
+    return position.shape[0]

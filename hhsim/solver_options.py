@@ -1,0 +1,107 @@
+"""How the graphic hand is solved for: method, backend, stiffness, and the lengths that steer a tick."""
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.kernels.force import FORCE_KKT, FORCE_PAPER
+from hhsim.kernels.tick import METHOD_COUPLED, METHOD_PROGRESSIVE, TickOptions
+
+METHODS = {"coupled": METHOD_COUPLED, "progressive": METHOD_PROGRESSIVE}
+FORCES = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """The virtual coupling G of the paper's Eq. 1.
+
+    The defaults make a palm that is 1 mm off pull with 1 N, and let the joints of a finger be about as stiff against its tip as a
+    relaxed finger is; the rotation's is the translation's times (70 mm)².
+
+    Attributes:
+        translation: k_t [N/m].
+        rotation: k_r [N·m/rad].
+        flexion: k_θ [N·m/rad].
+        contact: k of Eq. 14 and Fig. 9 [N/m].
+    """
+
+    translation: float = 1000.0
+    rotation: float = 5.0
+    flexion: float = 0.5
+    contact: float = 300.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is not positive and finite."""
+        for name, value in asdict(self).items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"stiffness {name} is {value:g}: it must be positive and finite")
+
+    def diagonal(self) -> NDArray[np.float64]:
+        """G of the 21 variables, shape (21,)."""
+        return np.concatenate([np.full(3, self.translation), np.full(3, self.rotation), np.full(15, self.flexion)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverOptions:
+    """Options of the solver; lengths in metres.
+
+    Attributes:
+        method: `coupled` or `progressive`.
+        qp: `active-set`, or a backend that qpsolvers offers.
+        force: `kkt` (the QP's multipliers) or `paper` (Eq. 14).
+        linearisations: Budget of a tick.
+        margin: Pairs up to this far enter the QP; near the object no step is longer. The paper's Δr is 0.5 mm.
+        skin: Pairs up to this much farther are kept at hand between ticks.
+        offset: Clearance that contacts keep, so that second-order errors of small steps do not penetrate.
+        settled: A step shorter than this ends the tick.
+        stiffness: The virtual coupling.
+    """
+
+    method: str = "coupled"
+    qp: str = "active-set"
+    force: str = "kkt"
+    linearisations: int = 12
+    margin: float = 1e-3
+    skin: float = 3e-3
+    offset: float = 5e-7
+    settled: float = 5e-6
+    stiffness: Stiffness = field(default_factory=Stiffness)
+
+    def __post_init__(self) -> None:
+        """Refuse unknown names and impossible lengths."""
+        if self.method not in METHODS:
+            raise UnknownNameError("method", self.method, METHODS)
+        if self.force not in FORCES:
+            raise UnknownNameError("force model", self.force, FORCES)
+        if self.linearisations < 1:
+            raise InputError(f"linearisations is {self.linearisations}: a tick needs at least 1")
+        for name in ("margin", "skin", "offset", "settled"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"{name} is {value:g} m: it must be positive and finite")
+        if self.offset * 10.0 > self.margin:
+            raise InputError(f"offset {self.offset:g} m is too near the margin {self.margin:g} m: at most a tenth of it")
+
+    def tick_options(self) -> TickOptions:
+        """The kernels' form. QP tolerances are 1e-8 of the margin, and what may be given up 1e-6 of it, times √k_t."""
+        root = math.sqrt(self.stiffness.translation)
+        return TickOptions(
+            method=METHODS[self.method],
+            force_model=FORCES[self.force],
+            linearisations=self.linearisations,
+            margin=self.margin,
+            skin=self.skin,
+            offset=self.offset,
+            settled=self.settled,
+            tolerance=1e-8 * self.margin * root,
+            relaxation=1e-6 * self.margin * root,
+            contact_stiffness=self.stiffness.contact,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """All options as plain values."""
+        return asdict(self)
