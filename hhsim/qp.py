@@ -1,0 +1,240 @@
+"""One contact problem as plain matrices, and its solution by our solver or by any that qpsolvers finds.
+
+    minimise ½ (δ - δ*)ᵀ G (δ - δ*)   subject to   A δ >= b,      G diagonal and positive
+
+The problem is built apart from being solved, so that it can be inspected, and solved again by a reference. All backends
+get the same conditioned form: x = √G δ, which makes the Hessian the identity, and rows of length 1. Then lengths along
+x mean the same for palm and fingers, [√J], and a solver's tolerance is a distance.
+"""
+
+import warnings
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.kernels import active_set
+
+Array = NDArray[np.float64]
+
+ACTIVE_SET = "active-set"
+"""The backend of our own: `hhsim.kernels.active_set`."""
+
+TOLERANCE = 1e-12
+"""Row violation [√J] that the active-set backend accepts; 30 fm at a stiffness of 1 kN/m."""
+RESIDUAL_LIMIT = 1e-6
+"""A backend's answer with a larger `kkt_residual` [√J] is called inaccurate; 30 nm at a stiffness of 1 kN/m."""
+
+_BACKEND_OPTIONS: dict[str, dict[str, Any]] = {
+    "clarabel": {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11},
+    "cvxopt": {"abstol": 1e-10, "reltol": 1e-10, "feastol": 1e-10},
+    "daqp": {"primal_tol": 1e-11},
+    "ecos": {"abstol": 1e-9, "reltol": 1e-9, "feastol": 1e-9},
+    "highs": {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    "osqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 100_000},
+    "piqp": {"eps_abs": 1e-11, "eps_rel": 0.0},
+    "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0},
+    "scs": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iters": 100_000},
+}
+"""Defaults aim at 1e-3 to 1e-8; these documented options ask for what each still reaches. Others run as they are."""
+
+
+class QpStatus(StrEnum):
+    """How a solve ended."""
+
+    OPTIMAL = "optimal"
+    INACCURATE = "inaccurate"
+    """The backend claims an optimum, but `QpProblem.kkt_residual` exceeds `RESIDUAL_LIMIT`."""
+    INFEASIBLE = "infeasible"
+    """No δ satisfies all rows; proven by Farkas' certificate whatever the backend said."""
+    FAILED = "failed"
+    """Anything else; `QpSolution.message` has the backend's words."""
+
+
+@dataclass(frozen=True)
+class QpProblem:
+    """min ½ (δ - δ*)ᵀ G (δ - δ*) subject to A δ >= b.
+
+    Args:
+        stiffness: diagonal of G, shape (n,); [N/m] for a displacement, [N·m/rad] for an angle; positive.
+        matrix: A, shape (m, n); a contact row gives the rate of the distance by displacement [1] and by angle [m/rad].
+        rhs: b, shape (m,) [m] for contact rows.
+        target: δ*, shape (n,); [m] and [rad].
+
+    Raises:
+        InputError: on shapes that do not fit, or a stiffness that is not positive.
+    """
+
+    stiffness: Array
+    matrix: Array
+    rhs: Array
+    target: Array
+
+    def __post_init__(self) -> None:
+        """Make the arrays contiguous float64 and check that they fit."""
+        for name in ("stiffness", "matrix", "rhs", "target"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.float64))
+        n, m = self.target.size, self.rhs.size
+        for name, shape in (("stiffness", (n,)), ("matrix", (m, n)), ("rhs", (m,)), ("target", (n,))):
+            found = getattr(self, name).shape
+            if found != shape:
+                raise InputError(f"QP: {name} has shape {found}, expected {shape} for {n} variables and {m} rows")
+        if not np.all(self.stiffness > 0.0):
+            raise InputError(f"QP: every stiffness must be positive, the least is {self.stiffness.min()}")
+
+    def objective(self, solution: Array) -> float:
+        """Coupling energy [J] at δ, shape (n,)."""
+        offset = solution - self.target
+        return 0.5 * float(offset @ (self.stiffness * offset))
+
+    def kkt_residual(self, solution: Array, multiplier: Array) -> float:
+        """Largest violation [√J] of the optimality conditions by δ, shape (n,), with multipliers, shape (m,).
+
+        Of the rows, of the multipliers' sign, of the balance G (δ - δ*) = Aᵀ λ, and of complementarity (the smaller of
+        slack and multiplier), all in the conditioned variables, where these are lengths. 0 is an exact optimum.
+        """
+        root, unit, norm = self._conditioned()
+        slack = unit @ (root * solution) - self.rhs / norm
+        push = multiplier * norm
+        balance = root * (solution - self.target) - unit.T @ push
+        return float(
+            max(
+                np.max(-slack, initial=0.0),
+                np.max(-push, initial=0.0),
+                np.max(np.abs(balance), initial=0.0),
+                np.max(np.minimum(slack, push), initial=0.0),
+            )
+        )
+
+    def _conditioned(self) -> tuple[Array, Array, Array]:
+        # √G, the rows for x = √G δ at length 1, and their lengths; zero rows stay as they are.
+        root = np.sqrt(self.stiffness)
+        scaled = self.matrix / root
+        norm: Array = np.linalg.norm(scaled, axis=1)
+        norm[norm == 0.0] = 1.0
+        return root, scaled / norm[:, None], norm
+
+
+@dataclass(frozen=True)
+class QpSolution:
+    """What a backend answered.
+
+    Attributes:
+        x: δ, shape (n,) [m] and [rad]; the target where there is no solution.
+        multiplier: λ >= 0 of each row, shape (m,); [N] for contact rows; zeros where there is no solution.
+        status: see `QpStatus`; compares equal to its string.
+        backend: name of the backend.
+        message: what went wrong, empty for an optimum.
+    """
+
+    x: Array
+    multiplier: Array
+    status: QpStatus
+    backend: str
+    message: str = ""
+
+
+def available_backends() -> list[str]:
+    """`active-set` first, then what qpsolvers finds installed."""
+    import qpsolvers
+
+    return [ACTIVE_SET, *sorted(qpsolvers.available_solvers)]
+
+
+def solve(problem: QpProblem, backend: str = ACTIVE_SET) -> QpSolution:
+    """Solve `problem` with one of `available_backends()`.
+
+    A backend that stops, refuses or raises gives a status, never an exception.
+
+    Raises:
+        UnknownNameError: for a backend that is not installed.
+    """
+    if backend != ACTIVE_SET and backend not in available_backends():
+        raise UnknownNameError("QP backend", backend, available_backends())
+    if not all(np.isfinite(array).all() for array in (problem.matrix, problem.rhs, problem.target)):
+        return _without_solution(problem, backend, QpStatus.FAILED, "the problem holds NaN or infinity")
+    if problem.rhs.size == 0:
+        return QpSolution(problem.target.copy(), np.zeros(0), QpStatus.OPTIMAL, backend)
+    if backend == ACTIVE_SET:
+        return _solve_active_set(problem)
+    return _solve_by_qpsolvers(problem, backend)
+
+
+def _solve_active_set(problem: QpProblem) -> QpSolution:
+    root, unit, norm = problem._conditioned()
+    m, n = unit.shape
+    work = active_set.new_work(n, m)
+    status = active_set.solve(
+        n,
+        n,
+        np.ascontiguousarray(unit.T),
+        np.zeros((3, m)),
+        problem.rhs / norm,
+        np.zeros(1, dtype=np.int64),
+        np.full(1, m, dtype=np.int64),
+        np.full(1, -1, dtype=np.int64),
+        root * problem.target,
+        TOLERANCE,
+        0.0,
+        np.zeros(1, dtype=np.int64),
+        0,
+        work,
+    )
+    if status == active_set.INFEASIBLE:
+        message = "the rows contradict each other"
+        return _without_solution(problem, ACTIVE_SET, QpStatus.INFEASIBLE, message)
+    if status != active_set.OPTIMAL:
+        return _without_solution(problem, ACTIVE_SET, QpStatus.FAILED, f"kernel status {status}")
+    multiplier = np.zeros(m)
+    count = work.count[0]
+    multiplier[work.active[:count]] = work.multiplier[:count]
+    return _checked(problem, QpSolution(work.x / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET))
+
+
+def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
+    import qpsolvers
+    from scipy.sparse import csc_matrix
+
+    root, unit, norm = problem._conditioned()
+    target, rhs = root * problem.target, problem.rhs / norm
+    # The target's largest violation is about how far away the solution is: as the unit, it makes tolerances relative.
+    length = float(np.max(rhs - unit @ target))
+    length = length if length > 0.0 else 1.0
+    identity: Any = np.eye(problem.target.size)
+    rows: Any = -unit
+    if backend not in qpsolvers.dense_solvers:
+        identity, rows = csc_matrix(identity), csc_matrix(rows)
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            built = qpsolvers.Problem(identity, np.zeros(target.size), rows, (unit @ target - rhs) / length)
+            solution = qpsolvers.solve_problem(built, backend, **_BACKEND_OPTIONS.get(backend, {}))
+        message = "; ".join(str(warning.message) for warning in caught)
+    except Exception as error:  # whatever a foreign solver raises is its answer
+        return _refused(problem, backend, f"{type(error).__name__}: {error}")
+    if not solution.found or solution.x is None or solution.z is None:
+        return _refused(problem, backend, message or "no solution found")
+    x = (target + length * np.asarray(solution.x, dtype=np.float64)) / root
+    multiplier = np.maximum(np.asarray(solution.z, dtype=np.float64), 0.0) * length / norm
+    return _checked(problem, QpSolution(x, multiplier, QpStatus.OPTIMAL, backend))
+
+
+def _checked(problem: QpProblem, solution: QpSolution) -> QpSolution:
+    residual = problem.kkt_residual(solution.x, solution.multiplier)
+    if residual <= RESIDUAL_LIMIT:
+        return solution
+    message = f"KKT residual {residual:.1e}"
+    return QpSolution(solution.x, solution.multiplier, QpStatus.INACCURATE, solution.backend, message)
+
+
+def _refused(problem: QpProblem, backend: str, message: str) -> QpSolution:
+    # Few backends tell infeasible from failed, and none the same way; a certificate settles it.
+    infeasible = _solve_active_set(problem).status == QpStatus.INFEASIBLE
+    return _without_solution(problem, backend, QpStatus.INFEASIBLE if infeasible else QpStatus.FAILED, message)
+
+
+def _without_solution(problem: QpProblem, backend: str, status: QpStatus, message: str) -> QpSolution:
+    return QpSolution(problem.target.copy(), np.zeros(problem.rhs.size), status, backend, message)

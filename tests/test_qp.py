@@ -1,0 +1,190 @@
+"""One problem, many solvers: all installed backends agree on contact problems, and none raises."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.qp import QpProblem, QpStatus, available_backends, solve
+
+Array = NDArray[np.float64]
+
+RELIABLE = ("active-set", "clarabel", "daqp", "quadprog")
+"""What the project installs; others that happen to be there may give up, but must say so."""
+STIFFNESS = np.array([1000.0] * 3 + [5.0] * 3 + [0.5] * 15)
+
+
+def contact_problem(rng: np.random.Generator, n: int, m: int) -> QpProblem:
+    """Contacts of a hand that was commanded a few millimetres deep: unit normals, levers of 5 cm, many rows alike."""
+    matrix = rng.normal(size=(m, n))
+    patch = rng.integers(0, max(1, m // 4), size=m)
+    matrix[:, :3] = matrix[patch, :3] + 0.05 * rng.normal(size=(m, 3))
+    matrix[:, :3] /= np.linalg.norm(matrix[:, :3], axis=1)[:, None]
+    matrix[:, 3:] *= 0.05
+    inside = 1e-3 * rng.normal(size=n)
+    rhs = matrix @ inside - rng.exponential(3e-4, size=m)
+    command = inside + rng.normal(size=n) * np.where(np.arange(n) < 3, 5e-3, 5e-2)
+    return QpProblem(STIFFNESS[:n], matrix, rhs, command)
+
+
+def contradiction() -> QpProblem:
+    rng = np.random.default_rng(3)
+    problem = contact_problem(rng, 6, 20)
+    matrix, rhs = problem.matrix.copy(), problem.rhs.copy()
+    matrix[1] = -matrix[0]
+    rhs[:2] = 1e-3
+    return QpProblem(problem.stiffness, matrix, rhs, problem.target)
+
+
+def test_own_backend_comes_first_and_the_reference_is_installed() -> None:
+    backends = available_backends()
+    assert backends[0] == "active-set"
+    assert "clarabel" in backends
+    assert len(set(backends)) == len(backends)
+
+
+@pytest.mark.parametrize(("n", "m"), [(3, 20), (6, 60), (21, 100), (21, 250)])
+@pytest.mark.parametrize("backend", available_backends())
+def test_backends_agree_on_contact_problems(backend: str, n: int, m: int) -> None:
+    rng = np.random.default_rng(n + m)
+    for _ in range(10):
+        problem = contact_problem(rng, n, m)
+        ours = solve(problem)
+        theirs = solve(problem, backend)
+        if theirs.status != "optimal" and backend not in RELIABLE:
+            assert theirs.message
+            continue
+        assert theirs.status == "optimal", theirs.message
+        assert theirs.backend == backend
+        assert theirs.message == ""
+        assert problem.kkt_residual(ours.x, ours.multiplier) < 1e-13
+        assert problem.kkt_residual(theirs.x, theirs.multiplier) < 1e-6
+        assert (problem.matrix @ theirs.x - problem.rhs).min() > -1e-9
+        assert theirs.multiplier.min() >= 0.0
+        assert problem.objective(theirs.x) == pytest.approx(problem.objective(ours.x), rel=1e-7)
+        np.testing.assert_allclose(theirs.x, ours.x, atol=1e-6)
+        # Rows of one patch share their load in many ways; the force they sum to is unique.
+        np.testing.assert_allclose(
+            problem.matrix.T @ theirs.multiplier, problem.stiffness * (theirs.x - problem.target), atol=1e-4
+        )
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_closed_form_of_one_contact(backend: str) -> None:
+    # A palm commanded 3 mm into a floor is held at the floor, by k_t · 3 mm.
+    problem = QpProblem(STIFFNESS[:3], np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.array([1e-3, 2e-3, -3e-3]))
+    solution = solve(problem, backend)
+    assert solution.status == QpStatus.OPTIMAL
+    np.testing.assert_allclose(solution.x, [1e-3, 2e-3, 0.0], atol=1e-9)
+    np.testing.assert_allclose(solution.multiplier, [3.0], rtol=1e-6)
+    assert problem.objective(solution.x) == pytest.approx(0.5 * 1000.0 * 9e-6, rel=1e-6)
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_a_command_without_contact_is_followed(backend: str) -> None:
+    problem = QpProblem(STIFFNESS[:3], np.eye(3), np.full(3, -1.0), np.array([1e-3, 2e-3, 3e-3]))
+    for candidate in (problem, QpProblem(STIFFNESS[:3], np.zeros((0, 3)), np.zeros(0), problem.target)):
+        solution = solve(candidate, backend)
+        assert solution.status == "optimal"
+        np.testing.assert_allclose(solution.x, problem.target, atol=1e-8)
+        np.testing.assert_allclose(solution.multiplier, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_contradicting_rows_are_infeasible(backend: str) -> None:
+    problem = contradiction()
+    solution = solve(problem, backend)
+    assert solution.status == "infeasible"
+    assert solution.message
+    np.testing.assert_array_equal(solution.x, problem.target)
+    assert not solution.multiplier.any()
+
+
+@pytest.mark.parametrize("backend", available_backends())
+@pytest.mark.parametrize("place", ["matrix", "rhs", "target"])
+def test_nan_fails_without_raising(backend: str, place: str) -> None:
+    problem = contact_problem(np.random.default_rng(0), 6, 10)
+    getattr(problem, place)[2] = np.nan
+    solution = solve(problem, backend)
+    assert solution.status == "failed"
+    assert "NaN" in solution.message
+
+
+def test_a_backend_that_raises_is_a_failure_with_its_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    import qpsolvers
+
+    def explode(*_: object, **__: object) -> None:
+        raise RuntimeError("out of cheese")
+
+    monkeypatch.setattr(qpsolvers, "solve_problem", explode)
+    solution = solve(contact_problem(np.random.default_rng(0), 6, 10), "clarabel")
+    assert solution.status == "failed"
+    assert solution.message == "RuntimeError: out of cheese"
+    assert solve(contradiction(), "clarabel").status == "infeasible"
+
+
+def test_an_inaccurate_answer_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    import qpsolvers
+
+    exact = qpsolvers.solve_problem
+
+    def sloppy(*args: Any, **options: Any) -> Any:
+        solution: Any = exact(*args, **options)
+        solution.x = solution.x + 1e-3
+        return solution
+
+    monkeypatch.setattr(qpsolvers, "solve_problem", sloppy)
+    solution = solve(contact_problem(np.random.default_rng(0), 6, 10), "clarabel")
+    assert solution.status == "inaccurate"
+    assert "KKT residual" in solution.message
+
+
+def test_unknown_backend_lists_the_near_ones() -> None:
+    with pytest.raises(UnknownNameError, match=r"unknown QP backend 'clarable': did you mean clarabel"):
+        solve(contact_problem(np.random.default_rng(0), 3, 3), "clarable")
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "matrix", "rhs", "target", "match"),
+    [
+        (np.ones(3), np.ones((2, 4)), np.zeros(2), np.zeros(3), r"matrix has shape \(2, 4\), expected \(2, 3\)"),
+        (np.ones(4), np.ones((2, 3)), np.zeros(2), np.zeros(3), r"stiffness has shape \(4,\), expected \(3,\)"),
+        (np.array([1.0, 0.0, 1.0]), np.ones((2, 3)), np.zeros(2), np.zeros(3), "must be positive, the least is 0"),
+        (np.array([1.0, np.nan, 1.0]), np.ones((2, 3)), np.zeros(2), np.zeros(3), "must be positive"),
+    ],
+)
+def test_impossible_problems_are_refused(
+    stiffness: Array, matrix: Array, rhs: Array, target: Array, match: str
+) -> None:
+    with pytest.raises(InputError, match=match):
+        QpProblem(stiffness, matrix, rhs, target)
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 2**32 - 1), st.floats(1e-3, 1e6))
+def test_stiffness_ratios_keep_the_optimum_exact(seed: int, ratio: float) -> None:
+    rng = np.random.default_rng(seed)
+    problem = contact_problem(rng, 21, 60)
+    stiffness = problem.stiffness * np.where(np.arange(21) < 3, 1.0, ratio)
+    problem = QpProblem(stiffness, problem.matrix, problem.rhs, problem.target)
+    solution = solve(problem)
+    assert solution.status == "optimal"
+    scale = max(1.0, float(np.abs(np.sqrt(stiffness) * problem.target).max()))
+    assert problem.kkt_residual(solution.x, solution.multiplier) < 1e-12 * scale
+
+
+def test_kkt_residual_sees_each_condition() -> None:
+    problem = QpProblem(np.full(3, 4.0), np.eye(3), np.zeros(3), np.array([-1.0, 1.0, 1.0]))
+    best, push = np.array([0.0, 1.0, 1.0]), np.array([4.0, 0.0, 0.0])
+    assert problem.kkt_residual(best, push) == 0.0
+    assert problem.kkt_residual(best - [0.1, 0.0, 0.0], push) == pytest.approx(0.2)
+    assert problem.kkt_residual(best, np.array([4.0, -2.0, 0.0])) == pytest.approx(1.0)
+    assert problem.kkt_residual(best, 0.5 * push) == pytest.approx(1.0)
+    assert problem.kkt_residual(best, np.array([4.0, 2.0, 0.0])) == pytest.approx(1.0)
+    # Balanced, but a row pushes from a distance.
+    away = problem.target + np.array([1.0, 0.2, 0.0])
+    assert problem.kkt_residual(away, np.array([4.0, 0.8, 0.0])) == pytest.approx(0.4)
