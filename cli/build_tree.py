@@ -88,7 +88,7 @@ def command(
             }
         )
     elif not quiet:
-        print_table(COLUMNS, _rows(tree), title=f"{mesh.name}: {len(mesh.faces):,} triangles", numbers=len(COLUMNS))
+        print_table(COLUMNS, _rows(tree), title=f"{mesh.name}: {len(mesh.faces):,} triangles", numbers=COLUMNS)
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
         print(f"{tree.leaf_count:,} leaves in {seconds:.1f} s, written to {path}")

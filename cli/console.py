@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
@@ -11,14 +11,16 @@ Report: TypeAlias = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
 
 
-def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", numbers: int = 0) -> None:
+def print_table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", numbers: Container[str] = ()
+) -> None:
     """Print a table to stdout.
 
     Args:
         columns: headings, with the unit where there is one.
         rows: cells as they are to be shown.
         title: a line above the table.
-        numbers: how many columns from the right are aligned right.
+        numbers: headings of the columns that are aligned right.
     """
     from rich import box
     from rich.console import Console
@@ -27,8 +29,8 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     table.title, table.title_justify, table.title_style = title or None, "left", "bold"
-    for index, heading in enumerate(columns):
-        table.add_column(heading, justify="right" if index >= len(columns) - numbers else "left", overflow="fold")
+    for heading in columns:
+        table.add_column(heading, justify="right" if heading in numbers else "left", overflow="fold")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     # A pipe has no width: nothing is folded there, so that lines can be searched.

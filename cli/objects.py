@@ -52,4 +52,5 @@ def command(as_json: bool) -> None:
         )
         for item in objects
     ]
-    print_table(("name", "what", "size [mm]", "triangles", "level", "stresses", "licence"), rows)
+    columns = ("name", "what", "size [mm]", "triangles", "level", "stresses", "licence")
+    print_table(columns, rows, numbers=("triangles", "level"))

@@ -1,0 +1,251 @@
+"""The command line as users meet it: its entry point, run as a process of its own or inside the test."""
+
+import importlib
+import importlib.metadata
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import pytest
+
+import hhsim
+from hhsim.errors import InputError
+
+(POINT,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
+entry = importlib.import_module(POINT.module)
+COMMANDS: dict[str, str] = entry.COMMANDS
+HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
+
+
+@dataclass(frozen=True)
+class Answer:
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Answer]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    """Run the entry point with the given arguments, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def called(*arguments: str) -> Answer:
+        monkeypatch.setattr(sys, "argv", ["hhsim", *arguments])
+        with pytest.raises(SystemExit) as exit_:
+            POINT.load()()
+        captured = capsys.readouterr()
+        assert isinstance(exit_.value.code, int)
+        return Answer(exit_.value.code, captured.out, captured.err)
+
+    return called
+
+
+def test_help_imports_nothing_that_is_slow() -> None:
+    script = (
+        "import sys; sys.argv = ['hhsim', '--help']\n"
+        "from hhsim.cli.main import main\n"
+        "try: main()\n"
+        "except SystemExit: print(*sorted(name for name in sys.modules if '.' not in name), file=sys.stderr)"
+    )
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    loaded = set(answer.stderr.split())
+    assert "click" in loaded
+    assert loaded.isdisjoint({"numpy", "numba", "rich", "trimesh", "h5py", "scipy", "matplotlib", "rerun", "qpsolvers"})
+
+
+def test_help_lists_every_command_on_a_line(run: Run) -> None:
+    answer = run("--help")
+    assert answer.code == 0
+    assert answer.err == ""
+    for name, line in COMMANDS.items():
+        assert any(row.split(maxsplit=1) == [name, line] for row in answer.out.splitlines()), name
+    assert run().out == answer.out
+    assert all(len(row) <= 80 for row in answer.out.splitlines())
+
+
+def test_the_version_is_that_of_the_package(run: Run) -> None:
+    assert run("--version") == Answer(0, f"hhsim {hhsim.__version__}\n", "")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_explains_itself(run: Run, name: str, repository: Path) -> None:
+    context = click.Context(entry.hhsim)
+    command = entry.hhsim.get_command(context, name)
+    assert command is not None
+    assert command.get_short_help_str(limit=200) == COMMANDS[name]
+    answer = run(name, "--help")
+    assert answer.code == 0
+    assert "Example" in answer.out
+    assert f"  hhsim {name}" in answer.out
+    assert f"hhsim {name}" in (repository / "README.md").read_text(encoding="utf-8")
+    for parameter in command.params:
+        if isinstance(parameter, click.Option):
+            assert parameter.help, f"{name} {parameter.opts[0]} has no help"
+
+
+def test_a_long_option_is_spelled_with_hyphens() -> None:
+    context = click.Context(entry.hhsim)
+    for name in COMMANDS:
+        command = entry.hhsim.get_command(context, name)
+        assert command is not None
+        for parameter in command.params:
+            if isinstance(parameter, click.Option):
+                assert all("_" not in spelling for spelling in parameter.opts), (name, parameter.opts)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["relpay"], "hhsim: error: unknown command 'relpay': did you mean replay?"),
+        (["info", "--jsn"], "hhsim: error: No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)"),
+        (["build-tree", "bunyn"], "hhsim: error: unknown object 'bunyn': did you mean bunny?"),
+        (["build-tree", "none.stl"], "hhsim: error: none.stl: no such mesh file"),
+        (
+            ["build-tree", "cube", "--unit", "mm"],
+            "hhsim: error: --unit and --size are for mesh files; 'cube' is an object that has its size"
+            " (see hhsim build-tree --help)",
+        ),
+        (
+            ["build-tree", "mug.stl", "--unit", "mm", "--size", "90"],
+            "hhsim: error: --unit and --size exclude each other: --size scales whatever the unit is"
+            " (see hhsim build-tree --help)",
+        ),
+        (
+            ["build-tree", "cube", "--out", "cube.ply"],
+            "hhsim: error: --out cube.ply: a sphere tree is a .h5 or a .sph file (see hhsim build-tree --help)",
+        ),
+    ],
+)
+def test_a_mistake_is_told_in_one_line(run: Run, arguments: list[str], line: str, tmp_path: Path) -> None:
+    assert run(*arguments) == Answer(2, "", f"{line}\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_machines_get_an_error_as_a_document(run: Run) -> None:
+    answer = run("relpay", "--json")
+    assert answer.code == 2
+    assert json.loads(answer.out) == {"error": "unknown command 'relpay': did you mean replay?"}
+    assert answer.err.startswith("hhsim: error: ")
+
+
+def test_the_notes_of_an_error_are_told_with_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> int:
+        error = InputError("the glove\nwent away")
+        error.add_note("the 30 ticks so far are in run.h5 (complete = 0)")
+        raise error
+
+    monkeypatch.setattr(entry, "_run", fail)
+    expected = "hhsim: error: the glove went away; the 30 ticks so far are in run.h5 (complete = 0)\n"
+    assert run("info") == Answer(2, "", expected)
+
+
+def test_an_interrupt_exits_130_and_says_what_it_left(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop() -> int:
+        interrupt = KeyboardInterrupt()
+        interrupt.add_note("the 30 ticks so far are in run.h5 (complete = 0)")
+        raise interrupt
+
+    monkeypatch.setattr(entry, "_run", stop)
+    expected = "hhsim: interrupted; the 30 ticks so far are in run.h5 (complete = 0)\n"
+    assert run("info") == Answer(130, "", expected)
+
+
+def test_a_command_chooses_its_exit_code(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(COMMANDS, "verdict", "Answer 1.")
+    command = click.Command("verdict", callback=lambda: 1)
+    monkeypatch.setattr(type(entry.hhsim), "get_command", lambda group, context, name: command)
+    assert run("verdict") == Answer(1, "", "")
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    process = subprocess.Popen([*HHSIM, "info"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    told = process.stderr.read()
+    process.stderr.close()
+    assert process.wait() == 128 + signal.SIGPIPE
+    assert told == b""
+
+
+def test_info_tells_people_and_machines_the_same(run: Run) -> None:
+    document = json.loads(run("info", "--json").out)
+    table = run("info")
+    assert table.code == 0
+    assert table.err == ""
+    for value in (document["hhsim"], document["machine"]["cpu"], document["packages"]["numpy"]):
+        assert value in table.out
+
+
+def test_objects_tells_people_and_machines_the_same(run: Run) -> None:
+    objects = json.loads(run("objects", "--json").out)["objects"]
+    lines = run("objects").out.splitlines()[2:]
+    assert [line.split()[0] for line in lines] == [item["name"] for item in objects]
+    assert len(objects) == 10
+    for item, line in zip(objects, lines):
+        assert 0.06 <= max(item["extent"]) <= 0.13
+        assert item["title"] in line
+        assert item["licence"] in line
+
+
+def test_a_table_in_a_pipe_is_plain_text(run: Run) -> None:
+    answer = subprocess.run([*HHSIM, "objects"], capture_output=True, text=True, env=os.environ | {"COLUMNS": "40"})
+    assert "\x1b" not in answer.stdout
+    assert all(line == line.rstrip() for line in answer.stdout.splitlines())
+    assert len(answer.stdout.splitlines()) == 12
+
+
+def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
+    from hhsim.sphere_tree import SphereTree
+
+    answer = run("build-tree", "cube", "--level", "2", "--out", "cube.h5", "--json")
+    assert answer.code == 0
+    document = json.loads(answer.out)
+    tree = SphereTree.load(tmp_path / "cube.h5")
+    assert document["leaves"] == tree.leaf_count <= 64
+    assert [level["spheres"] for level in document["levels"]] == [error.spheres for error in tree.errors]
+    assert all(level["gap_max"] == 0.0 for level in document["levels"])
+    table = run("build-tree", "cube", "--level", "2", "--out", "cube.sph")
+    assert f"{tree.leaf_count:,} leaves" in table.out
+    assert SphereTree.load_sph(tmp_path / "cube.sph").leaf_count == tree.leaf_count
+    assert run("build-tree", "cube", "--level", "1", "--quiet").out == ""
+    assert len(list((tmp_path / "results").glob("*-cube-tree-1.h5"))) == 1
+
+
+def test_a_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "notes.h5").write_text("not a tree")
+    answer = run("build-tree", "cube", "--level", "1", "--out", "notes.h5")
+    assert answer == Answer(
+        2, "", "hhsim: error: notes.h5 exists and is no sphere tree, so it is not replaced: name another file\n"
+    )
+    assert (tmp_path / "notes.h5").read_text() == "not a tree"
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_scripts_call_hhsim(run: Run, shell: str) -> None:
+    answer = run("completion", shell)
+    assert answer.code == 0
+    assert "_HHSIM_COMPLETE" in answer.out
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [("hhsim rep", "replay"), ("hhsim build-tree te", "teapot"), ("hhsim build-tree cube --bran", "--branching")],
+)
+def test_the_shell_is_offered_commands_names_and_options(words: str, offered: str) -> None:
+    environment = os.environ | {
+        "_HHSIM_COMPLETE": "bash_complete",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split()) - 1),
+    }
+    answer = subprocess.run(HHSIM, capture_output=True, text=True, env=environment)
+    assert answer.stdout.splitlines() == [f"plain,{offered}"]

@@ -1,0 +1,94 @@
+"""What gets installed: one package, one command, all data, and nothing else."""
+
+import importlib.metadata
+import importlib.resources
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import hhsim
+
+DATA_FOLDERS = {"objects": "hhsim/objects", "trajectories": "hhsim/trajectories"}
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> zipfile.ZipFile:
+    """The wheel of these sources, built where it leaves nothing behind in the checkout."""
+    if int(importlib.metadata.version("setuptools").split(".")[0]) < 77:
+        pytest.skip("building the wheel needs setuptools 77 or newer: pip install 'hhsim[test]'")
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"
+    ignored = shutil.ignore_patterns(".git", ".venv", "build", "*.egg-info", "__pycache__", "results", ".*_cache")
+    shutil.copytree(repository, source, ignore=ignored)
+    build = "import sys; from setuptools.build_meta import build_wheel; build_wheel(sys.argv[1])"
+    subprocess.run([sys.executable, "-c", build, str(folder)], cwd=source, check=True, capture_output=True)
+    (path,) = folder.glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+def test_the_version_is_the_same_everywhere(repository: Path) -> None:
+    declared = tomllib.loads((repository / "pyproject.toml").read_text())["project"]["version"]
+    assert declared == hhsim.__version__ == importlib.metadata.version("hhsim")
+
+
+def test_the_command_is_the_declared_entry_point() -> None:
+    (entry,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
+    assert entry.value == "hhsim.cli.main:main"
+    assert callable(entry.load())
+
+
+@pytest.mark.parametrize("folder", DATA_FOLDERS)
+def test_installed_data_is_the_data_of_the_sources(repository: Path, folder: str) -> None:
+    installed = {entry.name for entry in importlib.resources.files(f"hhsim.{folder}").iterdir() if entry.is_file()}
+    assert installed == {path.name for path in (repository / folder).iterdir() if path.is_file()}
+
+
+def test_the_wheel_holds_every_source_and_every_datum_and_nothing_else(
+    repository: Path, wheel: zipfile.ZipFile
+) -> None:
+    expected = {
+        *(path.relative_to(repository).as_posix() for path in (repository / "hhsim").rglob("*.py")),
+        "hhsim/py.typed",
+        *(f"hhsim/cli/{path.name}" for path in (repository / "cli").glob("*.py")),
+        *(
+            f"{inside}/{path.name}"
+            for folder, inside in DATA_FOLDERS.items()
+            for path in (repository / folder).iterdir()
+            if path.is_file()
+        ),
+    }
+    held = {name for name in wheel.namelist() if ".dist-info/" not in name}
+    assert held == expected
+    assert any(name.endswith("/licenses/LICENSE") for name in wheel.namelist())
+
+
+def test_the_wheel_works_where_the_sources_are_not(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
+    wheel.extractall(tmp_path)
+    script = (
+        "import sys; sys.path.insert(0, sys.argv.pop(1)); from hhsim.cli import main; print(main.__file__); main.main()"
+    )
+    run = subprocess.run(
+        [sys.executable, "-I", "-c", script, str(tmp_path), "--version"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.splitlines() == [str(tmp_path / "hhsim" / "cli" / "main.py"), f"hhsim {hhsim.__version__}"]
+
+
+def test_constraints_pin_every_dependency_and_name_no_place(repository: Path) -> None:
+    lines = [line for line in (repository / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
+    assert all(line.count("==") == 1 for line in lines)
+    pinned = {line.split("==")[0].lower() for line in lines}
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    groups = [project["dependencies"], *project["optional-dependencies"].values()]
+    declared = {name.split(">=")[0].lower() for group in groups for name in group if not name.startswith("hhsim[")}
+    assert declared <= pinned
