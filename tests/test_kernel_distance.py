@@ -1,0 +1,254 @@
+"""Round cone and sphere distances against minimisation over the axis, coal, and what any distance must obey."""
+
+import math
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from hhsim.kernels.distance import (
+    cone_slope,
+    round_cone_distances,
+    sphere_pair_distances,
+    sphere_round_cone_distance,
+)
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-12
+"""Allowed error relative to the size of the scene [-]."""
+
+
+def brute_force(center: Array, radius: float, a: Array, b: Array, radius_a: float, radius_b: float) -> float:
+    """Least sphere distance over the axis; the function of s is convex, so ternary search finds it."""
+
+    def gap(s: float) -> float:
+        return float(np.linalg.norm(center - (a + s * (b - a)))) - (radius_a + s * (radius_b - radius_a)) - radius
+
+    low, high = 0.0, 1.0
+    for _ in range(120):
+        left, right = low + (high - low) / 3.0, high - (high - low) / 3.0
+        if gap(left) <= gap(right):
+            high = right
+        else:
+            low = left
+    return min(gap(0.0), gap(1.0), gap(0.5 * (low + high)))
+
+
+def kernel(center: Array, radius: float, a: Array, b: Array, radius_a: float, radius_b: float) -> tuple[float, float]:
+    distance, s = sphere_round_cone_distance(center, radius, a, b, radius_a, radius_b)
+    return float(distance), float(s)
+
+
+def size(*parts: Array | float) -> float:
+    return max(float(np.abs(part).max()) for part in parts)
+
+
+points = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+radii = st.one_of(st.floats(0.0, 0.5), st.sampled_from([0.0, 1e-3, 0.5]))
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> tuple[Array, float, Array, Array, float, float]:
+    """A sphere and a round cone, often degenerate: a sphere, a capsule, one end inside the other, radii 1000 to 1."""
+    center, a, b = draw(points), draw(points), draw(points)
+    radius, one, other = draw(radii), draw(radii), draw(radii)
+    kind = draw(st.sampled_from(["free", "coincident", "capsule", "contained", "tangent", "needle", "on the axis"]))
+    small, large = sorted((one, other))
+    if kind == "coincident":
+        b = a.copy()
+    elif kind == "capsule":
+        small = large
+    elif kind == "contained":
+        b = a + (b - a) * min(1.0, 0.9 * (large - small) / max(float(np.linalg.norm(b - a)), 1e-9))
+    elif kind == "tangent":
+        direction = np.array([1.0, 0.0, 0.0])
+        b = a + (large - small) * (1.0 + draw(st.sampled_from([-1e-15, 0.0, 1e-15, 1e-9, 1e-4]))) * direction
+    elif kind == "needle":
+        large, small = 0.5, 0.0005
+    elif kind == "on the axis":
+        center = a + draw(st.floats(-0.5, 1.5)) * (b - a)
+    return center, radius, a, b, large, small
+
+
+@given(scenes())
+@settings(max_examples=400)
+def test_distance_is_the_least_over_the_axis(scene: tuple[Array, float, Array, Array, float, float]) -> None:
+    distance, s = kernel(*scene)
+    center, radius, a, b, radius_a, radius_b = scene
+    assert 0.0 <= s <= 1.0
+    # Just off tangency tan φ is known only to half the digits, but the minimum is flat there: the distance is good.
+    assert distance == pytest.approx(brute_force(*scene), abs=1e-9 * size(center, radius, a, b, radius_a))
+    there = float(np.linalg.norm(center - (a + s * (b - a)))) - (radius_a + s * (radius_b - radius_a)) - radius
+    assert distance == pytest.approx(there, abs=TOLERANCE * size(center, radius, a, b, radius_a))
+
+
+def test_ordinary_cones_agree_to_rounding() -> None:
+    random = np.random.default_rng(1)
+    for _ in range(300):
+        center, a = random.uniform(-0.1, 0.1, (2, 3))
+        direction = random.normal(size=3)
+        b = a + direction / np.linalg.norm(direction) * random.uniform(0.02, 0.05)
+        radius_a = random.uniform(0.005, 0.02)
+        scene = (center, random.uniform(0.0, 0.02), a, b, radius_a, radius_a * random.uniform(0.3, 1.0))
+        assert kernel(*scene)[0] == pytest.approx(brute_force(*scene), abs=1e-15)
+
+
+def test_capsule_is_coals() -> None:
+    random = np.random.default_rng(2)
+    request = coal.DistanceRequest()
+    for _ in range(200):
+        length, radius, ball = random.uniform(0.02, 0.06), random.uniform(0.005, 0.01), random.uniform(0.001, 0.02)
+        center = random.uniform(-0.1, 0.1, 3)
+        result = coal.DistanceResult()
+        coal.distance(
+            coal.Capsule(radius, length),
+            coal.Transform3s(),
+            coal.Sphere(ball),
+            coal.Transform3s(np.eye(3), center),
+            request,
+            result,
+        )
+        ends = np.array([0.0, 0.0, -0.5 * length]), np.array([0.0, 0.0, 0.5 * length])
+        distance, _ = kernel(center, ball, *ends, radius, radius)
+        assert distance == pytest.approx(result.min_distance, abs=1e-9)
+
+
+def test_sampled_surface_is_no_nearer() -> None:
+    random = np.random.default_rng(3)
+    a, b, radius_a, radius_b = np.array([0.1, 0.2, -0.1]), np.array([0.4, 0.1, 0.3]), 0.2, 0.05
+    share = random.uniform(0.0, 1.0, 200_000)
+    normal = random.normal(size=(len(share), 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    surface = a + share[:, None] * (b - a) + (radius_a + share * (radius_b - radius_a))[:, None] * normal
+    for center in random.uniform(-1.0, 1.0, (20, 3)):
+        distance, _ = kernel(center, 0.0, a, b, radius_a, radius_b)
+        if distance > 0.0:
+            nearest = float(np.linalg.norm(surface - center, axis=1).min())
+            assert distance <= nearest + 1e-15
+            assert nearest - distance < 0.01
+
+
+@pytest.mark.parametrize(
+    ("radius_b", "end", "center", "expected"),
+    [
+        (0.5, (2.0, 0.0, 0.0), (1.0, 3.0, 0.0), None),
+        (1.0, (2.0, 0.0, 0.0), (1.0, 3.0, 0.0), 2.0),
+        (0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 4.0), 3.0),
+        (1.0, (0.0, 0.0, 0.0), (0.0, 3.0, 0.0), 2.0),
+        (0.4, (0.5, 0.0, 0.0), (3.0, 0.0, 0.0), 2.0),
+        (0.4, (0.6, 0.0, 0.0), (3.0, 0.0, 0.0), 2.0),
+        (0.0, (2.0, 0.0, 0.0), (3.0, 0.0, 0.0), 1.0),
+        (0.5, (2.0, 0.0, 0.0), (0.0, 0.0, 0.0), -1.0),
+        (0.5, (2.0, 0.0, 0.0), (-2.0, 0.0, 0.0), 1.0),
+    ],
+)
+def test_known_answers(
+    radius_b: float,
+    end: tuple[float, float, float],
+    center: tuple[float, float, float],
+    expected: float | None,
+) -> None:
+    """The cone from the origin with radius 1; the first case by the tangent line: (h cos φ + t sin φ) − r_a."""
+    if expected is None:
+        sine = 0.25
+        expected = 3.0 * math.sqrt(1.0 - sine * sine) + 1.0 * sine - 1.0
+    distance, _ = kernel(np.array(center), 0.0, np.zeros(3), np.array(end), 1.0, radius_b)
+    assert distance == pytest.approx(expected, abs=1e-15)
+
+
+def test_points_without_radius_measure_length() -> None:
+    a = np.array([1.0, 2.0, 3.0])
+    assert kernel(a, 0.0, a, a, 0.0, 0.0) == (0.0, 0.0)
+    assert kernel(a + np.array([0.0, 3.0, 4.0]), 0.0, a, a, 0.0, 0.0)[0] == pytest.approx(5.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("length", "radius_a", "radius_b"),
+    [(0.0, 1.0, 1.0), (0.0, 1.0, 0.0), (0.5, 1.0, 0.5), (0.4, 1.0, 0.5), (0.0, 0.0, 0.0)],
+)
+def test_a_cone_that_is_one_sphere_has_no_slope(length: float, radius_a: float, radius_b: float) -> None:
+    assert cone_slope(length, radius_a, radius_b) == (0.0, 0.0)
+
+
+def test_slope_is_the_half_angle() -> None:
+    tangent, inverse = cone_slope(2.0, 1.0, 0.0)
+    assert tangent == pytest.approx(math.tan(math.asin(0.5)), abs=1e-16)
+    assert inverse == 0.5
+    tangent, _ = cone_slope(math.nextafter(0.5, 1.0), 0.75, 0.25)
+    assert math.isfinite(tangent)
+
+
+@given(scenes(), points)
+@settings(max_examples=200)
+def test_distance_is_convex_and_changes_no_faster_than_the_sphere_moves(
+    scene: tuple[Array, float, Array, Array, float, float], other: Array
+) -> None:
+    """A round cone is convex, so its signed distance is convex and 1-Lipschitz: what bounded motion rests on."""
+    center, radius, a, b, radius_a, radius_b = scene
+    here = kernel(center, radius, a, b, radius_a, radius_b)[0]
+    there = kernel(other, radius, a, b, radius_a, radius_b)[0]
+    middle = kernel(0.5 * (center + other), radius, a, b, radius_a, radius_b)[0]
+    assert abs(here - there) <= float(np.linalg.norm(other - center)) + 1e-9
+    assert middle <= 0.5 * (here + there) + 1e-9
+
+
+def test_growing_a_radius_shortens_the_distance_by_as_much() -> None:
+    center, a, b = np.array([0.3, 0.2, 0.1]), np.zeros(3), np.array([0.1, 0.0, 0.0])
+    distance = kernel(center, 0.01, a, b, 0.03, 0.02)[0]
+    assert kernel(center, 0.05, a, b, 0.03, 0.02)[0] == pytest.approx(distance - 0.04, abs=1e-16)
+    assert kernel(center, 0.01, a, b, 0.05, 0.04)[0] == pytest.approx(distance - 0.02, abs=1e-16)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["cone", "capsule", "sphere", "needle"]))
+@settings(max_examples=60)
+def test_vector_kernel_is_the_scalar_kernel(seed: int, kind: str) -> None:
+    random = np.random.default_rng(seed)
+    count = int(random.integers(0, 40))
+    center, radius = random.uniform(-1.0, 1.0, (count + 3, 3)), random.uniform(0.0, 0.3, count + 3)
+    a, b, radius_a, radius_b = random.uniform(-1.0, 1.0, 3), random.uniform(-1.0, 1.0, 3), 0.3, 0.2
+    if kind == "capsule":
+        radius_b = radius_a
+    elif kind == "sphere":
+        b = a.copy()
+    elif kind == "needle":
+        radius_b = radius_a / 1000.0
+    length = float(np.linalg.norm(b - a))
+    tangent, inverse = cone_slope(length, radius_a, radius_b)
+    direction = (b - a) * inverse
+    distance_out, parameter_out = np.full(count + 3, np.nan), np.full(count + 3, np.nan)
+    x, y, z = (np.ascontiguousarray(center[:, i]) for i in range(3))
+    ax, ay, az = (float(v) for v in a)
+    ux, uy, uz = (float(v) for v in direction)
+    round_cone_distances(
+        x, y, z, radius, count, ax, ay, az, ux, uy, uz, length, tangent, inverse, radius_a, radius_a - radius_b,
+        distance_out, parameter_out,
+    )  # fmt: skip
+    for i in range(count):
+        distance, s = kernel(center[i], float(radius[i]), a, b, radius_a, radius_b)
+        assert distance_out[i] == pytest.approx(distance, abs=1e-14)
+        assert parameter_out[i] == pytest.approx(s, abs=1e-13)
+    assert np.isnan(distance_out[count:]).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_sphere_pairs_are_numpys(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    count = int(random.integers(0, 20))
+    hand, thing = random.uniform(-1.0, 1.0, (2, count + 2, 3))
+    hand_radius, thing_radius = random.uniform(0.0, 0.3, (2, count + 2))
+    position = random.uniform(-1.0, 1.0, 3)
+    rotation = np.ascontiguousarray(np.linalg.qr(random.normal(size=(3, 3)))[0])
+    out = np.full(count + 2, np.nan)
+    hx, hy, hz = (np.ascontiguousarray(hand[:, i]) for i in range(3))
+    tx, ty, tz = (np.ascontiguousarray(thing[:, i]) for i in range(3))
+    sphere_pair_distances(
+        hx, hy, hz, hand_radius, tx, ty, tz, thing_radius, count, position, rotation, out
+    )  # fmt: skip
+    expected = np.linalg.norm(position + hand @ rotation.T - thing, axis=1) - hand_radius - thing_radius
+    np.testing.assert_allclose(out[:count], expected[:count], atol=1e-14)
+    assert np.isnan(out[count:]).all()

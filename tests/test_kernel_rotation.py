@@ -1,0 +1,112 @@
+"""Rotations against scipy, tiny angles, half turns and both signs of a quaternion included."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between
+
+Array = NDArray[np.float64]
+
+
+def unit(seed: int) -> Array:
+    values = np.random.default_rng(seed).normal(size=4)
+    return values / np.linalg.norm(values)
+
+
+def scipy_rotation(quaternion: Array) -> Rotation:
+    return Rotation.from_quat(quaternion, scalar_first=True)
+
+
+def matrix(quaternion: Array) -> Array:
+    out = np.empty((3, 3))
+    quaternion_to_matrix(quaternion, out)
+    return out
+
+
+def between(source: Array, target: Array) -> Array:
+    out = np.empty(3)
+    rotation_vector_between(source, target, out)
+    return out
+
+
+def rotated(quaternion: Array, vector: Array) -> Array:
+    out = np.empty(4)
+    rotate_quaternion(quaternion, float(vector[0]), float(vector[1]), float(vector[2]), out)
+    return out
+
+
+quaternions = st.integers(0, 2**32 - 1).map(unit)
+axes = st.integers(0, 2**32 - 1).map(lambda seed: unit(seed)[:3] / np.linalg.norm(unit(seed)[:3]))
+angles = st.one_of(
+    st.floats(0.0, 4.0 * math.pi),
+    st.sampled_from([0.0, 1e-300, 1e-12, 0.9e-8, 1.1e-8, 1e-6, math.pi, math.nextafter(math.pi, 0.0), 2.0 * math.pi]),
+)
+
+
+@given(quaternions)
+@example(np.array([1.0, 0.0, 0.0, 0.0]))
+@example(np.array([0.0, 0.0, 0.0, -1.0]))
+@settings(max_examples=50)
+def test_matrix_is_scipys(quaternion: Array) -> None:
+    np.testing.assert_allclose(matrix(quaternion), scipy_rotation(quaternion).as_matrix(), atol=4e-16)
+    np.testing.assert_array_equal(matrix(-quaternion), matrix(quaternion))
+
+
+@given(quaternions, axes, angles)
+@settings(max_examples=100)
+def test_left_increment_is_scipys(quaternion: Array, axis: Array, angle: float) -> None:
+    moved = rotated(quaternion, angle * axis)
+    expected = Rotation.from_rotvec(angle * axis) * scipy_rotation(quaternion)
+    np.testing.assert_allclose(matrix(moved), expected.as_matrix(), atol=4e-15)
+    assert abs(np.linalg.norm(moved) - 1.0) <= 4e-16
+
+
+@given(quaternions, quaternions)
+@settings(max_examples=100)
+def test_vector_between_is_scipys(source: Array, target: Array) -> None:
+    expected = scipy_rotation(target) * scipy_rotation(source).inv()
+    vector = between(source, target)
+    assert np.linalg.norm(vector) <= math.pi * (1.0 + 1e-15)
+    np.testing.assert_allclose(Rotation.from_rotvec(vector).as_matrix(), expected.as_matrix(), atol=4e-15)
+    if expected.magnitude() < math.pi - 1e-6:
+        np.testing.assert_allclose(vector, expected.as_rotvec(), atol=1e-9)
+
+
+@given(quaternions, axes, angles.filter(lambda angle: angle < math.pi - 1e-9), st.sampled_from([1.0, -1.0]))
+@settings(max_examples=100)
+def test_vector_between_undoes_the_increment(quaternion: Array, axis: Array, angle: float, sign: float) -> None:
+    vector = between(quaternion, sign * rotated(quaternion, angle * axis))
+    # Quaternions near unit length carry about one ulp of 1, so angles come back to that absolute accuracy.
+    np.testing.assert_allclose(vector, angle * axis, atol=4e-15)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_half_turn_has_length_pi(sign: float) -> None:
+    source = unit(7)
+    for axis in np.eye(3):
+        target = (Rotation.from_rotvec(math.pi * axis) * scipy_rotation(source)).as_quat(scalar_first=True)
+        vector = between(source, sign * target)
+        assert np.linalg.norm(vector) == pytest.approx(math.pi, abs=1e-14)
+        np.testing.assert_allclose(matrix(rotated(source, vector)), matrix(target), atol=4e-15)
+
+
+def test_no_turn_is_exactly_zero() -> None:
+    source = np.array([0.5, 0.5, 0.5, 0.5])
+    np.testing.assert_array_equal(between(source, source), np.zeros(3))
+    np.testing.assert_array_equal(between(source, -source), np.zeros(3))
+    np.testing.assert_array_equal(rotated(source, np.zeros(3)), source)
+
+
+def test_many_small_increments_stay_a_rotation() -> None:
+    quaternion = np.array([1.0, 0.0, 0.0, 0.0])
+    steps = 20_000
+    for _ in range(steps):
+        rotate_quaternion(quaternion, 0.0, 0.0, 2.0 * math.pi / steps, quaternion)
+    assert abs(np.linalg.norm(quaternion) - 1.0) <= 4e-16
+    np.testing.assert_allclose(matrix(quaternion), np.eye(3), atol=1e-11)
