@@ -137,6 +137,7 @@ def load_mesh(path: str | Path, unit: str = "m", size: float | None = None, repa
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise InputError(f"size {size} m: the longest extent must be positive")
     vertices, faces = read_triangles(path)
+    require_usable_arrays(vertices, faces, str(path))
     mesh = Mesh(vertices, faces, name=path.stem, source=str(path))
     longest = float(mesh.extent.max())
     if longest == 0.0:

@@ -1,5 +1,6 @@
 """Mesh files: any format that trimesh reads, as plain arrays in the file's own unit; and exact binary PLY."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -30,12 +31,18 @@ def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     if kind not in known:
         raise MeshError(f"{path}: unknown mesh format '.{kind}'; known: {', '.join(known)}")
     try:
-        scene = trimesh.load_scene(path, process=False)
-        parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+        # What numpy warns of inside the readers (NaN in a normal, say) is found and told by the checks that follow.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            scene = trimesh.load_scene(path, process=False)
+            parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     except MemoryError:
         raise
+    except ImportError as error:
+        # A damaged binary STL lands here too: trimesh takes it for text in an unknown encoding.
+        raise MeshError(f"{path}: cannot be read as .{kind}: damaged, or needs a missing package: {error}") from error
     except Exception as error:
-        # trimesh's readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
+        # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
         reason = " ".join(str(error).split()) or type(error).__name__
         raise MeshError(f"{path}: cannot be read as .{kind}: {reason[:200]}") from error
     if not parts:

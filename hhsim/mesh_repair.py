@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
 from hhsim.kernels.winding import winding_numbers
+from hhsim.mesh_holes import hole_caps
 from hhsim.mesh_topology import (
     alike_wound,
-    boundary_loops,
     face_areas,
     in_fixed_order,
     is_closed,
@@ -44,6 +44,9 @@ CROSSING_SHARE = 0.01
 
 WINDING_WORK = 3.0e7
 """Largest number of point-triangle pairs in one winding test, about a third of a second."""
+
+FEWEST_SAMPLES = 600
+"""Triangles that are fewer are tested at more than one place each."""
 
 SAMPLE_OFFSET = 1e-4
 """Distance of the test points from the surface, as a share of the longest extent."""
@@ -124,12 +127,18 @@ def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, flo
     triangles = np.ascontiguousarray(vertices[faces])
     step = max(1, int(np.ceil(2.0 * len(faces) ** 2 / WINDING_WORK)))
     tested = triangles[::step]
-    normal = np.cross(tested[:, 1] - tested[:, 0], tested[:, 2] - tested[:, 0])
+    edge_b, edge_c = tested[:, 1] - tested[:, 0], tested[:, 2] - tested[:, 0]
+    normal = np.cross(edge_b, edge_c)
     length = np.linalg.norm(normal, axis=1)
     wide = length > 0.0
-    offset = normal[wide] / length[wide, None] * (SAMPLE_OFFSET * float(np.ptp(triangles.reshape(-1, 3), axis=0).max()))
-    middle = tested[wide].mean(axis=1)
-    points = np.ascontiguousarray(np.concatenate([middle + offset, middle - offset]))
+    distance = SAMPLE_OFFSET * float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    offset = normal[wide] / length[wide, None] * distance
+    # A mesh of few triangles needs several points on each: the R2 sequence (plastic number) fills a triangle evenly.
+    number = np.arange(max(1, FEWEST_SAMPLES // len(tested)))
+    share = np.mod(1.0 / 3.0 + np.outer(number, (0.7548776662466927, 0.5698402909980532)), 1.0)
+    share = np.where(share.sum(axis=1, keepdims=True) > 1.0, 1.0 - share, share)
+    places = [tested[wide, 0] + b * edge_b[wide] + c * edge_c[wide] for b, c in share]
+    points = np.concatenate([place + side * offset for place in places for side in (1.0, -1.0)])
     winding = np.empty(len(points))
     winding_numbers(triangles, points, winding)
     faulty = np.minimum(np.abs(winding), np.abs(winding - 1.0)) > WINDING_TOLERANCE
@@ -137,7 +146,7 @@ def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, flo
 
 
 def _counted(count: int, noun: str) -> str:
-    plural = {"vertex": "vertices", "degenerate triangle": "degenerate triangles"}.get(noun, noun + "s")
+    plural = "vertices" if noun == "vertex" else noun + "s"
     return f"{count} {noun if count == 1 else plural}"
 
 
@@ -157,25 +166,36 @@ def _drop_useless_faces(surface: Surface) -> None:
     if degenerate.any():
         surface.repairs.append(f"removed {_counted(int(degenerate.sum()), 'degenerate triangle')}")
         faces = faces[~degenerate]
-    # Equal triangles count once; a triangle and its reverse enclose nothing and cancel.
-    corners = np.sort(faces, axis=1)
-    first = np.argmin(faces, axis=1)
-    turned = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
-    sign = np.where(turned[:, 1] < turned[:, 2], 1, -1)
-    _, group = np.unique(corners, axis=0, return_inverse=True)
-    group = group.reshape(-1)
-    net = np.bincount(group, weights=sign) if len(faces) else np.empty(0)
-    order = np.arange(len(faces))
-    wanted = np.sign(net[group]) == sign
-    keep = np.zeros(len(faces), dtype=bool)
-    _, chosen = np.unique(group[wanted], return_index=True)
-    keep[order[wanted][chosen]] = True
+    keep = _once(faces)
     if not keep.all():
         surface.repairs.append(f"removed {_counted(int((~keep).sum()), 'duplicate triangle')}")
         faces = faces[keep]
     if len(faces) == 0:
         raise MeshError(f"{surface.name}: no volume: its triangles are degenerate or cancel each other")
     surface.faces = faces
+
+
+def _once(faces: IntArray) -> BoolArray:
+    """Which faces to keep so that none occurs twice, shape (F,).
+
+    A face and its reverse enclose nothing and cancel; unless most faces have their reverse: then the file holds both
+    sides of one surface, and one of each is kept.
+    """
+    first = np.argmin(faces, axis=1)
+    turned = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    sign = np.where(turned[:, 1] < turned[:, 2], 1, -1)
+    group = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    count = np.bincount(group)
+    net = np.bincount(group, weights=sign)
+    both_sides = np.abs(net) < count
+    if 2 * np.count_nonzero(both_sides) > len(count):
+        wanted = np.ones(len(faces), dtype=bool)
+    else:
+        wanted = np.sign(net[group]) == sign
+    keep = np.zeros(len(faces), dtype=bool)
+    candidates = np.flatnonzero(wanted)
+    keep[candidates[np.unique(group[wanted], return_index=True)[1]]] = True
+    return keep
 
 
 def _open_edges(faces: IntArray) -> int:
@@ -196,6 +216,7 @@ def _merge_near_vertices(surface: Surface) -> None:
             f"merged {_counted(merged, 'vertex')} closer than {surface.millimetres(distance)} to another"
         )
         surface.vertices, surface.faces = vertices, faces
+        _drop_useless_faces(surface)
 
 
 def _drop_fragments(surface: Surface) -> None:
@@ -229,68 +250,33 @@ def _wind_alike(surface: Surface) -> None:
 
 
 def _close_holes(surface: Surface) -> None:
-    loops = boundary_loops(surface.faces)
-    if not loops:
+    caps = hole_caps(surface.vertices, surface.faces)
+    holes = len(caps.width)
+    if holes == 0:
         return
-    caps: list[IntArray] = []
-    extra: list[FloatArray] = []
-    widths: list[float] = []
-    for loop in loops:
-        ring = surface.vertices[loop]
-        offset = ring - ring.mean(axis=0)
-        axes = np.linalg.svd(offset, full_matrices=False)[2]
-        width = float(np.ptp(offset @ axes[0]))
-        bend = float(np.abs(offset @ axes[2]).max()) if len(loop) > 3 else 0.0
-        if width > WIDE_HOLE * surface.size and bend > BENT_HOLE * width:
-            raise MeshError(
-                f"{surface.name}: open: a hole {surface.millimetres(width)} wide is bent by {surface.millimetres(bend)}, too much to "
-                "close safely; close it in a mesh editor"
-            )
-        widths.append(width)
-        cap = _capped(loop, offset @ axes[:2].T, len(surface.vertices) + len(extra))
-        caps.append(cap)
-        if cap.max() == len(surface.vertices) + len(extra):
-            extra.append(ring.mean(axis=0))
-    vertices = np.concatenate([surface.vertices, np.array(extra).reshape(-1, 3)])
-    added = np.concatenate(caps)
-    share = float(face_areas(vertices, added).sum() / face_areas(vertices, surface.faces).sum())
+    wide = caps.width > WIDE_HOLE * surface.size
+    bent = np.flatnonzero(wide & (caps.bend > BENT_HOLE * caps.width))
+    if len(bent):
+        width, bend = surface.millimetres(caps.width[bent[0]]), surface.millimetres(caps.bend[bent[0]])
+        raise MeshError(
+            f"{surface.name}: open: a hole {width} wide is bent by {bend}, too much to close safely; "
+            "close it in a mesh editor"
+        )
+    widest = surface.millimetres(float(caps.width.max()))
+    added = float(face_areas(caps.vertices, caps.faces).sum())
+    share = added / float(face_areas(surface.vertices, surface.faces).sum())
     if share > CAP_AREA:
         raise MeshError(
-            f"{surface.name}: an open surface: {_counted(len(loops), 'hole')} up to {surface.millimetres(max(widths))} wide, "
-            f"whose caps would be {100.0 * share:.0f} % of it; give it a thickness"
+            f"{surface.name}: an open surface: {_counted(holes, 'hole')} up to {widest} wide, whose caps would have "
+            f"{100.0 * share:.0f} % of its area; give it a thickness"
         )
-    surface.repairs.append(f"closed {_counted(len(loops), 'hole')} up to {surface.millimetres(max(widths))} wide")
-    wide = sum(width > WIDE_HOLE * surface.size for width in widths)
-    if wide:
+    surface.repairs.append(f"closed {_counted(holes, 'hole')} up to {widest} wide")
+    if wide.any():
         surface.warnings.append(
-            f"{_counted(wide, 'hole')} up to {surface.millimetres(max(widths))} wide closed: it is solid there; if it should "
-            "be hollow, give the wall a thickness"
+            f"{_counted(int(wide.sum()), 'hole')} up to {widest} wide closed: it is solid there; if it should be "
+            "hollow, give the wall a thickness"
         )
-    surface.vertices, surface.faces = vertices, np.concatenate([surface.faces, added])
-
-
-def _capped(loop: IntArray, flat: FloatArray, center: int) -> IntArray:
-    """Triangles that close a loop: a fan about its centroid where that folds nowhere, else ears.
-
-    Args:
-        loop: Vertex indices in the direction of the faces around, shape (n,).
-        flat: The loop in its plane, about its centroid [m], shape (n, 2).
-        center: Index that a centroid vertex would get.
-    """
-    if len(loop) == 3:
-        return loop[::-1][None].copy()
-    following = np.roll(flat, -1, axis=0)
-    turn = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
-    if (turn > 0.0).all() or (turn < 0.0).all():
-        return np.stack([np.full(len(loop), center), np.roll(loop, -1), loop], axis=1)
-    from manifold3d import triangulate
-
-    forward = turn.sum() > 0.0
-    order = np.arange(len(loop)) if forward else np.arange(len(loop))[::-1]
-    ears = np.asarray(triangulate([np.ascontiguousarray(flat[order])]), dtype=np.int64)
-    triangles = loop[order][ears]
-    # Ears are wound as the polygon is; the cap must run against the faces around.
-    return triangles[:, ::-1].copy() if forward else triangles
+    surface.vertices, surface.faces = caps.vertices, np.concatenate([surface.faces, caps.faces])
 
 
 def _require_closed(surface: Surface) -> None:
@@ -322,21 +308,24 @@ def _turn_outward(surface: Surface) -> None:
     if not all(is_closed(surface.faces[label == part]) for part in range(label.max() + 1)):
         # Parts that share an edge close each other: they are one.
         label = np.zeros_like(label)
-    parts = [surface.faces[label == part] for part in range(label.max() + 1)]
-    volumes = [signed_volume(surface.vertices, part) for part in parts]
-    turned = 0
-    for part, volume in enumerate(volumes):
-        if volume >= 0.0:
+    parts = int(label.max()) + 1
+    turned = np.zeros(parts, dtype=bool)
+    if signed_volume(surface.vertices, surface.faces) < 0.0:
+        surface.faces = surface.faces[:, ::-1].copy()
+        turned[:] = True
+    for part in range(parts):
+        faces = surface.faces[label == part]
+        if signed_volume(surface.vertices, faces) >= 0.0:
             continue
         others = surface.faces[label != part]
-        point = surface.vertices[parts[part][0]].mean(axis=0)
+        point = surface.vertices[faces[0]].mean(axis=0)
         enclosed = len(others) > 0 and abs(_winding_at(surface.vertices, others, point)) > 0.5
         if not enclosed:
-            surface.faces[label == part] = parts[part][:, ::-1]
-            turned += 1
-    if turned:
-        whole = turned == len(parts)
-        surface.repairs.append("turned inside out" if whole else f"turned {_counted(turned, 'part')} inside out")
+            surface.faces[label == part] = faces[:, ::-1]
+            turned[part] = not turned[part]
+    if turned.any():
+        which = "" if parts == 1 else f"{np.count_nonzero(turned)} of {parts} parts "
+        surface.repairs.append(f"{which}wound inside out: turned")
     volume = signed_volume(surface.vertices, surface.faces)
     if volume <= 1e-9 * surface.size**3:
         raise MeshError(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.mesh import Mesh
-from hhsim.mesh_topology import in_fixed_order
+from hhsim.mesh_topology import in_fixed_order, merged_vertices
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -80,11 +80,11 @@ def _split_in_four(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, I
 def finished_mesh(vertices: FloatArray, faces: Sequence[IntArray] | IntArray, name: str, source: str) -> Mesh:
     """Make a mesh with the centre of its bounding box at the origin and its bytes in one fixed order.
 
-    Vertices are rounded to `GRID` decimals [m] and sorted by (z, y, x), each face starts at its lowest index, and
-    faces are sorted: whoever makes the same surface gets the same bytes.
+    Vertices are rounded to `GRID` decimals [m] and sorted by (z, y, x), unused ones dropped, each face starts at its
+    lowest index, and faces are sorted: whoever makes the same surface gets the same bytes.
     """
     faces = np.concatenate(list(faces)) if not isinstance(faces, np.ndarray) else faces
     vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
     # Adding zero turns -0.0 into 0.0.
     vertices = np.round(vertices, GRID) + 0.0
-    return Mesh(*in_fixed_order(vertices, faces), name=name, source=source)
+    return Mesh(*in_fixed_order(*merged_vertices(vertices, faces)), name=name, source=source)
