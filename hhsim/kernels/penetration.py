@@ -1,0 +1,128 @@
+"""How deep the graphic hand is in the object, tick by tick, from what a result stores and not from the solver.
+
+The paper (Section V-D) defines the penetration depth as the biggest penetration between the graphic finger and the
+object's spheres in a cycle; here the palm counts too. Phalanges are placed by their stored joints.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .distance import cone_slope
+from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays
+from .jit import jit
+from .tree import STACK_SIZE, TreeArrays, nearest_leaf_round_cone
+
+Array = NDArray[np.float64]
+
+
+@jit
+def clearances(
+    phalanx_radius: Array,
+    palm_x: Array,
+    palm_y: Array,
+    palm_z: Array,
+    palm_radius: Array,
+    tree: TreeArrays,
+    joints: Array,
+    position: Array,
+    rotation: Array,
+    limit: float,
+    palm_out: Array,
+    finger_out: Array,
+) -> None:
+    """Least signed distance [m] of the palm and of each finger to the object's leaf spheres, negative inside.
+
+    Args:
+        phalanx_radius: radius at each joint and at the tip, not growing towards the tip [m], shape (5, 4).
+        palm_x: centres of the palm's spheres [m], palm frame, shape (P,); palm_y and palm_z likewise.
+        palm_y: see palm_x.
+        palm_z: see palm_x.
+        palm_radius: their radii [m], shape (P,).
+        tree: the object, world.
+        joints: joint centres and tip sphere centre [m], world, shape (T, 5, 4, 3).
+        position: palm origin [m], world, shape (T, 3).
+        rotation: palm to world, shape (T, 3, 3).
+        limit: distances from here on [m] are not looked for; `limit` stands for them.
+        palm_out: shape (T,) [m]; NaN where the palm's pose is.
+        finger_out: shape (T, 5) [m]; NaN where a joint is.
+    """
+    stack = np.empty(STACK_SIZE, dtype=np.int64)
+    for tick in range(joints.shape[0]):
+        p, r = position[tick], rotation[tick]
+        best = limit
+        for i in range(palm_x.shape[0]):
+            x = p[0] + r[0, 0] * palm_x[i] + r[0, 1] * palm_y[i] + r[0, 2] * palm_z[i]
+            y = p[1] + r[1, 0] * palm_x[i] + r[1, 1] * palm_y[i] + r[1, 2] * palm_z[i]
+            z = p[2] + r[2, 0] * palm_x[i] + r[2, 1] * palm_y[i] + r[2, 2] * palm_z[i]
+            if math.isnan(x + y + z):
+                best = np.nan
+                break
+            best = nearest_leaf_round_cone(
+                tree, x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, palm_radius[i], 0.0, best, stack
+            )[0]
+        palm_out[tick] = best
+        for f in range(FINGER_COUNT):
+            best = limit
+            for k in range(PHALANX_COUNT):
+                a, b = joints[tick, f, k], joints[tick, f, k + 1]
+                ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+                length = math.sqrt(ux * ux + uy * uy + uz * uz)
+                if math.isnan(length):
+                    best = np.nan
+                    break
+                radius, tip_radius = phalanx_radius[f, k], phalanx_radius[f, k + 1]
+                tan_slope, inverse_length = cone_slope(length, radius, tip_radius)
+                best = nearest_leaf_round_cone(
+                    tree,
+                    a[0],
+                    a[1],
+                    a[2],
+                    ux * inverse_length,
+                    uy * inverse_length,
+                    uz * inverse_length,
+                    length,
+                    tan_slope,
+                    inverse_length,
+                    radius,
+                    radius - tip_radius,
+                    best,
+                    stack,
+                )[0]
+            finger_out[tick, f] = best
+
+
+@jit
+def penetration_depths(
+    hand: HandArrays,
+    tree: TreeArrays,
+    joints: Array,
+    position: Array,
+    rotation: Array,
+    palm_out: Array,
+    finger_out: Array,
+) -> None:
+    """Penetration depth [m], max(0, -signed distance), of the palm, shape (T,), and of each finger, shape (T, 5).
+
+    Arguments as `clearances`. NaN stays NaN: a hand that is nowhere is not a hand that is free.
+    """
+    clearances(
+        hand.radius,
+        hand.palm_x,
+        hand.palm_y,
+        hand.palm_z,
+        hand.palm_radius,
+        tree,
+        joints,
+        position,
+        rotation,
+        0.0,
+        palm_out,
+        finger_out,
+    )
+    for tick in range(joints.shape[0]):
+        # 0.0 - x and not -x: a free body has depth 0, not minus 0.
+        palm_out[tick] = 0.0 - palm_out[tick]
+        for f in range(FINGER_COUNT):
+            finger_out[tick, f] = 0.0 - finger_out[tick, f]
