@@ -1,0 +1,100 @@
+"""What makes a scripted motion look measured: tremor of the palm and the sensors of the joints, seeded."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.kernels.rotation import rotate_quaternion
+
+Array = NDArray[np.float64]
+
+LIMITS: dict[str, tuple[float, float]] = {
+    "tremor_position": (0.0, 0.1),
+    "tremor_rotation": (0.0, math.pi),
+    "tremor_frequency": (0.01, 1000.0),
+    "sensor_counts": (0, 2**32),
+    "sensor_noise": (0.0, math.pi),
+}
+"""Least and most of each field."""
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Tremor and sensor noise; all off by default.
+
+    Tremor is a sinusoid along a seeded ellipse in space whose longer half axis is the amplitude, so that no excursion
+    exceeds it and one reaches it; position and rotation have an ellipse each. Healthy hands: 8 to 12 Hz, 0.05 to
+    0.1 mm.
+
+    Attributes:
+        tremor_position: amplitude of the palm's position [m].
+        tremor_rotation: amplitude of the palm's rotation vector [rad].
+        tremor_frequency: [Hz].
+        sensor_counts: counts a full turn of the joint sensors; 0 for no quantisation.
+        sensor_noise: standard deviation of each joint angle before quantisation [rad].
+
+    Raises:
+        TrajectoryError: a value out of its range.
+    """
+
+    tremor_position: float = 0.0
+    tremor_rotation: float = 0.0
+    tremor_frequency: float = 10.0
+    sensor_counts: int = 0
+    sensor_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for key, (low, high) in LIMITS.items():
+            value = getattr(self, key)
+            number = not isinstance(value, bool) and isinstance(value, int if key == "sensor_counts" else int | float)
+            if not number or not low <= value <= high:
+                kind = "a whole number" if key == "sensor_counts" else "a number"
+                raise TrajectoryError(f"{key} = {value!r}; expected {kind} from {low:g} to {high:g}")
+
+    def apply(
+        self, seed: int, time: Array, position: Array, orientation: Array, flexion: Array
+    ) -> tuple[Array, Array, Array]:
+        """The disturbed motion.
+
+        Args:
+            seed: of everything random here.
+            time: [s], shape (T,).
+            position: [m], shape (T, 3), world.
+            orientation: unit (w, x, y, z), shape (T, 4).
+            flexion: [rad], shape (T, 5, 3).
+
+        Returns:
+            position, orientation and flexion; those that nothing disturbs are the given arrays.
+        """
+        # One stream for each part, so that switching one on leaves the others as they were.
+        streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)]
+        if self.tremor_position > 0.0:
+            position = position + self._ellipse(streams[0], time, self.tremor_position)
+        if self.tremor_rotation > 0.0:
+            turn = self._ellipse(streams[1], time, self.tremor_rotation)
+            turned = np.empty_like(orientation)
+            for i in range(time.shape[0]):
+                rotate_quaternion(orientation[i], turn[i, 0], turn[i, 1], turn[i, 2], turned[i])
+            orientation = turned
+        if self.sensor_noise > 0.0:
+            flexion = flexion + streams[2].normal(scale=self.sensor_noise, size=flexion.shape)
+        if self.sensor_counts > 0:
+            count = 2.0 * math.pi / self.sensor_counts
+            flexion = count * np.round(flexion / count)
+        return position, orientation, flexion
+
+    def _ellipse(self, stream: np.random.Generator, time: Array, amplitude: float) -> Array:
+        """a sin ωt + b cos ωt with seeded a and b, scaled so that the longer half axis is `amplitude`; shape (T, 3)."""
+        axes = stream.normal(size=(3, 2))
+        axes *= amplitude / np.linalg.norm(axes, ord=2)
+        phase = 2.0 * math.pi * self.tremor_frequency * time
+        return np.asarray(np.sin(phase)[:, None] * axes[:, 0] + np.cos(phase)[:, None] * axes[:, 1])
+
+    @property
+    def is_off(self) -> bool:
+        """Whether nothing is disturbed."""
+        return not (self.tremor_position or self.tremor_rotation or self.sensor_counts or self.sensor_noise)

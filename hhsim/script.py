@@ -1,0 +1,264 @@
+"""Trajectory scripts: TOML files that say what a hand does to an object, whichever object that is.
+
+A script holds no coordinates. It names phases and the fingers that close in them; where the hand goes and how far each
+finger closes is found on the object (`hhsim.closing`). Keys, with their defaults where they have one::
+
+    title = "Five-finger grasp"
+    stresses = "many contacts at once"
+    rate = 1000.0          # samples a second [Hz]
+    contact = true         # false: the whole hand keeps `clearance` and closes in the air
+    depth = 0.015          # the fingertips are commanded this much deeper than first contact [m]
+    clearance = 0.005      # least distance of fingers that no phase names, and of the palm unless palm_depth > 0 [m]
+    palm_gap = 0.005       # wanted distance between palm and object [m]
+    palm_depth = 0.0       # > 0: the palm touches too and is commanded this deep [m]
+    start_distance = 0.12  # the hand starts so far back from its place [m]
+    curl = 1.0             # flexion of the second joint for 1 rad of the first; the third follows with 2/3 of it
+
+    [[phase]]
+    name = "approach"      # comes near with open fingers
+    duration = 0.8         # [s]
+
+    [[phase]]
+    name = "grasp"         # touch, pinch, grasp: these fingers close, all others open
+    duration = 0.5
+    fingers = ["thumb", "index", "middle", "ring", "little"]   # default: touch index, pinch thumb and index, grasp all
+
+    [[phase]]
+    name = "hold"          # nothing moves
+    duration = 0.9
+
+    [[phase]]
+    name = "slide"         # the palm moves along the object, fingers still commanded deep
+    duration = 0.5
+    distance = 0.03        # [m]
+
+    [[phase]]
+    name = "release"       # the fingers open and the hand goes back to where it started
+    duration = 0.8
+
+    [tremor]               # one seeded ellipse of this amplitude for the palm's position, one for its rotation
+    position = 0.0         # [m]
+    rotation = 0.0         # [rad]
+    frequency = 10.0       # [Hz]
+
+    [sensor]               # of the joint angles
+    counts = 0             # a full turn, 0 for no quantisation
+    noise = 0.0            # standard deviation before quantisation [rad]
+
+Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J. Neuroscience 5, 1985).
+"""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hhsim.disturbance import LIMITS, Disturbance
+from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.hand import FINGERS
+
+DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
+"""The fingers that a closing phase closes where it names none."""
+PHASE_NAMES = ("approach", *DEFAULT_FINGERS, "hold", "slide", "release")
+MAX_SAMPLES = 10_000_000
+"""More samples than this are a slip of the pen: about three hours at 1 kHz."""
+
+
+@dataclass(frozen=True)
+class ScriptPhase:
+    """One phase of a script.
+
+    Attributes:
+        name: one of `PHASE_NAMES`.
+        duration: [s].
+        fingers: those that are closed at its end; closing phases only.
+        distance: how far it slides [m]; slide only.
+    """
+
+    name: str
+    duration: float
+    fingers: tuple[str, ...] = ()
+    distance: float = 0.0
+
+
+@dataclass(frozen=True)
+class Script:
+    """A checked script; the module's docstring says what each field means.
+
+    Attributes:
+        name: of the catalogue, or the file's stem.
+        phases: the first one is an approach.
+    """
+
+    name: str
+    phases: tuple[ScriptPhase, ...]
+    title: str = ""
+    stresses: str = ""
+    rate: float = 1000.0
+    contact: bool = True
+    depth: float = 0.015
+    clearance: float = 0.005
+    palm_gap: float = 0.005
+    palm_depth: float = 0.0
+    start_distance: float = 0.12
+    curl: float = 1.0
+    disturbance: Disturbance = field(default_factory=Disturbance)
+
+    @property
+    def duration(self) -> float:
+        """Sum of the phases [s]."""
+        return math.fsum(phase.duration for phase in self.phases)
+
+    @property
+    def sample_count(self) -> int:
+        """Samples of the motion: k / rate for every k below duration · rate."""
+        return max(1, round(self.duration * self.rate))
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """The fingers that some phase closes, in the order of `FINGERS`."""
+        named = {finger for phase in self.phases for finger in phase.fingers}
+        return tuple(finger for finger in FINGERS if finger in named)
+
+
+_NUMBERS: dict[str, tuple[float, float]] = {
+    "rate": (1.0, 1e5),
+    "depth": (0.0, 0.1),
+    "clearance": (0.0, 0.5),
+    "palm_gap": (0.0, 0.5),
+    "palm_depth": (0.0, 0.1),
+    "start_distance": (0.001, 1.0),
+    "curl": (0.0, 10.0),
+}
+_TEXTS = ("title", "stresses")
+_TABLES = ("tremor", "sensor")
+_KEYS = (*_TEXTS, *_NUMBERS, "contact", "phase", *_TABLES)
+
+
+def read_script(path: Path) -> Script:
+    """Read a script from a TOML file.
+
+    Raises:
+        TrajectoryError: no such file, no TOML, or a key, value or phase that no script has.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise TrajectoryError(f"{path}: not a text file; expected a TOML script") from None
+    except OSError as error:
+        raise TrajectoryError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return parse_script(text, name=path.stem, where=str(path))
+
+
+def parse_script(text: str, *, name: str, where: str) -> Script:
+    """Make a script from TOML text.
+
+    Args:
+        text: the TOML document.
+        name: of the script.
+        where: names the text in messages.
+
+    Raises:
+        TrajectoryError: no TOML, or a key, value or phase that no script has.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise TrajectoryError(f"{where}: not TOML: {error}") from None
+    _check_keys(where, table, _KEYS)
+    values: dict[str, Any] = {key: _text(where, key, table[key]) for key in _TEXTS if key in table}
+    for key, (low, high) in _NUMBERS.items():
+        if key in table:
+            values[key] = float(_check_number(where, key, table[key], low, high))
+    contact = table.get("contact", True)
+    if not isinstance(contact, bool):
+        raise TrajectoryError(f"{where}: contact = {contact!r}; expected true or false")
+    script = Script(
+        name=name,
+        phases=_phases(where, table.get("phase"), contact),
+        contact=contact,
+        disturbance=_disturbance(where, table),
+        **values,
+    )
+    if not contact and script.palm_depth > 0.0:
+        raise TrajectoryError(f"{where}: palm_depth = {script.palm_depth:g} with contact = false; expected one of them")
+    if script.sample_count > MAX_SAMPLES:
+        raise TrajectoryError(f"{where}: {script.sample_count} samples; expected at most {MAX_SAMPLES}")
+    return script
+
+
+def _phases(where: str, given: Any, contact: bool) -> tuple[ScriptPhase, ...]:
+    if not isinstance(given, list) or not given or not all(isinstance(entry, dict) for entry in given):
+        raise TrajectoryError(f"{where}: no phases; expected [[phase]] tables with name and duration")
+    phases = tuple(_phase(f"{where}: phase {number}", entry) for number, entry in enumerate(given, start=1))
+    if phases[0].name != "approach":
+        raise TrajectoryError(f"{where}: the first phase is '{phases[0].name}'; expected approach")
+    if contact and not any(phase.fingers for phase in phases):
+        raise TrajectoryError(
+            f"{where}: no phase closes a finger; expected {', '.join(DEFAULT_FINGERS)}, or contact = false"
+        )
+    return phases
+
+
+def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
+    _check_keys(where, table, ("name", "duration", "fingers", "distance"))
+    for key in ("name", "duration"):
+        if key not in table:
+            raise TrajectoryError(f"{where} has no {key}")
+    name = _text(where, "name", table["name"])
+    if name not in PHASE_NAMES:
+        raise TrajectoryError(f"{where}: {UnknownNameError('phase', name, PHASE_NAMES)}")
+    where = f"{where} ({name})"
+    duration = float(_check_number(where, "duration", table["duration"], 0.001, 3600.0))
+    if "distance" in table and name != "slide":
+        raise TrajectoryError(f"{where}: distance belongs to a slide")
+    if "fingers" in table and name not in DEFAULT_FINGERS:
+        raise TrajectoryError(f"{where}: fingers belong to {', '.join(DEFAULT_FINGERS)}")
+    if name == "slide":
+        if "distance" not in table:
+            raise TrajectoryError(f"{where} has no distance [m]")
+        return ScriptPhase(
+            name, duration, distance=float(_check_number(where, "distance", table["distance"], 0.0, 1.0))
+        )
+    fingers = table.get("fingers", list(DEFAULT_FINGERS.get(name, ())))
+    if not isinstance(fingers, list) or (name in DEFAULT_FINGERS and not fingers):
+        raise TrajectoryError(f'{where}: fingers = {fingers!r}; expected a list such as ["thumb", "index"]')
+    for finger in fingers:
+        if finger not in FINGERS:
+            raise TrajectoryError(f"{where}: {UnknownNameError('finger', str(finger), FINGERS)}")
+    return ScriptPhase(name, duration, fingers=tuple(finger for finger in FINGERS if finger in fingers))
+
+
+def _disturbance(where: str, table: Mapping[str, Any]) -> Disturbance:
+    values: dict[str, Any] = {}
+    for part in _TABLES:
+        given = table.get(part, {})
+        if not isinstance(given, dict):
+            raise TrajectoryError(f"{where}: {part} = {given!r}; expected a table [{part}]")
+        known = tuple(key.removeprefix(f"{part}_") for key in LIMITS if key.startswith(f"{part}_"))
+        _check_keys(f"{where}: [{part}]", given, known)
+        values |= {f"{part}_{key}": value for key, value in given.items()}
+    try:
+        return Disturbance(**values)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{where}: {error}") from None
+
+
+def _check_keys(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    for key in table:
+        if key not in known:
+            raise TrajectoryError(f"{where}: {UnknownNameError('key', key, known)}")
+
+
+def _check_number(where: str, key: str, value: Any, low: float, high: float) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise TrajectoryError(f"{where}: {key} = {value!r}; expected a number from {low:g} to {high:g}")
+    return value
+
+
+def _text(where: str, key: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise TrajectoryError(f"{where}: {key} = {value!r}; expected text in quotes")
+    return value

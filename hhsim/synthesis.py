@@ -1,0 +1,177 @@
+"""From a script, a hand and an object to a trajectory: minimum-jerk motion between the poses that the closing found."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.closing import Closing, body_distances, make_work, plan_closing
+from hhsim.disturbance import Disturbance
+from hhsim.hand import FINGERS, HandModel
+from hhsim.kernels.hand import PALM_BODY
+from hhsim.script import DEFAULT_FINGERS, Script, ScriptPhase
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory import Phase, Trajectory
+
+Array = NDArray[np.float64]
+
+RELEASE_OPENING = 0.6
+"""A release opens the fingers in this first share of its time and goes back in the last one of the same length."""
+
+
+def minimum_jerk(share: ArrayLike) -> Array:
+    """10τ³ − 15τ⁴ + 6τ⁵ for τ in [0, 1], 0 before and 1 after: position without jumps in speed and acceleration."""
+    tau = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
+    return np.asarray(tau**3 * (10.0 + tau * (6.0 * tau - 15.0)))
+
+
+def synthesize(
+    script: Script,
+    hand: HandModel,
+    tree: SphereTree,
+    seed: int = 0,
+    *,
+    disturbance: Disturbance | None = None,
+    object_position: ArrayLike = (0.0, 0.0, 0.0),
+    object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+) -> Trajectory:
+    """Make the motion of a script on an object.
+
+    Args:
+        script: what the hand does.
+        hand: which hand.
+        tree: the object at rest, world frame.
+        seed: of tremor and sensor noise; the motion itself is the same for every seed.
+        disturbance: instead of the script's own.
+        object_position: recorded with the motion [m], shape (3,); `tree` is already there.
+        object_orientation: recorded with the motion (w, x, y, z), shape (4,).
+
+    Returns:
+        A trajectory of script.duration · script.rate samples; the same arguments give the same bytes.
+
+    Raises:
+        TrajectoryError: the script cannot be done on this object.
+    """
+    closing = plan_closing(script, hand, tree)
+    time = np.arange(script.sample_count) / script.rate
+    course = _Course(script, time)
+    slide = slide_direction(script, closing, hand, tree)
+    back = closing.rotation[:, 2]
+    position = closing.position + course.retreat[:, None] * back + course.slide[:, None] * slide
+    flexion = closing.open + course.closure[:, :, None] * (closing.command - closing.open)
+    orientation = np.tile(quaternion_from_matrix(closing.rotation), (time.shape[0], 1))
+    abduction = np.tile(closing.abduction, (time.shape[0], 1))
+    noise = disturbance if disturbance is not None else script.disturbance
+    position, orientation, flexion = noise.apply(seed, time, position, orientation, flexion)
+    return Trajectory(
+        time=time,
+        position=position,
+        orientation=orientation,
+        flexion=flexion,
+        abduction=abduction,
+        phases=course.phases,
+        object_position=np.asarray(object_position, dtype=np.float64),
+        object_orientation=np.asarray(object_orientation, dtype=np.float64),
+        name=script.name,
+        source=_source(script, closing, hand, seed, noise),
+        licence="Apache-2.0",
+    )
+
+
+def slide_direction(script: Script, closing: Closing, hand: HandModel, tree: SphereTree) -> Array:
+    """Unit direction along the palm in which the fingers keep hold and the palm stays clear, shape (3,), world.
+
+    Zeros where the script does not slide.
+    """
+    distance = sum(phase.distance for phase in script.phases)
+    if distance == 0.0:
+        return np.zeros(3)
+    arrays, nodes, work = hand.arrays(), tree.arrays(), make_work()
+    named = [FINGERS.index(name) for name in closing.reached]
+    palm_may_touch = script.palm_depth > 0.0
+    best, best_score = closing.rotation[:, 0], -np.inf
+    for angle in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False):
+        direction = np.cos(angle) * closing.rotation[:, 0] + np.sin(angle) * closing.rotation[:, 1]
+        score = 0.0
+        for share in (0.25, 0.5, 0.75, 1.0):
+            place = closing.position - script.palm_depth * closing.rotation[:, 2] + share * distance * direction
+            near = body_distances(arrays, nodes, place, closing.rotation, closing.command, closing.abduction, work)
+            holding = [near[3 * f : 3 * f + 3].min() for f in named]
+            score += float(np.sum(np.clip(-np.array(holding) / 0.002, -1.0, 1.0)))
+            touches = near[PALM_BODY] < 0.0
+            score += 1.0 if touches == palm_may_touch else -1.0
+        # Only a real difference turns the slide away from the palm's own axes.
+        if score > best_score + 1e-9:
+            best, best_score = direction, score
+    return best
+
+
+def quaternion_from_matrix(matrix: Array) -> Array:
+    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix, shape (3, 3)."""
+    m = matrix
+    squares = np.array(
+        [
+            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
+            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
+        ]
+    )
+    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    rows = np.array(
+        [
+            [squares[0], wx, wy, wz],
+            [wx, squares[1], xy, xz],
+            [wy, xy, squares[2], yz],
+            [wz, xz, yz, squares[3]],
+        ]
+    )
+    # All four rows are the quaternion times one of its components; the largest loses no digits.
+    row: Array = rows[int(np.argmax(squares))]
+    row /= np.linalg.norm(row)
+    return -row if row[0] < 0.0 else row
+
+
+def _source(script: Script, closing: Closing, hand: HandModel, seed: int, noise: Disturbance) -> str:
+    """What the motion was made from, in one line."""
+    parts = [f"hhsim script '{script.name}' for a {hand.side} hand of {1000.0 * hand.hand_length:.0f} mm"]
+    if closing.missed:
+        parts.append(f"fingers that do not reach this object: {', '.join(closing.missed)}")
+    if not noise.is_off:
+        parts.append(f"{noise}, seed {seed}")
+    return "; ".join(parts)
+
+
+class _Course:
+    """How far back, how far along and how closed the hand is at each sample, and the phases."""
+
+    def __init__(self, script: Script, time: Array) -> None:
+        count = time.shape[0]
+        self.retreat = np.full(count, script.start_distance)
+        self.slide = np.zeros(count)
+        self.closure = np.zeros((count, len(FINGERS)))
+        phases = []
+        start = 0.0
+        for phase in script.phases:
+            self._play(script, phase, (time - start) / phase.duration)
+            phases.append(Phase(phase.name, start, start + phase.duration))
+            start += phase.duration
+        self.phases = tuple(phases)
+
+    def _play(self, script: Script, phase: ScriptPhase, share: Array) -> None:
+        """Add the move of one phase to all samples after its start."""
+        if phase.name == "approach":
+            self._move(self.retreat, -script.palm_depth, minimum_jerk(share))
+        elif phase.name in DEFAULT_FINGERS:
+            closed = np.array([float(finger in phase.fingers) for finger in FINGERS])
+            self._move(self.closure, closed, minimum_jerk(share)[:, None])
+        elif phase.name == "slide":
+            self.slide += phase.distance * minimum_jerk(share)
+        elif phase.name == "release":
+            self._move(self.closure, np.zeros(len(FINGERS)), minimum_jerk(share / RELEASE_OPENING)[:, None])
+            going = minimum_jerk((share - 1.0 + RELEASE_OPENING) / RELEASE_OPENING)
+            self._move(self.retreat, script.start_distance, going)
+
+    @staticmethod
+    def _move(values: Array, target: ArrayLike, share: Array) -> None:
+        """Go from where the last sample would rest to `target`, in place."""
+        values += share * (np.asarray(target) - values[-1])

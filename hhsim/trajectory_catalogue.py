@@ -1,0 +1,106 @@
+"""The motions that ship with hhsim, and how a name or a path on the command line becomes a motion.
+
+A trajectory is named by its catalogue name (`grasp`), by a script of one's own (`.toml`) or by a recording (`.h5`,
+`.csv`).
+"""
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.script import Script, parse_script, read_script
+from hhsim.trajectory import Trajectory
+
+SCRIPT_SUFFIX = ".toml"
+RECORDING_SUFFIXES = (".h5", ".hdf5", ".csv")
+DEFAULT_TRAJECTORY = "grasp"
+ORDER = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence", "never")
+"""From one finger to the whole hand; scripts that are not named here follow by name."""
+
+
+@dataclass(frozen=True)
+class TrajectoryDescription:
+    """A line of the catalogue.
+
+    Attributes:
+        name: what commands take.
+        title: what the hand does.
+        stresses: what it demands of a method.
+        duration: [s].
+        rate: samples a second [Hz].
+        fingers: those that close.
+        phases: names in order.
+    """
+
+    name: str
+    title: str
+    stresses: str
+    duration: float
+    rate: float
+    fingers: tuple[str, ...]
+    phases: tuple[str, ...]
+
+
+def trajectory_names() -> list[str]:
+    """Names of all shipped scripts, in the order of `ORDER`."""
+    folder = files("hhsim.trajectories")
+    names = {entry.name.removesuffix(SCRIPT_SUFFIX) for entry in folder.iterdir() if entry.name.endswith(SCRIPT_SUFFIX)}
+    return [name for name in ORDER if name in names] + sorted(names.difference(ORDER))
+
+
+def load_script(name: str) -> Script:
+    """The shipped script of this name.
+
+    Raises:
+        UnknownNameError: no such script; the message lists the near names.
+    """
+    known = trajectory_names()
+    if name not in known:
+        raise UnknownNameError("trajectory", name, known)
+    resource = files("hhsim.trajectories") / f"{name}{SCRIPT_SUFFIX}"
+    return parse_script(resource.read_text(encoding="utf-8"), name=name, where=f"trajectories/{name}{SCRIPT_SUFFIX}")
+
+
+def describe(name: str) -> TrajectoryDescription:
+    """What the catalogue says about a shipped script.
+
+    Raises:
+        UnknownNameError: no such script; the message lists the near names.
+    """
+    script = load_script(name)
+    return TrajectoryDescription(
+        name=name,
+        title=script.title,
+        stresses=script.stresses,
+        duration=script.duration,
+        rate=script.rate,
+        fingers=script.fingers if script.contact else (),
+        phases=tuple(phase.name for phase in script.phases),
+    )
+
+
+def resolve_trajectory(name_or_path: str | Path) -> Script | Trajectory:
+    """The script or the recording that a word on the command line means.
+
+    A catalogue name wins; then the suffix decides: .toml is a script, .h5, .hdf5 and .csv are recordings.
+
+    Raises:
+        UnknownNameError: neither a name of the catalogue nor a path with a known suffix.
+        TrajectoryError: no such file, or one that is not what its suffix says.
+    """
+    word = str(name_or_path)
+    if word in trajectory_names():
+        return load_script(word)
+    path = Path(word)
+    suffix = path.suffix.lower()
+    if suffix == SCRIPT_SUFFIX:
+        return read_script(path)
+    if suffix in RECORDING_SUFFIXES:
+        from hhsim.trajectory_file import load_trajectory
+
+        return load_trajectory(path)
+    if path.exists() or "/" in word:
+        kinds = ", ".join((SCRIPT_SUFFIX, *RECORDING_SUFFIXES))
+        raise TrajectoryError(f"{word}: not a trajectory by its suffix; expected {kinds} or a name of the catalogue")
+    raise UnknownNameError("trajectory", word, trajectory_names())
