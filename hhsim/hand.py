@@ -8,7 +8,8 @@ a male hand (Binvignat et al. 2012, n = 267: mean HL 184.9 mm). Sources of the s
 - thicknesses and knuckle positions: the kinematic hand model of Sancho-Bru and colleagues;
 - joint limits: the same, and clinical ranges where it is silent (thumb abduction).
 
-The thumb's metacarpal counts as its first phalanx; the palm is the rest (paper, Section III-B).
+The thumb's metacarpal counts as its first phalanx; the palm is the rest (paper, Section III-B). Positive abduction
+turns a finger towards the thumb side and the thumb out of the palm's plane.
 
 A TOML file replaces any size; keys left out keep their default. Lengths in m, angles in rad, points in the palm frame
 of a *right* hand (x from thumb to little finger, y to the fingers, z out of the back); a left hand is its mirror::
@@ -95,7 +96,7 @@ ROLL = (6.0, 0.0, -5.0, -12.0)
 
 THUMB_DISTAL = (-0.50, 0.70, -0.51)
 THUMB_DORSAL = (-0.80, -0.59, -0.03)
-"""Thumb at zero flexion and abduction. Measured frames differ by author; this one lets its pad meet those of all fingers."""
+"""Thumb at zero flexion and abduction: chosen so that its pad meets the pads of all four fingers within the limits."""
 
 FLEXION_DEGREES = (
     ((-25.0, 35.0), (-10.0, 80.0), (-15.0, 80.0)),
@@ -396,9 +397,12 @@ def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """A finite float64 array of this shape, or an InputError that names it."""
     what = f"{shape[0]} numbers" if len(shape) == 1 else f"an array of shape {shape}" if shape else "one number"
     try:
-        array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
+        array = np.array(value, order="C")
+    except ValueError as error:
         raise InputError(f"{name} is {value!r}: expected {what}") from error
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{name} is {value!r}: expected {what}")
+    array = array.astype(np.float64)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}: expected {what}")
     if not np.isfinite(array).all():
@@ -407,5 +411,5 @@ def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _text(value: ArrayLike) -> str:
-    array = np.asarray(value)
+    array = np.asarray(value) + 0.0  # no -0 in messages
     return f"{float(array):g}" if array.ndim == 0 else f"[{', '.join(f'{x:g}' for x in array.ravel())}]"

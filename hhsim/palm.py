@@ -2,7 +2,7 @@
 
 The palm of the hybrid hand holds the four finger metacarpals, the carpus and the flesh on them; the thumb's metacarpal
 is a phalanx of its own (paper, Section III-B). The surface is the zero set of a smooth union of round cones: bones
-from the carpus to the knuckles, pads under the knuckles, hypothenar, thenar base and heel. Seen from its centre the
+from the carpus to the knuckles, pads under the knuckles, hypothenar, thenar base and heel. Seen from its middle the
 palm is star-shaped, so one vertex a ray from there gives a mesh that is closed by construction.
 """
 
@@ -18,6 +18,12 @@ IntArray = NDArray[np.int64]
 
 RAYS_PER_EDGE = (16, 16, 8)
 """Squares along x, y and z of the box whose grid names the rays: 4 (16·16 + 16·8 + 8·16) = 2,048 triangles."""
+
+HALF_EXTENT = (0.43, 0.265, 0.145)
+"""Half edges of that box: breadth [HB], length [HL], thickness [HB]; its edges run along the palm's rounded rims."""
+
+CENTER_HEIGHT = -0.045
+"""Where the rays start, over the palm frame's origin [HB]: halfway between the back and the pads."""
 
 BLEND_SHARE = 0.035
 """Width of the blend between two parts, as a share of hand breadth."""
@@ -88,10 +94,12 @@ def palm_mesh(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuc
     """The closed mesh of a right palm, palm frame; arguments as `palm_parts`."""
     parts = palm_parts(hand_length, hand_breadth, knuckle, knuckle_radius)
     blend = BLEND_SHARE * hand_breadth
-    rays, faces = box_rays(np.array([0.45 * hand_breadth, 0.23 * hand_length, 0.16 * hand_breadth]))
+    center = np.array([0.0, 0.0, CENTER_HEIGHT * hand_breadth])
+    half_extent = np.array([HALF_EXTENT[0] * hand_breadth, HALF_EXTENT[1] * hand_length, HALF_EXTENT[2] * hand_breadth])
+    rays, faces = box_rays(half_extent)
 
     def inside(distance: FloatArray) -> NDArray[np.bool_]:
-        d = parts.distance(distance[:, None] * rays)
+        d = parts.distance(center + distance[:, None] * rays)
         least = d.min(axis=1)
         return np.asarray(least - blend * np.log(np.exp((least[:, None] - d) / blend).sum(axis=1)) < 0.0)
 
@@ -101,7 +109,7 @@ def palm_mesh(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuc
         hit = inside(middle)
         near, far = np.where(hit, middle, near), np.where(hit, far, middle)
     return Mesh(
-        vertices=rays * (0.5 * (near + far))[:, None],
+        vertices=center + rays * (0.5 * (near + far))[:, None],
         faces=faces,
         name="palm",
         source=f"generated, hand length {hand_length:g} m, breadth {hand_breadth:g} m",

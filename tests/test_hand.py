@@ -1,0 +1,289 @@
+"""The hand's sizes against their sources, what a hand can do, its mirror, and what a hand file may say."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import hhsim.hand
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand import FINGERS, HandModel, Side, default_fingers
+from hhsim.kernels.distance import cone_slope
+from hhsim.kernels.hand import BODY_COUNT, forward_kinematics
+
+Array = NDArray[np.float64]
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+RIGHT = HandModel.default()
+LEFT = HandModel.default("left")
+
+
+def test_lengths_are_the_published_shares() -> None:
+    length, radius = RIGHT.length, RIGHT.radius
+    middle = 0.19 * np.array([0.277, 0.170, 0.108])
+    np.testing.assert_allclose(length[2] + [0.0, 0.0, radius[2, 3]], middle, rtol=1e-12)
+    np.testing.assert_allclose((length.sum(axis=1) + radius[:, 3])[0], 0.19 * 0.605, rtol=1e-12)
+    # An et al.: proximal to middle phalanx.
+    ratios = np.array([2.39 / 1.29, 1.99 / 1.22, 1.90 / 1.21, 2.27 / 1.29])
+    np.testing.assert_allclose(length[1:, 0] / length[1:, 1], ratios, rtol=0.02)
+
+
+def test_hand_length_is_wrist_to_middle_fingertip() -> None:
+    joints = RIGHT.joints(np.zeros(3), IDENTITY, np.zeros((5, 3)), np.zeros(5))
+    tip = joints[2, 3, 1] + RIGHT.radius[2, 3]
+    assert tip - RIGHT.palm_mesh.bounds[0, 1] == pytest.approx(RIGHT.hand_length, rel=0.03)
+    assert tip + 0.223 * RIGHT.hand_length == pytest.approx(RIGHT.hand_length, rel=0.005)
+    knuckles = RIGHT.base[1:]
+    reach = joints[1:, 3, 1] + RIGHT.radius[1:, 3]
+    assert int(reach.argmax()) == 1
+    assert reach[3] == reach.min()
+    assert int(knuckles[:, 1].argmax()) == 0 or knuckles[1, 1] >= knuckles[:, 1].max() - 0.001
+    assert int(knuckles[:, 2].argmax()) == 1
+    assert (np.diff(knuckles[:, 0]) > 0.0).all()
+    # Fingers side by side neither float apart nor lie in each other.
+    gap = np.linalg.norm(np.diff(knuckles, axis=0), axis=1) - RIGHT.radius[1:-1, 0] - RIGHT.radius[2:, 0]
+    assert (np.abs(gap) < 0.005).all()
+
+
+def test_radii_are_the_means_of_the_ends_that_meet() -> None:
+    radius = RIGHT.radius / (0.5 * RIGHT.hand_breadth)
+    np.testing.assert_allclose(radius[1], [0.231, 0.5 * (0.227 + 0.210), 0.5 * (0.186 + 0.198), 0.153], rtol=1e-12)
+    np.testing.assert_allclose(radius[0, [0, 1, 3]], [0.438, 0.231, 0.185], rtol=1e-12)
+    assert (np.diff(radius, axis=1) <= 0.0).all()
+
+
+@pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
+def test_frames_are_orthonormal(hand: HandModel) -> None:
+    np.testing.assert_allclose(np.linalg.norm(hand.distal, axis=1), 1.0, rtol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(hand.dorsal, axis=1), 1.0, rtol=1e-14)
+    np.testing.assert_allclose(np.einsum("fi,fi->f", hand.distal, hand.dorsal), 0.0, atol=1e-15)
+
+
+def fingertip(hand: HandModel, finger: int, flexion: Array, abduction: Array) -> tuple[Array, Array]:
+    """The point of a fingertip 40 degrees from its axis towards the pad, and the normal there; palm frame."""
+    joints, direction = np.empty((5, 4, 3)), np.empty((5, 3, 3))
+    axis, abduction_axis = np.empty((5, 3)), np.empty((5, 3))
+    forward_kinematics(
+        hand.arrays(), np.zeros(3), np.eye(3), flexion, abduction, joints, direction, axis, abduction_axis
+    )
+    along = direction[finger, 2]
+    pad = np.cross(axis[finger], along)
+    normal = np.cos(np.radians(40.0)) * pad + np.sin(np.radians(40.0)) * along
+    return joints[finger, 3] + hand.radius[finger, 3] * normal, normal
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize(
+    ("finger", "thumb", "thumb_abduction", "flexion"),
+    [
+        (1, (14, 14, 12), 13, (49, 48, 28)),
+        (2, (18, 14, 11), 24, (53, 51, 25)),
+        (3, (21, 17, 15), 29, (52, 49, 21)),
+        (4, (26, 23, 21), 28, (47, 40, 13)),
+    ],
+)
+def test_thumb_opposes_every_finger(
+    side: Side,
+    finger: int,
+    thumb: tuple[float, float, float],
+    thumb_abduction: float,
+    flexion: tuple[float, float, float],
+) -> None:
+    hand = HandModel.default(side)
+    angles, abduction = np.zeros((5, 3)), np.zeros(5)
+    angles[0], angles[finger], abduction[0] = np.radians(thumb), np.radians(flexion), np.radians(thumb_abduction)
+    assert (hand.flexion_min <= angles).all()
+    assert (angles <= hand.flexion_max).all()
+    assert hand.abduction_min[0] <= abduction[0] <= hand.abduction_max[0]
+    thumb_point, thumb_normal = fingertip(hand, 0, angles, abduction)
+    finger_point, finger_normal = fingertip(hand, finger, angles, abduction)
+    assert np.linalg.norm(thumb_point - finger_point) < 0.003
+    assert thumb_normal @ finger_normal < -0.4
+
+
+def test_flexing_fingers_converge() -> None:
+    """The fingertips of a closed hand stand closer together than those of an open one."""
+    flexion = np.zeros((5, 3))
+    opened = RIGHT.joints(np.zeros(3), IDENTITY, flexion, np.zeros(5))[1:, 3]
+    flexion[1:] = np.radians([70.0, 80.0, 50.0])
+    closed = RIGHT.joints(np.zeros(3), IDENTITY, flexion, np.zeros(5))[1:, 3]
+    assert np.ptp(closed[:, 0]) < 0.85 * np.ptp(opened[:, 0])
+
+
+def test_left_is_the_mirror() -> None:
+    random = np.random.default_rng(1)
+    mirror = np.array([-1.0, 1.0, 1.0])
+    flexion, abduction = random.uniform(-0.3, 1.5, (5, 3)), random.uniform(-0.3, 0.3, 5)
+    position = random.uniform(-1.0, 1.0, 3)
+    turn = random.normal(size=4)
+    turn /= np.linalg.norm(turn)
+    right = RIGHT.joints(position, turn, flexion, abduction)
+    # Mirrored in x, a rotation keeps its x part and turns the other way about y and z.
+    left = LEFT.joints(position * mirror, turn * np.array([1.0, 1.0, -1.0, -1.0]), flexion, abduction)
+    np.testing.assert_allclose(left, right * mirror, atol=1e-15)
+    np.testing.assert_array_equal(LEFT.palm_tree.leaf_center, RIGHT.palm_tree.leaf_center * mirror)
+    np.testing.assert_array_equal(LEFT.palm_mesh.vertices, RIGHT.palm_mesh.vertices * mirror)
+    assert LEFT.palm_mesh.volume == pytest.approx(RIGHT.palm_mesh.volume, rel=1e-12)
+    assert LEFT.palm_tree.mesh_sha256 == LEFT.palm_mesh.sha256
+    assert RIGHT.palm_tree.mesh_sha256 == RIGHT.palm_mesh.sha256
+
+
+def test_palm_spheres_cover_the_palm_and_join_the_fingers() -> None:
+    center, radius = RIGHT.palm_tree.leaf_center, RIGHT.palm_tree.leaf_radius
+    gap = np.linalg.norm(RIGHT.palm_mesh.vertices[:, None] - center, axis=2) - radius
+    assert gap.min(axis=1).max() <= 1e-9
+    for finger in range(5):
+        to_spheres = np.linalg.norm(RIGHT.base[finger] - center, axis=1) - radius
+        assert to_spheres.min() < 0.0, FINGERS[finger]
+    # Spheres stand out of the palm by less than a finger's radius.
+    assert RIGHT.palm_tree.errors[-1].protrusion_max < RIGHT.radius[1:, 0].min()
+
+
+def test_deeper_palm_trees_are_finer() -> None:
+    finer = HandModel.default(palm_level=3)
+    assert finer.palm_tree.leaf_count > RIGHT.palm_tree.leaf_count
+    assert finer.palm_tree.errors[-1].protrusion_max < RIGHT.palm_tree.errors[-1].protrusion_max
+
+
+@pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
+def test_arrays_are_what_the_kernels_take(hand: HandModel) -> None:
+    arrays = hand.arrays()
+    for name, value in zip(arrays._fields, arrays):
+        assert value.dtype == np.float64, name
+        assert value.flags.c_contiguous, name
+        assert value.flags.writeable, name
+        assert np.isfinite(value).all(), name
+    assert arrays.abduction_sign[0] == (1.0 if hand.side == "right" else -1.0)
+    for f in range(5):
+        for k in range(3):
+            slope = cone_slope(hand.length[f, k], hand.radius[f, k], hand.radius[f, k + 1])
+            assert (arrays.tan_slope[f, k], arrays.inverse_length[f, k]) == slope
+            assert slope[1] > 0.0
+    assert 3 * len(FINGERS) + 1 == BODY_COUNT
+    assert arrays.palm_reach[0] == np.linalg.norm(hand.palm_tree.leaf_center, axis=1).max()
+
+
+def test_reach_and_lever_hold_at_random_poses() -> None:
+    arrays, random = RIGHT.arrays(), np.random.default_rng(3)
+    for _ in range(200):
+        joints = RIGHT.joints(np.zeros(3), IDENTITY, random.uniform(-0.5, 1.8, (5, 3)), random.uniform(-0.5, 0.5, 5))
+        assert (np.linalg.norm(joints[:, 1:], axis=2) <= arrays.reach + 1e-15).all()
+        assert (np.linalg.norm(joints[:, :3], axis=2) <= arrays.reach + 1e-15).all()
+        for k in range(3):
+            for i in range(k + 1):
+                far = np.linalg.norm(joints[:, k + 1] - joints[:, i], axis=1)
+                assert (far <= arrays.lever[:, k, i] + 1e-15).all()
+    assert (arrays.lever[:, 0, 1:] == 0.0).all()
+
+
+def test_everything_grows_with_hand_length() -> None:
+    twice = HandModel.default(hand_length=0.38)
+    assert twice.hand_breadth == pytest.approx(2.0 * RIGHT.hand_breadth, rel=1e-14)
+    np.testing.assert_allclose(twice.base, 2.0 * RIGHT.base, rtol=1e-12)
+    np.testing.assert_allclose(twice.length, 2.0 * RIGHT.length, rtol=1e-12)
+    np.testing.assert_allclose(twice.radius, 2.0 * RIGHT.radius, rtol=1e-12)
+    np.testing.assert_array_equal(twice.flexion_max, RIGHT.flexion_max)
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "hand.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_example_of_the_docstring_is_a_hand(tmp_path: Path) -> None:
+    assert hhsim.hand.__doc__ is not None
+    block = re.search(r"mirror::\n\n((?:    .*\n|\n)+)", hhsim.hand.__doc__)
+    assert block is not None
+    text = "".join(line.removeprefix("    ") for line in block[1].splitlines(keepends=True))
+    hand = HandModel.from_toml(written(tmp_path, text))
+    assert (hand.hand_length, hand.hand_breadth) == (0.18, 0.080)
+    np.testing.assert_array_equal(hand.base[1], [-0.026, 0.041, 0.003])
+    np.testing.assert_array_equal(hand.radius[1], [0.009, 0.0085, 0.0075, 0.006])
+    assert hand.abduction_max[1] == 0.73
+    others = default_fingers(0.18, 0.080)
+    np.testing.assert_array_equal(hand.length[2:], others["length"][2:])
+
+
+def test_an_empty_file_is_the_default_hand(tmp_path: Path) -> None:
+    hand = HandModel.from_toml(written(tmp_path, ""), "left")
+    np.testing.assert_array_equal(hand.base, LEFT.base)
+    np.testing.assert_array_equal(hand.palm_tree.center, LEFT.palm_tree.center)
+
+
+def test_directions_of_a_file_are_made_orthonormal(tmp_path: Path) -> None:
+    hand = HandModel.from_toml(written(tmp_path, "[middle]\ndistal = [0.0, 2.0, 0.0]\ndorsal = [0.0, 1.0, 1.0]"))
+    np.testing.assert_allclose(hand.distal[2], [0.0, 1.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(hand.dorsal[2], [0.0, 0.0, 1.0], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("hand_length = 190.0", "hand_length 190 m: expected 0.05 to 0.4 m"),
+        ("hand_length = -0.19", "hand_length -0.19 m: expected"),
+        ("hand_length = nan", "hand_length nan: expected finite"),
+        ('hand_length = "long"', "hand_length is 'long': expected one number"),
+        ("hand_length = [0.19]", r"hand_length has shape (1,): expected one number"),
+        ('hand_length = "0.19"', "hand_length is '0.19': expected one number"),
+        ("[index]\nlength = [0.05, [0.03], 0.01]", "index.length is [0.05, [0.03], 0.01]: expected 3 numbers"),
+        ("hand_length = true", "hand_length is True: expected one number"),
+        ("hand_breadth = 0.5", "hand_breadth 0.5 m: expected 0.0475 to"),
+        ("palm_level = 2.5", "palm_level 2.5: expected a whole number from 1 to 5"),
+        ("palm_level = 9", "palm_level 9: expected a whole number from 1 to 5"),
+        ("index = 3", "index is 3: expected a table of sizes, [index]"),
+        ("[index]\nlength = [0.05, 0.03]", "index.length has shape (2,): expected 3 numbers"),
+        ("[index]\nlength = [0.05, 0.0, 0.01]", "index.length [0.05, 0, 0.01]: every one must be positive"),
+        ("[ring]\nradius = [0.01, 0.009, 0.008, -0.007]", "ring.radius [0.01, 0.009, 0.008, -0.007]: every one must"),
+        ("[ring]\nradius = [0.008, 0.009, 0.008, 0.007]", "ring.radius [0.008, 0.009, 0.008, 0.007]: must not grow"),
+        ("[thumb]\nflexion_min = [1.0, 0.0, 0.0]", "thumb.flexion_min [1, 0, 0] must lie below flexion_max"),
+        ("[thumb]\nflexion_max = [35.0, 80.0, 80.0]", "expected radians within ±π"),
+        ("[little]\nabduction_max = -2.0", "little.abduction_min -0.698132 must lie below abduction_max -2"),
+        ("[middle]\ndorsal = [0.0, 1.0, 0.0]", "middle.distal [0, 1, 0] and middle.dorsal [0, 1, 0]: expected two"),
+        ("[middle]\ndistal = [0.0, 0.0, 0.0]", "middle.distal [0, 0, 0] and middle.dorsal"),
+        ("[middle]\nbase = [0.0, inf, 0.0]", "middle.base [0, inf, 0]: expected finite"),
+        ("hand_length 0.19", "not a TOML file"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(InputError) as caught:
+        HandModel.from_toml(path)
+    assert message in str(caught.value)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "near"),
+    [("hand_lenght = 0.19", "hand_length"), ("[indx]\nlength = [1, 1, 1]", "index"), ("[ring]\nradii = [1]", "radius")],
+)
+def test_unknown_keys_list_the_near_ones(tmp_path: Path, text: str, near: str) -> None:
+    with pytest.raises(UnknownNameError, match=f"did you mean .*{near}"):
+        HandModel.from_toml(written(tmp_path, text))
+
+
+def test_missing_file_and_unknown_side() -> None:
+    with pytest.raises(InputError, match=r"nowhere\.toml: cannot read the hand file: No such file"):
+        HandModel.from_toml("nowhere.toml")
+    with pytest.raises(UnknownNameError, match="unknown hand side 'rigth': did you mean right"):
+        HandModel.default("rigth")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("position", "orientation", "flexion", "abduction", "name"),
+    [
+        (np.zeros(2), IDENTITY, np.zeros((5, 3)), np.zeros(5), "position has shape"),
+        (np.zeros(3), (1.0, 0.0, 0.0), np.zeros((5, 3)), np.zeros(5), "orientation has shape"),
+        (np.zeros(3), IDENTITY, np.zeros((3, 5)), np.zeros(5), "flexion has shape"),
+        (np.zeros(3), IDENTITY, np.full((5, 3), np.nan), np.zeros(5), "flexion"),
+        (np.zeros(3), IDENTITY, np.zeros((5, 3)), np.zeros(4), "abduction has shape"),
+    ],
+)
+def test_joints_refuse_other_shapes(
+    position: Array, orientation: tuple[float, ...], flexion: Array, abduction: Array, name: str
+) -> None:
+    with pytest.raises(InputError, match=name):
+        RIGHT.joints(position, orientation, flexion, abduction)

@@ -1,0 +1,224 @@
+"""Kinematics against a product of transforms (paper, Eq. 11), finite differences, and the motion bound by sampling."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hhsim.hand import HandModel, Side
+from hhsim.kernels.hand import BODY_COUNT, DOF, PALM_BODY, HandArrays, forward_kinematics, motion_bounds
+
+Array = NDArray[np.float64]
+
+HANDS: dict[Side, HandArrays] = {
+    "right": HandModel.default("right").arrays(),
+    "left": HandModel.default("left").arrays(),
+}
+sides = st.sampled_from(["right", "left"])
+seeds = st.integers(0, 2**32 - 1)
+
+
+class Pose(NamedTuple):
+    """One configuration of the hand; the palm's orientation as a scipy rotation."""
+
+    position: Array
+    rotation: Rotation
+    flexion: Array
+    abduction: Array
+
+
+class Placement(NamedTuple):
+    """What the kernel returns."""
+
+    joints: Array
+    direction: Array
+    axis: Array
+    abduction_axis: Array
+
+
+def random_pose(random: np.random.Generator) -> Pose:
+    """Angles beyond the joint limits too: the kinematics do not know them."""
+    return Pose(
+        random.uniform(-1.0, 1.0, 3),
+        Rotation.random(rng=random),
+        random.uniform(-2.0, 3.0, (5, 3)),
+        random.uniform(-1.0, 1.0, 5),
+    )
+
+
+def place(hand: HandArrays, pose: Pose) -> Placement:
+    out = Placement(np.empty((5, 4, 3)), np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3)))
+    matrix = np.ascontiguousarray(pose.rotation.as_matrix())
+    forward_kinematics(
+        hand,
+        pose.position,
+        matrix,
+        pose.flexion,
+        pose.abduction,
+        out.joints,
+        out.direction,
+        out.axis,
+        out.abduction_axis,
+    )
+    return out
+
+
+def moved(pose: Pose, step: Array, abduction_step: Array, share: float = 1.0) -> Pose:
+    """The pose after a share of a step (δp, δφ, δθ), the palm turned by exp(share δφ) from the left."""
+    return Pose(
+        pose.position + share * step[:3],
+        Rotation.from_rotvec(share * step[3:6]) * pose.rotation,
+        pose.flexion + share * step[6:].reshape(5, 3),
+        pose.abduction + share * abduction_step,
+    )
+
+
+def transform(rotation: Rotation | Array, translation: Array) -> Array:
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation.as_matrix() if isinstance(rotation, Rotation) else rotation
+    matrix[:3, 3] = translation
+    return matrix
+
+
+def product_of_transforms(hand: HandArrays, pose: Pose) -> Array:
+    """Joints by T_world_palm T_palm_finger R_abduction Π R_x(-θ) T(0, L, 0); in a finger y is distal, z dorsal."""
+    joints = np.empty((5, 4, 3))
+    palm = transform(pose.rotation, pose.position)
+    for f in range(5):
+        x = np.cross(hand.distal[f], hand.dorsal[f])
+        frame = palm @ transform(np.stack([x, hand.distal[f], hand.dorsal[f]], axis=1), hand.base[f])
+        turn = hand.abduction_sign[0] * pose.abduction[f]
+        chain = frame @ transform(Rotation.from_euler("z", turn), np.zeros(3))
+        joints[f, 0] = chain[:3, 3]
+        for k in range(3):
+            chain = chain @ transform(Rotation.from_euler("x", -pose.flexion[f, k]), np.zeros(3))
+            chain = chain @ transform(np.eye(3), np.array([0.0, hand.length[f, k], 0.0]))
+            joints[f, k + 1] = chain[:3, 3]
+    return joints
+
+
+@given(seeds, sides)
+@settings(max_examples=60)
+def test_joints_are_the_product_of_transforms(seed: int, side: Side) -> None:
+    hand, pose = HANDS[side], random_pose(np.random.default_rng(seed))
+    out = place(hand, pose)
+    np.testing.assert_allclose(out.joints, product_of_transforms(hand, pose), atol=2e-15)
+    bones = np.diff(out.joints, axis=1)
+    np.testing.assert_allclose(out.direction * hand.length[:, :, None], bones, atol=1e-15)
+    for axis in (out.axis, out.abduction_axis):
+        np.testing.assert_allclose(np.linalg.norm(axis, axis=1), 1.0, atol=1e-14)
+    np.testing.assert_allclose(np.einsum("fki,fi->fk", out.direction, out.axis), 0.0, atol=1e-14)
+
+
+@given(seeds, sides)
+@settings(max_examples=30)
+def test_derivatives_are_the_finite_differences(seed: int, side: Side) -> None:
+    """∂x/∂θ_i = axis × (x − joint_i), ∂x/∂abduction = abduction axis × (x − base), ∂x/∂φ = e × (x − palm)."""
+    hand, pose = HANDS[side], random_pose(np.random.default_rng(seed))
+    out = place(hand, pose)
+    width = 1e-6
+
+    def difference(step: Array, abduction_step: Array) -> Array:
+        ahead = place(hand, moved(pose, step, abduction_step, width)).joints
+        behind = place(hand, moved(pose, step, abduction_step, -width)).joints
+        return np.asarray((ahead - behind) / (2.0 * width))
+
+    for i in range(3):
+        step = np.zeros(DOF)
+        step[6 + i :: 3] = 1.0
+        expected = np.cross(out.axis[:, None], out.joints - out.joints[:, i : i + 1])
+        expected[:, : i + 1] = 0.0
+        np.testing.assert_allclose(difference(step, np.zeros(5)), expected, atol=1e-9)
+        step = np.zeros(DOF)
+        step[3 + i] = 1.0
+        np.testing.assert_allclose(
+            difference(step, np.zeros(5)), np.cross(np.eye(3)[i], out.joints - pose.position), atol=1e-9
+        )
+        step = np.zeros(DOF)
+        step[i] = 1.0
+        np.testing.assert_allclose(difference(step, np.zeros(5)), np.broadcast_to(np.eye(3)[i], (5, 4, 3)), atol=1e-9)
+    expected = np.cross(out.abduction_axis[:, None], out.joints - out.joints[:, :1])
+    np.testing.assert_allclose(difference(np.zeros(DOF), np.ones(5)), expected, atol=1e-9)
+
+
+def test_positive_flexion_curls_to_the_palm_and_positive_abduction_goes_to_the_thumb() -> None:
+    rest = Pose(np.zeros(3), Rotation.identity(), np.zeros((5, 3)), np.zeros(5))
+    for side, hand in HANDS.items():
+        thumb_side = -1.0 if side == "right" else 1.0
+        start = place(hand, rest).joints
+        curled = place(hand, rest._replace(flexion=np.full((5, 3), 0.3))).joints
+        spread = place(hand, rest._replace(abduction=np.full(5, 0.3))).joints
+        assert (curled[1:, 1:, 2] < start[1:, 1:, 2]).all()
+        assert (thumb_side * (spread - start)[1:, 1:, 0] > 0.0).all()
+        # The thumb opens out of the palm's plane.
+        assert (spread[0, 1:, 2] < start[0, 1:, 2]).all()
+
+
+def body_points(hand: HandArrays, pose: Pose, share: Array) -> list[Array]:
+    """Points of each body in the world: on the axes of the phalanges at these shares, and the palm's sphere centres."""
+    joints = place(hand, pose).joints
+    points = [joints[f, k] + share[:, None] * (joints[f, k + 1] - joints[f, k]) for f in range(5) for k in range(3)]
+    palm = np.stack([hand.palm_x, hand.palm_y, hand.palm_z], axis=1)
+    return [*points, pose.position + pose.rotation.apply(palm)]
+
+
+@given(
+    seeds, sides, st.sampled_from([1e-4, 0.03, 1.0]), st.sampled_from(["all", "palm", "turn", "flexion", "abduction"])
+)
+@settings(max_examples=80)
+def test_no_point_moves_farther_than_its_bound(seed: int, side: Side, size: float, part: str) -> None:
+    hand, random = HANDS[side], np.random.default_rng(seed)
+    pose = random_pose(random)
+    step, abduction_step = size * random.uniform(-1.0, 1.0, DOF), size * random.uniform(-1.0, 1.0, 5)
+    keep = {"all": slice(0, DOF), "palm": slice(0, 3), "turn": slice(3, 6), "flexion": slice(6, DOF)}
+    mask = np.zeros(DOF)
+    if part in keep:
+        mask[keep[part]] = 1.0
+    step = step * mask
+    if part not in ("all", "abduction"):
+        abduction_step = np.zeros(5)
+    bound = np.empty(BODY_COUNT)
+    motion_bounds(hand, step, abduction_step, bound)
+    share = np.concatenate([[0.0, 1.0], random.uniform(0.0, 1.0, 6)])
+    start = body_points(hand, pose, share)
+    for moment in (1.0, *random.uniform(0.0, 1.0, 5)):
+        now = body_points(hand, moved(pose, step, abduction_step, moment), share)
+        for body in range(BODY_COUNT):
+            travelled = np.linalg.norm(now[body] - start[body], axis=1).max()
+            assert travelled <= bound[body] * (1.0 + 1e-12) + 1e-15
+
+
+def test_bound_is_reached() -> None:
+    """A bound that a straight finger or a plain shift reaches cannot be made smaller."""
+    hand = HANDS["right"]
+    straight = Pose(np.zeros(3), Rotation.identity(), np.zeros((5, 3)), np.zeros(5))
+    bound = np.empty(BODY_COUNT)
+    shift = np.zeros(DOF)
+    shift[:3] = 0.3, -0.4, 1.2
+    motion_bounds(hand, shift, np.zeros(5), bound)
+    np.testing.assert_allclose(bound, 1.3, rtol=1e-15)
+    small = 1e-4
+    flex = np.zeros(DOF)
+    flex[6::3] = small
+    motion_bounds(hand, flex, np.zeros(5), bound)
+    travelled = np.linalg.norm(
+        place(hand, moved(straight, flex, np.zeros(5))).joints - place(hand, straight).joints, axis=2
+    )
+    np.testing.assert_allclose(bound[:PALM_BODY].reshape(5, 3), travelled[:, 1:], rtol=1e-6)
+    assert bound[PALM_BODY] == 0.0
+    motion_bounds(hand, np.zeros(DOF), np.full(5, small), bound)
+    travelled = np.linalg.norm(
+        place(hand, moved(straight, np.zeros(DOF), np.full(5, small))).joints - place(hand, straight).joints, axis=2
+    )
+    np.testing.assert_allclose(bound[:PALM_BODY].reshape(5, 3), travelled[:, 1:], rtol=1e-6)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_no_motion_has_no_bound(side: Side) -> None:
+    bound = np.full(BODY_COUNT, np.nan)
+    motion_bounds(HANDS[side], np.zeros(DOF), np.zeros(5), bound)
+    np.testing.assert_array_equal(bound, np.zeros(BODY_COUNT))

@@ -1,0 +1,116 @@
+"""The palm's mesh: closed, star-shaped, of a palm's size, and joined to the fingers without a gap."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from hhsim.hand import default_fingers
+from hhsim.mesh import Mesh
+from hhsim.palm import CENTER_HEIGHT, RoundCones, box_rays, palm_mesh, palm_parts
+
+Array = NDArray[np.float64]
+
+LENGTH, BREADTH = 0.19, 0.085
+
+
+def palm(length: float = LENGTH, breadth: float = BREADTH) -> Mesh:
+    fingers = default_fingers(length, breadth)
+    return palm_mesh(length, breadth, fingers["base"][1:], fingers["radius"][1:, 0])
+
+
+def edge_lengths(mesh: Mesh) -> Array:
+    corners = mesh.triangles
+    return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2))
+
+
+@given(st.floats(0.05, 0.4), st.floats(0.36, 0.55))
+@settings(max_examples=12)
+def test_closed_and_star_shaped_at_any_size(length: float, share: float) -> None:
+    mesh = palm(length, share * length)
+    edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
+    keys = edges[:, 0] * len(mesh.vertices) + edges[:, 1]
+    opposite = edges[:, 1] * len(mesh.vertices) + edges[:, 0]
+    assert len(np.unique(keys)) == len(keys)
+    np.testing.assert_array_equal(np.sort(keys), np.sort(opposite))
+    assert len(mesh.vertices) - len(keys) // 2 + len(mesh.faces) == 2
+    # Every triangle turns its back to the middle: no two of them can overlap.
+    middle = np.array([0.0, 0.0, CENTER_HEIGHT * share * length])
+    assert (np.linalg.det(mesh.triangles - middle) > 0.0).all()
+    assert 1000 <= len(mesh.faces) <= 3000
+
+
+def test_of_a_palms_size() -> None:
+    mesh = palm()
+    width, along, thick = mesh.extent
+    # Breadth is measured across the knuckles with the flesh of the fingers; the palm is a little narrower.
+    assert 0.85 * BREADTH <= width <= BREADTH
+    assert 0.48 * LENGTH <= along <= 0.54 * LENGTH
+    assert 0.33 * BREADTH <= thick <= 0.45 * BREADTH
+    assert 100e-6 < mesh.volume < 200e-6
+    wrist = mesh.vertices[mesh.vertices[:, 1] < mesh.bounds[0, 1] + 0.15 * along]
+    assert np.ptp(wrist[:, 0]) < width
+
+
+def test_triangles_are_even() -> None:
+    lengths = edge_lengths(palm())
+    assert lengths.max() < 0.17 * BREADTH
+    assert lengths.min() > 0.01 * BREADTH
+
+
+def test_grows_in_proportion() -> None:
+    np.testing.assert_allclose(palm(0.38, 0.17).vertices, 2.0 * palm(0.19, 0.085).vertices, rtol=1e-9, atol=1e-12)
+
+
+def test_same_bytes_again() -> None:
+    assert palm().sha256 == palm().sha256
+
+
+def test_knuckles_lie_inside_and_no_farther_out_than_the_fingers() -> None:
+    fingers = default_fingers(LENGTH, BREADTH)
+    base, radius = fingers["base"], fingers["radius"][:, 0]
+    parts = palm_parts(LENGTH, BREADTH, base[1:], radius[1:])
+    assert (parts.distance(base[1:]).min(axis=1) < -0.5 * radius[1:]).all()
+    # The thumb's metacarpal starts in the flesh of the palm.
+    assert parts.distance(base[:1]).min() < -0.3 * radius[0]
+    # A fist's knuckles are the fingers': the palm ends short of a finger's breadth beyond its joint.
+    mesh = palm()
+    assert mesh.bounds[1, 1] < (base[1:, 1] + 1.3 * radius[1:]).max()
+    assert mesh.bounds[1, 2] < (base[1:, 2] + 1.3 * radius[1:]).max()
+
+
+def test_fingers_reach_past_the_palm_when_they_begin_to_close() -> None:
+    """With 20 degrees of flexion the finger's underside is lower than the palm's pads at the knuckles."""
+    fingers = default_fingers(LENGTH, BREADTH)
+    mesh = palm()
+    tip = fingers["base"][1:, 2] - math.sin(math.radians(20.0)) * fingers["length"][1:, 0] - fingers["radius"][1:, 1]
+    front = mesh.vertices[mesh.vertices[:, 1] > fingers["base"][4, 1]]
+    assert tip.max() < front[:, 2].min()
+
+
+def test_surface_is_the_blended_parts() -> None:
+    """The vertices lie on the union of the parts, pushed out by the blend only."""
+    fingers = default_fingers(LENGTH, BREADTH)
+    parts = palm_parts(LENGTH, BREADTH, fingers["base"][1:], fingers["radius"][1:, 0])
+    least = parts.distance(palm().vertices).min(axis=1)
+    assert least.min() >= -1e-9
+    assert least.max() <= 0.12 * BREADTH
+
+
+def test_rays_are_distinct_units_and_their_triangles_wind_outwards() -> None:
+    rays, faces = box_rays(np.array([3.0, 2.0, 1.0]))
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-15)
+    assert len(np.unique(rays.round(9), axis=0)) == len(rays)
+    assert (np.linalg.det(rays[faces]) > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("point", "expected"),
+    [((0.0, 3.0, 0.0), 2.0), ((1.0, 3.0, 0.0), 2.25), ((3.0, 0.0, 0.0), 0.5), ((0.0, 0.0, 0.0), -1.0)],
+)
+def test_part_distance(point: tuple[float, float, float], expected: float) -> None:
+    cone = RoundCones(np.zeros((1, 3)), np.array([[2.0, 0.0, 0.0]]), np.array([1.0]), np.array([0.5]))
+    assert cone.distance(np.array([point]))[0, 0] == pytest.approx(expected, abs=1e-15)
