@@ -1,0 +1,378 @@
+"""What is measured of a result: one definition each, used by every command.
+
+Arrays are those of a result file: T ticks first, forces in N, poses in the world frame. A mask over ticks, shape
+(T,), selects a phase; `phase_mask` makes one. What is undefined is NaN, never 0 and never a warning: a rate of a
+force that is not there, a mean over no ticks.
+
+Penetration depth and force variation are the paper's measures (Section V-D); the others are defined here.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.errors import InputError
+from hhsim.kernels.penetration import clearances
+from hhsim.kernels.tree import TreeArrays
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FORCE_FLOOR = 0.01
+"""Forces [N] weaker than this have no meaningful rate of change."""
+RIPPLE_BAND = (50.0, 400.0)
+"""Hz: above voluntary motion and tremor, up to where the skin still feels vibration."""
+RIPPLE_BINS = 4
+"""A ripple is defined once the band starts this many bins of the spectrum above zero; a Hann window smears over two."""
+FROZEN_LIMIT = 1e-6
+"""Relative one-tick change below which a force with frozen input counts as still."""
+TICK_BUDGET = 1_000_000
+"""ns: one tick of the haptic loop at 1 kHz."""
+
+
+class HandPoses(NamedTuple):
+    """A hand, tick by tick: palm position (T, 3) [m], orientation (T, 4) w x y z, flexion (T, 5, 3) [rad]."""
+
+    position: Array
+    orientation: Array
+    flexion: Array
+
+
+class Penetration(NamedTuple):
+    """Penetration depths [m], 0 where free: depth (T,) of the deepest body, palm (T,), finger (T, 5)."""
+
+    depth: Array
+    palm: Array
+    finger: Array
+
+
+class TrackingError(NamedTuple):
+    """Graphic from haptic hand, each (T,): palm distance [mm], palm angle [°], RMS of the 15 flexions [°]."""
+
+    position_mm: Array
+    rotation_deg: Array
+    flexion_deg: Array
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of the defined values (not NaN) in a phase; NaN where there is none. `std` is that of the population."""
+
+    mean: float
+    std: float
+    max: float
+    count: int
+
+
+@dataclass(frozen=True)
+class TickStatistics:
+    """Tick durations [µs]; `over_budget` is the share of ticks [0 to 1] that took more than 1 ms."""
+
+    p50: float
+    p99: float
+    max: float
+    over_budget: float
+    count: int
+
+
+def phase_mask(ticks: int, first: int, last: int) -> Mask:
+    """Ticks `first` to `last`, both included, of `ticks`; shape (ticks,)."""
+    index = np.arange(ticks)
+    return (index >= first) & (index <= last)
+
+
+def statistics(values: ArrayLike, mask: Mask | None = None) -> Statistics:
+    """Mean, spread and maximum of the defined values, shape (T,) or (T, ...), in the ticks of `mask` or all."""
+    array = np.asarray(values, dtype=np.float64)
+    if mask is not None:
+        array = array[mask]
+    defined = array[~np.isnan(array)]
+    if defined.size == 0:
+        return Statistics(np.nan, np.nan, np.nan, 0)
+    return Statistics(float(defined.mean()), float(defined.std()), float(defined.max()), defined.size)
+
+
+def penetration(
+    tree: TreeArrays,
+    phalanx_radius: ArrayLike,
+    palm_center: ArrayLike,
+    palm_radius: ArrayLike,
+    joints: ArrayLike,
+    position: ArrayLike,
+    orientation: ArrayLike,
+) -> Penetration:
+    """Penetration depths [m] of the stored graphic hand in the object's leaf spheres, tick by tick.
+
+    The paper's measure: "the biggest penetration distance between the graphic finger and object spheres during one
+    interaction cycle", here with the palm too. From the stored arrays alone; nothing is taken from the solver.
+
+    Args:
+        tree: the object's sphere tree, world.
+        phalanx_radius: [m], shape (5, 4).
+        palm_center: centres of the palm's spheres [m], palm frame, shape (P, 3).
+        palm_radius: [m], shape (P,).
+        joints: of the graphic hand [m], world, shape (T, 5, 4, 3).
+        position: palm of the graphic hand [m], world, shape (T, 3).
+        orientation: the same, unit quaternions (w, x, y, z), shape (T, 4).
+    """
+    palm, finger = hand_clearance(
+        tree, phalanx_radius, palm_center, palm_radius, joints, position, orientation, limit=0.0
+    )
+    # 0 - x and not -x: a free body has depth 0, not minus 0.
+    palm, finger = 0.0 - palm, 0.0 - finger
+    return Penetration(np.maximum(palm, finger.max(axis=1)), palm, finger)
+
+
+def hand_clearance(
+    tree: TreeArrays,
+    phalanx_radius: ArrayLike,
+    palm_center: ArrayLike,
+    palm_radius: ArrayLike,
+    joints: ArrayLike,
+    position: ArrayLike,
+    orientation: ArrayLike,
+    limit: float,
+) -> tuple[Array, Array]:
+    """Least signed distance [m] of the palm, shape (T,), and of each finger, shape (T, 5), to the object.
+
+    To its leaf spheres; negative inside. `limit` [m] stands for everything from there on. Arguments as `penetration`.
+    """
+    joint_array = np.ascontiguousarray(joints, dtype=np.float64)
+    center = np.ascontiguousarray(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3).T)
+    ticks = joint_array.shape[0]
+    palm, finger = np.empty(ticks), np.empty((ticks, 5))
+    clearances(
+        np.ascontiguousarray(phalanx_radius, dtype=np.float64),
+        center[0],
+        center[1],
+        center[2],
+        np.ascontiguousarray(palm_radius, dtype=np.float64),
+        tree,
+        joint_array,
+        np.ascontiguousarray(position, dtype=np.float64),
+        _rotation_matrices(np.asarray(orientation, dtype=np.float64)),
+        float(limit),
+        palm,
+        finger,
+    )
+    return palm, finger
+
+
+def force_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> Array:
+    """One-tick change of the force's size, |‖F_t‖ - ‖F_{t-1}‖| / ‖F_{t-1}‖ [%].
+
+    The paper's stability measure: the variation rate of the contact force between two adjacent time steps.
+
+    Args:
+        force: [N], shape (T, 3), or (T, 5, 3) for the fingers at once.
+        floor: undefined (NaN) where ‖F_{t-1}‖ is below this [N], and at the first tick.
+
+    Returns:
+        [%], shape (T,), or (T, 5).
+    """
+    return _rate(np.linalg.norm(_vectors(force), axis=-1), floor)
+
+
+def component_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> Array:
+    """`force_variation_rate` of each component by itself, |F_{t,i} - F_{t-1,i}| / |F_{t-1,i}| [%]; shape as `force`.
+
+    The floor holds for the component: one that is near zero has no rate, however strong the others are.
+    """
+    return _rate(_vectors(force), floor)
+
+
+def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike, floor: float = FORCE_FLOOR) -> Array:
+    """`force_variation_rate` per new input sample: each tick with a new sample against the one with the sample before.
+
+    A glove that sends 100 samples/s leaves nine of ten ticks without news, which a rate per tick counts as still.
+
+    Args:
+        force: [N], shape (T, 3) or (T, 5, 3).
+        input_seq: number of the sample that each tick used, shape (T,).
+        floor: as in `force_variation_rate`.
+
+    Returns:
+        [%], shape (T,) or (T, 5); NaN at ticks without a new sample and at the first sample.
+    """
+    vectors = _vectors(force)
+    sequence = np.asarray(input_seq)
+    rate: Array = np.full(vectors.shape[:-1], np.nan)
+    if sequence.size:
+        new = np.concatenate([[True], sequence[1:] != sequence[:-1]])
+        rate[new] = _rate(np.linalg.norm(vectors[new], axis=-1), floor)
+    return rate
+
+
+def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], high: float = RIPPLE_BAND[1]) -> float:
+    """RMS [N] of a force between `low` and `high` [Hz], all components together.
+
+    The straight line that fits best is taken out of each component, since a hold drifts, and a Hann window keeps slow
+    motion from leaking into the band; the window's own power is divided out, so that a vibration of amplitude A in
+    the band gives A/√2.
+
+    Args:
+        force: [N], shape (T, 3), one uninterrupted phase.
+        rate: ticks per second [Hz].
+        low: lower end of the band [Hz], included.
+        high: upper end [Hz], included; what lies above rate/2 cannot be seen.
+
+    Returns:
+        RMS [N]; NaN with fewer than 4 · rate / low ticks (80 at 1 kHz), where the band cannot be told from the trend.
+    """
+    vectors = _vectors(force)
+    ticks = vectors.shape[0]
+    if ticks < RIPPLE_BINS * rate / low or low >= 0.5 * rate:
+        return np.nan
+    time = np.linspace(-1.0, 1.0, ticks)
+    centred = vectors - vectors.mean(axis=0)
+    detrended = centred - np.outer(time, time @ centred / (time @ time))
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(ticks) / ticks)
+    power = np.abs(np.fft.rfft(detrended * window[:, None], axis=0)) ** 2 / (ticks * (window @ window))
+    frequency = np.fft.rfftfreq(ticks, 1.0 / rate)
+    # Every frequency but 0 and rate/2 stands for its negative twin too.
+    power[(frequency > 0.0) & (frequency < 0.5 * rate)] *= 2.0
+    return float(np.sqrt(power[(frequency >= low) & (frequency <= high)].sum()))
+
+
+def force_step(force: ArrayLike, moving: Mask, hold: Mask, floor: float = FORCE_FLOOR) -> float:
+    """Largest one-tick change of the total force while moving, relative to the mean hold force [%].
+
+    The change is that of the vector, ‖F_t - F_{t-1}‖: a force that turns at once jerks the hand, whatever its size.
+
+    Args:
+        force: [N], shape (T, 3).
+        moving: ticks in which the hand moves, shape (T,); each is compared with the tick before it.
+        hold: ticks in which it holds, shape (T,).
+        floor: undefined (NaN) where the mean hold force is below this [N], or a phase is empty.
+    """
+    vectors = _vectors(force)
+    change = np.linalg.norm(np.diff(vectors, axis=0), axis=1)[np.asarray(moving, dtype=bool)[1:]]
+    held = np.linalg.norm(vectors[np.asarray(hold, dtype=bool)], axis=1)
+    if change.size == 0 or held.size == 0 or not held.mean() >= floor:
+        return np.nan
+    return float(100.0 * change.max() / held.mean())
+
+
+def frozen_decay(force: ArrayLike, limit: float = FROZEN_LIMIT, floor: float = FORCE_FLOOR) -> int | None:
+    """Ticks that a force goes on changing after the input has frozen.
+
+    The least n such that ‖F_t - F_{t-1}‖ <= limit · max(‖F_{t-1}‖, floor) for every t > n: a limit cycle never gets
+    there, even where the size of the force stays the same.
+
+    Args:
+        force: [N], shape (T, 3), from the first tick with frozen input on.
+        limit: relative change that counts as still.
+        floor: forces weaker than this [N] are measured against it.
+
+    Returns:
+        Number of ticks, 0 if nothing moved; None if the last tick still changed, or with fewer than two ticks.
+    """
+    vectors = _vectors(force)
+    if vectors.shape[0] < 2:
+        return None
+    size = np.maximum(np.linalg.norm(vectors[:-1], axis=1), floor)
+    change = np.linalg.norm(np.diff(vectors, axis=0), axis=1)
+    # Written so that NaN counts as moving.
+    moving = np.flatnonzero(~(change <= limit * size))
+    if moving.size == 0:
+        return 0
+    last = int(moving[-1]) + 1
+    return last if last < vectors.shape[0] - 1 else None
+
+
+def tracking_energy(haptic: HandPoses, graphic: HandPoses, stiffness: ArrayLike) -> Array:
+    """Coupling energy ½ (Δp·k_t Δp + Δφ·k_r Δφ + Σ k_θ Δθ²) [J] between graphic and haptic hand, shape (T,).
+
+    The objective of every method (virtual coupling of the paper's Eq. 1). Δφ is the rotation vector from graphic to
+    haptic palm, world.
+
+    Args:
+        haptic: where the user's hand is.
+        graphic: where the shown hand is.
+        stiffness: diagonal of G, shape (21,): 3 times k_t [N/m], 3 times k_r [N·m/rad], 15 times k_θ [N·m/rad].
+    """
+    diagonal = np.asarray(stiffness, dtype=np.float64)
+    if diagonal.shape != (21,):
+        raise InputError(f"tracking energy: stiffness has shape {diagonal.shape}, expected (21,)")
+    shift = haptic.position - graphic.position
+    turn = _rotation_vectors(graphic.orientation, haptic.orientation)
+    bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)
+    offset = np.concatenate([shift, turn, bend], axis=1)
+    energy: Array = 0.5 * (offset * offset) @ diagonal
+    return energy
+
+
+def tracking_excess(energy: ArrayLike, reference: ArrayLike, floor: float = 1e-9) -> Array:
+    """How far a method's coupling energy is from the reference optimum's, (energy - reference) / reference [-], (T,).
+
+    NaN where the reference is below `floor` [J], that is in free space.
+    """
+    ours, best = np.asarray(energy, dtype=np.float64), np.asarray(reference, dtype=np.float64)
+    excess: Array = np.full(ours.shape, np.nan)
+    defined = best >= floor
+    excess[defined] = (ours[defined] - best[defined]) / best[defined]
+    return excess
+
+
+def tracking_error(haptic: HandPoses, graphic: HandPoses) -> TrackingError:
+    """How far the shown hand is from the user's, tick by tick; for people, hence in mm and degrees."""
+    turn = _rotation_vectors(graphic.orientation, haptic.orientation)
+    bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)
+    return TrackingError(
+        1e3 * np.linalg.norm(haptic.position - graphic.position, axis=1),
+        np.degrees(np.linalg.norm(turn, axis=1)),
+        np.degrees(np.sqrt(np.mean(bend * bend, axis=1))),
+    )
+
+
+def tick_statistics(duration: ArrayLike) -> TickStatistics:
+    """p50, p99 and maximum [µs] of tick durations [ns], shape (T,), and the share of ticks over 1 ms.
+
+    Percentiles interpolate between ticks; all NaN for no ticks.
+    """
+    array = np.asarray(duration, dtype=np.float64).ravel()
+    if array.size == 0:
+        return TickStatistics(np.nan, np.nan, np.nan, np.nan, 0)
+    p50, p99 = np.percentile(array, [50.0, 99.0]) / 1e3
+    over = float(np.mean(array > TICK_BUDGET))
+    return TickStatistics(float(p50), float(p99), float(array.max()) / 1e3, over, array.size)
+
+
+def _vectors(force: ArrayLike) -> Array:
+    array = np.asarray(force, dtype=np.float64)
+    if array.ndim < 2 or array.shape[-1] != 3:
+        raise InputError(f"force has shape {array.shape}, expected (T, 3) or (T, fingers, 3)")
+    return array
+
+
+def _rate(values: Array, floor: float) -> Array:
+    rate: Array = np.full(values.shape, np.nan)
+    before = np.abs(values[:-1])
+    defined = before >= floor
+    rate[1:][defined] = 100.0 * np.abs(values[1:] - values[:-1])[defined] / before[defined]
+    return rate
+
+
+def _rotation_matrices(quaternion: Array) -> Array:
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.ascontiguousarray(np.moveaxis(np.array(rows), -1, 0))
+
+
+def _rotation_vectors(source: Array, target: Array) -> Array:
+    # Vectors v [rad], world, with exp(v) source = target, the short way round.
+    scalar = np.sum(source * target, axis=1)
+    a, b = source[:, 1:], target[:, 1:]
+    vector = source[:, :1] * b - target[:, :1] * a - np.cross(b, a)
+    vector = np.where(scalar[:, None] < 0.0, -vector, vector)
+    sine = np.linalg.norm(vector, axis=1)
+    small = sine < 1e-8
+    scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, np.abs(scalar)) / np.where(small, 1.0, sine))
+    rotation: Array = scale[:, None] * vector
+    return rotation

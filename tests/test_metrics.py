@@ -1,0 +1,339 @@
+"""Metrics against closed forms, with the undefined cases that results bring."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from hhsim import metrics
+from hhsim.errors import InputError
+from hhsim.kernels.tree import TreeArrays
+from hhsim.metrics import HandPoses
+
+Array = NDArray[np.float64]
+
+RATE = 1000.0
+STIFFNESS = np.concatenate([np.full(3, 1000.0), np.full(3, 5.0), np.full(15, 0.5)])
+
+
+def along(axis: int, size: ArrayLike) -> Array:
+    values = np.asarray(size, dtype=np.float64)
+    force = np.zeros((values.size, 3))
+    force[:, axis] = values
+    return force
+
+
+def poses(ticks: int) -> HandPoses:
+    return HandPoses(np.zeros((ticks, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 5, 3)))
+
+
+class TestForceVariation:
+    def test_rate_is_the_relative_change_of_the_size_in_percent(self) -> None:
+        force = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 5.5], [5.5, 0.0, 0.0], [0.0, 1.1, 0.0]])
+        np.testing.assert_allclose(metrics.force_variation_rate(force), [np.nan, 10.0, 0.0, 80.0], rtol=1e-12)
+
+    def test_rate_is_undefined_after_a_force_below_the_floor(self) -> None:
+        force = along(2, np.array([0.0, 1.0, 0.0099, 2.0, 0.01, 0.02]))
+        rate = metrics.force_variation_rate(force)
+        np.testing.assert_array_equal(np.isnan(rate), [True, True, False, True, False, False])
+        np.testing.assert_allclose(rate[[2, 4, 5]], [99.01, 99.5, 100.0])
+        np.testing.assert_array_equal(
+            np.isnan(metrics.force_variation_rate(force, floor=1.5))[:5], [True] * 4 + [False]
+        )
+
+    def test_fingers_are_measured_each_by_itself(self) -> None:
+        force = np.random.default_rng(0).normal(size=(20, 5, 3))
+        force[:, 3] = 0.0
+        rate = metrics.force_variation_rate(force)
+        assert rate.shape == (20, 5)
+        for finger in range(5):
+            np.testing.assert_array_equal(rate[:, finger], metrics.force_variation_rate(force[:, finger]))
+        assert np.isnan(rate[:, 3]).all()
+
+    def test_components_have_their_own_floor(self) -> None:
+        force = np.array([[10.0, 0.001, -2.0], [11.0, 0.5, 2.0]])
+        rate = metrics.component_variation_rate(force)
+        np.testing.assert_allclose(rate[1], [10.0, np.nan, 200.0])
+        assert np.isnan(rate[0]).all()
+
+    @settings(max_examples=50)
+    @given(st.integers(0, 2**32 - 1), st.floats(0.1, 100.0))
+    def test_rate_does_not_depend_on_scale_or_frame(self, seed: int, scale: float) -> None:
+        rng = np.random.default_rng(seed)
+        force = 1.0 + rng.random((30, 3))
+        turned = scale * Rotation.random(rng=rng).apply(force)
+        np.testing.assert_allclose(metrics.force_variation_rate(turned), metrics.force_variation_rate(force), atol=1e-9)
+
+    def test_held_samples_do_not_dilute_the_rate_per_sample(self) -> None:
+        # 100 samples/s held at 1 kHz; the force grows by 1 % a sample.
+        sequence = np.arange(200) // 10
+        force = along(0, 1.01**sequence)
+        rate = metrics.sample_variation_rate(force, sequence)
+        new = np.arange(200) % 10 == 0
+        assert np.isnan(rate[~new]).all()
+        assert np.isnan(rate[0])
+        np.testing.assert_allclose(rate[new][1:], 1.0, rtol=1e-9)
+        assert metrics.statistics(metrics.force_variation_rate(force)).mean == pytest.approx(19 / 199, rel=1e-9)
+        assert metrics.statistics(rate).count == 19
+
+    def test_a_sample_at_every_tick_gives_the_rate_per_tick(self) -> None:
+        force = 1.0 + np.random.default_rng(1).random((30, 5, 3))
+        by_sample = metrics.sample_variation_rate(force, np.arange(7, 37))
+        np.testing.assert_array_equal(by_sample, metrics.force_variation_rate(force))
+
+    @pytest.mark.parametrize("ticks", [0, 1])
+    def test_too_few_ticks_have_no_rate(self, ticks: int) -> None:
+        force = np.ones((ticks, 3))
+        assert np.isnan(metrics.force_variation_rate(force)).all()
+        assert metrics.sample_variation_rate(force, np.zeros(ticks)).shape == (ticks,)
+        assert metrics.component_variation_rate(force).shape == (ticks, 3)
+
+    @pytest.mark.parametrize("shape", [(4,), (4, 2), ()])
+    def test_what_is_not_a_force_is_refused(self, shape: tuple[int, ...]) -> None:
+        with pytest.raises(InputError, match="expected \\(T, 3\\)"):
+            metrics.force_variation_rate(np.zeros(shape))
+
+
+class TestStatistics:
+    def test_undefined_values_do_not_count(self) -> None:
+        values = np.array([np.nan, 1.0, 3.0, np.nan, 100.0])
+        result = metrics.statistics(values, metrics.phase_mask(5, 0, 3))
+        assert (result.mean, result.std, result.max, result.count) == (2.0, 1.0, 3.0, 2)
+
+    @pytest.mark.parametrize("values", [np.full(4, np.nan), np.zeros(0)])
+    def test_an_empty_phase_is_nan_without_a_warning(self, values: Array) -> None:
+        result = metrics.statistics(values)
+        assert np.isnan([result.mean, result.std, result.max]).all()
+        assert result.count == 0
+
+    def test_phase_mask_includes_both_ends(self) -> None:
+        np.testing.assert_array_equal(metrics.phase_mask(5, 1, 3), [False, True, True, True, False])
+        assert not metrics.phase_mask(5, 3, 2).any()
+
+
+class TestRipple:
+    @pytest.mark.parametrize("frequency", [60.0, 123.4, 250.0, 390.0])
+    @pytest.mark.parametrize("ticks", [500, 777, 1000])
+    def test_a_vibration_in_the_band_gives_its_rms(self, frequency: float, ticks: int) -> None:
+        time = np.arange(ticks) / RATE
+        force = along(1, 5.0 + 0.2 * np.sin(2.0 * np.pi * frequency * time + 0.7))
+        assert metrics.force_ripple(force, RATE) == pytest.approx(0.2 / np.sqrt(2.0), rel=1e-2)
+
+    @pytest.mark.parametrize("frequency", [1.0, 10.0, 30.0, 450.0])
+    def test_a_vibration_outside_does_not(self, frequency: float) -> None:
+        time = np.arange(1000) / RATE
+        force = along(1, 5.0 + np.sin(2.0 * np.pi * frequency * time + 0.7))
+        assert metrics.force_ripple(force, RATE) < 1e-4
+
+    def test_mean_and_drift_are_no_ripple(self) -> None:
+        time = np.arange(300)[:, None] / RATE
+        assert metrics.force_ripple(np.array([1.0, -20.0, 300.0]) + time * [100.0, 0.0, -7.0], RATE) < 1e-10
+
+    def test_components_add_up_whatever_the_frame(self) -> None:
+        time = np.arange(1000) / RATE
+        force = np.stack([np.sin(2.0 * np.pi * 100.0 * time), np.sin(2.0 * np.pi * 200.0 * time), 0.0 * time], axis=1)
+        turned = Rotation.from_rotvec([0.3, -1.0, 0.5]).apply(force)
+        assert metrics.force_ripple(force, RATE) == pytest.approx(1.0, rel=1e-6)
+        assert metrics.force_ripple(turned, RATE) == pytest.approx(1.0, rel=1e-6)
+
+    def test_white_noise_gives_the_share_of_its_band(self) -> None:
+        force = np.random.default_rng(3).normal(size=(50_000, 3))
+        share = (400.0 - 50.0) / 500.0
+        assert metrics.force_ripple(force, RATE) == pytest.approx(np.sqrt(3.0 * share), rel=1e-2)
+
+    def test_the_whole_spectrum_holds_all_power(self) -> None:
+        force = along(0, np.where(np.arange(400) % 2, 1.0, -1.0))
+        assert metrics.force_ripple(force, RATE, high=500.0) == pytest.approx(1.0, rel=1e-3)
+
+    def test_too_few_ticks_or_too_slow_a_rate_are_undefined(self) -> None:
+        noise = np.random.default_rng(4).normal(size=(80, 3))
+        assert np.isnan(metrics.force_ripple(noise[:79], RATE))
+        assert metrics.force_ripple(noise, RATE) > 0.0
+        assert np.isnan(metrics.force_ripple(noise[:0], RATE))
+        assert np.isnan(metrics.force_ripple(noise, 100.0))
+
+    def test_nan_is_not_silence(self) -> None:
+        force = np.ones((200, 3))
+        force[7, 1] = np.nan
+        assert np.isnan(metrics.force_ripple(force, RATE))
+
+
+class TestForceStep:
+    def test_largest_change_while_moving_relative_to_the_hold(self) -> None:
+        force = along(0, np.array([0.0, 1.0, 4.0, 4.0, 4.0, 40.0]))
+        moving, hold = metrics.phase_mask(6, 0, 2), metrics.phase_mask(6, 3, 4)
+        assert metrics.force_step(force, moving, hold) == pytest.approx(75.0)
+
+    def test_a_turning_force_steps_even_at_constant_size(self) -> None:
+        force = np.array([[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 2.0, 0.0]])
+        step = metrics.force_step(force, metrics.phase_mask(3, 1, 1), metrics.phase_mask(3, 2, 2))
+        assert step == pytest.approx(100.0 * np.sqrt(2.0))
+
+    def test_empty_phases_and_no_hold_force_are_undefined(self) -> None:
+        force, all_of_it, none = np.ones((4, 3)), np.ones(4, dtype=bool), np.zeros(4, dtype=bool)
+        assert np.isnan(metrics.force_step(force, none, all_of_it))
+        assert np.isnan(metrics.force_step(force, all_of_it, none))
+        assert np.isnan(metrics.force_step(0.0 * force, all_of_it, all_of_it))
+        assert np.isnan(metrics.force_step(force, np.array([True, False, False, False]), all_of_it))
+        assert np.isnan(metrics.force_step(force[:0], none[:0], none[:0]))
+        assert metrics.force_step(force, all_of_it, all_of_it) == 0.0
+
+
+class TestFrozenDecay:
+    def test_a_geometric_decay_stops_where_it_must(self) -> None:
+        force = along(2, 1.0 + 0.1 ** np.arange(1, 30))
+        # The change at tick t is 0.9 · 0.1^t; it is above 1e-6 up to t = 5.
+        assert metrics.frozen_decay(force) == 5
+
+    def test_still_from_the_start(self) -> None:
+        assert metrics.frozen_decay(np.ones((10, 3))) == 0
+        assert metrics.frozen_decay(np.zeros((10, 3))) == 0
+
+    def test_limit_cycles_never_settle(self) -> None:
+        size = 1.0 + 1e-5 * (np.arange(50) % 2)
+        assert metrics.frozen_decay(along(0, size)) is None
+        turning = np.where((np.arange(50) % 2)[:, None] == 0, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        assert np.nanmax(metrics.force_variation_rate(turning)) == 0.0
+        assert metrics.frozen_decay(turning) is None
+
+    def test_a_late_jump_counts(self) -> None:
+        force = np.ones((20, 3))
+        force[12:] = 2.0
+        assert metrics.frozen_decay(force) == 12
+        force[19] = 3.0
+        assert metrics.frozen_decay(force) is None
+
+    def test_nan_and_too_few_ticks_are_no_proof(self) -> None:
+        force = np.ones((5, 3))
+        force[4] = np.nan
+        assert metrics.frozen_decay(force) is None
+        assert metrics.frozen_decay(np.ones((1, 3))) is None
+
+
+class TestTracking:
+    def test_energy_is_the_coupling_of_each_part(self) -> None:
+        haptic, graphic = poses(4), poses(4)
+        haptic.position[1] = [3e-3, 0.0, 4e-3]
+        haptic.orientation[2] = np.roll(Rotation.from_rotvec([0.0, 0.2, 0.0]).as_quat(), 1)
+        haptic.flexion[3, 2] = [0.1, 0.2, -0.2]
+        energy = metrics.tracking_energy(haptic, graphic, STIFFNESS)
+        np.testing.assert_allclose(energy, [0.0, 500.0 * 25e-6, 2.5 * 0.04, 0.25 * 0.09], rtol=1e-12)
+        error = metrics.tracking_error(haptic, graphic)
+        np.testing.assert_allclose(error.position_mm, [0.0, 5.0, 0.0, 0.0], rtol=1e-12)
+        np.testing.assert_allclose(error.rotation_deg, [0.0, 0.0, np.degrees(0.2), 0.0], rtol=1e-12)
+        np.testing.assert_allclose(error.flexion_deg, [0.0, 0.0, 0.0, np.degrees(np.sqrt(0.09 / 15.0))], rtol=1e-12)
+
+    def test_stiffness_of_rotation_is_taken_in_the_world(self) -> None:
+        haptic, graphic = poses(1), poses(1)
+        start = Rotation.from_rotvec([0.0, 0.0, np.pi / 2.0])
+        graphic.orientation[0] = np.roll(start.as_quat(), 1)
+        haptic.orientation[0] = np.roll((Rotation.from_rotvec([0.1, 0.0, 0.0]) * start).as_quat(), 1)
+        stiffness = np.zeros(21)
+        stiffness[3] = 2.0
+        np.testing.assert_allclose(metrics.tracking_energy(haptic, graphic, stiffness), [0.01], rtol=1e-12)
+
+    @settings(max_examples=50)
+    @given(st.integers(0, 2**32 - 1), st.floats(0.0, np.pi))
+    def test_rotation_angle_is_right_for_any_pair_and_sign(self, seed: int, angle: float) -> None:
+        rng = np.random.default_rng(seed)
+        axis = rng.normal(size=3)
+        start = Rotation.random(rng=rng)
+        turned = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)) * start
+        haptic, graphic = poses(2), poses(2)
+        graphic.orientation[:] = np.roll(start.as_quat(), 1)
+        haptic.orientation[0] = np.roll(turned.as_quat(), 1)
+        haptic.orientation[1] = -haptic.orientation[0]
+        error = metrics.tracking_error(haptic, graphic)
+        np.testing.assert_allclose(error.rotation_deg, np.degrees(angle), atol=1e-6)
+
+    def test_no_ticks(self) -> None:
+        assert metrics.tracking_energy(poses(0), poses(0), STIFFNESS).shape == (0,)
+        assert metrics.tracking_error(poses(0), poses(0)).flexion_deg.shape == (0,)
+
+    def test_stiffness_of_the_wrong_length_is_refused(self) -> None:
+        with pytest.raises(InputError, match=r"shape \(3,\), expected \(21,\)"):
+            metrics.tracking_energy(poses(1), poses(1), np.ones(3))
+
+    def test_excess_over_the_reference(self) -> None:
+        excess = metrics.tracking_excess([2.0, 1.0, 1.0, np.nan], [1.0, 1.0, 0.0, 1.0])
+        np.testing.assert_allclose(excess, [1.0, 0.0, np.nan, np.nan])
+
+
+class TestTicks:
+    def test_percentiles_in_microseconds(self) -> None:
+        duration = np.arange(1, 102, dtype=np.int64) * 1000
+        duration[-1] = 2_000_000
+        result = metrics.tick_statistics(duration)
+        assert (result.p50, result.p99, result.max, result.count) == (51.0, 100.0, 2000.0, 101)
+        assert result.over_budget == pytest.approx(1.0 / 101.0)
+
+    def test_one_millisecond_is_within_the_budget(self) -> None:
+        assert metrics.tick_statistics([1_000_000]).over_budget == 0.0
+
+    def test_no_ticks(self) -> None:
+        result = metrics.tick_statistics(np.zeros(0, dtype=np.int64))
+        assert np.isnan([result.p50, result.p99, result.max, result.over_budget]).all()
+        assert result.count == 0
+
+
+class TestPenetration:
+    def ball(self, center: Array, radius: float) -> TreeArrays:
+        x, y, z = (np.full(2, value) for value in center)
+        first, count = np.array([1, -1], dtype=np.int64), np.array([1, 0], dtype=np.int64)
+        return TreeArrays(x, y, z, np.full(2, radius), first, count, 1)
+
+    def test_palm_and_finger_depths_from_stored_arrays(self) -> None:
+        # A ball of 30 mm at the origin; a palm sphere of 10 mm held 38 mm away, fingers far off but for one fingertip.
+        tree = self.ball(np.zeros(3), 0.03)
+        joints = np.full((3, 5, 4, 3), 1.0)
+        joints[:, 2, 3] = [[0.0, 0.0, 0.0345], [0.0, 0.0, 0.0355], [0.0, 0.0, 0.032]]
+        joints[:, 2, :3] = [0.0, 0.0, 0.2]
+        half_turn = np.array([0.0, 0.0, 0.0, 1.0])
+        position = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        result = metrics.penetration(
+            tree,
+            np.full((5, 4), 0.005),
+            np.array([[-0.038, 0.0, 0.0]]),
+            np.array([0.01]),
+            joints,
+            position,
+            np.tile(half_turn, (3, 1)),
+        )
+        np.testing.assert_allclose(result.palm, [0.002, 0.0, 0.002], atol=1e-12)
+        np.testing.assert_allclose(result.finger[:, 2], [0.0005, 0.0, 0.003], atol=1e-12)
+        assert not result.finger[:, [0, 1, 3, 4]].any()
+        np.testing.assert_allclose(result.depth, [0.002, 0.0, 0.003], atol=1e-12)
+
+    def test_clearance_is_signed_up_to_its_limit(self) -> None:
+        tree = self.ball(np.array([0.0, 0.0, 1.0]), 0.03)
+        joints = np.zeros((1, 5, 4, 3))
+        joints[0, :, :, 2] = np.array([0.95, 0.96, 0.97, 0.99, 0.0])[:, None]
+        palm, finger = metrics.hand_clearance(
+            tree,
+            np.full((5, 4), 0.005),
+            np.zeros((0, 3)),
+            np.zeros(0),
+            joints,
+            np.zeros((1, 3)),
+            np.array([[1.0, 0.0, 0.0, 0.0]]),
+            limit=0.01,
+        )
+        np.testing.assert_allclose(finger, [[0.01, 0.005, -0.005, -0.025, 0.01]], atol=1e-12)
+        np.testing.assert_array_equal(palm, [0.01])
+
+    def test_nan_in_the_file_shows(self) -> None:
+        joints = np.full((1, 5, 4, 3), 1.0)
+        joints[0, 4, 3, 0] = np.nan
+        result = metrics.penetration(
+            self.ball(np.zeros(3), 0.03),
+            np.full((5, 4), 0.005),
+            np.ones((1, 3)),
+            np.array([0.01]),
+            joints,
+            np.zeros((1, 3)),
+            np.array([[1.0, 0.0, 0.0, 0.0]]),
+        )
+        assert np.isnan(result.depth[0])
+        np.testing.assert_array_equal(np.isnan(result.finger[0]), [False, False, False, False, True])
