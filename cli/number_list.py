@@ -1,38 +1,35 @@
 """An option that takes a fixed count of numbers, written with commas."""
 
 import math
-from typing import Any
+from collections.abc import Callable
 
 import click
 
+Reader = Callable[[click.Context, click.Parameter, str | None], tuple[float, ...] | None]
 
-class NumberList(click.ParamType):
-    """Numbers that are at least 0, such as 1000,5,0.5.
+
+def number_list(*meanings: str, positive: bool = False) -> Reader:
+    """Make the callback of an option such as --stiffness 1000,5,0.5.
 
     Args:
         meanings: what each number is, with its unit.
-        positive: refuse 0 too.
+        positive: refuse 0 too; negative numbers are always refused.
     """
 
-    name = "numbers"
-
-    def __init__(self, *meanings: str, positive: bool = False) -> None:
-        self.meanings = meanings
-        self.positive = positive
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
-        """Read the numbers."""
-        if isinstance(value, tuple):
-            return value
+    def read(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+        if value is None:
+            return None
         try:
-            numbers = tuple(float(part) for part in str(value).split(","))
+            numbers = tuple(float(part) for part in value.split(","))
         except ValueError:
             numbers = ()
-        right = all(
-            math.isfinite(number) and (number > 0.0 or (number == 0.0 and not self.positive)) for number in numbers
+        in_range = all(
+            math.isfinite(number) and (number > 0.0 or (number == 0.0 and not positive)) for number in numbers
         )
-        if len(numbers) != len(self.meanings) or not right:
-            sign = "positive" if self.positive else "not negative"
-            wanted = f"{len(self.meanings)} numbers, {sign}, with commas between them"
-            self.fail(f"'{value}' is not {', '.join(self.meanings)}: {wanted}", param, ctx)
+        if len(numbers) != len(meanings) or not in_range:
+            sign = "positive" if positive else "none of them negative"
+            wanted = f"{len(meanings)} numbers, {sign}, with commas between: {', '.join(meanings)}"
+            raise click.BadParameter(f"'{value}', expected {wanted}", context, parameter)
         return numbers
+
+    return read

@@ -197,6 +197,16 @@ def test_objects_tells_people_and_machines_the_same(run: Run) -> None:
         assert item["licence"] in line
 
 
+def test_trajectories_tells_people_and_machines_the_same(run: Run) -> None:
+    trajectories = json.loads(run("trajectories", "--json").out)["trajectories"]
+    lines = run("trajectories").out.splitlines()[2:]
+    assert [line.split()[0] for line in lines] == [item["name"] for item in trajectories]
+    assert {"touch", "pinch", "grasp", "whole-hand", "slide"} <= {item["name"] for item in trajectories}
+    for item, line in zip(trajectories, lines):
+        assert item["title"] in line
+        assert f"{item['duration']:.1f}" in line
+
+
 def test_a_table_in_a_pipe_is_plain_text(run: Run) -> None:
     answer = subprocess.run([*HHSIM, "objects"], capture_output=True, text=True, env=os.environ | {"COLUMNS": "40"})
     assert "\x1b" not in answer.stdout
