@@ -28,9 +28,10 @@ def print_table(
     from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    table.title, table.title_justify, table.title_style = title or None, "left", "bold"
+    table.title, table.title_justify, table.title_style = Text(title) if title else None, "left", "bold"
     for heading in columns:
-        table.add_column(heading, justify="right" if heading in numbers else "left", overflow="fold")
+        # As Text: a unit in square brackets is not markup.
+        table.add_column(Text(heading), justify="right" if heading in numbers else "left", overflow="fold")
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     # A pipe has no width: nothing is folded there, so that lines can be searched.

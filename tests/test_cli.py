@@ -199,7 +199,8 @@ def test_objects_tells_people_and_machines_the_same(run: Run) -> None:
 
 def test_trajectories_tells_people_and_machines_the_same(run: Run) -> None:
     trajectories = json.loads(run("trajectories", "--json").out)["trajectories"]
-    lines = run("trajectories").out.splitlines()[2:]
+    heading, _, *lines = run("trajectories").out.splitlines()
+    assert "duration [s]   rate [Hz]" in heading
     assert [line.split()[0] for line in lines] == [item["name"] for item in trajectories]
     assert {"touch", "pinch", "grasp", "whole-hand", "slide"} <= {item["name"] for item in trajectories}
     for item, line in zip(trajectories, lines):
