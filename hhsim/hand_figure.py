@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
 from hhsim.hand import FINGERS, HandModel
 from hhsim.mesh import Mesh
@@ -59,16 +60,18 @@ def draw_hand(path: str | Path, hand: HandModel | None = None) -> None:
 
     Raises:
         OutputError: The picture cannot be written.
+        InputError: matplotlib has no such picture format.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    check_destination(Path(path))
     hand = hand or HandModel.default()
     panels = [
         ("Open, palm", OPEN_POSE, False, view(0.0, -14.0)),
-        ("Curled, thumb side", CURLED_POSE, False, view(62.0, -10.0)),
+        ("Curled, thumb side", CURLED_POSE, False, view(70.0, -8.0)),
         ("Hybrid model, palm", OPEN_POSE, True, view(0.0, -14.0)),
-        ("Hybrid model, thumb side", CURLED_POSE, True, view(62.0, -10.0)),
+        ("Hybrid model, thumb side", CURLED_POSE, True, view(70.0, -8.0)),
     ]
     figure = Figure(figsize=(14.0, 5.0), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
@@ -81,6 +84,8 @@ def draw_hand(path: str | Path, hand: HandModel | None = None) -> None:
         figure.savefig(path)
     except OSError as error:
         raise OutputError(f"{path}: cannot write the picture: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def view(turn: float, tilt: float) -> FloatArray:
@@ -104,7 +109,7 @@ def hand_surface(
     parts = []
     if hybrid:
         parts += [
-            round_cone_surface(center, center, radius, radius, SPHERE)
+            round_cone_surface(center, center, radius, radius, SPHERE, rings=14, sides=44)
             for center, radius in zip(hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius)
         ]
     else:
@@ -184,9 +189,10 @@ def render(surface: Surface, rotation: FloatArray, height: float) -> FloatArray:
     screen = np.stack(
         [(points[:, 0] - middle[0]) * scale + 0.5 * size, (middle[1] - points[:, 1]) * scale + 0.5 * rows], axis=1
     )
-    depth, weight, face = rasterise(screen, points[:, 2], surface.faces, (rows, size))
+    faces = surface.faces[((surface.normals @ rotation[2])[surface.faces] > 0.0).any(axis=1)]
+    depth, weight, face = rasterise(screen, points[:, 2], faces, (rows, size))
     seen = face >= 0
-    corner = surface.faces[face]
+    corner = faces[face]
     normals = np.einsum("rck,rcki->rci", weight, surface.normals[corner]) @ rotation.T
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-12)
     color = np.einsum("rck,rcki->rci", weight, surface.colors[corner])

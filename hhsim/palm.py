@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.errors import InputError
 from hhsim.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
@@ -91,7 +92,11 @@ def palm_parts(hand_length: float, hand_breadth: float, knuckle: FloatArray, knu
 
 
 def palm_mesh(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuckle_radius: FloatArray) -> Mesh:
-    """The closed mesh of a right palm, palm frame; arguments as `palm_parts`."""
+    """The closed mesh of a right palm, palm frame; arguments as `palm_parts`.
+
+    Raises:
+        InputError: Knuckles so far from the palm frame's origin that no palm lies around it.
+    """
     parts = palm_parts(hand_length, hand_breadth, knuckle, knuckle_radius)
     blend = BLEND_SHARE * hand_breadth
     center = np.array([0.0, 0.0, CENTER_HEIGHT * hand_breadth])
@@ -103,6 +108,11 @@ def palm_mesh(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuc
         least = d.min(axis=1)
         return np.asarray(least - blend * np.log(np.exp((least[:, None] - d) / blend).sum(axis=1)) < 0.0)
 
+    if not inside(np.zeros(len(rays))).all():
+        raise InputError(
+            "the finger bases leave the palm's middle empty: expected them around the knuckles' line, "
+            f"y = {0.2 * hand_length:.3g} m from the palm's origin"
+        )
     near, far = np.zeros(len(rays)), np.full(len(rays), 0.6 * hand_length)
     for _ in range(48):
         middle = 0.5 * (near + far)

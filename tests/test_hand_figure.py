@@ -95,5 +95,5 @@ def test_writes_the_picture_or_says_why_not(tmp_path: Path) -> None:
 
     draw_hand(tmp_path / "hand.png")
     assert matplotlib.image.imread(tmp_path / "hand.png").shape[1] == 1400
-    with pytest.raises(OutputError, match="cannot write the picture: No such file"):
+    with pytest.raises(OutputError, match="there is no folder"):
         draw_hand(tmp_path / "nowhere" / "hand.png")

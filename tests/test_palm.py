@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from hhsim.errors import InputError
 from hhsim.hand import default_fingers
 from hhsim.mesh import Mesh
 from hhsim.palm import CENTER_HEIGHT, RoundCones, box_rays, palm_mesh, palm_parts
@@ -63,6 +64,12 @@ def test_triangles_are_even() -> None:
 
 def test_grows_in_proportion() -> None:
     np.testing.assert_allclose(palm(0.38, 0.17).vertices, 2.0 * palm(0.19, 0.085).vertices, rtol=1e-9, atol=1e-12)
+
+
+def test_knuckles_elsewhere_make_no_palm() -> None:
+    fingers = default_fingers(LENGTH, BREADTH)
+    with pytest.raises(InputError, match="leave the palm's middle empty"):
+        palm_mesh(LENGTH, BREADTH, fingers["base"][1:] + [0.0, 0.0, 0.3], fingers["radius"][1:, 0])
 
 
 def test_same_bytes_again() -> None:
