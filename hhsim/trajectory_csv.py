@@ -1,0 +1,186 @@
+"""Trajectories as CSV text.
+
+UTF-8, comma separated, one header line, one line a sample; numbers in full precision, so that a file read back is the
+same motion bit for bit. Columns, in any order:
+
+| columns | unit | meaning |
+|---|---|---|
+| time | s | increasing stamps |
+| px, py, pz | m | palm origin, world |
+| qw, qx, qy, qz | 1 | palm to world |
+| thumb_flex1, thumb_flex2, thumb_flex3, index_flex1, …, little_flex3 | rad | flexion, proximal to distal |
+| thumb_abd, index_abd, …, little_abd | rad | abduction, positive towards the thumb side |
+| phase (may be left out) | | phase that the sample belongs to, or empty |
+
+Lines `# key: value` before the header carry name, source, licence and device, and object_position (x y z) and
+object_orientation (w x y z) as numbers with spaces between; other such lines are remarks. Equal phase names on
+neighbouring lines are one phase; it ends where the next line begins. Raw channels are not part of a CSV file.
+"""
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.hand import FINGERS
+from hhsim.trajectory import Phase, Trajectory
+
+POSE_COLUMNS = ("time", "px", "py", "pz", "qw", "qx", "qy", "qz")
+FLEXION_COLUMNS = tuple(f"{finger}_flex{joint}" for finger in FINGERS for joint in (1, 2, 3))
+ABDUCTION_COLUMNS = tuple(f"{finger}_abd" for finger in FINGERS)
+COLUMNS = (*POSE_COLUMNS, *FLEXION_COLUMNS, *ABDUCTION_COLUMNS)
+PHASE = "phase"
+TEXTS = ("name", "source", "licence", "device")
+POSE_SIZES = {"object_position": 3, "object_orientation": 4}
+
+
+def format_csv(trajectory: Trajectory) -> str:
+    """The CSV text of a motion, without its raw channels."""
+    text = io.StringIO()
+    for key in TEXTS:
+        # A line break in a name would end the remark.
+        value = " ".join(getattr(trajectory, key).split())
+        if value:
+            text.write(f"# {key}: {value}\n")
+    for key in POSE_SIZES:
+        text.write(f"# {key}: {' '.join(repr(float(x)) for x in getattr(trajectory, key))}\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow((*COLUMNS, PHASE) if trajectory.phases else COLUMNS)
+    count = trajectory.sample_count
+    numbers = np.column_stack(
+        [
+            trajectory.time,
+            trajectory.position,
+            trajectory.orientation,
+            trajectory.flexion.reshape(count, -1),
+            trajectory.abduction,
+        ]
+    ).tolist()
+    if trajectory.phases:
+        names = _phase_names(trajectory)
+        writer.writerows([*map(repr, row), name] for row, name in zip(numbers, names, strict=True))
+    else:
+        writer.writerows(map(repr, row) for row in numbers)
+    return text.getvalue()
+
+
+def parse_csv(text: str, *, name: str = "") -> Trajectory:
+    """The motion of a CSV text.
+
+    Args:
+        text: the content of the file.
+        name: of the motion where the text names none.
+
+    Raises:
+        TrajectoryError: a missing or unknown column, a line of another length, a value that is no number (with its
+            line), or a motion that cannot be replayed.
+    """
+    lines = text.splitlines()
+    remarks, first = _read_remarks(lines)
+    if first == len(lines):
+        raise TrajectoryError("no header line; expected time,px,py,pz,qw,qx,qy,qz,thumb_flex1,…")
+    header = [word.strip() for word in next(csv.reader([lines[first]]))]
+    _check_header(header)
+    rows: list[list[float]] = []
+    names: list[str] = []
+    order = [header.index(column) for column in COLUMNS]
+    phase_column = header.index(PHASE) if PHASE in header else None
+    for number, cells in enumerate(csv.reader(lines[first + 1 :]), start=first + 2):
+        if not any(cell.strip() for cell in cells):
+            continue
+        if len(cells) != len(header):
+            raise TrajectoryError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
+        rows.append(_numbers(cells, order, number))
+        names.append(cells[phase_column].strip() if phase_column is not None else "")
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(COLUMNS))
+    said: dict[str, Any] = {"name": name} | {key: remarks[key] for key in TEXTS if key in remarks} | _pose(remarks)
+    return Trajectory(
+        time=table[:, 0],
+        position=table[:, 1:4],
+        orientation=table[:, 4:8],
+        flexion=table[:, 8:23].reshape(-1, 5, 3),
+        abduction=table[:, 23:],
+        phases=_phases(names, table[:, 0]),
+        **said,
+    )
+
+
+def _read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:
+    """The `# key: value` lines, and the index of the header line."""
+    remarks = {}
+    for index, line in enumerate(lines):
+        if line.startswith("#"):
+            key, colon, value = line[1:].partition(":")
+            if colon:
+                remarks[key.strip()] = value.strip()
+        elif line.strip():
+            return remarks, index
+    return remarks, len(lines)
+
+
+def _check_header(header: Sequence[str]) -> None:
+    if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
+        raise TrajectoryError("the header is not comma separated; expected time,px,py,pz,…")
+    missing = [column for column in COLUMNS if column not in header]
+    if missing:
+        shown = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
+        raise TrajectoryError(f"the header lacks {shown}; expected {len(COLUMNS)} columns and perhaps {PHASE}")
+    known = (*COLUMNS, PHASE)
+    for column in header:
+        if column not in known:
+            raise TrajectoryError(f"the header has an {UnknownNameError('column', column, known)}")
+        if header.count(column) > 1:
+            raise TrajectoryError(f"the header has column {column} twice")
+
+
+def _numbers(cells: Sequence[str], order: Sequence[int], line: int) -> list[float]:
+    values = []
+    for column, index in zip(COLUMNS, order):
+        try:
+            values.append(float(cells[index]))
+        except ValueError:
+            raise TrajectoryError(f"line {line}: {column} is '{cells[index].strip()}'; expected a number") from None
+    return values
+
+
+def _pose(remarks: dict[str, str]) -> dict[str, NDArray[np.float64]]:
+    pose = {}
+    for key, size in POSE_SIZES.items():
+        if key in remarks:
+            try:
+                values = [float(word) for word in remarks[key].split()]
+            except ValueError:
+                values = []
+            if len(values) != size:
+                raise TrajectoryError(f"# {key}: {remarks[key]}; expected {size} numbers with spaces between")
+            pose[key] = np.array(values)
+    return pose
+
+
+def _phases(names: Sequence[str], time: NDArray[np.float64]) -> tuple[Phase, ...]:
+    """Runs of equal names; a run ends at the stamp after it, the last one at the last stamp."""
+    found = []
+    start = 0
+    for index in range(1, len(names) + 1):
+        if index == len(names) or names[index] != names[start]:
+            if names[start]:
+                found.append(Phase(names[start], float(time[start]), float(time[min(index, len(names) - 1)])))
+            start = index
+    return tuple(found)
+
+
+def _phase_names(trajectory: Trajectory) -> list[str]:
+    """The phase of each sample, empty where there is none."""
+    names = [""] * trajectory.sample_count
+    last = trajectory.phases[-1]
+    for phase in trajectory.phases:
+        first = int(np.searchsorted(trajectory.time, phase.start_time, side="left"))
+        end = int(np.searchsorted(trajectory.time, phase.end_time, side="left"))
+        if phase is last and phase.end_time >= trajectory.time[-1]:
+            end = trajectory.sample_count
+        names[first:end] = [phase.name] * (end - first)
+    return names

@@ -1,0 +1,176 @@
+"""Trajectory files: HDF5 (format `hhsim-trajectory`), in and out; `.csv` goes to `hhsim.trajectory_csv`.
+
+schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device. Datasets, each with
+`units` and `long_name`: time (T,), position (T, 3), orientation (T, 4), flexion (T, 5, 3), abduction (T, 5),
+object/position (3,), object/orientation (4,), phase/{name, start_time, end_time} (P,), and raw/<channel> (T, …).
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from hhsim.errors import OutputError, TrajectoryError
+from hhsim.trajectory import Phase, RawChannel, Trajectory
+from hhsim.trajectory_csv import format_csv, parse_csv
+
+FORMAT = "hhsim-trajectory"
+SCHEMA_VERSION = 1
+HDF5_SUFFIXES = (".h5", ".hdf5")
+CSV_SUFFIX = ".csv"
+
+TEXTS = ("name", "source", "licence", "device")
+SAMPLES = {
+    "time": ("s", "time stamp of the sample"),
+    "position": ("m", "palm origin, world"),
+    "orientation": ("1", "palm to world, unit quaternion w x y z"),
+    "flexion": ("rad", "flexion, thumb to little finger, proximal to distal, positive curls"),
+    "abduction": ("rad", "abduction, thumb to little finger, positive towards the thumb side"),
+}
+CONSTANTS = {
+    "object/position": ("m", "object origin, world, constant"),
+    "object/orientation": ("1", "object to world, unit quaternion w x y z, constant"),
+}
+PHASE_COLUMNS = {
+    "name": ("", "name of the phase"),
+    "start_time": ("s", "first stamp of the phase"),
+    "end_time": ("s", "end of the phase, not part of it unless it is the last"),
+}
+
+
+def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
+    """Write a trajectory as its suffix says, .h5 or .csv; a file of that name is replaced in one step.
+
+    A CSV file holds no raw channels.
+
+    Raises:
+        OutputError: another suffix, or the file cannot be written.
+    """
+    target = Path(path)
+    suffix = target.suffix.lower()
+    if suffix == CSV_SUFFIX:
+        text = format_csv(trajectory)
+        _replace(target, lambda partial: partial.write_text(text, encoding="utf-8", newline="\n"))
+    elif suffix in HDF5_SUFFIXES:
+        _replace(target, lambda partial: _write(trajectory, partial))
+    else:
+        raise OutputError(f"{target}: unknown suffix '{suffix}'; expected .h5 or .csv")
+
+
+def load_trajectory(path: str | Path) -> Trajectory:
+    """Read and check a trajectory, .h5 or .csv.
+
+    Raises:
+        TrajectoryError: no such file, another format, a newer schema, a missing part, or a motion that cannot be
+            replayed; one line that begins with the path.
+    """
+    source = Path(path)
+    suffix = source.suffix.lower()
+    if source.is_dir():
+        raise TrajectoryError(f"{source}: a folder; expected a trajectory file, .h5 or .csv")
+    if not source.exists():
+        raise TrajectoryError(f"{source}: no such file; expected a trajectory, .h5 or .csv")
+    if suffix != CSV_SUFFIX and suffix not in HDF5_SUFFIXES:
+        raise TrajectoryError(f"{source}: unknown suffix '{suffix}'; expected .h5 or .csv")
+    try:
+        if suffix == CSV_SUFFIX:
+            # A byte order mark is what spreadsheets put first.
+            return parse_csv(source.read_text(encoding="utf-8-sig"), name=source.stem)
+        return _read(source)
+    except UnicodeDecodeError:
+        raise TrajectoryError(f"{source}: not UTF-8 text; expected a CSV file") from None
+    except PermissionError as error:
+        raise TrajectoryError(f"{source}: cannot be read: {error.strerror}") from error
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{source}: {error}") from None
+
+
+def _replace(target: Path, write: Callable[[Path], object]) -> None:
+    """Write beside the target, then put the whole file in its place: no reader sees half of one."""
+    partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        write(partial)
+        partial.replace(target)
+    except (OSError, RuntimeError) as error:
+        # h5py reports a full disk on closing as a RuntimeError.
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        raise OutputError(f"cannot write trajectory {target}: {reason}") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _write(trajectory: Trajectory, path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["schema_version"] = SCHEMA_VERSION
+        for key in TEXTS:
+            file.attrs[key] = getattr(trajectory, key)
+        for key, (units, long_name) in SAMPLES.items():
+            _put(file, key, getattr(trajectory, key), units, long_name)
+        for key, (units, long_name) in CONSTANTS.items():
+            _put(file, key, getattr(trajectory, key.replace("/", "_")), units, long_name)
+        for key, (units, long_name) in PHASE_COLUMNS.items():
+            values = [getattr(phase, key) for phase in trajectory.phases]
+            kind = h5py.string_dtype() if key == "name" else np.float64
+            _put(file, f"phase/{key}", np.array(values, dtype=kind), units, long_name)
+        for channel in trajectory.raw:
+            _put(file, f"raw/{channel.name}", channel.values, channel.unit, channel.meaning)
+
+
+def _put(file: h5py.File, key: str, values: Any, units: str, long_name: str) -> None:
+    dataset = file.create_dataset(key, data=values, track_times=False)
+    dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
+
+
+def _read(path: Path) -> Trajectory:
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        if isinstance(error, PermissionError):
+            raise
+        raise TrajectoryError(f"not an HDF5 file, or a damaged one; expected format {FORMAT}") from None
+    with file:
+        form = file.attrs.get("format")
+        if form != FORMAT:
+            said = f"format '{form}'" if isinstance(form, str) else "no format attribute"
+            raise TrajectoryError(f"{said}; expected {FORMAT}")
+        version = file.attrs.get("schema_version")
+        if not isinstance(version, int | np.integer) or version < 1:
+            raise TrajectoryError(f"schema_version {version}; expected a whole number from 1 to {SCHEMA_VERSION}")
+        if version > SCHEMA_VERSION:
+            raise TrajectoryError(f"schema_version {version} is newer than {SCHEMA_VERSION}: update hhsim to read it")
+        columns = {key: _get(file, f"phase/{key}") for key in PHASE_COLUMNS} if "phase" in file else {}
+        lengths = {len(column) for column in columns.values()}
+        if len(lengths) > 1:
+            raise TrajectoryError("phase/name, start_time and end_time have different lengths")
+        fields = {key: _get(file, key) for key in SAMPLES}
+        fields |= {key.replace("/", "_"): _get(file, key) for key in CONSTANTS if key in file}
+        fields |= {key: str(file.attrs.get(key, "")) for key in TEXTS}
+        return Trajectory(
+            **fields,
+            phases=tuple(
+                Phase(str(name), float(start), float(end)) for name, start, end in zip(*columns.values(), strict=True)
+            ),
+            raw=tuple(_raw_channel(file, key) for key in file.get("raw", ())),
+        )
+
+
+def _get(file: h5py.File, key: str) -> Any:
+    """The whole dataset; text as str."""
+    dataset = file.get(key)
+    if not isinstance(dataset, h5py.Dataset):
+        raise TrajectoryError(f"no dataset {key}; expected one in every {FORMAT} file")
+    try:
+        return dataset.asstr()[()] if h5py.check_string_dtype(dataset.dtype) else dataset[()]
+    except OSError as error:
+        raise TrajectoryError(f"dataset {key} is damaged: {str(error).splitlines()[0]}") from None
+
+
+def _raw_channel(file: h5py.File, key: str) -> RawChannel:
+    attributes = file[f"raw/{key}"].attrs
+    return RawChannel(
+        key, _get(file, f"raw/{key}"), str(attributes.get("units", "")), str(attributes.get("long_name", ""))
+    )

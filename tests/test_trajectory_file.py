@@ -1,0 +1,244 @@
+import errno
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from hhsim.errors import OutputError, TrajectoryError
+from hhsim.trajectory import Phase, RawChannel, Trajectory
+from hhsim.trajectory_file import FORMAT, load_trajectory, save_trajectory
+
+
+@pytest.fixture
+def motion() -> Trajectory:
+    rng = np.random.default_rng(5)
+    time = np.concatenate([[100.0], 100.0 + np.cumsum(rng.uniform(0.005, 0.03, 49))])
+    return Trajectory(
+        time=time,
+        position=rng.normal(size=(50, 3)),
+        orientation=rng.normal(size=(50, 4)),
+        flexion=rng.uniform(0.0, 1.5, size=(50, 5, 3)),
+        abduction=rng.uniform(-0.2, 0.2, size=(50, 5)),
+        phases=(Phase("approach", 100.0, float(time[20])), Phase("grasp", float(time[20]), float(time[-1]))),
+        object_position=np.array([0.1, 0.2, 0.3]),
+        object_orientation=rng.normal(size=4),
+        name="reach, grasp",
+        source="made for a test: µ",
+        licence="Apache-2.0",
+        device="Dexmo",
+        raw=(RawChannel("bend", np.floor(rng.uniform(0, 4096, size=(50, 5))), "1", "sensor counts"),),
+    )
+
+
+def assert_same(one: Trajectory, other: Trajectory) -> None:
+    for key in ("time", "position", "orientation", "flexion", "abduction", "object_position", "object_orientation"):
+        assert getattr(one, key).tobytes() == getattr(other, key).tobytes(), key
+    for key in ("phases", "name", "source", "licence", "device"):
+        assert getattr(one, key) == getattr(other, key)
+
+
+def test_hdf5_gives_back_every_bit(motion: Trajectory, tmp_path: Path) -> None:
+    save_trajectory(motion, tmp_path / "m.h5")
+    read = load_trajectory(tmp_path / "m.h5")
+    assert_same(read, motion)
+    (channel,) = read.raw
+    assert (channel.name, channel.unit, channel.meaning) == ("bend", "1", "sensor counts")
+    assert (channel.values == motion.raw[0].values).all()
+
+
+def test_csv_gives_back_every_bit_but_the_raw_channels(motion: Trajectory, tmp_path: Path) -> None:
+    save_trajectory(motion, tmp_path / "m.csv")
+    read = load_trajectory(tmp_path / "m.csv")
+    assert_same(read, motion)
+    assert read.raw == ()
+
+
+def test_a_bare_motion_goes_both_ways(motion: Trajectory, tmp_path: Path) -> None:
+    bare = Trajectory(motion.time, motion.position, motion.orientation, motion.flexion, motion.abduction)
+    for name in ("m.h5", "m.csv"):
+        save_trajectory(bare, tmp_path / name)
+        read = load_trajectory(tmp_path / name)
+        assert_same(replace(read, name=""), bare)
+    assert read.name == "m"
+
+
+def test_every_dataset_carries_its_unit_and_meaning(motion: Trajectory, tmp_path: Path) -> None:
+    save_trajectory(motion, tmp_path / "m.h5")
+    seen = {}
+    with h5py.File(tmp_path / "m.h5") as file:
+        assert file.attrs["format"] == FORMAT
+        assert file.attrs["schema_version"] == 1
+        file.visititems(lambda key, item: seen.update({key: dict(item.attrs)}) if hasattr(item, "shape") else None)
+    assert set(seen) == {
+        "time", "position", "orientation", "flexion", "abduction", "object/position", "object/orientation",
+        "phase/name", "phase/start_time", "phase/end_time", "raw/bend",
+    }  # fmt: skip
+    for key, attributes in seen.items():
+        assert set(attributes) == {"units", "long_name"}, key
+        assert attributes["long_name"], key
+    assert seen["time"]["units"] == "s" and seen["flexion"]["units"] == "rad" and seen["position"]["units"] == "m"
+
+
+@pytest.mark.parametrize("name", ["m.h5", "m.csv"])
+def test_the_same_motion_gives_the_same_bytes(motion: Trajectory, tmp_path: Path, name: str) -> None:
+    save_trajectory(motion, tmp_path / name)
+    first = (tmp_path / name).read_bytes()
+    save_trajectory(motion, tmp_path / name)
+    assert (tmp_path / name).read_bytes() == first
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_failed_write_keeps_the_old_file_and_leaves_no_scrap(
+    motion: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "m.h5"
+    save_trajectory(motion, target)
+    before = target.read_bytes()
+
+    def full(*_args: object, **_options: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(h5py.File, "create_dataset", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        save_trajectory(motion, target)
+    assert target.read_bytes() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["m.h5"]
+
+
+def test_unwritable_places_and_suffixes_are_refused(motion: Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"cannot write trajectory .*: "):
+        save_trajectory(motion, tmp_path / "nowhere" / "m.h5")
+    with pytest.raises(OutputError, match=r"cannot write trajectory .*: No such file"):
+        save_trajectory(motion, tmp_path / "nowhere" / "m.csv")
+    with pytest.raises(OutputError, match=r"unknown suffix '.npz'; expected .h5 or .csv"):
+        save_trajectory(motion, tmp_path / "m.npz")
+
+
+def test_files_that_are_not_there_or_no_trajectories(motion: Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(TrajectoryError, match="no such file; expected a trajectory"):
+        load_trajectory(tmp_path / "m.h5")
+    with pytest.raises(TrajectoryError, match="a folder; expected"):
+        load_trajectory(tmp_path)
+    (tmp_path / "m.npz").touch()
+    with pytest.raises(TrajectoryError, match=r"unknown suffix '.npz'"):
+        load_trajectory(tmp_path / "m.npz")
+    (tmp_path / "text.h5").write_text("time,px")
+    with pytest.raises(TrajectoryError, match=r"text.h5: not an HDF5 file, or a damaged one; expected format hhsim-tr"):
+        load_trajectory(tmp_path / "text.h5")
+    save_trajectory(motion, tmp_path / "cut.h5")
+    whole = (tmp_path / "cut.h5").read_bytes()
+    (tmp_path / "cut.h5").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(TrajectoryError, match="not an HDF5 file, or a damaged one"):
+        load_trajectory(tmp_path / "cut.h5")
+
+
+def spoil(motion: Trajectory, path: Path, attribute: str, value: object) -> None:
+    save_trajectory(motion, path)
+    with h5py.File(path, "r+") as file:
+        file.attrs[attribute] = value
+
+
+def test_other_formats_and_newer_schemas_are_named(motion: Trajectory, tmp_path: Path) -> None:
+    path = tmp_path / "m.h5"
+    spoil(motion, path, "format", "hhsim-tree")
+    with pytest.raises(TrajectoryError, match=r"m.h5: format 'hhsim-tree'; expected hhsim-trajectory"):
+        load_trajectory(path)
+    spoil(motion, path, "schema_version", 2)
+    with pytest.raises(TrajectoryError, match="schema_version 2 is newer than 1: update hhsim"):
+        load_trajectory(path)
+    spoil(motion, path, "schema_version", "one")
+    with pytest.raises(TrajectoryError, match="schema_version one; expected a whole number"):
+        load_trajectory(path)
+    with h5py.File(path, "w") as file:
+        file["x"] = 1.0
+    with pytest.raises(TrajectoryError, match="no format attribute; expected hhsim-trajectory"):
+        load_trajectory(path)
+
+
+def test_missing_or_bad_datasets_are_named_with_the_file(motion: Trajectory, tmp_path: Path) -> None:
+    path = tmp_path / "m.h5"
+    save_trajectory(motion, path)
+    with h5py.File(path, "r+") as file:
+        del file["flexion"]
+    with pytest.raises(TrajectoryError, match=r"m.h5: no dataset flexion; expected one in every"):
+        load_trajectory(path)
+    with h5py.File(path, "r+") as file:
+        file["flexion"] = np.zeros((50, 15))
+    with pytest.raises(TrajectoryError, match=r"m.h5: flexion has shape \(50, 15\); expected \(50, 5, 3\)"):
+        load_trajectory(path)
+    with h5py.File(path, "r+") as file:
+        del file["flexion"]
+        file["flexion"] = np.zeros((50, 5, 3))
+        file["time"][7] = 0.0
+    with pytest.raises(TrajectoryError, match=r"m.h5: time goes backwards at sample 7"):
+        load_trajectory(path)
+
+
+HEADER = (
+    "time,px,py,pz,qw,qx,qy,qz,"
+    + ",".join(
+        f"{finger}_flex{joint}" for finger in ("thumb", "index", "middle", "ring", "little") for joint in (1, 2, 3)
+    )
+    + ",thumb_abd,index_abd,middle_abd,ring_abd,little_abd"
+)
+ROW = "0.0,0,0,0.1,1,0,0,0" + ",0.2" * 15 + ",0" * 5
+
+
+def test_the_documented_header_is_what_is_written(motion: Trajectory, tmp_path: Path) -> None:
+    save_trajectory(motion, tmp_path / "m.csv")
+    lines = [line for line in (tmp_path / "m.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#"]
+    assert lines[0] == f"{HEADER},phase"
+    assert len(lines) == 51
+
+
+def test_csv_of_others_is_read_with_its_habits(tmp_path: Path) -> None:
+    columns = [*HEADER.split(","), "phase"]
+    order = list(reversed(range(len(columns))))
+    rows = [[*ROW.split(","), "hold"], ["0.5", *ROW.split(",")[1:], ""], ["0.75", *ROW.split(",")[1:], "slide"]]
+    text = "\r\n".join(
+        [" , ".join(columns[i] for i in order)] + [",".join(row[i] for i in order) for row in rows] + ["", ""]
+    )
+    path = tmp_path / "other.csv"
+    path.write_text("# a remark\r\n# device: glove: left\r\n\r\n" + text, encoding="utf-8-sig", newline="")
+    read = load_trajectory(path)
+    assert read.time.tolist() == [0.0, 0.5, 0.75]
+    assert read.device == "glove: left"
+    assert read.name == "other"
+    assert read.phases == (Phase("hold", 0.0, 0.5), Phase("slide", 0.75, 0.75))
+    assert (read.flexion == 0.2).all()
+
+
+BAD_CSV = [
+    ("", "no header line; expected time,px"),
+    ("# name: x\n\n", "no header line"),
+    (HEADER, "no samples; expected at least one"),
+    (HEADER.replace(",", ";") + "\n", "the header is not comma separated"),
+    (HEADER.replace("time,", ""), r"the header lacks time; expected 28 columns"),
+    ("time,px,py", r"the header lacks pz, qw, qx, qy, qz, thumb_flex1 and 19 more"),
+    (f"{HEADER},phaze\n{ROW},x", "the header has an unknown column 'phaze': did you mean phase"),
+    (f"{HEADER},px\n{ROW},1", "the header has column px twice"),
+    (f"# name: x\n{HEADER}\n{ROW}\n{ROW},7", "line 4 has 29 values; expected 28 as in the header"),
+    (f"{HEADER}\n{ROW}\n\n" + ROW.replace("0.0,0,0,0.1", "1.0,0,zero,0.1"), "line 4: py is 'zero'; expected a number"),
+    (f"{HEADER}\n" + ROW.replace("0.0,0,0,0.1", "0.0,0,nan,0.1"), "position has 1 NaN or infinite value"),
+    (f"{HEADER}\n{ROW}\n{ROW}", "time repeats at sample 1"),
+    (f"# object_position: 1 2\n{HEADER}\n{ROW}", "# object_position: 1 2; expected 3 numbers"),
+    (f"# object_orientation: a b c d\n{HEADER}\n{ROW}", "# object_orientation: a b c d; expected 4 numbers"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_CSV, ids=[message[:30] for _, message in BAD_CSV])
+def test_bad_csv_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(TrajectoryError, match=message) as caught:
+        load_trajectory(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_csv_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_bytes(b"\xff\xfe\x00time")
+    with pytest.raises(TrajectoryError, match="not UTF-8 text"):
+        load_trajectory(tmp_path / "m.csv")
