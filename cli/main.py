@@ -96,6 +96,9 @@ def main() -> None:
         # The reader has left: what is still buffered must not raise again when the interpreter closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = BROKEN_PIPE
+    except OSError as error:
+        place = f": {error.filename}" if error.filename else ""
+        code = _told(f"{error.strerror or error}{place}", HhsimError.exit_code)
     sys.exit(code)
 
 

@@ -1,5 +1,6 @@
 """The command line as users meet it: its entry point, run as a process of its own or inside the test."""
 
+import errno
 import importlib
 import importlib.metadata
 import json
@@ -146,6 +147,14 @@ def test_the_notes_of_an_error_are_told_with_it(run: Run, monkeypatch: pytest.Mo
     monkeypatch.setattr(entry, "_run", fail)
     expected = "hhsim: error: the glove went away; the 30 ticks so far are in run.h5 (complete = 0)\n"
     assert run("info") == Answer(2, "", expected)
+
+
+def test_a_fault_of_the_system_is_told_in_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/cache/kernel.nbi")
+
+    monkeypatch.setattr(entry, "_run", fail)
+    assert run("info") == Answer(2, "", f"hhsim: error: {os.strerror(errno.ENOSPC)}: /cache/kernel.nbi\n")
 
 
 def test_an_interrupt_exits_130_and_says_what_it_left(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

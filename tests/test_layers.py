@@ -15,7 +15,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "errors"),
     ("kernels",),
-    ("destination", "info"),
+    ("destination", "info", "whole_file"),
     # The model: what is simulated.
     (
         *("mesh", "mesh_file", "mesh_repair", "mesh_topology", "surface_parts"),

@@ -1,0 +1,37 @@
+"""Files that are written in one go: a reader finds the old one or the new one, never half of one.
+
+An HDF5 file is made in memory first: HDF5 cannot go on after a write that failed, not even to close the file.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+
+from hhsim.errors import OutputError
+
+
+def hdf5_image(fill: Callable[[h5py.File], object]) -> bytes:
+    """Make the bytes of an HDF5 file whose content `fill` writes."""
+    with h5py.File("image", "w", driver="core", backing_store=False) as file:
+        fill(file)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def write_whole_file(path: Path, content: bytes) -> None:
+    """Write a file, or replace it in one step.
+
+    Raises:
+        OutputError: the file cannot be written; what was there before still is.
+    """
+    target = Path(os.path.realpath(path))
+    partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        partial.write_bytes(content)
+        partial.replace(target)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        partial.unlink(missing_ok=True)
