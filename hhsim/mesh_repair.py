@@ -17,6 +17,7 @@ from hhsim.mesh_topology import (
     part_labels,
     signed_volume,
     undirected_edges,
+    used_vertices,
 )
 
 FloatArray = NDArray[np.float64]
@@ -31,6 +32,9 @@ FRAGMENT_AREA = 0.01
 
 CAP_AREA = 0.4
 """Holes are closed while the caps make at most this share of the surface; the rest is called an open surface."""
+
+SHEET_VOLUME = 1e-3
+"""A part whose volume with caps is below this share of its area to the power of 3/2 is a sheet, and no cap helps."""
 
 WIDE_HOLE = 0.1
 """A hole wider than this share of the longest extent must be flat to be closed, and is warned of."""
@@ -112,6 +116,7 @@ def closed_surface(
     _require_closed(surface)
     _turn_outward(surface)
     _resolve_overlaps(surface)
+    surface.vertices, surface.faces = used_vertices(surface.vertices, surface.faces)
     if surface.repairs and not repair:
         raise MeshError(f"{name}: needs repair, which is switched off: {'; '.join(surface.repairs)}")
     return surface
@@ -263,9 +268,16 @@ def _close_holes(surface: Surface) -> None:
             "close it in a mesh editor"
         )
     widest = surface.millimetres(float(caps.width.max()))
-    added = float(face_areas(caps.vertices, caps.faces).sum())
-    share = added / float(face_areas(surface.vertices, surface.faces).sum())
-    if share > CAP_AREA:
+    faces = np.concatenate([surface.faces, caps.faces])
+    label = part_labels(faces)
+    area = face_areas(caps.vertices, faces)
+    is_cap = np.arange(len(faces)) >= len(surface.faces)
+    share = float(area[is_cap].sum() / area[~is_cap].sum())
+    sheets = 0
+    for part in np.unique(label[is_cap]):
+        inside = abs(signed_volume(caps.vertices, faces[label == part]))
+        sheets += inside < SHEET_VOLUME * float(area[label == part].sum()) ** 1.5
+    if share > CAP_AREA or sheets:
         raise MeshError(
             f"{surface.name}: an open surface: {_counted(holes, 'hole')} up to {widest} wide, whose caps would have "
             f"{100.0 * share:.0f} % of its area; give it a thickness"
@@ -276,7 +288,7 @@ def _close_holes(surface: Surface) -> None:
             f"{_counted(int(wide.sum()), 'hole')} up to {widest} wide closed: it is solid there; if it should be "
             "hollow, give the wall a thickness"
         )
-    surface.vertices, surface.faces = caps.vertices, np.concatenate([surface.faces, caps.faces])
+    surface.vertices, surface.faces = caps.vertices, faces
 
 
 def _require_closed(surface: Surface) -> None:

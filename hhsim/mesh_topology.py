@@ -41,6 +41,12 @@ def merged_vertices(vertices: FloatArray, faces: IntArray, distance: float = 0.0
     return vertices[faces.ravel()[first[order]]], rank[index].reshape(-1, 3)
 
 
+def used_vertices(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Drop the vertices that no face names; the others keep their order."""
+    used, index = np.unique(faces, return_inverse=True)
+    return vertices[used], index.reshape(-1, 3).astype(np.int64)
+
+
 def in_fixed_order(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Sort vertices by (z, y, x), start each face at its lowest index, sort the faces; the surface stays the same."""
     order = np.lexsort(vertices.T)

@@ -16,6 +16,18 @@ from hhsim.rock import rock
 from hhsim.shamrock import shamrock
 from hhsim.surface_parts import band, circle, fan, finished_mesh, icosphere
 
+__all__ = [
+    "GENERATORS",
+    "cube",
+    "cup",
+    "cylinder",
+    "hexagonal_prism",
+    "rock",
+    "shamrock",
+    "sphere",
+    "triangular_prism",
+]
+
 
 def sphere(diameter: float = 0.076, subdivisions: int = 4) -> Mesh:
     """Sphere of a diameter [m]; the vertices lie on it, the triangles up to diameter/3000 inside at 4 subdivisions."""

@@ -1,0 +1,281 @@
+"""The mesh type, and files into meshes: units, sizes, bad input, real meshes."""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hhsim.errors import InputError, MeshError
+from hhsim.mesh import Mesh, load_mesh
+from hhsim.mesh_repair import winding_faults
+from hhsim.shapes import cube, sphere
+
+
+def save(path: Path, mesh: Mesh) -> Path:
+    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path)
+    return path
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10**6), factor=st.floats(1e-3, 1e3))
+def test_volume_extent_and_hash_follow_motion_and_scale(seed: int, factor: float) -> None:
+    generator = np.random.default_rng(seed)
+    mesh = sphere(0.08, subdivisions=1)
+    rotation, _ = np.linalg.qr(generator.normal(size=(3, 3)))
+    rotation *= np.sign(np.linalg.det(rotation))
+    moved = mesh.transformed(rotation, generator.normal(size=3))
+    assert moved.volume == pytest.approx(mesh.volume, rel=1e-9)
+    np.testing.assert_allclose(moved.extent, np.ptp(moved.vertices, axis=0))
+    scaled = mesh.scaled(factor)
+    assert scaled.volume == pytest.approx(mesh.volume * factor**3, rel=1e-9)
+    assert (scaled.sha256 == mesh.sha256) == (factor == 1.0)
+    assert moved.faces.tobytes() == mesh.faces.tobytes()
+
+
+def test_arrays_are_normalised_and_hashed_as_documented() -> None:
+    strided = np.asfortranarray(cube().vertices.astype(np.float32))
+    mesh = Mesh(strided, cube().faces.astype(np.int32))  # type: ignore[arg-type]
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.faces.dtype == np.int64
+    assert mesh.vertices.flags.c_contiguous
+    assert mesh.faces.flags.c_contiguous
+    assert mesh.sha256 == hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
+    assert mesh.triangles.shape == (12, 3, 3)
+    np.testing.assert_array_equal(mesh.triangles[5, 2], mesh.vertices[mesh.faces[5, 2]])
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (np.zeros((4, 2)), [[0, 1, 2]], r"shape \(4, 2\), expected \(V, 3\)"),
+        (np.zeros((4, 3)), np.empty((0, 3)), "no triangles"),
+        (np.zeros((4, 3)), [[0, 1, 2, 3]], r"shape \(1, 4\), expected \(F, 3\)"),
+        (
+            np.zeros((4, 3)),
+            [[0, 1, 4]],
+            "name a vertex that does not exist, first triangle 0; indices must lie in 0 to 3",
+        ),
+        (
+            np.zeros((4, 3)),
+            [[0, 1, 2], [0, -1, 2]],
+            "1 of 2 triangles name a vertex that does not exist, first triangle 1",
+        ),
+        (
+            [[0, 0, 0], [np.inf, 0, 0], [0, np.nan, 0]],
+            [[0, 1, 2]],
+            "2 of 3 vertices are NaN or infinite, first at index 1",
+        ),
+    ],
+)
+def test_arrays_that_are_no_mesh(vertices: object, faces: object, message: str) -> None:
+    with pytest.raises(MeshError, match=message):
+        Mesh(np.asarray(vertices), np.asarray(faces), name="bad")
+
+
+@pytest.mark.parametrize("kind", ["stl", "obj", "ply", "off", "glb"])
+def test_formats_give_the_same_surface(tmp_path: Path, kind: str) -> None:
+    mesh = sphere(0.08, subdivisions=2)
+    loaded = load_mesh(save(tmp_path / f"ball.{kind}", mesh))
+    assert loaded.name == "ball"
+    assert loaded.source.endswith(f"ball.{kind}")
+    assert (len(loaded.vertices), len(loaded.faces)) == (162, 320)
+    assert loaded.volume == pytest.approx(mesh.volume, rel=1e-5)
+    assert loaded.warnings == ()
+    assert len(loaded.repairs) == (1 if kind == "stl" else 0)
+
+
+def test_parts_of_a_scene_are_joined_where_they_overlap(tmp_path: Path) -> None:
+    single = sphere(0.08, subdivisions=3)
+    ball = trimesh.Trimesh(single.vertices, single.faces)
+    shift = np.eye(4)
+    shift[0, 3] = 0.04
+    scene: Any = trimesh.Scene()
+    scene.add_geometry(ball)
+    scene.add_geometry(ball.copy(), transform=shift)
+    scene.export(tmp_path / "two.glb")
+    mesh = load_mesh(tmp_path / "two.glb")
+    assert mesh.repairs == ("joined 2 overlapping parts into 1",)
+    # Two balls of radius r, centres r apart: the lens in common has 5/16 of one ball.
+    assert mesh.volume == pytest.approx((2.0 - 5.0 / 16.0) * single.volume, rel=5e-3)
+    assert mesh.extent[0] == pytest.approx(0.12, rel=1e-3)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("inch", 0.0254)])
+def test_unit_of_the_file(tmp_path: Path, unit: str, factor: float) -> None:
+    path = save(tmp_path / "cube.obj", cube(0.08).scaled(1.0 / factor))
+    assert load_mesh(path, unit=unit).extent.max() == pytest.approx(0.08)
+
+
+def test_size_replaces_the_unit(tmp_path: Path) -> None:
+    path = save(tmp_path / "cube.obj", cube(70.0))
+    mesh = load_mesh(path, size=0.09)
+    np.testing.assert_allclose(mesh.extent, 0.09)
+    assert mesh.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("side", "unit", "message"),
+    [
+        (95.0, "m", "longest extent 95 m: is the file in millimetres? pass --unit mm"),
+        (500.0, "cm", "longest extent 5 m: is the file in millimetres? pass --unit mm"),
+        (5000.0, "mm", "longest extent 5 m: pass --size to state its longest extent"),
+        (0.08, "mm", "longest extent 0.08 mm: is the file in metres? pass --unit m"),
+        (0.002, "m", "longest extent 2 mm: pass --size to state its longest extent"),
+    ],
+)
+def test_suspicious_size_is_warned_of(tmp_path: Path, side: float, unit: str, message: str) -> None:
+    assert load_mesh(save(tmp_path / "cube.obj", cube(side)), unit=unit).warnings == (message,)
+
+
+def test_unknown_unit_and_impossible_size(tmp_path: Path) -> None:
+    path = save(tmp_path / "cube.obj", cube())
+    with pytest.raises(InputError, match="unknown unit 'yard': known: m, cm, mm, inch"):
+        load_mesh(path, unit="yard")
+    for size in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(InputError, match="the longest extent must be positive"):
+            load_mesh(path, size=size)
+
+
+def obj(mesh: Mesh) -> str:
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+    return "\n".join(lines + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "message"),
+    [
+        ("empty.stl", b"", "no triangles"),
+        ("empty.obj", b"", "no triangles"),
+        ("empty.off", b"", "cannot be read as .off"),
+        ("noise.ply", b"\x00\x01noise" * 20, "cannot be read as .ply: Not a ply file"),
+        ("noise.glb", b"\x00\x01noise" * 20, "cannot be read as .glb"),
+        ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no triangles"),
+        ("mesh.doc", b"words", "unknown mesh format '.doc'; known: .*obj.*ply.*stl"),
+        ("mesh", b"words", "unknown mesh format"),
+        (
+            "nan.obj",
+            obj(cube()).replace("0.035", "nan", 1).encode(),
+            "1 of 8 vertices are NaN or infinite, first at index 0",
+        ),
+        ("index.obj", obj(cube()).encode() + b"f 1 2 99\n", "cannot be read as .obj"),
+        ("point.obj", obj(cube().scaled(0.0)).encode(), "all vertices lie in one point"),
+        ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 3 2\n", "an open surface|no volume"),
+    ],
+)
+def test_files_that_are_no_solid_get_one_clear_line(tmp_path: Path, file: str, content: bytes, message: str) -> None:
+    path = tmp_path / file
+    path.write_bytes(content)
+    with pytest.raises(MeshError, match=message) as caught:
+        load_mesh(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_nan_in_stl_is_named(tmp_path: Path) -> None:
+    path = save(tmp_path / "cube.stl", cube())
+    content = bytearray(path.read_bytes())
+    content[84 + 12 : 84 + 16] = np.float32(np.nan).tobytes()
+    path.write_bytes(bytes(content))
+    with pytest.raises(MeshError, match="1 of 36 vertices are NaN or infinite, first at index 0"):
+        load_mesh(path)
+
+
+@pytest.mark.parametrize("kind", ["stl", "ply", "glb"])
+def test_truncated_files_are_refused(tmp_path: Path, kind: str) -> None:
+    path = save(tmp_path / f"ball.{kind}", sphere(0.08, subdivisions=2))
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(MeshError, match=rf"cannot be read as \.{kind}"):
+        load_mesh(path)
+
+
+def test_missing_file_and_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.stl: no such mesh file"):
+        load_mesh(tmp_path / "none.stl")
+    with pytest.raises(InputError, match="a folder; expected a mesh file"):
+        load_mesh(tmp_path)
+
+
+CLEAN = {
+    "ycb_banana.obj": 0.196,
+    "ycb_mustard.obj": 0.192,
+    "green_bowl.obj": 0.120,
+    "blue_cup.obj": 0.105,
+    "claw_hammer.obj": 0.158,
+    "object_sim_mug.stl": 0.116,
+    "object_sim_hammer.stl": 0.205,
+    "object_sim_toruslarge.stl": 0.121,
+    "object_sim_stanfordbunny.stl": 0.130,
+}
+
+
+@pytest.mark.parametrize("file", CLEAN)
+def test_real_clean_meshes_need_nothing_but_merged_vertices(shared_data: Path, file: str) -> None:
+    mesh = load_mesh(shared_data / "meshes" / file, repair=False)
+    assert mesh.extent.max() == pytest.approx(CLEAN[file], abs=6e-4)
+    assert trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).is_watertight
+    assert all(sentence.startswith("merged ") for sentence in mesh.repairs)
+    assert len(mesh.repairs) <= 1
+
+
+def assert_sound(mesh: Mesh) -> trimesh.Trimesh:
+    other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    edges = np.sort(other.edges, axis=1)
+    forward = (other.edges[:, 0] < other.edges[:, 1]) * 2 - 1
+    _, index = np.unique(edges, axis=0, return_inverse=True)
+    assert not np.bincount(index.reshape(-1), weights=forward).any()
+    assert mesh.volume > 0.0
+    faulty, tested, _, _ = winding_faults(mesh.vertices, mesh.faces)
+    assert faulty <= 0.001 * tested
+    return other
+
+
+def test_teapot_of_four_open_shells_becomes_one_solid(shared_data: Path) -> None:
+    mesh = load_mesh(shared_data / "meshes/nasty_teapot_open_shells.obj", size=0.12)
+    other = assert_sound(mesh)
+    assert len(mesh.faces) == 1118
+    assert other.euler_number == 0
+    assert other.body_count == 1
+    assert "closed 6 holes up to 52.6 mm wide" in mesh.repairs
+    assert "joined 4 overlapping parts into 1" in mesh.repairs
+    assert any("solid there" in warning for warning in mesh.warnings)
+
+
+def test_bunny_with_five_holes(shared_data: Path) -> None:
+    mesh = load_mesh(shared_data / "meshes/nasty_bunny_5_holes.obj")
+    assert_sound(mesh)
+    assert mesh.repairs == ("closed 5 holes up to 43.8 mm wide",)
+    assert mesh.warnings
+    # The same figure as a clean mesh of others, up to its scale.
+    clean = load_mesh(shared_data / "meshes/object_sim_stanfordbunny.stl")
+    ratio = (mesh.extent.max() / clean.extent.max()) ** 3
+    assert mesh.volume == pytest.approx(clean.volume * ratio, rel=0.02)
+
+
+def test_bunny_of_94_components(shared_data: Path) -> None:
+    mesh = load_mesh(shared_data / "meshes/nasty_bunny_94_components.ply")
+    assert_sound(mesh)
+    assert mesh.repairs[1:] == ("removed 162 duplicate triangles", "closed 5 holes up to 45.1 mm wide")
+
+
+def test_mug_with_non_manifold_edges(shared_data: Path) -> None:
+    mesh = load_mesh(shared_data / "meshes/nasty_ycb_mug_nonmanifold.obj")
+    assert_sound(mesh)
+    assert mesh.repairs[1:] == ("removed 6 degenerate triangles", "removed 6 duplicate triangles")
+
+
+def test_triangle_soup_is_refused(shared_data: Path) -> None:
+    with pytest.raises(MeshError, match="an open surface: 100 holes"):
+        load_mesh(shared_data / "meshes/nasty_soup_100_triangles.stl")
+
+
+def test_knot_in_millimetres_is_warned_of(shared_data: Path) -> None:
+    path = shared_data / "meshes/quadknot.obj"
+    assert load_mesh(path).warnings == ("longest extent 181 m: is the file in millimetres? pass --unit mm",)
+    mesh = load_mesh(path, unit="mm")
+    assert_sound(mesh)
+    assert mesh.warnings == ()

@@ -1,0 +1,46 @@
+"""The exact binary PLY: read back bit for bit, by trimesh too, and refused when it is another file."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from hhsim.errors import MeshError
+from hhsim.mesh_file import ply_bytes, read_own_ply, read_triangles
+from hhsim.shapes import cube, rock
+
+
+def test_written_and_read_bit_for_bit() -> None:
+    mesh = rock()
+    content = ply_bytes(mesh.vertices, mesh.faces)
+    vertices, faces = read_own_ply(content, "rock.ply")
+    assert vertices.tobytes() == mesh.vertices.tobytes()
+    assert faces.tobytes() == mesh.faces.tobytes()
+    assert ply_bytes(vertices, faces) == content
+
+
+def test_other_programs_read_it_too(tmp_path: Path) -> None:
+    mesh = cube()
+    path = tmp_path / "cube.ply"
+    path.write_bytes(ply_bytes(mesh.vertices, mesh.faces))
+    vertices, faces = read_triangles(path)
+    np.testing.assert_array_equal(vertices, mesh.vertices)
+    np.testing.assert_array_equal(faces, mesh.faces)
+
+
+def test_another_kind_of_ply_is_refused() -> None:
+    mesh = cube()
+    other = trimesh.Trimesh(mesh.vertices, mesh.faces).export(file_type="ply")
+    assert isinstance(other, bytes)
+    with pytest.raises(MeshError, match=r"cube\.ply: no binary PLY with double coordinates"):
+        read_own_ply(other, "cube.ply")
+    for content in (b"", b"ply\n", b"end_header\n", b"\xff" * 40):
+        with pytest.raises(MeshError, match="no binary PLY"):
+            read_own_ply(content, "cube.ply")
+
+
+def test_truncated_file_is_refused() -> None:
+    mesh = cube()
+    with pytest.raises(MeshError, match="truncated: 347 bytes for 8 vertices and 12 triangles"):
+        read_own_ply(ply_bytes(mesh.vertices, mesh.faces)[:-1], "cube.ply")

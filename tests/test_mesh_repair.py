@@ -1,0 +1,235 @@
+"""Repairs: each is made where it is safe and named; the rest is refused with the reason."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from hhsim.errors import MeshError
+from hhsim.mesh_repair import Surface, closed_surface, winding_faults
+from hhsim.mesh_topology import is_closed, part_labels, signed_volume
+from hhsim.shapes import cube, cup, sphere
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+BALL = sphere(0.08, subdivisions=2)
+CUBE = cube(0.07)
+
+
+def repaired(vertices: FloatArray, faces: IntArray) -> Surface:
+    """Repair, and hold what comes out against what a closed surface is."""
+    surface = closed_surface(vertices, faces, "test")
+    assert is_closed(surface.faces)
+    assert signed_volume(surface.vertices, surface.faces) > 0.0
+    assert len(np.unique(surface.faces)) == len(surface.vertices)
+    assert winding_faults(surface.vertices, surface.faces)[0] == 0
+    return surface
+
+
+def volume(surface: Surface) -> float:
+    return signed_volume(surface.vertices, surface.faces)
+
+
+def second_ball(shift: float, inward: bool = False, scale: float = 1.0) -> tuple[FloatArray, IntArray]:
+    faces = BALL.faces[:, ::-1] if inward else BALL.faces
+    moved = BALL.vertices * scale + np.array([shift, 0.0, 0.0])
+    return np.concatenate([BALL.vertices, moved]), np.concatenate([BALL.faces, faces + len(BALL.vertices)])
+
+
+@pytest.mark.parametrize("mesh", [BALL, CUBE, cup()], ids=["ball", "cube", "cup"])
+def test_sound_mesh_is_left_alone(mesh: Surface) -> None:
+    surface = repaired(mesh.vertices, mesh.faces)
+    assert (surface.merged, surface.repairs, surface.warnings) == ([], [], [])
+    assert len(surface.faces) == len(mesh.faces)
+    assert volume(surface) == pytest.approx(signed_volume(mesh.vertices, mesh.faces), rel=1e-12)
+
+
+def test_triangle_soup_is_merged() -> None:
+    surface = repaired(BALL.triangles.reshape(-1, 3), np.arange(960).reshape(-1, 3))
+    assert surface.merged == ["merged 960 vertices into 162: equal places, or used by no triangle"]
+    assert surface.repairs == []
+
+
+def test_nearly_equal_vertices_are_merged_where_edges_are_open() -> None:
+    noise = np.random.default_rng(0).uniform(-1e-8, 1e-8, size=(960, 3))
+    surface = repaired(BALL.triangles.reshape(-1, 3) + noise, np.arange(960).reshape(-1, 3))
+    assert surface.repairs == ["merged 798 vertices closer than 0.0008 mm to another"]
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**6), part=st.floats(0.01, 0.5))
+def test_any_mixture_of_windings_is_set_right(seed: int, part: float) -> None:
+    turned = np.random.default_rng(seed).random(len(BALL.faces)) < part
+    faces = BALL.faces.copy()
+    faces[turned] = faces[turned][:, ::-1]
+    surface = repaired(BALL.vertices, faces)
+    assert volume(surface) == pytest.approx(BALL.volume)
+    minority = min(int(turned.sum()), len(faces) - int(turned.sum()))
+    named = [sentence for sentence in surface.repairs if "against the neighbours" in sentence]
+    triangles = "1 triangle" if minority == 1 else f"{minority} triangles"
+    assert named == ([f"turned {triangles} wound against the neighbours"] if minority else [])
+
+
+def test_inside_out_is_turned() -> None:
+    surface = repaired(BALL.vertices, BALL.faces[:, ::-1])
+    assert surface.repairs == ["wound inside out: turned"]
+    assert volume(surface) == pytest.approx(BALL.volume)
+
+
+def test_degenerate_and_duplicate_triangles_go() -> None:
+    faces = np.concatenate([BALL.faces, BALL.faces[:5], [[3, 3, 7], [1, 2, 1]]])
+    surface = repaired(BALL.vertices, faces)
+    assert surface.repairs == ["removed 2 degenerate triangles", "removed 5 duplicate triangles"]
+    assert len(surface.faces) == len(BALL.faces)
+
+
+def test_both_sides_of_one_surface_become_one() -> None:
+    surface = repaired(BALL.vertices, np.concatenate([BALL.faces, BALL.faces[:, ::-1]]))
+    assert surface.repairs == ["removed 320 duplicate triangles"]
+    assert volume(surface) == pytest.approx(BALL.volume)
+
+
+def test_sheet_of_two_sides_beside_a_solid_vanishes() -> None:
+    sheet = np.array([[0.1, 0.0, 0.0], [0.12, 0.0, 0.0], [0.1, 0.02, 0.0]])
+    extra = np.array([[0, 1, 2], [0, 2, 1]]) + len(BALL.vertices)
+    surface = repaired(np.concatenate([BALL.vertices, sheet]), np.concatenate([BALL.faces, extra]))
+    assert surface.repairs == ["removed 2 duplicate triangles"]
+
+
+def test_loose_fragments_are_dropped_up_to_a_limit() -> None:
+    chip = np.array([[0.1, 0.0, 0.0], [0.104, 0.0, 0.0], [0.1, 0.004, 0.0]])
+    vertices = np.concatenate([BALL.vertices, chip])
+    faces = np.concatenate([BALL.faces, [[162, 163, 164]]])
+    surface = repaired(vertices, faces)
+    assert len(surface.repairs) == 1
+    assert surface.repairs[0].startswith("dropped 1 loose open fragment, 0.04")
+    large = np.concatenate([BALL.vertices, chip + 20.0 * (chip - chip[0])])
+    with pytest.raises(MeshError, match="an open surface: 1 hole"):
+        closed_surface(large, faces, "test")
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**6), holes=st.integers(1, 6))
+def test_missing_triangles_are_filled(seed: int, holes: int) -> None:
+    missing = np.random.default_rng(seed).choice(len(BALL.faces), size=holes, replace=False)
+    surface = repaired(BALL.vertices, np.delete(BALL.faces, missing, axis=0))
+    assert volume(surface) == pytest.approx(BALL.volume, rel=0.01)
+    assert surface.repairs[0].startswith("closed ")
+
+
+def test_wide_flat_hole_is_closed_and_warned_of() -> None:
+    top = (CUBE.vertices[CUBE.faces][:, :, 2] > 0.0).all(axis=1)
+    surface = repaired(CUBE.vertices, CUBE.faces[~top])
+    assert surface.repairs == ["closed 1 hole up to 70 mm wide"]
+    assert surface.warnings == [
+        "1 hole up to 70 mm wide closed: it is solid there; if it should be hollow, give the wall a thickness"
+    ]
+    assert volume(surface) == pytest.approx(0.07**3)
+
+
+def test_lengths_in_messages_are_real_ones() -> None:
+    top = (CUBE.vertices[CUBE.faces][:, :, 2] > 0.0).all(axis=1)
+    surface = closed_surface(CUBE.vertices * 1000.0, CUBE.faces[~top], "test", unit_length=0.001)
+    assert surface.repairs == ["closed 1 hole up to 70 mm wide"]
+
+
+def test_hemisphere_is_an_open_surface() -> None:
+    lower = BALL.faces[BALL.triangles.mean(axis=1)[:, 2] < 0.0]
+    with pytest.raises(MeshError, match=r"an open surface: 1 hole up to .* of its area; give it a thickness"):
+        closed_surface(BALL.vertices, lower, "test")
+
+
+def test_bent_hole_is_refused() -> None:
+    x, _, z = BALL.triangles.mean(axis=1).T
+    # A window that reaches more than half way round the ball.
+    window = (np.abs(z) < 0.015) & (x > -0.02)
+    with pytest.raises(MeshError, match="too much to close safely"):
+        closed_surface(BALL.vertices, BALL.faces[~window], "test")
+
+
+def test_overlapping_parts_are_joined() -> None:
+    surface = repaired(*second_ball(0.05))
+    assert surface.repairs == ["joined 2 overlapping parts into 1"]
+    assert BALL.volume < volume(surface) < 2.0 * BALL.volume
+    assert part_labels(surface.faces).max() == 0
+
+
+def test_separate_parts_stay_two() -> None:
+    surface = repaired(*second_ball(0.1))
+    assert surface.repairs == []
+    assert volume(surface) == pytest.approx(2.0 * BALL.volume)
+
+
+def test_part_inside_a_part_is_swallowed_and_a_cavity_stays() -> None:
+    swallowed = repaired(*second_ball(0.0, scale=0.5))
+    assert swallowed.repairs == ["joined 2 overlapping parts into 1"]
+    assert volume(swallowed) == pytest.approx(BALL.volume)
+    hollow = repaired(*second_ball(0.0, inward=True, scale=0.5))
+    assert hollow.repairs == []
+    assert volume(hollow) == pytest.approx(0.875 * BALL.volume)
+
+
+def test_hollow_ball_inside_out_keeps_its_cavity() -> None:
+    vertices, faces = second_ball(0.0, inward=True, scale=0.5)
+    surface = repaired(vertices, faces[:, ::-1])
+    assert surface.repairs == ["2 of 2 parts wound inside out: turned"]
+    assert volume(surface) == pytest.approx(0.875 * BALL.volume)
+
+
+def test_one_part_of_two_inside_out() -> None:
+    apart = repaired(*second_ball(0.1, inward=True))
+    assert apart.repairs == ["1 of 2 parts wound inside out: turned"]
+    assert volume(apart) == pytest.approx(2.0 * BALL.volume)
+    touching = repaired(*second_ball(0.05, inward=True))
+    assert touching.repairs == ["1 of 2 parts wound inside out: turned", "joined 2 overlapping parts into 1"]
+
+
+def test_surface_pushed_through_itself_is_refused_although_it_is_watertight() -> None:
+    vertices = BALL.vertices.copy()
+    vertices[:, 2] = np.where(vertices[:, 2] > 0.01, -1.5 * vertices[:, 2], vertices[:, 2])
+    assert is_closed(BALL.faces)
+    with pytest.raises(MeshError, match=r"crosses itself: the winding number is neither 0 nor 1 .* \(from -1\.00 to"):
+        closed_surface(vertices, BALL.faces, "test")
+
+
+def test_one_sided_strip_is_refused() -> None:
+    count = 40
+    angle = 2.0 * np.pi * np.arange(count) / count
+    ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    across = np.cos(angle / 2)[:, None] * ring + np.sin(angle / 2)[:, None] * np.array([0.0, 0.0, 1.0])
+    faces = []
+    for i in range(count):
+        a, b = i, i + count
+        c, d = (i + 1, i + 1 + count) if i + 1 < count else (count, 0)
+        faces += [[a, c, b], [b, c, d]]
+    with pytest.raises(MeshError, match="one-sided"):
+        closed_surface(np.concatenate([ring - 0.3 * across, ring + 0.3 * across]), np.array(faces), "test")
+
+
+def test_fin_on_a_solid_is_not_watertight() -> None:
+    a, b = BALL.faces[0, :2]
+    tip = 3.0 * BALL.vertices[[a]] + np.array([[0.0, 0.03, 0.0]])
+    faces = np.concatenate([BALL.faces, [[a, b, 162]]])
+    with pytest.raises(MeshError, match="not watertight: 1 edge shared by more than two triangles and 2 open edges"):
+        closed_surface(np.concatenate([BALL.vertices, tip]), faces, "test")
+
+
+def test_flat_solid_has_no_volume() -> None:
+    with pytest.raises(MeshError, match="no volume: it encloses"):
+        closed_surface(BALL.vertices * np.array([1.0, 1.0, 1e-12]), BALL.faces, "test")
+
+
+def test_repair_switched_off_says_what_it_would_take() -> None:
+    with pytest.raises(MeshError, match="needs repair, which is switched off: wound inside out: turned"):
+        closed_surface(BALL.vertices, BALL.faces[:, ::-1], "test", repair=False)
+    assert closed_surface(BALL.vertices, BALL.faces, "test", repair=False).repairs == []
+
+
+def test_winding_faults_see_an_overlap_of_few_large_triangles() -> None:
+    both = np.concatenate([CUBE.vertices, CUBE.vertices + 0.06])
+    faulty, tested, low, high = winding_faults(both, np.concatenate([CUBE.faces, CUBE.faces + 8]))
+    assert faulty > 0
+    assert tested > 500
+    assert (round(low), round(high)) == (0, 2)

@@ -1,0 +1,126 @@
+"""Edges, parts, loops and windings of small meshes whose answers are known."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hhsim.mesh_topology import (
+    alike_wound,
+    boundary_loops,
+    directed_edges,
+    face_areas,
+    in_fixed_order,
+    is_closed,
+    merged_vertices,
+    part_labels,
+    signed_volume,
+    undirected_edges,
+    used_vertices,
+)
+from hhsim.shapes import cube, cup, sphere
+
+BALL = sphere(0.08, subdivisions=2)
+
+
+def test_edges_of_a_closed_surface_follow_eulers_formula() -> None:
+    for mesh, genus in ((BALL, 0), (cube(), 0), (cup(), 1)):
+        index, count, balance = undirected_edges(mesh.faces)
+        assert index.shape == (3 * len(mesh.faces),)
+        assert (count == 2).all()
+        assert not balance.any()
+        assert len(mesh.vertices) - len(count) + len(mesh.faces) == 2 - 2 * genus
+        assert is_closed(mesh.faces)
+    assert not is_closed(BALL.faces[1:])
+
+
+def test_directed_edges_run_round_each_face() -> None:
+    np.testing.assert_array_equal(directed_edges(np.array([[4, 7, 9]])), [[4, 7], [7, 9], [9, 4]])
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**6))
+def test_fixed_order_does_not_depend_on_the_order_before(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    vertex_order = generator.permutation(len(BALL.vertices))
+    rank = np.argsort(vertex_order)
+    turns = generator.integers(0, 3, len(BALL.faces))[:, None]
+    faces = np.take_along_axis(rank[BALL.faces], (turns + np.arange(3)) % 3, axis=1)
+    vertices, faces = in_fixed_order(BALL.vertices[vertex_order], faces[generator.permutation(len(faces))])
+    np.testing.assert_array_equal(vertices, BALL.vertices)
+    np.testing.assert_array_equal(faces, BALL.faces)
+
+
+def test_merging_gives_back_the_surface_of_a_soup() -> None:
+    vertices, faces = merged_vertices(BALL.triangles.reshape(-1, 3), np.arange(960).reshape(-1, 3))
+    assert len(vertices) == 162
+    np.testing.assert_array_equal(vertices[faces], BALL.triangles)
+
+
+def test_merging_knows_no_sign_of_zero_and_drops_the_unused() -> None:
+    vertices = np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-0.0, 0.0, -0.0], [0.0, 1.0, 0.0]])
+    merged, faces = merged_vertices(vertices, np.array([[1, 2, 4], [2, 3, 4]]))
+    np.testing.assert_array_equal(merged, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    np.testing.assert_array_equal(faces, [[0, 1, 2], [1, 0, 2]])
+
+
+def test_merging_within_a_distance_spans_chains() -> None:
+    vertices = np.array([[0.0, 0.0, 0.0], [0.9, 0.0, 0.0], [1.8, 0.0, 0.0], [5.0, 0.0, 0.0]])
+    faces = np.array([[0, 1, 3], [2, 1, 3]])
+    assert len(merged_vertices(vertices, faces, 1.0)[0]) == 2
+    assert len(merged_vertices(vertices, faces, 0.5)[0]) == 4
+
+
+def test_used_vertices_keep_their_order() -> None:
+    vertices, faces = used_vertices(np.arange(15.0).reshape(5, 3), np.array([[4, 1, 3]]))
+    np.testing.assert_array_equal(vertices[:, 0], [3.0, 9.0, 12.0])
+    np.testing.assert_array_equal(faces, [[2, 0, 1]])
+
+
+def test_parts_do_not_join_through_an_edge_of_three_faces() -> None:
+    assert part_labels(BALL.faces).max() == 0
+    assert part_labels(np.concatenate([BALL.faces, BALL.faces + len(BALL.vertices)])).max() == 1
+    fan_of_three = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
+    assert len(np.unique(part_labels(fan_of_three))) == 3
+
+
+def test_winding_alike_turns_the_minority_of_each_part() -> None:
+    both = np.concatenate([BALL.faces, BALL.faces + len(BALL.vertices)])
+    mixed = both.copy()
+    mixed[:7] = mixed[:7, ::-1]
+    mixed[325:] = mixed[325:, ::-1]
+    result = alike_wound(mixed)
+    assert result is not None
+    faces, turned = result
+    assert turned == 7 + 5
+    np.testing.assert_array_equal(np.sort(faces, axis=1), np.sort(both, axis=1))
+    assert is_closed(faces)
+    np.testing.assert_array_equal(faces[:320], both[:320])
+
+
+def test_one_sided_strip_cannot_be_wound() -> None:
+    strip = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5], [4, 1, 5], [5, 1, 0]])
+    assert alike_wound(strip) is None
+
+
+def test_loops_run_with_the_faces_around_them() -> None:
+    loops = boundary_loops(np.delete(BALL.faces, [0, 200], axis=0))
+    found = {tuple(np.roll(loop, -int(np.argmin(loop))).tolist()) for loop in loops}
+    # The hole left by a face is walked against that face.
+    wanted = {tuple(np.roll(face[::-1], -int(np.argmin(face[::-1]))).tolist()) for face in BALL.faces[[0, 200]]}
+    assert found == wanted
+
+
+def test_loops_that_touch_in_a_vertex_are_two() -> None:
+    around = np.flatnonzero((BALL.faces == 50).any(axis=1))
+    opposite = [face for face in around if len(np.intersect1d(BALL.faces[face], BALL.faces[around[0]])) == 1]
+    missing = [around[0], opposite[0]]
+    loops = boundary_loops(np.delete(BALL.faces, missing, axis=0))
+    assert sorted(len(loop) for loop in loops) == [3, 3]
+
+
+def test_area_and_volume_of_a_cube() -> None:
+    mesh = cube(0.07)
+    np.testing.assert_allclose(face_areas(mesh.vertices, mesh.faces), 0.07**2 / 2.0)
+    assert signed_volume(mesh.vertices + 5.0, mesh.faces) == pytest.approx(0.07**3)
+    assert signed_volume(mesh.vertices, mesh.faces[:, ::-1]) == pytest.approx(-(0.07**3))
