@@ -37,7 +37,7 @@ def _hand(of: str, whose: str) -> tuple[Column, ...]:
 TICK_COLUMNS: tuple[Column, ...] = (
     Column("time", (), "<f8", "s", "time of the tick since the start of the trajectory"),
     Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0"),
-    Column("status", (), "<i4", "1", "flags: 0 settled, 1 stuck, 2 lag, 4 input held, 8 started inside, 16 arrays full"),
+    Column("status", (), "<i4", "1", "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full"),
     *_hand("haptic", "haptic (measured)"),
     *_hand("graphic", "graphic (shown)"),
     Column(
