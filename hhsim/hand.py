@@ -329,7 +329,10 @@ def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
     for index, finger in enumerate(FINGERS):
         _replace_finger(arrays, index, sizes.get(finger, {}), where)
     arrays["distal"], arrays["dorsal"] = _frames(arrays["distal"], arrays["dorsal"], where)
-    mesh = palm_mesh(hand_length, hand_breadth, arrays["base"][1:], arrays["radius"][1:, 0])
+    try:
+        mesh = palm_mesh(hand_length, hand_breadth, arrays["base"][1:], arrays["radius"][1:, 0])
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
     tree = cached_sphere_tree(mesh, TreeOptions(level=palm_level))
     if side == "left":
         mirror = np.array([-1.0, 1.0, 1.0])

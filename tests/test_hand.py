@@ -244,6 +244,10 @@ def test_directions_of_a_file_are_made_orthonormal(tmp_path: Path) -> None:
         ("[middle]\ndorsal = [0.0, 1.0, 0.0]", "middle.distal [0, 1, 0] and middle.dorsal [0, 1, 0]: expected two"),
         ("[middle]\ndistal = [0.0, 0.0, 0.0]", "middle.distal [0, 0, 0] and middle.dorsal"),
         ("[middle]\nbase = [0.0, inf, 0.0]", "middle.base [0, inf, 0]: expected finite"),
+        (
+            "\n".join(f"[{finger}]\nbase = [0, 0, 0.3]" for finger in FINGERS),
+            "the finger bases leave the palm's middle",
+        ),
         ("hand_length 0.19", "not a TOML file"),
     ],
 )

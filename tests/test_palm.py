@@ -69,7 +69,7 @@ def test_grows_in_proportion() -> None:
 def test_knuckles_elsewhere_make_no_palm() -> None:
     fingers = default_fingers(LENGTH, BREADTH)
     with pytest.raises(InputError, match="leave the palm's middle empty"):
-        palm_mesh(LENGTH, BREADTH, fingers["base"][1:] + [0.0, 0.0, 0.3], fingers["radius"][1:, 0])
+        palm_mesh(LENGTH, BREADTH, fingers["base"][1:] + np.array([0.0, 0.0, 0.3]), fingers["radius"][1:, 0])
 
 
 def test_same_bytes_again() -> None:
