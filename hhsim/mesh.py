@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh_file import read_triangles
-from hhsim.mesh_repair import closed_surface
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -131,6 +130,9 @@ def load_mesh(path: str | Path, unit: str = "m", size: float | None = None, repa
         InputError: No such file, an unknown unit, or a size that is not positive.
         MeshError: Unreadable, empty, not finite, or no inside that could be repaired.
     """
+    # The checks bring the compiler; who only reads the catalogue does without it.
+    from hhsim.mesh_repair import closed_surface
+
     path = Path(path)
     if unit not in METRES_PER_UNIT:
         raise InputError(f"unknown unit '{unit}': known: {', '.join(METRES_PER_UNIT)}")

@@ -3,11 +3,12 @@
 import tomllib
 from dataclasses import dataclass, replace
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhsim.errors import MeshError, UnknownNameError
-from hhsim.mesh import METRES_PER_UNIT, Mesh
-from hhsim.mesh_file import read_own_ply
+
+if TYPE_CHECKING:
+    from hhsim.mesh import Mesh
 
 SUFFIX = ".toml"
 
@@ -29,7 +30,7 @@ class CatalogueObject:
 
     name: str
     title: str
-    mesh: Mesh
+    mesh: "Mesh"
     stresses: str
     source: str
     licence: str
@@ -69,6 +70,10 @@ def load_object(name: str) -> CatalogueObject:
         UnknownNameError: No such object; the message lists the near names.
         MeshError: The shipped mesh is not the one that its description states.
     """
+    # Shell completion asks for names alone and must not wait for numpy.
+    from hhsim.mesh import METRES_PER_UNIT, Mesh
+    from hhsim.mesh_file import read_own_ply
+
     description = object_description(name)
     file = description["file"]
     vertices, faces = read_own_ply((files("hhsim.objects") / file).read_bytes(), file)

@@ -1,5 +1,7 @@
 """The ten shipped objects: sound, graspable, described, licensed, and the same as their makers make them."""
 
+import subprocess
+import sys
 from importlib.resources import files
 from pathlib import Path
 
@@ -98,6 +100,14 @@ def test_bunny_has_the_proportions_of_another_copy(shared_data: Path) -> None:
     assert shipped.volume / 0.8**3 == pytest.approx(other.volume, rel=0.01)
 
 
+def test_names_come_without_numpy() -> None:
+    script = (
+        "import sys; from hhsim.object_catalogue import object_names; object_names(); print('numpy' in sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["10", "False"]
+
+
 def test_unknown_name_lists_the_near_ones() -> None:
     with pytest.raises(UnknownNameError, match="unknown object 'bunni': did you mean bunny"):
         load_object("bunni")
@@ -114,7 +124,7 @@ def test_altered_mesh_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
         vertices[3, 1] += 1e-12
         return vertices, faces
 
-    monkeypatch.setattr("hhsim.object_catalogue.read_own_ply", altered)
+    monkeypatch.setattr("hhsim.mesh_file.read_own_ply", altered)
     with pytest.raises(MeshError, match=r"cube\.ply: content hash .* differs from its description"):
         load_object("cube")
 
