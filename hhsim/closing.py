@@ -46,6 +46,8 @@ TILT = math.radians(15.0)
 
 MARGIN = 0.002
 """Fingers that will touch keep this distance [m] while the open hand comes near."""
+UNDER = 0.02
+"""A joint this far [m] below the object's lowest point is as bad as any lower one."""
 IDLE_DISTANCE = 0.04
 """Fingers that do not take part are out of the way at this distance [m]."""
 BEARING = 0.005
@@ -177,8 +179,8 @@ def _tilts() -> list[Array]:
 
 
 def _leading(candidates: list[_Candidate]) -> list[_Candidate]:
-    """The best ones, best first; the earlier one of equals."""
-    return sorted(candidates, key=lambda candidate: -candidate.score)[:LEADERS]
+    """The best ones, best first; the earlier one of equals, where rounding does not tell symmetric grasps apart."""
+    return sorted(candidates, key=lambda candidate: -round(candidate.score, 6))[:LEADERS]
 
 
 class _Search:
@@ -192,6 +194,7 @@ class _Search:
         radius = tree.leaf_radius[:, None]
         low, high = (tree.leaf_center - radius).min(axis=0), (tree.leaf_center + radius).max(axis=0)
         self.middle = 0.5 * (low + high)
+        self.floor = float(low[2])
         self.bound = float((np.linalg.norm(tree.leaf_center - self.middle, axis=1) + tree.leaf_radius).max())
         finger_reach = float((self.hand.reach + self.hand.radius[:, :3]).max())
         self.reach = max(finger_reach, float(self.hand.palm_reach[0] + self.hand.palm_radius.max()))
@@ -295,6 +298,8 @@ class _Search:
         else:
             score -= min(10.0, palm_excess / 0.005)
         before = self.work.joints.copy()
+        # No finger goes under the object, through what it stands on.
+        score -= 4.0 * min(1.0, max(0.0, self.floor - float(before[..., 2].min())) / UNDER)
         normals: list[tuple[int, int, Array]] = []
         for f in self.fingers:
             for k in np.flatnonzero(touching[f]).tolist():

@@ -157,7 +157,7 @@ def advance_hand(
                 distance = palm_distance(hand, tree, here, rotation, limit, work)
             else:
                 distance, _ = phalanx_distance(hand, tree, body // PHALANX_COUNT, body % PHALANX_COUNT, limit, work)
-            if distance - gap[body] < slack:
+            if distance < limit:
                 slack = distance - gap[body]
                 blocking = body
         if slack <= CONTACT:

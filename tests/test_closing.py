@@ -1,0 +1,334 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hhsim.closing import MARGIN, REACH_DEPTH, body_distances, closing_rates, make_work, plan_closing
+from hhsim.errors import TrajectoryError
+from hhsim.hand import FINGERS, HandModel
+from hhsim.kernels import closing as kernel
+from hhsim.kernels.hand import PALM_BODY, HandArrays
+from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.script import Script, ScriptPhase
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory_catalogue import load_script
+
+Array = NDArray[np.float64]
+
+RIGHT = HandModel.default("right")
+LEFT = HandModel.default("left")
+
+
+def tree_of(center: Array, radius: Array) -> SphereTree:
+    """A root and its leaves."""
+    middle = center.mean(axis=0)
+    root = float((np.linalg.norm(center - middle, axis=1) + radius).max())
+    count = len(radius)
+    return SphereTree(
+        center=np.vstack([middle, center]),
+        radius=np.concatenate([[root], radius]),
+        level=np.concatenate([[0], np.ones(count, dtype=np.int64)]),
+        parent=np.concatenate([[-1], np.zeros(count, dtype=np.int64)]),
+    )
+
+
+def ball(radius: float = 0.038, center: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> SphereTree:
+    return tree_of(np.array([center]), np.array([radius]))
+
+
+def cluster(seed: int, count: int = 60) -> SphereTree:
+    """Random balls in a flattened heap, 70 to 100 mm across."""
+    rng = np.random.default_rng(seed)
+    center = rng.normal(size=(count, 3))
+    center /= np.linalg.norm(center, axis=1, keepdims=True)
+    center *= rng.uniform(0.4, 1.0, size=(count, 1)) * rng.uniform(0.025, 0.04, size=3)
+    return tree_of(center, rng.uniform(0.006, 0.012, size=count))
+
+
+def box(size: tuple[float, float, float] = (0.06, 0.045, 0.09), step: float = 0.015) -> SphereTree:
+    axes = [np.linspace(-s / 2 + step / 2, s / 2 - step / 2, round(s / step)) for s in size]
+    center = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return tree_of(center, np.full(len(center), 0.8 * step))
+
+
+SAMPLES = 800
+HALF_SAMPLE = 0.5 * 0.06 / SAMPLES
+"""Half the distance [m] between samples on the longest phalanx, with the change of its radius."""
+
+
+def assert_brute(found: Array, brute: Array) -> None:
+    assert (found <= brute + 1e-12).all()
+    assert (found >= brute - HALF_SAMPLE).all()
+    assert found[PALM_BODY] == pytest.approx(brute[PALM_BODY], abs=1e-12)
+
+
+def brute_distances(
+    hand: HandModel, tree: SphereTree, position: Array, rotation: Array, flexion: Array, abduction: Array
+) -> Array:
+    """Every body against every leaf: the round cone is the union of its spheres, sampled along the axis.
+
+    Never below the true distance, and at most half a sample above it.
+    """
+    orientation = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+    joints = hand.joints(position, orientation, flexion, abduction)
+    distance = np.empty(16)
+    s = np.linspace(0.0, 1.0, SAMPLES + 1)[:, None]
+    for f in range(5):
+        for k in range(3):
+            axis = joints[f, k] + s * (joints[f, k + 1] - joints[f, k])
+            radius = hand.radius[f, k] + s * (hand.radius[f, k + 1] - hand.radius[f, k])
+            gap = np.linalg.norm(axis[:, None] - tree.leaf_center, axis=2) - radius - tree.leaf_radius
+            distance[3 * f + k] = gap.min()
+    palm = position + hand.palm_tree.leaf_center @ rotation.T
+    gap = np.linalg.norm(palm[:, None] - tree.leaf_center, axis=2)
+    distance[PALM_BODY] = (gap - hand.palm_tree.leaf_radius[:, None] - tree.leaf_radius).min()
+    return distance
+
+
+def random_pose(rng: np.random.Generator, distance: float) -> tuple[Array, Array, Array, Array]:
+    """Palm position and rotation, flexion within the limits, abduction."""
+    direction = rng.normal(size=3)
+    position = distance * direction / np.linalg.norm(direction)
+    rotation = np.ascontiguousarray(Rotation.random(rng=rng).as_matrix())
+    flexion = RIGHT.flexion_min + rng.uniform(size=(5, 3)) * (RIGHT.flexion_max - RIGHT.flexion_min)
+    return position, rotation, flexion, rng.uniform(-0.2, 0.2, size=5)
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.3))
+def test_body_distances_are_the_brute_force_ones(seed: int, distance: float) -> None:
+    tree = cluster(seed)
+    pose = random_pose(np.random.default_rng(seed), distance)
+    found = body_distances(RIGHT.arrays(), tree.arrays(), *pose, make_work())
+    assert_brute(found, brute_distances(RIGHT, tree, *pose))
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1))
+def test_the_hand_advances_to_its_gaps_and_through_nothing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tree = cluster(seed)
+    position, rotation, flexion, abduction = random_pose(rng, 0.4)
+    direction = -position / np.linalg.norm(position)
+    gap = rng.uniform(0.0, 0.01, size=16)
+    hand, nodes = RIGHT.arrays(), tree.arrays()
+    travel, body = kernel.advance_hand(
+        hand, nodes, position, rotation, flexion, abduction, direction, gap, 1.0, make_work()
+    )
+    for share in np.linspace(0.0, 1.0, 200):
+        near = body_distances(
+            hand, nodes, position + share * travel * direction, rotation, flexion, abduction, make_work()
+        )
+        assert (near >= gap - 1e-12).all()
+    if body >= 0:
+        assert int(np.argmin(near - gap)) == body
+        assert 0.0 <= near[body] - gap[body] <= kernel.CONTACT
+    else:
+        assert travel == 1.0
+
+
+def test_a_hand_that_meets_nothing_goes_all_the_way() -> None:
+    tree = ball(0.01)
+    position, rotation, flexion, abduction = random_pose(np.random.default_rng(0), 0.5)
+    away = position / np.linalg.norm(position)
+    travel, body = kernel.advance_hand(
+        RIGHT.arrays(), tree.arrays(), position, rotation, flexion, abduction, away, np.zeros(16), 0.7, make_work()
+    )
+    assert (travel, body) == (0.7, -1)
+
+
+def close(
+    hand: HandArrays, tree: SphereTree, finger: int, position: Array, rotation: Array, rate: Array
+) -> tuple[Array, Array]:
+    flexion, touching = np.zeros((5, 3)), np.full((5, 3), np.nan)
+    kernel.close_finger(
+        hand, tree.arrays(), position, rotation, finger, rate, np.zeros(5), flexion, make_work(), touching
+    )
+    return flexion, touching[finger]
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 4))
+def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: int) -> None:
+    rng = np.random.default_rng(seed)
+    hand = RIGHT.arrays()
+    # A heap below the fingers, wherever it happens to be; starts that touch already are of no interest.
+    tree = cluster(seed).transformed(np.eye(3), np.array([0.0, 0.06, -0.08]) + rng.uniform(-0.03, 0.03, size=3))
+    rate = closing_rates(rng.uniform(0.2, 1.5))[finger]
+    start = body_distances(hand, tree.arrays(), np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5), make_work())
+    own = slice(3 * finger, 3 * finger + 3)
+    if start[own].min() <= kernel.CONTACT:
+        return
+    flexion, touching = close(hand, tree, finger, np.zeros(3), np.eye(3), rate)
+    others = np.delete(flexion, finger, axis=0)
+    assert (others == 0.0).all()
+    near = body_distances(hand, tree.arrays(), np.zeros(3), np.eye(3), flexion, np.zeros(5), make_work())[own]
+    assert (near > 0.0).all()
+    assert (near[touching == 1.0] <= kernel.CONTACT).all()
+    # Every joint that could still move is held by a phalanx in contact at it or beyond, or is at its limit.
+    for k in range(3):
+        held = touching[k:].any()
+        assert held or flexion[finger, k] == pytest.approx(hand.flexion_max[finger, k], abs=1e-8)
+
+
+def test_a_closing_finger_does_not_step_over_a_hair() -> None:
+    hand = RIGHT.arrays()
+    joints = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.tile([0.8, 0.8, 0.5], (5, 1)), np.zeros(5))
+    hair = ball(1e-4, tuple(joints[1, 3]))
+    flexion, touching = close(hand, hair, 1, np.zeros(3), np.eye(3), closing_rates(1.0)[1])
+    assert touching[2] == 1.0
+    assert flexion[1, 0] < 0.8
+
+
+def test_a_frozen_phalanx_lets_those_beyond_go_on() -> None:
+    hand = RIGHT.arrays()
+    # A post under the middle of the index's first phalanx only.
+    at = hand.base[1] + 0.5 * hand.length[1, 0] * hand.distal[1] - 0.03 * hand.dorsal[1]
+    flexion, touching = close(hand, ball(0.015, tuple(at)), 1, np.zeros(3), np.eye(3), closing_rates(1.0)[1])
+    assert touching[0] == 1.0
+    assert flexion[1, 0] < 0.5
+    assert flexion[1, 1] > 1.0
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 4), st.floats(0.0, 0.05), st.floats(0.0, 1.0))
+def test_deepening_moves_the_tip_by_the_depth_or_to_the_limits(finger: int, depth: float, start: float) -> None:
+    hand = RIGHT.arrays()
+    before = np.tile([start, start, 0.5 * start], (5, 1))
+    after = before.copy()
+    rate = closing_rates(1.0)[finger]
+    moved = kernel.deepen_finger(hand, finger, rate, np.zeros(5), depth, after, make_work())
+    at_limit = after[finger] >= np.maximum(hand.flexion_max[finger], before[finger]) - 1e-12
+    upright = [1.0, 0.0, 0.0, 0.0]
+    tips = [RIGHT.joints(np.zeros(3), upright, flexion, np.zeros(5))[finger, 3] for flexion in (before, after)]
+    assert np.linalg.norm(tips[1] - tips[0]) == pytest.approx(moved, abs=1e-12)
+    assert at_limit.all() or moved == pytest.approx(depth, abs=1e-9)
+    assert (np.delete(after, finger, axis=0) == np.delete(before, finger, axis=0)).all()
+
+
+def test_the_contact_normal_points_from_the_object_to_the_finger() -> None:
+    hand = RIGHT.arrays()
+    work = make_work()
+    tree = ball(0.02, (-0.02, 0.07, -0.06))
+    body_distances(hand, tree.arrays(), np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5), work)
+    normal = np.empty(3)
+    distance = kernel.contact_normal(hand, tree.arrays(), 1, 0, work, normal)
+    # The distance grows by exactly the step along the normal.
+    step = 1e-6
+    moved = tree.transformed(np.eye(3), -step * normal)
+    farther = kernel.contact_normal(hand, moved.arrays(), 1, 0, work, np.empty(3))
+    assert np.linalg.norm(normal) == pytest.approx(1.0)
+    assert farther - distance == pytest.approx(step, rel=1e-4)
+
+
+OBJECTS = {
+    "ball": ball(),
+    "far ball": ball(0.045, (0.4, -0.3, 0.9)),
+    "box": box(),
+    "plate": box((0.09, 0.09, 0.015)),
+    **{f"cluster {seed}": cluster(seed) for seed in range(3)},
+}
+SCRIPTS = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence")
+
+
+@pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
+@pytest.mark.parametrize("tree", OBJECTS.values(), ids=OBJECTS.keys())
+def test_every_script_closes_on_simple_shapes(tree: SphereTree, hand: HandModel) -> None:
+    arrays, nodes = hand.arrays(), tree.arrays()
+    for name in SCRIPTS:
+        script = load_script(name)
+        closing = plan_closing(script, hand, tree)
+        assert closing.reached == script.fingers, name
+        assert closing.missed == ()
+        place = closing.position - script.palm_depth * closing.rotation[:, 2]
+        distance = brute_distances(hand, tree, place, closing.rotation, closing.command, closing.abduction)
+        assert_brute(closing.distance, distance)
+        fingers = distance[:PALM_BODY].reshape(5, 3).min(axis=1)
+        for f, finger in enumerate(FINGERS):
+            if finger in script.fingers:
+                assert fingers[f] < -REACH_DEPTH, (name, finger)
+            else:
+                assert fingers[f] > script.clearance, (name, finger)
+        if script.palm_depth > 0.0:
+            assert distance[PALM_BODY] < 0.0
+        else:
+            assert distance[PALM_BODY] >= script.clearance - 1e-9
+            assert distance[PALM_BODY] < script.palm_gap + 0.015
+        # First contact is what it says: nothing lies inside before the fingers are commanded deeper.
+        at_contact = body_distances(
+            arrays, nodes, closing.position, closing.rotation, closing.contact, closing.abduction, make_work()
+        )
+        assert at_contact.min() > -1e-12, name
+        back = np.linspace(0.0, script.start_distance, 30)[:, None] * closing.rotation[:, 2]
+        keep = 0.0 if script.palm_depth > 0.0 else MARGIN
+        for step in back:
+            free = body_distances(
+                arrays, nodes, closing.position + step, closing.rotation, closing.open, closing.abduction, make_work()
+            )
+            assert free.min() >= keep - 1e-12, name
+
+
+def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:
+    script = load_script("never")
+    tree = box()
+    closing = plan_closing(script, RIGHT, tree)
+    assert closing.reached == () and closing.missed == ()
+    nearest = min(
+        body_distances(
+            RIGHT.arrays(), tree.arrays(), closing.position, closing.rotation,
+            closing.open + share * (closing.command - closing.open), closing.abduction, make_work(),
+        ).min()
+        for share in np.linspace(0.0, 1.0, 101)
+    )  # fmt: skip
+    assert 0.05 <= nearest < 0.08
+
+
+def test_the_plan_moves_with_the_object() -> None:
+    script = load_script("grasp")
+    shift = np.array([0.5, -0.25, 1.0])
+    here = plan_closing(script, RIGHT, cluster(4))
+    there = plan_closing(script, RIGHT, cluster(4).transformed(np.eye(3), shift))
+    np.testing.assert_allclose(there.position, here.position + shift, atol=1e-6)
+    np.testing.assert_allclose(there.command, here.command, atol=1e-5)
+
+
+def test_an_object_too_small_for_five_fingers_is_held_by_some() -> None:
+    closing = plan_closing(load_script("grasp"), RIGHT, ball(0.006))
+    assert closing.reached
+    assert set(closing.reached) | set(closing.missed) == set(FINGERS)
+
+
+def test_what_no_finger_can_reach_is_refused() -> None:
+    straight = Script(
+        name="stiff", phases=(ScriptPhase("approach", 1.0), ScriptPhase("touch", 1.0, ("little",))), palm_gap=0.3
+    )
+    with pytest.raises(TrajectoryError, match=r"script stiff: little cannot reach the object, 0.02 m across"):
+        plan_closing(straight, RIGHT, ball(0.01))
+
+
+def test_a_larger_hand_aims_in_proportion() -> None:
+    script = replace(load_script("touch"), palm_gap=0.06)
+    large = HandModel.default(hand_length=0.25)
+    assert plan_closing(script, large, ball(0.06)).reached == ("index",)
+
+
+@pytest.mark.skipif(not JIT_ENABLED, reason="kernels run as Python: NUMBA_DISABLE_JIT is set")
+def test_kernels_have_one_signature() -> None:
+    plan_closing(load_script("whole-hand"), RIGHT, ball())
+    kernels: list[Any] = [
+        kernel.body_distances,
+        kernel.advance_hand,
+        kernel.close_finger,
+        kernel.deepen_finger,
+        kernel.contact_normal,
+        kernel.sphere_distance,
+        kernel.palm_distance,
+        kernel.phalanx_distance,
+    ]
+    for function in kernels:
+        assert len(function.signatures) == 1, function.__name__
