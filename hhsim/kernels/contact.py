@@ -10,7 +10,6 @@ may use up; hence all pairs within the margin are among the gathered ones, at ev
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,7 @@ from numpy.typing import NDArray
 from .distance import round_cone_distances, sphere_pair_distances
 from .hand import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from .jit import jit, jit_vector
-from .pose import HandPose
-from .tree import TreeArrays, gather_round_cone
+from .tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -33,75 +31,86 @@ FULL = 1
 """More pairs are near than the arrays hold, even with no skin."""
 
 
-class Candidates(NamedTuple):
-    """Gathered pairs and their distances.
+PHALANX_PAIRS = 4096
+PALM_PAIRS = 16384
+CONTACT_ROWS = 4096
+"""Room for the near pairs of a phalanx, of the palm, and for contacts; the paper's heaviest scenes have a few hundred."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | x, y, z, radius | object spheres near each phalanx [m], world | (15, capacity) |
-    | leaf | their node in the tree | (15, capacity) |
-    | distance, parameter | signed distance [m] and axis parameter of the nearest sphere | (15, capacity) |
-    | hand_x, hand_y, hand_z, hand_radius | palm sphere of each palm pair [m], palm frame | (palm capacity,) |
-    | object_x, object_y, object_z, object_radius | object sphere of each palm pair [m], world | (palm capacity,) |
-    | palm_sphere, palm_leaf | their indices | (palm capacity,) |
-    | palm_distance | signed distance [m] | (palm capacity,) |
-    | count | pairs of each body | (16,) |
-    | slack | least distance that any leaf left out can still have [m] | (16,) |
-    | nearest | least signed distance of each body, infinite where it has no pair [m] | (16,) |
-    | scratch | node indices during a walk | (leaf count,) |
-    | stack | of a walk | (STACK_SIZE,) |
-    """
+CANDIDATES = np.dtype(
+    [
+        ("x", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("y", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("z", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("radius", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("leaf", np.int64, (PALM_BODY, PHALANX_PAIRS)),
+        ("distance", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("parameter", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("hand_x", np.float64, (PALM_PAIRS,)),
+        ("hand_y", np.float64, (PALM_PAIRS,)),
+        ("hand_z", np.float64, (PALM_PAIRS,)),
+        ("hand_radius", np.float64, (PALM_PAIRS,)),
+        ("object_x", np.float64, (PALM_PAIRS,)),
+        ("object_y", np.float64, (PALM_PAIRS,)),
+        ("object_z", np.float64, (PALM_PAIRS,)),
+        ("object_radius", np.float64, (PALM_PAIRS,)),
+        ("palm_sphere", np.int64, (PALM_PAIRS,)),
+        ("palm_leaf", np.int64, (PALM_PAIRS,)),
+        ("palm_distance", np.float64, (PALM_PAIRS,)),
+        ("count", np.int64, (BODY_COUNT,)),
+        ("slack", np.float64, (BODY_COUNT,)),
+        ("nearest", np.float64, (BODY_COUNT,)),
+        ("scratch", np.int64, (PHALANX_PAIRS,)),
+        ("stack", np.int64, (STACK_SIZE,)),
+    ],
+    align=True,
+)
+"""Gathered pairs and their distances.
 
-    x: Array
-    y: Array
-    z: Array
-    radius: Array
-    leaf: Indices
-    distance: Array
-    parameter: Array
-    hand_x: Array
-    hand_y: Array
-    hand_z: Array
-    hand_radius: Array
-    object_x: Array
-    object_y: Array
-    object_z: Array
-    object_radius: Array
-    palm_sphere: Indices
-    palm_leaf: Indices
-    palm_distance: Array
-    count: Indices
-    slack: Array
-    nearest: Array
-    scratch: Indices
-    stack: Indices
+| field | meaning |
+|---|---|
+| x, y, z, radius | object spheres near each phalanx [m], world |
+| leaf | their node in the tree |
+| distance, parameter | signed distance [m] and axis parameter of the nearest sphere |
+| hand_x, hand_y, hand_z, hand_radius | palm sphere of each palm pair [m], palm frame |
+| object_x, object_y, object_z, object_radius | object sphere of each palm pair [m], world |
+| palm_sphere, palm_leaf | their indices |
+| palm_distance | signed distance [m] |
+| count | pairs of each body |
+| slack | least distance that any leaf left out can still have [m]; negative infinity: to be gathered |
+| nearest | least signed distance of each body, infinite where it has no pair [m] |
+| scratch, stack | of a walk |
+"""
 
+CONTACTS = np.dtype(
+    [
+        ("body", np.int64, (CONTACT_ROWS,)),
+        ("key", np.int64, (CONTACT_ROWS,)),
+        ("point", np.float64, (3, CONTACT_ROWS)),
+        ("normal", np.float64, (3, CONTACT_ROWS)),
+        ("distance", np.float64, (CONTACT_ROWS,)),
+        ("start", np.int64, (FINGER_COUNT + 2,)),
+        ("phalanx_end", np.int64, (FINGER_COUNT, PHALANX_COUNT)),
+    ],
+    align=True,
+)
+"""Contact records: what the solver knows of the object, whatever its surface is made of.
 
-class Contacts(NamedTuple):
-    """Contact records: what the solver knows of the object, whatever its surface is made of.
-
-    | field | meaning | shape |
-    |---|---|---|
-    | body | 0 to 14 phalanx, 15 palm | (capacity,) |
-    | key | names the same pair at every tick, for warm starts | (capacity,) |
-    | point | contact point on the hand's surface [m], world | (3, capacity) |
-    | normal | unit vector from the object to the hand, world | (3, capacity) |
-    | distance | signed [m], negative inside | (capacity,) |
-    | start | first record of the palm, of each finger, and the end | (7,) |
-    """
-
-    body: Indices
-    key: Indices
-    point: Array
-    normal: Array
-    distance: Array
-    start: Indices
+| field | meaning |
+|---|---|
+| body | 0 to 14 phalanx, 15 palm |
+| key | names the same pair at every tick, for warm starts |
+| point | contact point on the hand's surface [m], world |
+| normal | unit vector from the object to the hand, world |
+| distance | signed [m], negative inside |
+| start | first record of the palm, of each finger, and the end |
+| phalanx_end | where the records of each phalanx end |
+"""
 
 
 @jit
 def _gather_phalanx(
-    hand: HandArrays, pose: HandPose, tree: TreeArrays, body: int, reach: float, candidates: Candidates, work: Indices
-) -> None:
+    hand: HandArrays, pose: np.record, tree: TreeArrays, body: int, reach: float, candidates: np.record, work: Indices
+) -> bool:
     f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
     count, clearance, tests = gather_round_cone(
         tree,
@@ -121,6 +130,8 @@ def _gather_phalanx(
         candidates.scratch,
     )
     work[COUNT_NODE_TESTS] += tests
+    if count < 0:
+        return False
     for i in range(count):
         node = candidates.scratch[i]
         candidates.leaf[body, i] = node
@@ -130,14 +141,15 @@ def _gather_phalanx(
         candidates.radius[body, i] = tree.radius[node]
     candidates.count[body] = count
     candidates.slack[body] = clearance
+    return True
 
 
 @jit
 def _gather_palm(
-    hand: HandArrays, pose: HandPose, tree: TreeArrays, reach: float, candidates: Candidates, work: Indices
+    hand: HandArrays, pose: np.record, tree: TreeArrays, reach: float, candidates: np.record, work: Indices
 ) -> bool:
     rotation, position = pose.rotation, pose.position
-    capacity = candidates.palm_leaf.shape[0]
+    capacity = PALM_PAIRS
     total = 0
     slack = np.inf
     for sphere in range(hand.palm_radius.shape[0]):
@@ -161,7 +173,7 @@ def _gather_palm(
         )
         work[COUNT_NODE_TESTS] += tests
         slack = min(slack, clearance)
-        if total + count > capacity:
+        if count < 0 or total + count > capacity:
             return False
         for i in range(count):
             node = candidates.scratch[i]
@@ -191,13 +203,23 @@ def _least(values: Array, count: int) -> float:
 
 
 @jit
+def count_within(distance: Array, count: int, limit: float) -> int:
+    """How many of the first `count` distances are at most `limit`."""
+    within = 0
+    for i in range(count):
+        if distance[i] <= limit:
+            within += 1
+    return within
+
+
+@jit
 def evaluate(
     hand: HandArrays,
-    pose: HandPose,
+    pose: np.record,
     tree: TreeArrays,
     margin: float,
     skin: float,
-    candidates: Candidates,
+    candidates: np.record,
     work: Indices,
 ) -> int:
     """Distances of all near pairs at `pose`, whose kinematics are up to date; gathers the bodies whose slack is used up.
@@ -218,11 +240,13 @@ def evaluate(
         if candidates.slack[body] >= margin:
             continue
         work[COUNT_GATHERS] += 1
-        if body < PALM_BODY:
-            _gather_phalanx(hand, pose, tree, body, margin + skin, candidates, work)
-        elif not _gather_palm(hand, pose, tree, margin + skin, candidates, work) and not _gather_palm(
-            hand, pose, tree, margin, candidates, work
-        ):
+        gathered = False
+        for reach in (margin + skin, margin):
+            if not gathered and body < PALM_BODY:
+                gathered = _gather_phalanx(hand, pose, tree, body, reach, candidates, work)
+            elif not gathered:
+                gathered = _gather_palm(hand, pose, tree, reach, candidates, work)
+        if not gathered:
             return FULL
     for body in range(PALM_BODY):
         count = candidates.count[body]
@@ -275,107 +299,193 @@ def evaluate(
 
 
 @jit
-def _record(
-    contacts: Contacts,
+def _palm_contacts(
+    hand_x: Array,
+    hand_y: Array,
+    hand_z: Array,
+    object_x: Array,
+    object_y: Array,
+    object_z: Array,
+    object_radius: Array,
+    distance: Array,
+    sphere: Indices,
+    leaf: Indices,
+    count: int,
+    position: Array,
+    rotation: Array,
+    margin: float,
+    leaf_total: int,
     row: int,
+    body_out: Indices,
+    key_out: Indices,
+    point_out: Array,
+    normal_out: Array,
+    distance_out: Array,
+) -> int:
+    # Arrays one by one: reading them out of a NamedTuple inside the loop costs a reference count each time.
+    px, py, pz = position[0], position[1], position[2]
+    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
+    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
+    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
+    capacity = body_out.shape[0]
+    for i in range(count):
+        d = distance[i]
+        if d > margin:
+            continue
+        if row >= capacity:
+            return -1
+        hx, hy, hz = hand_x[i], hand_y[i], hand_z[i]
+        nx = px + r00 * hx + r01 * hy + r02 * hz - object_x[i]
+        ny = py + r10 * hx + r11 * hy + r12 * hz - object_y[i]
+        nz = pz + r20 * hx + r21 * hy + r22 * hz - object_z[i]
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if length > 0.0:
+            scale = 1.0 / length
+            nx, ny, nz = nx * scale, ny * scale, nz * scale
+        else:
+            # Concentric spheres: every direction is as good; out of the back of the hand is where it can retreat.
+            nx, ny, nz = r02, r12, r22
+        reach = object_radius[i] + d
+        body_out[row] = PALM_BODY
+        key_out[row] = (PALM_BODY + sphere[i]) * leaf_total + leaf[i]
+        normal_out[0, row] = nx
+        normal_out[1, row] = ny
+        normal_out[2, row] = nz
+        point_out[0, row] = object_x[i] + reach * nx
+        point_out[1, row] = object_y[i] + reach * ny
+        point_out[2, row] = object_z[i] + reach * nz
+        distance_out[row] = d
+        row += 1
+    return row
+
+
+@jit
+def _phalanx_contacts(
+    x: Array,
+    y: Array,
+    z: Array,
+    radius: Array,
+    distance: Array,
+    parameter: Array,
+    leaf: Indices,
+    count: int,
+    joint: Array,
+    direction: Array,
+    length: float,
+    rotation: Array,
     body: int,
-    key: int,
-    qx: float,
-    qy: float,
-    qz: float,
-    cx: float,
-    cy: float,
-    cz: float,
-    object_radius: float,
-    distance: float,
-    pose: HandPose,
-) -> None:
-    # q is the centre of the hand's nearest sphere, c the object's.
-    nx, ny, nz = qx - cx, qy - cy, qz - cz
-    length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if length > 0.0:
-        nx, ny, nz = nx / length, ny / length, nz / length
-    else:
-        # Concentric spheres: every direction is as good; out of the back of the hand is where it can retreat.
-        nx, ny, nz = pose.rotation[0, 2], pose.rotation[1, 2], pose.rotation[2, 2]
-    contacts.body[row] = body
-    contacts.key[row] = key
-    contacts.normal[0, row] = nx
-    contacts.normal[1, row] = ny
-    contacts.normal[2, row] = nz
-    reach = object_radius + distance
-    contacts.point[0, row] = cx + reach * nx
-    contacts.point[1, row] = cy + reach * ny
-    contacts.point[2, row] = cz + reach * nz
-    contacts.distance[row] = distance
+    margin: float,
+    leaf_total: int,
+    row: int,
+    body_out: Indices,
+    key_out: Indices,
+    point_out: Array,
+    normal_out: Array,
+    distance_out: Array,
+) -> int:
+    jx, jy, jz = joint[0], joint[1], joint[2]
+    ux, uy, uz = length * direction[0], length * direction[1], length * direction[2]
+    capacity = body_out.shape[0]
+    for i in range(count):
+        d = distance[i]
+        if d > margin:
+            continue
+        if row >= capacity:
+            return -1
+        s = parameter[i]
+        cx, cy, cz = x[i], y[i], z[i]
+        nx, ny, nz = jx + s * ux - cx, jy + s * uy - cy, jz + s * uz - cz
+        square = nx * nx + ny * ny + nz * nz
+        if square > 0.0:
+            scale = 1.0 / math.sqrt(square)
+            nx, ny, nz = nx * scale, ny * scale, nz * scale
+        else:
+            nx, ny, nz = rotation[0, 2], rotation[1, 2], rotation[2, 2]
+        reach = radius[i] + d
+        body_out[row] = body
+        key_out[row] = body * leaf_total + leaf[i]
+        normal_out[0, row] = nx
+        normal_out[1, row] = ny
+        normal_out[2, row] = nz
+        point_out[0, row] = cx + reach * nx
+        point_out[1, row] = cy + reach * ny
+        point_out[2, row] = cz + reach * nz
+        distance_out[row] = d
+        row += 1
+    return row
 
 
 @jit
 def find_contacts(
-    hand: HandArrays, pose: HandPose, candidates: Candidates, margin: float, leaf_total: int, contacts: Contacts
+    hand: HandArrays, pose: np.record, candidates: np.record, margin: float, leaf_total: int, contacts: np.record
 ) -> int:
     """Contact records of all evaluated pairs within `margin` [m], palm first, then finger by finger.
+
+    `leaf_total` is larger than any leaf's node index: it makes the keys unique.
 
     Returns:
         0, or FULL.
     """
-    capacity = contacts.body.shape[0]
     row = 0
     contacts.start[0] = 0
     if candidates.nearest[PALM_BODY] <= margin:
-        rotation, position = pose.rotation, pose.position
-        for i in range(candidates.count[PALM_BODY]):
-            distance = candidates.palm_distance[i]
-            if distance > margin:
-                continue
-            if row >= capacity:
-                return FULL
-            hx, hy, hz = candidates.hand_x[i], candidates.hand_y[i], candidates.hand_z[i]
-            _record(
-                contacts,
-                row,
-                PALM_BODY,
-                (PALM_BODY + candidates.palm_sphere[i]) * leaf_total + candidates.palm_leaf[i],
-                position[0] + rotation[0, 0] * hx + rotation[0, 1] * hy + rotation[0, 2] * hz,
-                position[1] + rotation[1, 0] * hx + rotation[1, 1] * hy + rotation[1, 2] * hz,
-                position[2] + rotation[2, 0] * hx + rotation[2, 1] * hy + rotation[2, 2] * hz,
-                candidates.object_x[i],
-                candidates.object_y[i],
-                candidates.object_z[i],
-                candidates.object_radius[i],
-                distance,
-                pose,
-            )
-            row += 1
+        row = _palm_contacts(
+            candidates.hand_x,
+            candidates.hand_y,
+            candidates.hand_z,
+            candidates.object_x,
+            candidates.object_y,
+            candidates.object_z,
+            candidates.object_radius,
+            candidates.palm_distance,
+            candidates.palm_sphere,
+            candidates.palm_leaf,
+            candidates.count[PALM_BODY],
+            pose.position,
+            pose.rotation,
+            margin,
+            leaf_total,
+            row,
+            contacts.body,
+            contacts.key,
+            contacts.point,
+            contacts.normal,
+            contacts.distance,
+        )
+        if row < 0:
+            return FULL
     contacts.start[1] = row
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT):
             body = PHALANX_COUNT * f + k
+            contacts.phalanx_end[f, k] = row
             if candidates.nearest[body] > margin:
                 continue
-            length = hand.length[f, k]
-            for i in range(candidates.count[body]):
-                distance = candidates.distance[body, i]
-                if distance > margin:
-                    continue
-                if row >= capacity:
-                    return FULL
-                along = candidates.parameter[body, i] * length
-                _record(
-                    contacts,
-                    row,
-                    body,
-                    body * leaf_total + candidates.leaf[body, i],
-                    pose.joints[f, k, 0] + along * pose.direction[f, k, 0],
-                    pose.joints[f, k, 1] + along * pose.direction[f, k, 1],
-                    pose.joints[f, k, 2] + along * pose.direction[f, k, 2],
-                    candidates.x[body, i],
-                    candidates.y[body, i],
-                    candidates.z[body, i],
-                    candidates.radius[body, i],
-                    distance,
-                    pose,
-                )
-                row += 1
+            row = _phalanx_contacts(
+                candidates.x[body],
+                candidates.y[body],
+                candidates.z[body],
+                candidates.radius[body],
+                candidates.distance[body],
+                candidates.parameter[body],
+                candidates.leaf[body],
+                candidates.count[body],
+                pose.joints[f, k],
+                pose.direction[f, k],
+                hand.length[f, k],
+                pose.rotation,
+                body,
+                margin,
+                leaf_total,
+                row,
+                contacts.body,
+                contacts.key,
+                contacts.point,
+                contacts.normal,
+                contacts.distance,
+            )
+            if row < 0:
+                return FULL
+            contacts.phalanx_end[f, k] = row
         contacts.start[f + 2] = row
     return 0

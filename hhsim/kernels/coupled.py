@@ -4,34 +4,33 @@ The paper rejected it as slower than 20 Hz; with a warm-started dual active set 
 standing still is always feasible, so is the program.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from .active_set import OPTIMAL, QpWork, solve
 from .clock import monotonic_ns
-from .contact import Contacts
 from .hand import DOF, FINGER_COUNT
 from .jit import jit
-from .linearise import Problem, limit_start
-from .step import DURATION_PALM, ActiveContacts, Step, guess_rows
+from .linearise import limit_start
+from .step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
 Indices = NDArray[np.int64]
 
 
-class CoupledWork(NamedTuple):
-    """Workspace: the QP's, its groups (palm, 5 fingers, 5 limit groups) and the guessed rows."""
-
-    qp: QpWork
-    group_start: Indices
-    group_stop: Indices
-    group_block: Indices
-    guess: Indices
+COUPLED_WORK = np.dtype(
+    [
+        ("group_start", np.int64, (2 * FINGER_COUNT + 1,)),
+        ("group_stop", np.int64, (2 * FINGER_COUNT + 1,)),
+        ("group_block", np.int64, (2 * FINGER_COUNT + 1,)),
+        ("guess", np.int64, (ACTIVE_CAPACITY,)),
+    ],
+    align=True,
+)
+"""Groups of the coupled program (palm, 5 fingers, 5 limit groups) and the guessed rows."""
 
 
 @jit
-def coupled_groups(contacts: Contacts, group_start: Indices, group_stop: Indices, group_block: Indices) -> None:
+def coupled_groups(contacts: np.record, group_start: Indices, group_stop: Indices, group_block: Indices) -> None:
     """Row groups of the coupled program: palm contacts, contacts of each finger, joint limits of each finger; shape (11,)."""
     for g in range(FINGER_COUNT + 1):
         group_start[g] = contacts.start[g]
@@ -45,13 +44,14 @@ def coupled_groups(contacts: Contacts, group_start: Indices, group_stop: Indices
 
 @jit
 def solve_coupled(
-    problem: Problem,
-    contacts: Contacts,
-    active: ActiveContacts,
+    problem: np.record,
+    contacts: np.record,
+    active: np.record,
     tolerance: float,
     relaxation: float,
-    work: CoupledWork,
-    step: Step,
+    work: np.record,
+    qp: QpWork,
+    step: np.record,
 ) -> int:
     """Solve the coupled program; `step` is written where the status is OPTIMAL. Returns a status of `kernels.active_set`."""
     coupled_groups(contacts, work.group_start, work.group_stop, work.group_block)
@@ -62,28 +62,28 @@ def solve_coupled(
     status = solve(
         DOF,
         6,
-        problem.common,
-        problem.block,
-        problem.rhs,
-        work.group_start,
-        work.group_stop,
-        work.group_block,
-        problem.target,
+        problem.common[:],
+        problem.block[:],
+        problem.rhs[:],
+        work.group_start[:],
+        work.group_stop[:],
+        work.group_block[:],
+        problem.target[:],
         tolerance,
         relaxation,
-        work.guess,
+        work.guess[:],
         guessed,
-        work.qp,
+        qp,
     )
-    step.count[1] += work.qp.count[1]
+    step.iterations += qp.count[1]
     step.duration[DURATION_PALM] += monotonic_ns() - began
     if status != OPTIMAL:
         return status
     for j in range(DOF):
-        step.delta[j] = work.qp.x[j] * problem.inverse_root[j]
-    count = work.qp.count[0]
+        step.delta[j] = qp.x[j] * problem.inverse_root[j]
+    count = qp.count[0]
     for i in range(count):
-        step.row[i] = work.qp.active[i]
-        step.multiplier[i] = work.qp.multiplier[i]
-    step.count[0] = count
+        step.row[i] = qp.active[i]
+        step.multiplier[i] = qp.multiplier[i]
+    step.count = count
     return status

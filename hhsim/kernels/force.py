@@ -10,17 +10,13 @@ Both: the fingertip's normal force of Fig. 9, perpendicular to the distal phalan
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .contact import Contacts
 from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from .jit import jit
-from .pose import HandPose
 from .rotation import rotation_vector_between
-from .step import ActiveContacts
 
 Array = NDArray[np.float64]
 
@@ -28,39 +24,37 @@ FORCE_KKT = 0
 FORCE_PAPER = 1
 
 
-class Forces(NamedTuple):
-    """Forces on the hand, world frame.
+FORCES = np.dtype(
+    [
+        ("phalanx", np.float64, (5, 3, 3)),
+        ("fingertip_normal", np.float64, (5, 3)),
+        ("palm_wrench", np.float64, (6,)),
+        ("total", np.float64, (3,)),
+    ],
+    align=True,
+)
+"""Forces on the hand, world frame.
 
-    | field | meaning | shape |
-    |---|---|---|
-    | phalanx | [N] | (5, 3, 3) |
-    | fingertip_normal | [N], Fig. 9 | (5, 3) |
-    | palm_wrench | Eq. 1: force [N], torque about the palm's origin [N·m] | (6,) |
-    | total | sum over phalanges and palm [N] | (3,) |
-    """
-
-    phalanx: Array
-    fingertip_normal: Array
-    palm_wrench: Array
-    total: Array
+| field | meaning |
+|---|---|
+| phalanx | [N] |
+| fingertip_normal | [N], Fig. 9 |
+| palm_wrench | Eq. 1: force [N], torque about the palm's origin [N·m] |
+| total | sum over phalanges and palm [N] |
+"""
 
 
 @jit
-def clear_forces(forces: Forces) -> None:
+def clear_forces(forces: np.record) -> None:
     """Set every force to zero."""
-    for f in range(FINGER_COUNT):
-        for i in range(3):
-            forces.fingertip_normal[f, i] = 0.0
-            for k in range(PHALANX_COUNT):
-                forces.phalanx[f, k, i] = 0.0
-    for i in range(3):
-        forces.total[i] = 0.0
-    for i in range(6):
-        forces.palm_wrench[i] = 0.0
+    forces.phalanx[:, :, :] = 0.0
+    forces.fingertip_normal[:, :] = 0.0
+    forces.palm_wrench[:] = 0.0
+    forces.total[:] = 0.0
 
 
 @jit
-def _add(forces: Forces, body: int, nx: float, ny: float, nz: float, magnitude: float) -> None:
+def _add(forces: np.record, body: int, nx: float, ny: float, nz: float, magnitude: float) -> None:
     if body < PALM_BODY:
         f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
         forces.phalanx[f, k, 0] += magnitude * nx
@@ -72,16 +66,16 @@ def _add(forces: Forces, body: int, nx: float, ny: float, nz: float, magnitude: 
 
 
 @jit
-def multiplier_forces(active: ActiveContacts, forces: Forces) -> None:
+def multiplier_forces(active: np.record, forces: np.record) -> None:
     """Add λ_i n_i of every active contact; joint limits exert no force of the object."""
-    for i in range(active.count[0]):
+    for i in range(active.count):
         body = active.body[i]
         if body >= 0:
             _add(forces, body, active.normal[0, i], active.normal[1, i], active.normal[2, i], active.multiplier[i])
 
 
 @jit
-def _same_point(pose: HandPose, haptic: HandPose, contacts: Contacts, i: int, point_out: Array) -> None:
+def _same_point(pose: np.record, haptic: np.record, contacts: np.record, i: int, point_out: Array) -> None:
     # The body frame is rigid, so the point keeps its coordinates along (axis, direction, their cross product).
     body = contacts.body[i]
     if body == PALM_BODY:
@@ -112,13 +106,13 @@ def _same_point(pose: HandPose, haptic: HandPose, contacts: Contacts, i: int, po
 
 @jit
 def proxy_forces(
-    pose: HandPose,
-    haptic: HandPose,
-    contacts: Contacts,
+    pose: np.record,
+    haptic: np.record,
+    contacts: np.record,
     touch: float,
     contact_stiffness: float,
     scratch: Array,
-    forces: Forces,
+    forces: np.record,
 ) -> None:
     """Add Eq. 14 over all contacts within `touch` [m]; contact_stiffness in N/m, scratch of shape (3,)."""
     for i in range(contacts.start[FINGER_COUNT + 1]):
@@ -140,7 +134,7 @@ def proxy_forces(
 
 
 @jit
-def fingertip_normal_forces(pose: HandPose, haptic: HandPose, contact_stiffness: float, forces: Forces) -> None:
+def fingertip_normal_forces(pose: np.record, haptic: np.record, contact_stiffness: float, forces: np.record) -> None:
     """Fig. 9: k |E E₁| along the part of E₁E perpendicular to the graphic distal phalanx, E and E₁ the graphic and haptic tips.
 
     Only for fingers whose phalanges bear a force; contact_stiffness in N/m.
@@ -168,7 +162,7 @@ def fingertip_normal_forces(pose: HandPose, haptic: HandPose, contact_stiffness:
 
 
 @jit
-def palm_wrench(pose: HandPose, haptic: HandPose, stiffness: Array, scratch: Array, forces: Forces) -> None:
+def palm_wrench(pose: np.record, haptic: np.record, stiffness: Array, scratch: Array, forces: np.record) -> None:
     """Eq. 1, F = G (q_g - q_h); stiffness of all 21 variables, shape (21,), scratch of shape (3,)."""
     rotation_vector_between(haptic.orientation, pose.orientation, scratch)
     for i in range(3):
@@ -179,16 +173,16 @@ def palm_wrench(pose: HandPose, haptic: HandPose, stiffness: Array, scratch: Arr
 @jit
 def hand_forces(
     hand: HandArrays,
-    pose: HandPose,
-    haptic: HandPose,
-    active: ActiveContacts,
-    contacts: Contacts,
+    pose: np.record,
+    haptic: np.record,
+    active: np.record,
+    contacts: np.record,
     model: int,
     touch: float,
     contact_stiffness: float,
     stiffness: Array,
     scratch: Array,
-    forces: Forces,
+    forces: np.record,
 ) -> None:
     """All forces of a tick; for FORCE_PAPER `contacts` must be those of the final configuration."""
     clear_forces(forces)

@@ -13,15 +13,12 @@ With P the contact point, n the normal, p the palm's origin, J_k and a the centr
 come out in N for contacts and N·m for joint limits.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from .contact import Contacts
+from .contact import CONTACT_ROWS
 from .hand import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from .jit import jit
-from .pose import HandPose
+from .jit import jit, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -32,62 +29,136 @@ CUT_ROWS = 64
 EXTRA_ROWS = LIMIT_ROWS + CUT_ROWS
 
 
-class Problem(NamedTuple):
-    """Rows in the layout of `kernels.active_set`; contact i is row i, then 30 joint limits, then the cuts.
+ROW_CAPACITY = CONTACT_ROWS + EXTRA_ROWS
 
-    | field | meaning | shape |
-    |---|---|---|
-    | common | palm columns, divided by √G | (6, capacity) |
-    | block | columns of the row's own finger, divided by √G | (3, capacity) |
-    | rhs | [m] for contacts, [rad] for limits | (capacity,) |
-    | target | √G δ*: the step to the haptic hand | (21,) |
-    | abduction_step | step of the abduction, not optimised [rad] | (5,) |
-    | inverse_root | 1 / √G of each variable | (21,) |
+PROBLEM = np.dtype(
+    [
+        ("common", np.float64, (6, ROW_CAPACITY)),
+        ("block", np.float64, (3, ROW_CAPACITY)),
+        ("rhs", np.float64, (ROW_CAPACITY,)),
+        ("target", np.float64, (DOF,)),
+        ("abduction_step", np.float64, (FINGER_COUNT,)),
+        ("inverse_root", np.float64, (DOF,)),
+    ],
+    align=True,
+)
+"""Rows in the layout of `kernels.active_set`; contact i is row i, then 30 joint limits, then the cuts.
+
+| field | meaning |
+|---|---|
+| common | palm columns, divided by √G |
+| block | columns of the row's own finger, divided by √G |
+| rhs | [m] for contacts, [rad] for limits |
+| target | √G δ*: the step to the haptic hand |
+| abduction_step | step of the abduction, not optimised [rad] |
+| inverse_root | 1 / √G of each variable |
+"""
+
+
+@jit_vector
+def contact_rows(
+    start: int,
+    stop: int,
+    point: Array,
+    normal: Array,
+    distance: Array,
+    position: Array,
+    inverse_root: Array,
+    offset: float,
+    common: Array,
+    rhs: Array,
+) -> None:
+    """Palm columns of contacts start … stop - 1, scaled, and their right-hand sides offset - distance."""
+    px, py, pz = position[0], position[1], position[2]
+    translation, rotation = inverse_root[0], inverse_root[3]
+    for i in range(start, stop):
+        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
+        rx, ry, rz = point[0, i] - px, point[1, i] - py, point[2, i] - pz
+        common[0, i] = nx * translation
+        common[1, i] = ny * translation
+        common[2, i] = nz * translation
+        common[3, i] = (ry * nz - rz * ny) * rotation
+        common[4, i] = (rz * nx - rx * nz) * rotation
+        common[5, i] = (rx * ny - ry * nx) * rotation
+        rhs[i] = offset - distance[i]
+
+
+@jit_vector
+def finger_columns(
+    start: int,
+    stop: int,
+    phalanx_end: Indices,
+    point: Array,
+    normal: Array,
+    joints: Array,
+    axis: Array,
+    inverse_root: Array,
+    block: Array,
+) -> None:
+    """Columns of one finger's contacts start … stop - 1 in its three joints, scaled.
+
+    `phalanx_end` (3,) is where the contacts of each phalanx end: a joint does not move the phalanges before it. joints
+    (4, 3), axis (3,), inverse_root (3,) are the finger's.
     """
+    ax, ay, az = axis[0], axis[1], axis[2]
+    for k in range(PHALANX_COUNT):
+        jx, jy, jz = joints[k, 0], joints[k, 1], joints[k, 2]
+        scale = inverse_root[k]
+        first = start if k == 0 else phalanx_end[k - 1]
+        for i in range(start, first):
+            block[k, i] = 0.0
+        for i in range(first, stop):
+            # n · (a × r) = r · (n × a)
+            nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
+            rx, ry, rz = point[0, i] - jx, point[1, i] - jy, point[2, i] - jz
+            lever = rx * (ny * az - nz * ay) + ry * (nz * ax - nx * az) + rz * (nx * ay - ny * ax)
+            block[k, i] = lever * scale
 
-    common: Array
-    block: Array
-    rhs: Array
-    target: Array
-    abduction_step: Array
-    inverse_root: Array
+
+@jit_vector
+def follow_abduction(
+    start: int, stop: int, point: Array, normal: Array, base: Array, axis: Array, step: float, rhs: Array
+) -> None:
+    """Take from the right-hand sides what an abduction step [rad] of the finger about `axis` through `base` adds to the distances."""
+    bx, by, bz = axis[0], axis[1], axis[2]
+    for i in range(start, stop):
+        rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]
+        rate = (
+            normal[0, i] * (by * rz - bz * ry) + normal[1, i] * (bz * rx - bx * rz) + normal[2, i] * (bx * ry - by * rx)
+        )
+        rhs[i] -= rate * step
 
 
 @jit
-def contact_row(
-    pose: HandPose, contacts: Contacts, i: int, inverse_root: Array, finger: int, row: int, common: Array, block: Array
+def _relax(start: int, stop: int, distance: Array, rhs: Array) -> None:
+    for i in range(start, stop):
+        if rhs[i] > 0.0 and distance[i] >= 0.0:
+            rhs[i] = 0.0
+
+
+@jit
+def _limit_rows(
+    row: int, flexion: Array, lowest: Array, highest: Array, scale: Array, common: Array, block: Array, rhs: Array
 ) -> None:
-    """Gradient of the distance of contact i, scaled; `finger` is -1 for the palm."""
-    nx, ny, nz = contacts.normal[0, i], contacts.normal[1, i], contacts.normal[2, i]
-    x, y, z = contacts.point[0, i], contacts.point[1, i], contacts.point[2, i]
-    rx, ry, rz = x - pose.position[0], y - pose.position[1], z - pose.position[2]
-    common[0, row] = nx * inverse_root[0]
-    common[1, row] = ny * inverse_root[1]
-    common[2, row] = nz * inverse_root[2]
-    common[3, row] = (ry * nz - rz * ny) * inverse_root[3]
-    common[4, row] = (rz * nx - rx * nz) * inverse_root[4]
-    common[5, row] = (rx * ny - ry * nx) * inverse_root[5]
-    if finger < 0:
-        block[0, row] = 0.0
-        block[1, row] = 0.0
-        block[2, row] = 0.0
-        return
-    ax, ay, az = pose.axis[finger, 0], pose.axis[finger, 1], pose.axis[finger, 2]
-    # n · (a × r) = r · (n × a), and n × a is the same for the finger's three parallel axes.
-    cx, cy, cz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
-    phalanx = contacts.body[i] - PHALANX_COUNT * finger
     for k in range(PHALANX_COUNT):
-        if k > phalanx:
-            block[k, row] = 0.0
-        else:
-            jx, jy, jz = pose.joints[finger, k, 0], pose.joints[finger, k, 1], pose.joints[finger, k, 2]
-            lever = (x - jx) * cx + (y - jy) * cy + (z - jz) * cz
-            block[k, row] = lever * inverse_root[6 + 3 * finger + k]
+        for side in range(2):
+            for j in range(6):
+                common[j, row] = 0.0
+            for j in range(PHALANX_COUNT):
+                block[j, row] = 0.0
+            # A joint beyond its limit may stay there but go no further, so that standing still is allowed.
+            if side == 0:
+                block[k, row] = scale[k]
+                rhs[row] = min(lowest[k] - flexion[k], 0.0)
+            else:
+                block[k, row] = -scale[k]
+                rhs[row] = min(flexion[k] - highest[k], 0.0)
+            row += 1
 
 
 @jit
 def build_rows(
-    hand: HandArrays, pose: HandPose, contacts: Contacts, offset: float, relaxed: bool, problem: Problem
+    hand: HandArrays, pose: np.record, contacts: np.record, offset: float, relaxed: bool, problem: np.record
 ) -> None:
     """Fill rows and right-hand sides for the contacts and joint limits at `pose`; target and abduction step are set before.
 
@@ -100,58 +171,41 @@ def build_rows(
             wherever nothing penetrates.
         problem: the rows, written.
     """
-    weight = problem.inverse_root
-    for group in range(FINGER_COUNT + 1):
-        finger = group - 1
-        for i in range(contacts.start[group], contacts.start[group + 1]):
-            contact_row(pose, contacts, i, weight, finger, i, problem.common, problem.block)
-            rhs = offset - contacts.distance[i]
-            if relaxed and rhs > 0.0 and contacts.distance[i] >= 0.0:
-                rhs = 0.0
-            if finger >= 0 and problem.abduction_step[finger] != 0.0:
-                # The glove moves the abduction: what it takes from the distance the optimised joints must give.
-                bx, by, bz = (
-                    pose.abduction_axis[finger, 0],
-                    pose.abduction_axis[finger, 1],
-                    pose.abduction_axis[finger, 2],
-                )
-                rx = contacts.point[0, i] - pose.joints[finger, 0, 0]
-                ry = contacts.point[1, i] - pose.joints[finger, 0, 1]
-                rz = contacts.point[2, i] - pose.joints[finger, 0, 2]
-                rate = (
-                    contacts.normal[0, i] * (by * rz - bz * ry)
-                    + contacts.normal[1, i] * (bz * rx - bx * rz)
-                    + contacts.normal[2, i] * (bx * ry - by * rx)
-                )
-                rhs -= rate * problem.abduction_step[finger]
-            problem.rhs[i] = rhs
-    row = contacts.start[FINGER_COUNT + 1]
+    start, total = contacts.start, contacts.start[FINGER_COUNT + 1]
+    point, normal, distance = contacts.point, contacts.normal, contacts.distance
+    common, block, rhs, weight = problem.common, problem.block, problem.rhs, problem.inverse_root
+    contact_rows(0, total, point, normal, distance, pose.position, weight, offset, common, rhs)
+    if relaxed:
+        _relax(0, total, distance, rhs)
     for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT):
-            for side in range(2):
-                for j in range(6):
-                    problem.common[j, row] = 0.0
-                for j in range(PHALANX_COUNT):
-                    problem.block[j, row] = 0.0
-                scale = weight[6 + 3 * f + k]
-                # A joint beyond its limit may stay there but go no further, so that standing still is allowed.
-                if side == 0:
-                    problem.block[k, row] = scale
-                    problem.rhs[row] = min(hand.flexion_min[f, k] - pose.flexion[f, k], 0.0)
-                else:
-                    problem.block[k, row] = -scale
-                    problem.rhs[row] = min(pose.flexion[f, k] - hand.flexion_max[f, k], 0.0)
-                row += 1
+        first, last = start[f + 1], start[f + 2]
+        scale = weight[6 + 3 * f : 9 + 3 * f]
+        if last > first:
+            ends = contacts.phalanx_end[f]
+            finger_columns(first, last, ends, point, normal, pose.joints[f], pose.axis[f], scale, block)
+            step = problem.abduction_step[f]
+            if step != 0.0:
+                follow_abduction(first, last, point, normal, pose.joints[f, 0], pose.abduction_axis[f], step, rhs)
+        _limit_rows(
+            total + 2 * PHALANX_COUNT * f,
+            pose.flexion[f],
+            hand.flexion_min[f],
+            hand.flexion_max[f],
+            scale,
+            common,
+            block,
+            rhs,
+        )
 
 
 @jit
-def limit_start(contacts: Contacts, finger: int) -> int:
+def limit_start(contacts: np.record, finger: int) -> int:
     """First joint-limit row of a finger; `finger` 5 gives the row after the last."""
     return contacts.start[FINGER_COUNT + 1] + 2 * PHALANX_COUNT * finger
 
 
 @jit
-def clamp_to_limits(hand: HandArrays, pose: HandPose, step: Array) -> None:
+def clamp_to_limits(hand: HandArrays, pose: np.record, step: Array) -> None:
     """Shorten the flexion of a step, shape (21,), so that it stays within the joint limits: the optimum without contacts."""
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT):

@@ -1,7 +1,10 @@
-"""A hand configuration together with the kinematics that follow from it."""
+"""A hand configuration together with the kinematics that follow from it.
+
+What lives from tick to tick is kept in one structured array: a kernel gets a single pointer, where a NamedTuple would pass, and
+count references to, every array in it on every call.
+"""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,35 +16,38 @@ from .rotation import quaternion_to_matrix, rotate_quaternion
 Array = NDArray[np.float64]
 
 
-class HandPose(NamedTuple):
-    """One configuration of the hand; world frame.
+HAND_POSE = np.dtype(
+    [
+        ("position", np.float64, (3,)),
+        ("orientation", np.float64, (4,)),
+        ("flexion", np.float64, (5, 3)),
+        ("abduction", np.float64, (5,)),
+        ("rotation", np.float64, (3, 3)),
+        ("joints", np.float64, (5, 4, 3)),
+        ("direction", np.float64, (5, 3, 3)),
+        ("axis", np.float64, (5, 3)),
+        ("abduction_axis", np.float64, (5, 3)),
+    ],
+    align=True,
+)
+"""One configuration of the hand; world frame.
 
-    | field | meaning | shape |
-    |---|---|---|
-    | position | palm origin [m] | (3,) |
-    | orientation | palm quaternion (w, x, y, z) | (4,) |
-    | flexion | joint angles [rad] | (5, 3) |
-    | abduction | [rad] | (5,) |
-    | rotation | palm to world, from orientation | (3, 3) |
-    | joints | joint and tip sphere centres [m] | (5, 4, 3) |
-    | direction | unit axis of each phalanx | (5, 3, 3) |
-    | axis | unit flexion axis of each finger | (5, 3) |
-    | abduction_axis | unit abduction axis of each finger | (5, 3) |
-    """
-
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
-    rotation: Array
-    joints: Array
-    direction: Array
-    axis: Array
-    abduction_axis: Array
+| field | meaning | shape |
+|---|---|---|
+| position | palm origin [m] | (3,) |
+| orientation | palm quaternion (w, x, y, z) | (4,) |
+| flexion | joint angles [rad] | (5, 3) |
+| abduction | [rad] | (5,) |
+| rotation | palm to world, from orientation | (3, 3) |
+| joints | joint and tip sphere centres [m] | (5, 4, 3) |
+| direction | unit axis of each phalanx | (5, 3, 3) |
+| axis | unit flexion axis of each finger | (5, 3) |
+| abduction_axis | unit abduction axis of each finger | (5, 3) |
+"""
 
 
 @jit
-def update_kinematics(hand: HandArrays, pose: HandPose) -> None:
+def update_kinematics(hand: HandArrays, pose: np.record) -> None:
     """Bring the derived fields up to date with position, orientation, flexion and abduction."""
     quaternion_to_matrix(pose.orientation, pose.rotation)
     forward_kinematics(
@@ -58,20 +64,16 @@ def update_kinematics(hand: HandArrays, pose: HandPose) -> None:
 
 
 @jit
-def copy_configuration(source: HandPose, target: HandPose) -> None:
+def copy_configuration(source: np.record, target: np.record) -> None:
     """Copy position, orientation, flexion and abduction; the derived fields of `target` are then out of date."""
-    for i in range(3):
-        target.position[i] = source.position[i]
-    for i in range(4):
-        target.orientation[i] = source.orientation[i]
-    for f in range(FINGER_COUNT):
-        target.abduction[f] = source.abduction[f]
-        for k in range(PHALANX_COUNT):
-            target.flexion[f, k] = source.flexion[f, k]
+    target.position[:] = source.position
+    target.orientation[:] = source.orientation
+    target.flexion[:, :] = source.flexion
+    target.abduction[:] = source.abduction
 
 
 @jit
-def move(pose: HandPose, step: Array, abduction_step: Array, fraction: float) -> None:
+def move(pose: np.record, step: Array, abduction_step: Array, fraction: float) -> None:
     """Move by `fraction` of a step (δp, δφ, δθ), shape (21,), and of an abduction step [rad], shape (5,)."""
     for i in range(3):
         pose.position[i] += fraction * step[i]

@@ -8,47 +8,48 @@ there are finitely many, so the loop ends with a palm step that all five fingers
 of `coupled`, with the paper's order of precedence.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from .active_set import INFEASIBLE, ITERATION_LIMIT, OPTIMAL, QpWork, solve
 from .clock import monotonic_ns
-from .contact import Contacts
 from .hand import FINGER_COUNT, PHALANX_COUNT
 from .jit import jit
-from .linearise import CUT_ROWS, Problem, limit_start
-from .step import DURATION_FINGERS, DURATION_PALM, ActiveContacts, Step, guess_rows
+from .linearise import CUT_ROWS, ROW_CAPACITY, limit_start
+from .step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-class ProgressiveWork(NamedTuple):
-    """Workspace: QPs of palm and finger, groups, guesses, and the rows and weights of which each cut is made.
+CUT_SIZE = PHALANX_COUNT + 2
+"""Most rows that a cut can combine: one more than are independent, and one to spare."""
 
-    `rhs` (capacity,) holds the finger rows' right-hand sides for the palm step at hand.
-    """
-
-    palm: QpWork
-    finger: QpWork
-    palm_start: Indices
-    palm_stop: Indices
-    palm_block: Indices
-    finger_start: Indices
-    finger_stop: Indices
-    finger_block: Indices
-    guess: Indices
-    target: Array
-    rhs: Array
-    cut_row: Indices
-    cut_weight: Array
-    cut_size: Indices
+PROGRESSIVE_WORK = np.dtype(
+    [
+        ("palm_start", np.int64, (2,)),
+        ("palm_stop", np.int64, (2,)),
+        ("palm_block", np.int64, (2,)),
+        ("finger_start", np.int64, (2,)),
+        ("finger_stop", np.int64, (2,)),
+        ("finger_block", np.int64, (2,)),
+        ("guess", np.int64, (ACTIVE_CAPACITY,)),
+        ("palm_active", np.int64, (6,)),
+        ("palm_step", np.float64, (6,)),
+        ("target", np.float64, (PHALANX_COUNT,)),
+        ("rhs", np.float64, (ROW_CAPACITY,)),
+        ("cut_row", np.int64, (CUT_ROWS, CUT_SIZE)),
+        ("cut_weight", np.float64, (CUT_ROWS, CUT_SIZE)),
+        ("cut_size", np.int64, (CUT_ROWS,)),
+    ],
+    align=True,
+)
+"""Row groups of the palm's program (contacts, cuts) and of a finger's (contacts, limits), guesses, the palm's step and active rows,
+the finger rows' right-hand sides for that step, and the rows and weights of which each cut is made."""
 
 
 @jit
-def finger_rhs(problem: Problem, start: int, stop: int, palm_step: Array, rhs_out: Array) -> None:
+def finger_rhs(problem: np.record, start: int, stop: int, palm_step: Array, rhs_out: Array) -> None:
     """Right-hand sides of rows [start, stop) once the palm has taken its (scaled) step, shape (6,)."""
     for i in range(start, stop):
         total = problem.rhs[i]
@@ -58,8 +59,8 @@ def finger_rhs(problem: Problem, start: int, stop: int, palm_step: Array, rhs_ou
 
 
 @jit
-def _add_cut(problem: Problem, row: int, work: ProgressiveWork, cut: int) -> None:
-    finger, count = work.finger, work.finger.count[0]
+def _add_cut(problem: np.record, row: int, work: np.record, cut: int, finger: QpWork) -> None:
+    count = finger.count[0]
     size = 0
     for i in range(-1, count):
         source = finger.count[2] if i < 0 else finger.active[i]
@@ -86,13 +87,14 @@ def _add_cut(problem: Problem, row: int, work: ProgressiveWork, cut: int) -> Non
 
 @jit
 def solve_progressive(
-    problem: Problem,
-    contacts: Contacts,
-    active: ActiveContacts,
+    problem: np.record,
+    contacts: np.record,
+    active: np.record,
     tolerance: float,
     relaxation: float,
-    work: ProgressiveWork,
-    step: Step,
+    work: np.record,
+    qp: QpWork,
+    step: np.record,
 ) -> int:
     """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL."""
     first_cut = limit_start(contacts, FINGER_COUNT)
@@ -109,60 +111,64 @@ def solve_progressive(
         status = solve(
             6,
             6,
-            problem.common,
-            problem.block,
-            problem.rhs,
-            work.palm_start,
-            work.palm_stop,
-            work.palm_block,
-            problem.target,
+            problem.common[:],
+            problem.block[:],
+            problem.rhs[:],
+            work.palm_start[:],
+            work.palm_stop[:],
+            work.palm_block[:],
+            problem.target[:],
             tolerance,
             relaxation,
-            work.guess,
+            work.guess[:],
             guessed,
-            work.palm,
+            qp,
         )
-        step.count[1] += work.palm.count[1]
+        step.iterations += qp.count[1]
         solved = monotonic_ns()
         step.duration[DURATION_PALM] += solved - began
         if status != OPTIMAL:
             return status
-        count = work.palm.count[0]
+        count = qp.count[0]
+        palm_active = count
+        for j in range(6):
+            work.palm_step[j] = qp.x[j]
         for i in range(count):
-            step.row[i] = work.palm.active[i]
-            step.multiplier[i] = work.palm.multiplier[i]
+            work.palm_active[i] = qp.active[i]
+            step.row[i] = qp.active[i]
+            step.multiplier[i] = qp.multiplier[i]
         yielding = False
         for f in range(FINGER_COUNT):
             work.finger_start[0] = contacts.start[f + 1]
             work.finger_stop[0] = contacts.start[f + 2]
             work.finger_start[1] = limit_start(contacts, f)
             work.finger_stop[1] = limit_start(contacts, f + 1)
-            finger_rhs(problem, work.finger_start[0], work.finger_stop[0], work.palm.x, work.rhs)
-            finger_rhs(problem, work.finger_start[1], work.finger_stop[1], work.palm.x, work.rhs)
+            finger_rhs(problem, work.finger_start[0], work.finger_stop[0], work.palm_step, work.rhs)
+            finger_rhs(problem, work.finger_start[1], work.finger_stop[1], work.palm_step, work.rhs)
             for k in range(PHALANX_COUNT):
                 work.target[k] = problem.target[6 + 3 * f + k]
             guessed = guess_rows(contacts, active, f + 1, work.guess, 0)
             status = solve(
                 PHALANX_COUNT,
                 0,
-                problem.common,
-                problem.block,
-                work.rhs,
-                work.finger_start,
-                work.finger_stop,
-                work.finger_block,
-                work.target,
+                problem.common[:],
+                problem.block[:],
+                work.rhs[:],
+                work.finger_start[:],
+                work.finger_stop[:],
+                work.finger_block[:],
+                work.target[:],
                 tolerance,
                 relaxation,
-                work.guess,
+                work.guess[:],
                 guessed,
-                work.finger,
+                qp,
             )
-            step.count[1] += work.finger.count[1]
+            step.iterations += qp.count[1]
             if status == INFEASIBLE:
                 if cuts == CUT_ROWS:
                     return ITERATION_LIMIT
-                _add_cut(problem, first_cut + cuts, work, cuts)
+                _add_cut(problem, first_cut + cuts, work, cuts, qp)
                 cuts += 1
                 yielding = True
                 continue
@@ -171,22 +177,22 @@ def solve_progressive(
             if yielding:
                 continue
             for k in range(PHALANX_COUNT):
-                step.delta[6 + 3 * f + k] = work.finger.x[k] * problem.inverse_root[6 + 3 * f + k]
-            for i in range(work.finger.count[0]):
-                step.row[count] = work.finger.active[i]
-                step.multiplier[count] = work.finger.multiplier[i]
+                step.delta[6 + 3 * f + k] = qp.x[k] * problem.inverse_root[6 + 3 * f + k]
+            for i in range(qp.count[0]):
+                step.row[count] = qp.active[i]
+                step.multiplier[count] = qp.multiplier[i]
                 count += 1
         step.duration[DURATION_FINGERS] += monotonic_ns() - solved
         if not yielding:
             break
         work.palm_stop[1] = first_cut + cuts
-        guessed = work.palm.count[0]
+        guessed = palm_active
         for i in range(guessed):
-            work.guess[i] = work.palm.active[i]
+            work.guess[i] = work.palm_active[i]
     for j in range(6):
-        step.delta[j] = work.palm.x[j] * problem.inverse_root[j]
+        step.delta[j] = work.palm_step[j] * problem.inverse_root[j]
     # A cut stands for the finger contacts of which it is made: they carry its force.
-    for i in range(work.palm.count[0]):
+    for i in range(palm_active):
         row = step.row[i]
         if row < first_cut:
             continue
@@ -197,5 +203,5 @@ def solve_progressive(
             step.row[count] = work.cut_row[cut, j]
             step.multiplier[count] = multiplier * work.cut_weight[cut, j]
             count += 1
-    step.count[0] = count
+    step.count = count
     return OPTIMAL

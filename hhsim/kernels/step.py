@@ -1,72 +1,76 @@
 """The step that a method proposes, and the contacts that carry force: what every method hands to the tick."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from .contact import Contacts
-from .hand import FINGER_COUNT
+from .hand import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from .jit import jit
 from .linearise import LIMIT_ROWS, limit_start
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ACTIVE_CAPACITY = 192
+ACTIVE_CAPACITY = 64
 
 DURATION_DETECT = 0
 DURATION_PALM = 1
 DURATION_FINGERS = 2
 DURATION_FORCE = 3
-"""Places in `Step.duration`; the one QP of the coupled method counts as the palm's."""
+"""Places in `duration`; the one QP of the coupled method counts as the palm's."""
 
 
-class Step(NamedTuple):
-    """A proposed step and the multipliers that hold it.
+STEP = np.dtype(
+    [
+        ("delta", np.float64, (DOF,)),
+        ("row", np.int64, (ACTIVE_CAPACITY,)),
+        ("multiplier", np.float64, (ACTIVE_CAPACITY,)),
+        ("count", np.int64),
+        ("iterations", np.int64),
+        ("duration", np.int64, (4,)),
+    ],
+    align=True,
+)
+"""A proposed step and the multipliers that hold it.
 
-    | field | meaning | shape |
-    |---|---|---|
-    | delta | (δp, δφ, δθ) [m, rad, rad] | (21,) |
-    | row | rows with a multiplier; a row may stand more than once | (ACTIVE_CAPACITY,) |
-    | multiplier | λ >= 0 [N], [N·m] for joint limits | (ACTIVE_CAPACITY,) |
-    | count | [number of these, QP iterations added to] | (2,) |
-    | duration | wall time [ns] of detection, palm QP, finger QPs, forces, added to | (4,) |
-    """
+| field | meaning |
+|---|---|
+| delta | (δp, δφ, δθ) [m, rad, rad] |
+| row | rows with a multiplier; a row may stand more than once |
+| multiplier | λ >= 0 [N], [N·m] for joint limits |
+| count | number of these |
+| iterations | QP iterations of this tick, added to |
+| duration | wall time of this tick [ns]: detection, palm QP, finger QPs, forces; added to |
+"""
 
-    delta: Array
-    row: Indices
-    multiplier: Array
-    count: Indices
-    duration: Indices
+ACTIVE_CONTACTS = np.dtype(
+    [
+        ("key", np.int64, (ACTIVE_CAPACITY,)),
+        ("body", np.int64, (ACTIVE_CAPACITY,)),
+        ("point", np.float64, (3, ACTIVE_CAPACITY)),
+        ("normal", np.float64, (3, ACTIVE_CAPACITY)),
+        ("multiplier", np.float64, (ACTIVE_CAPACITY,)),
+        ("count", np.int64),
+    ],
+    align=True,
+)
+"""The contacts with a multiplier at some step.
 
-
-class ActiveContacts(NamedTuple):
-    """The contacts with a multiplier at the last accepted step.
-
-    | field | meaning | shape |
-    |---|---|---|
-    | key | as in `Contacts`; -1 - i for joint limit i | (ACTIVE_CAPACITY,) |
-    | body | 0 to 15, -1 for a joint limit | (ACTIVE_CAPACITY,) |
-    | point | [m], world | (3, ACTIVE_CAPACITY) |
-    | normal | from the object to the hand, world | (3, ACTIVE_CAPACITY) |
-    | multiplier | [N], [N·m] for joint limits | (ACTIVE_CAPACITY,) |
-    | count | how many | (1,) |
-    """
-
-    key: Indices
-    body: Indices
-    point: Array
-    normal: Array
-    multiplier: Array
-    count: Indices
+| field | meaning |
+|---|---|
+| key | as in the contact records; -1 - i for joint limit i |
+| body | 0 to 15, -1 for a joint limit |
+| point | [m], world |
+| normal | from the object to the hand, world |
+| multiplier | [N], [N·m] for joint limits |
+| count | how many |
+"""
 
 
 @jit
-def keep_active(contacts: Contacts, step: Step, active: ActiveContacts) -> None:
+def keep_active(contacts: np.record, step: np.record, active: np.record) -> None:
     """Remember the contacts that carry the step's multipliers."""
     limits = limit_start(contacts, 0)
-    for i in range(step.count[0]):
+    for i in range(step.count):
         row = step.row[i]
         active.multiplier[i] = step.multiplier[i]
         if row >= limits:
@@ -81,16 +85,16 @@ def keep_active(contacts: Contacts, step: Step, active: ActiveContacts) -> None:
             for j in range(3):
                 active.point[j, i] = contacts.point[j, row]
                 active.normal[j, i] = contacts.normal[j, row]
-    active.count[0] = step.count[0]
+    active.count = step.count
 
 
 @jit
-def guess_rows(contacts: Contacts, active: ActiveContacts, group: int, guess_out: Indices, filled: int) -> int:
+def guess_rows(contacts: np.record, active: np.record, group: int, guess_out: Indices, filled: int) -> int:
     """Append the rows of `group` (0 palm, 1 to 5 fingers, with their limits) that carried force last time; returns the new count."""
     start, stop = contacts.start[group], contacts.start[group + 1]
     finger = group - 1
     limits = limit_start(contacts, 0)
-    for i in range(active.count[0]):
+    for i in range(active.count):
         key = active.key[i]
         if filled >= guess_out.shape[0]:
             break
@@ -101,7 +105,7 @@ def guess_rows(contacts: Contacts, active: ActiveContacts, group: int, guess_out
                 filled += 1
             continue
         body = active.body[i]
-        owner = 0 if body == 15 else 1 + body // 3
+        owner = 0 if body == PALM_BODY else 1 + body // PHALANX_COUNT
         if owner != group:
             continue
         for row in range(start, stop):

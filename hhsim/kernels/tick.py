@@ -14,18 +14,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import OPTIMAL
+from .active_set import OPTIMAL, QpWork
 from .clock import monotonic_ns, thread_cpu_ns
-from .contact import Candidates, Contacts, evaluate, find_contacts
-from .coupled import CoupledWork, solve_coupled
-from .force import FORCE_PAPER, Forces, hand_forces
-from .hand import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
+from .contact import CANDIDATES, CONTACTS, count_within, evaluate, find_contacts
+from .coupled import COUPLED_WORK, solve_coupled
+from .force import FORCE_PAPER, FORCES, hand_forces
+from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
 from .jit import jit
-from .linearise import Problem, build_rows, clamp_to_limits
-from .pose import HandPose, copy_configuration, is_finite_configuration, move, update_kinematics
-from .progressive import ProgressiveWork, solve_progressive
+from .linearise import PROBLEM, build_rows, clamp_to_limits
+from .pose import HAND_POSE, copy_configuration, is_finite_configuration, move, update_kinematics
+from .progressive import PROGRESSIVE_WORK, solve_progressive
 from .rotation import rotation_vector_between
-from .step import DURATION_DETECT, DURATION_FORCE, ActiveContacts, Step, keep_active
+from .step import ACTIVE_CONTACTS, DURATION_DETECT, DURATION_FORCE, STEP, keep_active
 from .tree import TreeArrays
 
 Array = NDArray[np.float64]
@@ -54,10 +54,7 @@ WORK_CANDIDATES = 5
 WORK_TOUCHING = 6
 """Places in the work counters, behind those of `kernels.contact`."""
 
-FLOW_RELAXED = 0
-FLOW_HOLD_ABDUCTION = 1
-FLOW_BAD_STEPS = 2
-FLOW_ACCEPTED = 3
+WORK_COUNTERS = 7
 
 
 class TickOptions(NamedTuple):
@@ -88,52 +85,60 @@ class TickOptions(NamedTuple):
     contact_stiffness: float
 
 
-class TickState(NamedTuple):
-    """Everything that lives from tick to tick, and the workspaces.
+TICK_STATE = np.dtype(
+    [
+        ("pose", HAND_POSE),
+        ("safe", HAND_POSE),
+        ("haptic", HAND_POSE),
+        ("candidates", CANDIDATES),
+        ("contacts", CONTACTS),
+        ("problem", PROBLEM),
+        ("step", STEP),
+        ("warm", ACTIVE_CONTACTS),
+        ("active", ACTIVE_CONTACTS),
+        ("coupled", COUPLED_WORK),
+        ("progressive", PROGRESSIVE_WORK),
+        ("forces", FORCES),
+        ("motion", np.float64, (BODY_COUNT,)),
+        ("since_safe", np.float64, (BODY_COUNT,)),
+        ("trust", np.float64),
+        ("lag", np.float64),
+        ("relaxed", np.bool_),
+        ("hold_abduction", np.bool_),
+        ("accepted", np.bool_),
+        ("bad_steps", np.int64),
+        ("work", np.int64, (WORK_COUNTERS,)),
+        ("stiffness", np.float64, (DOF,)),
+        ("scratch", np.float64, (3,)),
+    ],
+    align=True,
+)
+"""Everything that lives from tick to tick, and the workspaces.
 
-    | field | meaning |
-    |---|---|
-    | pose | the graphic hand |
-    | safe | the last configuration without penetration |
-    | haptic | the haptic hand: the last good input |
-    | candidates, contacts | near pairs and contact records |
-    | problem, step | the program and the step that solves it |
-    | warm | contacts active in the last program, to start the next one from |
-    | active | contacts active at the last accepted step: they carry the forces |
-    | coupled, progressive | workspaces of the methods |
-    | forces | of this tick |
-    | motion, since_safe | motion bound of the last step, and summed since `safe` [m], shape (16,) |
-    | trust | longest step [m], [distance still to go], shape (2,) |
-    | flow | where in the tick we are, shape (4,) |
-    | work | counters of this tick, shape (7,) |
-    | stiffness | G, shape (21,) |
-    | scratch | shape (3,) |
-    """
-
-    pose: HandPose
-    safe: HandPose
-    haptic: HandPose
-    candidates: Candidates
-    contacts: Contacts
-    problem: Problem
-    step: Step
-    warm: ActiveContacts
-    active: ActiveContacts
-    coupled: CoupledWork
-    progressive: ProgressiveWork
-    forces: Forces
-    motion: Array
-    since_safe: Array
-    trust: Array
-    flow: Indices
-    work: Indices
-    stiffness: Array
-    scratch: Array
+| field | meaning |
+|---|---|
+| pose | the graphic hand |
+| safe | the last configuration without penetration |
+| haptic | the haptic hand: the last good input |
+| candidates, contacts | near pairs and contact records |
+| problem, step | the program and the step that solves it |
+| warm | contacts active in the last program, to start the next one from |
+| active | contacts active at the last accepted step: they carry the forces |
+| coupled, progressive | workspaces of the methods |
+| forces | of this tick |
+| motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
+| trust, lag | longest step near the object, distance still to go [m] |
+| relaxed | this tick asks contacts nearer than the offset only not to come nearer |
+| hold_abduction | this tick keeps the abduction, since following it left no feasible step |
+| accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
+| work | counters of this tick |
+| stiffness | G |
+"""
 
 
 @jit
 def set_haptic(
-    hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: TickState
+    hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: np.record
 ) -> int:
     """Take the new haptic configuration; returns STATUS_HELD and keeps the old one where it is not finite, else 0."""
     if not is_finite_configuration(position, orientation, flexion, abduction):
@@ -156,14 +161,14 @@ def set_haptic(
 
 
 @jit
-def evaluate_pose(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> int:
+def evaluate_pose(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> int:
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
     return evaluate(hand, state.pose, tree, options.margin, options.skin, state.candidates, state.work)
 
 
 @jit
-def least_distance(candidates: Candidates) -> float:
+def least_distance(candidates: np.record) -> float:
     """Least signed distance [m] of all pairs at hand, infinite where there is none."""
     least = np.inf
     for body in range(BODY_COUNT):
@@ -172,43 +177,41 @@ def least_distance(candidates: Candidates) -> float:
 
 
 @jit
-def begin_tick(options: TickOptions, state: TickState) -> None:
+def begin_tick(options: TickOptions, state: np.record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     copy_configuration(state.pose, state.safe)
     for body in range(BODY_COUNT):
         state.since_safe[body] = 0.0
-    for i in range(state.flow.shape[0]):
-        state.flow[i] = 0
-    for i in range(state.work.shape[0]):
-        state.work[i] = 0
-    for i in range(state.step.duration.shape[0]):
-        state.step.duration[i] = 0
-    state.step.count[1] = 0
-    state.trust[0] = options.margin
-    state.trust[1] = 0.0
+    state.relaxed = False
+    state.hold_abduction = False
+    state.accepted = False
+    state.bad_steps = 0
+    state.work[:] = 0
+    state.step.duration[:] = 0
+    state.step.iterations = 0
+    state.trust = options.margin
+    state.lag = 0.0
 
 
 @jit
-def _aim(state: TickState) -> None:
+def _aim(state: np.record) -> None:
     pose, haptic, problem = state.pose, state.haptic, state.problem
     rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
     for i in range(3):
         problem.target[i] = haptic.position[i] - pose.position[i]
         problem.target[3 + i] = state.scratch[i]
     for f in range(FINGER_COUNT):
-        held = state.flow[FLOW_HOLD_ABDUCTION] == 1
+        held = state.hold_abduction
         problem.abduction_step[f] = 0.0 if held else haptic.abduction[f] - pose.abduction[f]
         for k in range(PHALANX_COUNT):
             problem.target[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
 
 
 @jit
-def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> int:
+def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> int:
     """Contacts and program at the present configuration; returns the number of contacts, -1 where they do not fit."""
     began = monotonic_ns()
-    status = find_contacts(
-        hand, state.pose, state.candidates, options.margin, tree.radius.shape[0], state.contacts
-    )
+    status = find_contacts(hand, state.pose, state.candidates, options.margin, tree.radius.shape[0], state.contacts)
     if status != 0:
         return -1
     _aim(state)
@@ -219,11 +222,9 @@ def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Tic
         for j in range(DOF):
             state.step.delta[j] = state.problem.target[j]
         clamp_to_limits(hand, state.pose, state.step.delta)
-        state.step.count[0] = 0
+        state.step.count = 0
     else:
-        build_rows(
-            hand, state.pose, state.contacts, options.offset, state.flow[FLOW_RELAXED] == 1, state.problem
-        )
+        build_rows(hand, state.pose, state.contacts, options.offset, state.relaxed, state.problem)
         for j in range(DOF):
             state.problem.target[j] /= state.problem.inverse_root[j]
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
@@ -231,36 +232,35 @@ def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Tic
 
 
 @jit
-def _take_back(state: TickState) -> None:
+def _take_back(state: np.record) -> None:
     copy_configuration(state.safe, state.pose)
     for body in range(BODY_COUNT):
         state.candidates.slack[body] -= state.since_safe[body]
         state.since_safe[body] = 0.0
-    state.flow[FLOW_BAD_STEPS] = 0
+    state.bad_steps = 0
 
 
 @jit
-def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> bool:
+def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> bool:
     """After a program without solution: make the next one easier. False where nothing is left to try."""
-    flow = state.flow
-    if flow[FLOW_RELAXED] == 0:
-        flow[FLOW_RELAXED] = 1
+    if not state.relaxed:
+        state.relaxed = True
         return True
     moved = 0.0
     for body in range(BODY_COUNT):
         moved += state.since_safe[body]
     if moved > 0.0:
         _take_back(state)
-        state.trust[0] *= 0.25
+        state.trust *= 0.25
         return evaluate_pose(hand, tree, options, state) == 0
-    if flow[FLOW_HOLD_ABDUCTION] == 0:
-        flow[FLOW_HOLD_ABDUCTION] = 1
+    if not state.hold_abduction:
+        state.hold_abduction = True
         return True
     return False
 
 
 @jit
-def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> bool:
+def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> bool:
     """Take the step as far as the pairs at hand vouch for and judge it by the true distances; True where the tick is done."""
     began = monotonic_ns()
     candidates, step, problem = state.candidates, state.step, state.problem
@@ -273,7 +273,7 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Tic
         longest = max(longest, motion)
         near = candidates.nearest[body]
         if near <= options.margin:
-            allowed = min(candidates.slack[body], state.trust[0])
+            allowed = min(candidates.slack[body], state.trust)
         else:
             allowed = min(candidates.slack[body], near)
         if motion * fraction > allowed:
@@ -284,7 +284,7 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Tic
         candidates.slack[body] -= moved
         state.since_safe[body] += moved
     status = evaluate_pose(hand, tree, options, state)
-    state.trust[1] = (1.0 - fraction) * longest
+    state.lag = (1.0 - fraction) * longest
     done = False
     if status != 0:
         done = True
@@ -293,21 +293,21 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Tic
         for body in range(BODY_COUNT):
             state.since_safe[body] = 0.0
         keep_active(state.contacts, step, state.active)
-        state.flow[FLOW_ACCEPTED] = 1
-        state.flow[FLOW_BAD_STEPS] = 0
+        state.accepted = True
+        state.bad_steps = 0
         done = fraction == 1.0 and longest <= options.settled
     else:
-        state.flow[FLOW_BAD_STEPS] += 1
-        if state.flow[FLOW_BAD_STEPS] > 3:
+        state.bad_steps += 1
+        if state.bad_steps > 3:
             _take_back(state)
-            state.trust[0] *= 0.25
+            state.trust *= 0.25
             done = evaluate_pose(hand, tree, options, state) != 0
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
 
 
 @jit
-def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> int:
+def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> int:
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
     began = monotonic_ns()
     status = 0
@@ -319,20 +319,18 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
         _take_back(state)
         if evaluate_pose(hand, tree, options, state) != 0:
             status |= STATUS_FULL
-    if state.flow[FLOW_ACCEPTED] == 0:
+    if not state.accepted:
         status |= STATUS_STUCK
-    elif state.trust[1] > 0.0:
+    elif state.lag > 0.0:
         status |= STATUS_LAG
     touching = 0
-    for body in range(BODY_COUNT):
-        if candidates.nearest[body] > TOUCH:
-            continue
-        distances = candidates.palm_distance if body == BODY_COUNT - 1 else candidates.distance[body]
-        for i in range(candidates.count[body]):
-            if distances[i] <= TOUCH:
-                touching += 1
+    for body in range(PALM_BODY):
+        if candidates.nearest[body] <= TOUCH:
+            touching += count_within(candidates.distance[body], candidates.count[body], TOUCH)
+    if candidates.nearest[PALM_BODY] <= TOUCH:
+        touching += count_within(candidates.palm_distance, candidates.count[PALM_BODY], TOUCH)
     state.work[WORK_TOUCHING] = touching
-    state.work[WORK_QP_ITERATIONS] = state.step.count[1]
+    state.work[WORK_QP_ITERATIONS] = state.step.iterations
     detected = monotonic_ns()
     if options.force_model == FORCE_PAPER:
         find_contacts(hand, state.pose, candidates, TOUCH, tree.radius.shape[0], state.contacts)
@@ -355,7 +353,7 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
 
 
 @jit
-def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickState) -> int:
+def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record, qp: QpWork) -> int:
     """Bring the graphic hand as near to the haptic hand (`set_haptic`) as the object allows; returns status bits."""
     begin_tick(options, state)
     status = 0
@@ -373,6 +371,7 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickSt
                     options.tolerance,
                     options.relaxation,
                     state.coupled,
+                    qp,
                     state.step,
                 )
             else:
@@ -383,6 +382,7 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickSt
                     options.tolerance,
                     options.relaxation,
                     state.progressive,
+                    qp,
                     state.step,
                 )
             if solved != OPTIMAL:
@@ -392,6 +392,17 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: TickSt
         if advance(hand, tree, options, state):
             break
     return status | finish_tick(hand, tree, options, state)
+
+
+@jit
+def clearance_at(hand: HandArrays, tree: TreeArrays, options: TickOptions, states: NDArray[np.void]) -> float:
+    """Least signed distance [m] at the present configuration, or a lower bound of it where no pair is near."""
+    state = states[0]
+    evaluate_pose(hand, tree, options, state)
+    clearance = least_distance(state.candidates)
+    for body in range(BODY_COUNT):
+        clearance = min(clearance, state.candidates.slack[body])
+    return clearance
 
 
 class TickRecord(NamedTuple):
@@ -415,7 +426,7 @@ class TickRecord(NamedTuple):
 
 
 @jit
-def record_tick(state: TickState, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
+def record_tick(state: np.record, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
     """Copy the outcome of the last tick to row i of the record; wall and CPU time in ns."""
     pose, forces = state.pose, state.forces
     record.status[i] = status
@@ -432,7 +443,7 @@ def record_tick(state: TickState, status: int, wall: int, cpu: int, i: int, reco
     record.duration_total[i] = wall
     record.duration_cpu[i] = cpu
     record.work[i, :] = state.work
-    record.lag[i] = state.trust[1]
+    record.lag[i] = state.lag
 
 
 @jit
@@ -440,7 +451,8 @@ def run_block(
     hand: HandArrays,
     tree: TreeArrays,
     options: TickOptions,
-    state: TickState,
+    states: NDArray[np.void],
+    qp: QpWork,
     position: Array,
     orientation: Array,
     flexion: Array,
@@ -452,11 +464,12 @@ def run_block(
     Fewer than B only where the pairs did not fit (STATUS_FULL in the last row). What is timed is all that a haptic loop would
     do with a sample: taking the input, detection, programs and forces; copying to the record is not part of a tick.
     """
+    state = states[0]
     for i in range(position.shape[0]):
         cpu = thread_cpu_ns()
         wall = monotonic_ns()
         status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
-        status |= tick(hand, tree, options, state)
+        status |= tick(hand, tree, options, state, qp)
         wall = monotonic_ns() - wall
         cpu = thread_cpu_ns() - cpu
         record_tick(state, status, wall, cpu, i, record)
