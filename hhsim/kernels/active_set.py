@@ -108,14 +108,22 @@ def _norms(
 ) -> None:
     for g in range(group_block.shape[0]):
         start, stop = group_start[g], group_stop[g]
-        for i in range(start, stop):
-            inverse_norm[i] = 0.0
-        for j in range(n_common):
-            for i in range(start, stop):
-                inverse_norm[i] += common[j, i] * common[j, i]
         if group_block[g] >= 0:
             for i in range(start, stop):
-                inverse_norm[i] += block[0, i] * block[0, i] + block[1, i] * block[1, i] + block[2, i] * block[2, i]
+                inverse_norm[i] = block[0, i] * block[0, i] + block[1, i] * block[1, i] + block[2, i] * block[2, i]
+        else:
+            for i in range(start, stop):
+                inverse_norm[i] = 0.0
+        j = 0
+        while j + 2 < n_common:
+            for i in range(start, stop):
+                a, b, c = common[j, i], common[j + 1, i], common[j + 2, i]
+                inverse_norm[i] += a * a + b * b + c * c
+            j += 3
+        while j < n_common:
+            for i in range(start, stop):
+                inverse_norm[i] += common[j, i] * common[j, i]
+            j += 1
         for i in range(start, stop):
             square = inverse_norm[i]
             inverse_norm[i] = 1.0 / math.sqrt(square) if square > 0.0 else 0.0
@@ -209,14 +217,32 @@ def _project(n: int, k: int, basis: Array, normal: Array, coefficient: Array, di
         direction[j] = normal[j]
     for i in range(k):
         coefficient[i] = 0.0
+    # Four rows at a time keep the vector unit busy, where one waits for the other's sum.
     for _ in range(2):
-        for i in range(k):
+        i = 0
+        while i + 3 < k:
+            c0, c1, c2, c3 = 0.0, 0.0, 0.0, 0.0
+            for j in range(n):
+                d = direction[j]
+                c0 += basis[i, j] * d
+                c1 += basis[i + 1, j] * d
+                c2 += basis[i + 2, j] * d
+                c3 += basis[i + 3, j] * d
+            coefficient[i] += c0
+            coefficient[i + 1] += c1
+            coefficient[i + 2] += c2
+            coefficient[i + 3] += c3
+            for j in range(n):
+                direction[j] -= c0 * basis[i, j] + c1 * basis[i + 1, j] + c2 * basis[i + 2, j] + c3 * basis[i + 3, j]
+            i += 4
+        while i < k:
             c = 0.0
             for j in range(n):
                 c += basis[i, j] * direction[j]
             coefficient[i] += c
             for j in range(n):
                 direction[j] -= c * basis[i, j]
+            i += 1
 
 
 @jit
