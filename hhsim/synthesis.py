@@ -15,6 +15,10 @@ Array = NDArray[np.float64]
 
 RELEASE_OPENING = 0.6
 """A release opens the fingers in this first share of its time and goes back in the last one of the same length."""
+HOLDING_DEPTH = 0.002
+"""A finger commanded this deep [m] keeps hold in a slide."""
+SLIDE_DIRECTIONS = 16
+"""Directions along the palm that a slide chooses from."""
 
 
 def minimum_jerk(share: ArrayLike) -> Array:
@@ -87,15 +91,18 @@ def slide_direction(script: Script, closing: Closing, hand: HandModel, tree: Sph
     arrays, nodes, work = hand.arrays(), tree.arrays(), make_work()
     named = [FINGERS.index(name) for name in closing.reached]
     palm_may_touch = script.palm_depth > 0.0
+    start_depth = -closing.distance[:PALM_BODY].reshape(len(FINGERS), 3)[named].min(axis=1)
     best, best_score = closing.rotation[:, 0], -np.inf
-    for angle in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False):
+    for angle in np.linspace(0.0, 2.0 * np.pi, SLIDE_DIRECTIONS, endpoint=False):
         direction = np.cos(angle) * closing.rotation[:, 0] + np.sin(angle) * closing.rotation[:, 1]
         score = 0.0
         for share in (0.25, 0.5, 0.75, 1.0):
             place = closing.position - script.palm_depth * closing.rotation[:, 2] + share * distance * direction
             near = body_distances(arrays, nodes, place, closing.rotation, closing.command, closing.abduction, work)
-            holding = [near[3 * f : 3 * f + 3].min() for f in named]
-            score += float(np.sum(np.clip(-np.array(holding) / 0.002, -1.0, 1.0)))
+            depth = -near[:PALM_BODY].reshape(len(FINGERS), 3)[named].min(axis=1)
+            score += float(np.sum(np.clip(depth / HOLDING_DEPTH, -1.0, 1.0)))
+            # Along the object: the fingers are pressed in no deeper and no less than before.
+            score -= float(np.sum(np.abs(depth - start_depth))) / script.depth if script.depth > 0.0 else 0.0
             touches = near[PALM_BODY] < 0.0
             score += 1.0 if touches == palm_may_touch else -1.0
         # Only a real difference turns the slide away from the palm's own axes.

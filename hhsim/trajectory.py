@@ -5,7 +5,7 @@ distal. Positive flexion curls towards the palm, positive abduction turns a fing
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, Self, get_args
+from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,8 +48,7 @@ class Phase:
     end_time: float
 
 
-@dataclass(frozen=True)
-class TickPhase:
+class TickPhase(NamedTuple):
     """A phase in ticks, both ends included."""
 
     name: str

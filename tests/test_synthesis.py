@@ -1,0 +1,177 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hhsim.closing import plan_closing
+from hhsim.disturbance import Disturbance
+from hhsim.hand import HandModel
+from hhsim.script import parse_script
+from hhsim.sphere_tree import SphereTree
+from hhsim.synthesis import minimum_jerk, quaternion_from_matrix, slide_direction, synthesize
+from hhsim.trajectory import Trajectory
+from hhsim.trajectory_catalogue import load_script
+
+Array = NDArray[np.float64]
+
+HAND = HandModel.default()
+
+
+def ball(radius: float = 0.035) -> SphereTree:
+    return SphereTree(np.zeros((2, 3)), np.array([radius, radius]), np.array([0, 1]), np.array([-1, 0]))
+
+
+def bar() -> SphereTree:
+    """Balls in a row along y, 200 mm long, 40 mm thick."""
+    center = np.zeros((41, 3))
+    center[:, 1] = np.linspace(-0.1, 0.1, 41)
+    return SphereTree(
+        np.vstack([np.zeros(3), center]),
+        np.concatenate([[0.13], np.full(41, 0.02)]),
+        np.concatenate([[0], np.ones(41, dtype=np.int64)]),
+        np.concatenate([[-1], np.zeros(41, dtype=np.int64)]),
+    )
+
+
+def bytes_of(motion: Trajectory) -> bytes:
+    return b"".join(
+        getattr(motion, key).tobytes() for key in ("time", "position", "orientation", "flexion", "abduction")
+    )
+
+
+def test_minimum_jerk_is_the_polynomial_with_still_ends() -> None:
+    tau = np.linspace(-0.2, 1.2, 141)
+    inside = np.clip(tau, 0.0, 1.0)
+    np.testing.assert_allclose(minimum_jerk(tau), 10 * inside**3 - 15 * inside**4 + 6 * inside**5, atol=1e-15)
+    assert minimum_jerk(0.0) == 0.0 and minimum_jerk(1.0) == 1.0 and minimum_jerk(0.5) == 0.5
+    h = 1e-4
+    for end in (0.0, 1.0):
+        assert abs(minimum_jerk(end + h) - minimum_jerk(end - h)) < 1e-11
+        assert abs(minimum_jerk(end + h) - 2 * minimum_jerk(end) + minimum_jerk(end - h)) / h**2 < 0.01
+
+
+def test_quaternion_of_a_matrix_is_scipys() -> None:
+    rotations = Rotation.random(200, rng=np.random.default_rng(1))
+    halves = Rotation.from_rotvec(np.pi * np.vstack([np.eye(3), [[0.6, 0.8, 0.0], [0.6, 0.0, -0.8]]]))
+    for rotation in [*rotations, *halves]:
+        found = quaternion_from_matrix(rotation.as_matrix())
+        assert found[0] >= 0.0
+        assert np.linalg.norm(found) == pytest.approx(1.0, abs=1e-15)
+        assert abs(found @ rotation.as_quat(scalar_first=True)) == pytest.approx(1.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", ["touch", "pinch", "grasp", "whole-hand", "slide"])
+def test_the_motion_goes_through_what_was_planned(name: str) -> None:
+    script = load_script(name)
+    tree = ball()
+    closing = plan_closing(script, HAND, tree)
+    motion = synthesize(script, HAND, tree)
+    assert motion.sample_count == 3000
+    np.testing.assert_array_equal(motion.time, np.arange(3000) / 1000.0)
+    assert [phase.name for phase in motion.phases] == [phase.name for phase in script.phases]
+    assert motion.phases[0].start_time == 0.0 and motion.phases[-1].end_time == pytest.approx(3.0)
+    start = closing.position + script.start_distance * closing.rotation[:, 2]
+    np.testing.assert_allclose(motion.position[0], start, atol=1e-12)
+    assert (motion.flexion[0] == closing.open).all()
+    hold = next(phase for phase in motion.phases if phase.name == "hold")
+    inside = (motion.time >= hold.start_time) & (motion.time < hold.end_time)
+    # A hold without tremor is frozen to the last bit.
+    for key in ("position", "orientation", "flexion", "abduction"):
+        values = getattr(motion, key)[inside]
+        assert (values == values[0]).all(), key
+    place = closing.position - script.palm_depth * closing.rotation[:, 2]
+    np.testing.assert_allclose(motion.position[inside][0], place, atol=1e-12)
+    np.testing.assert_allclose(motion.flexion[inside][0], closing.command, atol=1e-12)
+    matrix = Rotation.from_quat(motion.orientation[0], scalar_first=True).as_matrix()
+    np.testing.assert_allclose(matrix, closing.rotation, atol=1e-12)
+    np.testing.assert_allclose(motion.flexion[-1], closing.open, atol=1e-6)
+
+
+def test_the_motion_has_no_jumps_in_speed() -> None:
+    motion = synthesize(load_script("slide"), HAND, ball())
+    for key, limit in (("position", 20.0), ("flexion", 200.0)):
+        acceleration = np.diff(getattr(motion, key), n=2, axis=0) * 1e6
+        assert np.abs(acceleration).max() < limit, key
+        # Minimum jerk starts and ends its acceleration at zero: it changes by little from one sample to the next.
+        assert np.abs(np.diff(acceleration, axis=0)).max() < 0.05 * limit, key
+
+
+def test_a_slide_goes_the_stated_distance_along_the_palm() -> None:
+    script = load_script("slide")
+    motion = synthesize(script, HAND, bar())
+    slide = next(phase for phase in motion.phases if phase.name == "slide")
+    first, last = (int(np.searchsorted(motion.time, time)) for time in (slide.start_time, slide.end_time))
+    moved = motion.position[last] - motion.position[first - 1]
+    assert np.linalg.norm(moved) == pytest.approx(0.03, abs=1e-9)
+    back = Rotation.from_quat(motion.orientation[0], scalar_first=True).as_matrix()[:, 2]
+    assert abs(moved @ back) < 1e-9
+    # Along a bar every other way lets go of it or digs in.
+    assert abs(moved[1]) > 0.9 * np.linalg.norm(moved)
+
+
+def test_a_script_without_a_slide_has_no_direction() -> None:
+    script = load_script("grasp")
+    closing = plan_closing(script, HAND, ball())
+    assert slide_direction(script, closing, HAND, ball()).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_noise() -> None:
+    script = load_script("grasp")
+    noise = Disturbance(tremor_position=1e-4, tremor_rotation=0.0035, sensor_counts=4096, sensor_noise=0.001)
+    quiet = [bytes_of(synthesize(script, HAND, ball(), seed)) for seed in (0, 0, 5)]
+    assert quiet[0] == quiet[1] == quiet[2]
+    noisy = [synthesize(script, HAND, ball(), seed, disturbance=noise) for seed in (0, 0, 5)]
+    assert bytes_of(noisy[0]) == bytes_of(noisy[1]) != bytes_of(noisy[2])
+    assert bytes_of(noisy[0]) == bytes_of(synthesize(replace(script, disturbance=noise), HAND, ball()))
+    still = synthesize(script, HAND, ball())
+    excursion = np.linalg.norm(noisy[2].position - still.position, axis=1)
+    assert 0.9e-4 < excursion.max() <= 1e-4 * (1 + 1e-9)
+
+
+def test_what_the_motion_was_made_from_is_recorded() -> None:
+    noise = Disturbance(tremor_position=1e-4)
+    made = synthesize(
+        load_script("grasp"),
+        HAND,
+        ball(0.006),
+        3,
+        disturbance=noise,
+        object_position=[0.0, 0.0, 0.1],
+        object_orientation=[0.0, 1.0, 0.0, 0.0],
+    )
+    assert made.name == "grasp" and made.licence == "Apache-2.0" and made.device == ""
+    assert made.source.startswith("hhsim script 'grasp' for a right hand of 190 mm; ")
+    assert "fingers that do not reach this object: " in made.source
+    assert "tremor_position=0.0001" in made.source and "seed 3" in made.source
+    assert made.object_position.tolist() == [0.0, 0.0, 0.1]
+    assert made.object_orientation.tolist() == [0.0, 1.0, 0.0, 0.0]
+
+
+def test_any_rate_and_any_order_of_closings() -> None:
+    script = parse_script(
+        """
+        rate = 250
+        [[phase]]
+        name = "approach"
+        duration = 0.5
+        [[phase]]
+        name = "grasp"
+        duration = 0.25
+        [[phase]]
+        name = "touch"
+        duration = 0.25
+        [[phase]]
+        name = "hold"
+        duration = 0.1
+        """,
+        name="back to one",
+        where="test",
+    )
+    closing = plan_closing(script, HAND, ball())
+    motion = synthesize(script, HAND, ball())
+    assert motion.sample_count == 275
+    last = motion.flexion[-1]
+    np.testing.assert_allclose(last[1], closing.command[1], atol=1e-12)
+    np.testing.assert_allclose(np.delete(last, 1, axis=0), np.delete(closing.open, 1, axis=0), atol=1e-12)

@@ -1,0 +1,144 @@
+"""The catalogue, and every script of it on every object of the other one."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hhsim.closing import body_distances, make_work
+from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.hand import FINGERS, HandModel
+from hhsim.kernels.hand import PALM_BODY
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.object_catalogue import load_object, object_names
+from hhsim.script import Script
+from hhsim.sphere_tree import SphereTree
+from hhsim.synthesis import synthesize
+from hhsim.trajectory import Trajectory
+from hhsim.trajectory_catalogue import describe, load_script, resolve_trajectory, trajectory_names
+from hhsim.trajectory_file import save_trajectory
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+Array = NDArray[np.float64]
+
+NAMES = ["touch", "pinch", "grasp", "whole-hand", "slide", "sequence", "never"]
+HAND = HandModel.default()
+STRIDE = 20
+"""Every how many samples the hand is looked at."""
+
+
+def test_the_catalogue_is_what_the_contract_names() -> None:
+    assert trajectory_names() == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_script_is_described_and_has_the_stated_length(name: str) -> None:
+    description = describe(name)
+    assert description.title and description.stresses
+    assert description.rate == 1000.0
+    assert load_script(name).sample_count == (7000 if name == "sequence" else 3000)
+    assert description.phases[0] == "approach" and description.phases[-1] == "release"
+    assert "hold" in description.phases
+    assert not load_script(name).disturbance.tremor_position
+
+
+def test_fingers_are_those_that_touch() -> None:
+    fingers = {name: len(describe(name).fingers) for name in NAMES}
+    assert fingers == {"touch": 1, "pinch": 2, "grasp": 5, "whole-hand": 5, "slide": 5, "sequence": 5, "never": 0}
+
+
+def test_names_scripts_and_recordings_are_resolved(tmp_path: Path) -> None:
+    named = resolve_trajectory("grasp")
+    assert isinstance(named, Script) and named.name == "grasp"
+    own = tmp_path / "own.toml"
+    own.write_text('[[phase]]\nname = "approach"\nduration = 1\n[[phase]]\nname = "grasp"\nduration = 1\n')
+    script = resolve_trajectory(own)
+    assert isinstance(script, Script) and script.name == "own"
+    motion = Trajectory(
+        np.arange(3.0), np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)), np.zeros((3, 5, 3)), np.zeros((3, 5))
+    )
+    for name in ("m.h5", "m.csv", "M.CSV"):
+        save_trajectory(motion, tmp_path / name)
+        recording = resolve_trajectory(str(tmp_path / name))
+        assert isinstance(recording, Trajectory) and recording.sample_count == 3
+
+
+def test_what_is_no_trajectory_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="unknown trajectory 'grsp': did you mean grasp"):
+        resolve_trajectory("grsp")
+    with pytest.raises(UnknownNameError, match="unknown trajectory 'wave'"):
+        load_script("wave")
+    with pytest.raises(UnknownNameError, match="unknown trajectory 'wave'"):
+        describe("wave")
+    with pytest.raises(TrajectoryError, match=r"none.toml: cannot be read: No such file"):
+        resolve_trajectory("none.toml")
+    with pytest.raises(TrajectoryError, match=r"none.csv: no such file"):
+        resolve_trajectory("none.csv")
+    other = tmp_path / "glove.npz"
+    other.touch()
+    with pytest.raises(TrajectoryError, match=r"not a trajectory by its suffix; expected .toml, .h5"):
+        resolve_trajectory(other)
+
+
+@cache
+def object_tree(name: str) -> SphereTree:
+    item = load_object(name)
+    return cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
+
+
+def look(motion: Trajectory, tree: SphereTree) -> tuple[Array, Array, Array]:
+    """At every STRIDE-th sample: time (K,), body distances (K, 16), fingertip centres (K, 5, 3)."""
+    hand, nodes, work = HAND.arrays(), tree.arrays(), make_work()
+    rotation = np.empty((3, 3))
+    samples = range(0, motion.sample_count, STRIDE)
+    distance, tips = np.empty((len(samples), 16)), np.empty((len(samples), 5, 3))
+    for row, i in enumerate(samples):
+        quaternion_to_matrix(motion.orientation[i].copy(), rotation)
+        place, flexion, abduction = motion.position[i].copy(), motion.flexion[i].copy(), motion.abduction[i].copy()
+        distance[row] = body_distances(hand, nodes, place, rotation, flexion, abduction, work)
+        tips[row] = work.joints[:, 3]
+    return motion.time[::STRIDE], distance, tips
+
+
+@pytest.mark.parametrize("item", object_names())
+@pytest.mark.parametrize("name", NAMES)
+def test_every_script_does_what_it_says_on_every_object(name: str, item: str) -> None:
+    script, tree = load_script(name), object_tree(item)
+    motion = synthesize(script, HAND, tree)
+    time, distance, tips = look(motion, tree)
+    assert np.linalg.norm(np.diff(tips, axis=0), axis=2).max() / (STRIDE / script.rate) < 1.5
+    assert distance[0].min() > 0.05 and distance[-1].min() > 0.05
+    if not script.contact:
+        assert distance.min() >= script.clearance
+        return
+    fingers = distance[:, :PALM_BODY].reshape(-1, 5, 3).min(axis=2)
+    for f, finger in enumerate(FINGERS):
+        if finger not in script.fingers:
+            assert fingers[:, f].min() > script.clearance, finger
+    if script.palm_depth == 0.0 and name != "slide":
+        assert distance[:, PALM_BODY].min() >= script.clearance - 1e-9
+    closed: tuple[str, ...] = ()
+    slid = False
+    for phase, played in zip(script.phases, motion.phases):
+        closed = phase.fingers or closed
+        slid |= phase.name == "slide"
+        if phase.name == "hold":
+            inside = (time >= played.start_time) & (time < played.end_time)
+            assert inside.any()
+            holding = {finger for f, finger in enumerate(FINGERS) if fingers[inside, f].max() < 0.0}
+            free = {finger for f, finger in enumerate(FINGERS) if fingers[inside, f].min() > 0.0}
+            if slid:
+                # What the object offers at the end of the slide is its own affair; most fingers keep hold.
+                assert len(holding) >= 3
+            else:
+                assert holding == set(closed)
+                assert free == set(FINGERS) - set(closed)
+            assert (distance[inside, PALM_BODY].max() < 0.0) == (script.palm_depth > 0.0)
+
+
+def test_the_same_call_gives_the_same_bytes_on_a_real_object() -> None:
+    one, other = (synthesize(load_script("whole-hand"), HAND, object_tree("cup"), seed=2) for _ in range(2))
+    for key in ("time", "position", "orientation", "flexion", "abduction"):
+        assert getattr(one, key).tobytes() == getattr(other, key).tobytes()
