@@ -15,11 +15,13 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
-COARSE = 24
+COARSE = 60
 """Micro-triangles for each ball, to begin with."""
-FINE = 60
-"""Micro-triangles for each ball, to end with."""
-ROUNDS = (15, 12)
+FINE = 240
+"""Micro-triangles for each ball, to end with …"""
+MOST_FINE = 400_000
+"""… but not more than this in all, or COARSE for each ball where that is more."""
+ROUNDS = (12, 12)
 """Rounds of refinement on each."""
 
 ROUNDING = 1e-12
@@ -29,7 +31,9 @@ _REACH = 0.3
 _TRIALS = 6
 _TELEPORT_EVERY = 3
 _TELEPORT_SHARE = 16
-_TELEPORT_LIMIT = 0.95
+_TELEPORT_LIMIT = 1.05
+_SPLITS = 8
+_SPLIT_FROM = 0.8
 _THINNEST = 1e-9
 
 
@@ -57,14 +61,27 @@ class _Cover:
 
     def fill(self) -> None:
         """Place the balls that are missing where the cover is worst."""
-        here = len(self.depth)
-        center, depth = np.empty((self.balls, 3)), np.empty(self.balls)
-        center[:here], depth[:here] = self.center, self.depth
-        count = greedy_cover(
-            self.bvh, self.micro, self.largest, _REACH, 0.0, here, center, depth, self.owner, self.cost
-        )
-        self.center, self.depth = center[:count].copy(), depth[:count].copy()
-        self.step = np.concatenate([self.step, np.zeros(count - here)])
+        for split in range(_SPLITS + 1):
+            here = len(self.depth)
+            center, depth = np.empty((self.balls, 3)), np.empty(self.balls)
+            center[:here], depth[:here] = self.center, self.depth
+            count = greedy_cover(
+                self.bvh, self.micro, self.largest, _REACH, 0.0, here, center, depth, self.owner, self.cost
+            )
+            self.center, self.depth = center[:count].copy(), depth[:count].copy()
+            self.step = np.concatenate([self.step, np.zeros(count - here)])
+            if count == self.balls or split == _SPLITS:
+                break
+            self._split_worst()
+
+    def _split_worst(self) -> None:
+        """Halve the micro-triangles that cost most: no ball alone could cover one of them for less."""
+        points = self.micro.corner.reshape(-1, 3, 3)
+        longest = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2).max(axis=1)
+        edge = np.where(self.cost > _SPLIT_FROM * self.worst, 0.5 * longest, np.inf)
+        self.micro = cut_mesh(self.micro.corner, self.micro.normal, edge)
+        self._room()
+        self.assign()
 
     def move(self) -> None:
         """Move each ball towards less cost."""
@@ -126,7 +143,7 @@ def build_cover(
     cover.fill()
     for stage, count in enumerate(ROUNDS):
         if stage:
-            cover.recut(FINE * balls)
+            cover.recut(max(COARSE * balls, min(FINE * balls, MOST_FINE)))
         cover.assign()
         best = (cover.worst, cover.center.copy(), cover.depth.copy())
         for turn in range(count):

@@ -9,24 +9,47 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import sphere_tree, tree_error
+from hhsim import mesh_cover, sphere_tree, tree_error
 from hhsim.errors import InputError, MeshError, OutputError
-from hhsim.kernels import cover, enclosing_ball, median_tree, mesh_bvh, micro_triangle, triangle
+from hhsim.kernels import (
+    ball_descent,
+    cover,
+    cover_refine,
+    enclosing_ball,
+    inner_ball,
+    median_tree,
+    mesh_bvh,
+    micro_triangle,
+    triangle,
+)
 from hhsim.kernels.jit import cache_root
+from hhsim.kernels.mesh_bvh import build_mesh_bvh
 from hhsim.mesh import Mesh
+from hhsim.mesh_cover import build_cover
 from hhsim.sphere_tree import SphereTree
-from hhsim.tree_error import ROUNDING, measure_levels, uncovered_faces
+from hhsim.tree_error import measure_levels, uncovered_faces
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
-MICRO_TRIANGLES_EACH = 24
-"""Micro-triangles for each leaf."""
-
 MOST_LEVEL = 5
-_REACH = 0.3
-_GREEDY_BLOCK = 256
+
+_SOURCES = (
+    ball_descent,
+    inner_ball,
+    cover,
+    cover_refine,
+    enclosing_ball,
+    median_tree,
+    mesh_bvh,
+    micro_triangle,
+    triangle,
+    mesh_cover,
+    sphere_tree,
+    tree_error,
+)
+"""What a tree depends on besides mesh and options: a change in any of them makes cached trees stale."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +106,11 @@ def build_sphere_tree(mesh: Mesh, options: TreeOptions | None = None, progress: 
     options = TreeOptions() if options is None else options
     vertices = np.ascontiguousarray(mesh.vertices, np.float64)
     faces = np.ascontiguousarray(mesh.faces, np.int64)
-    if mesh.volume <= 0.0:
-        raise MeshError(f"{mesh.name}: volume {mesh.volume:.3g} m³, expected a closed mesh wound outward")
-    bvh = mesh_bvh.build_mesh_bvh(vertices, faces)
-    center, radius = build_cover(vertices, faces, options.leaf_limit, bvh, progress)
+    bvh = build_mesh_bvh(vertices, faces)
+    try:
+        center, radius = build_cover(vertices, faces, options.leaf_limit, bvh, progress)
+    except MeshError as error:
+        raise MeshError(f"{mesh.name}: {error}") from error
     unproved = uncovered_faces(vertices, faces, center, radius)
     if unproved.size:
         raise MeshError(f"{mesh.name}: {unproved.size} faces could not be covered, first face {unproved[0]}")
@@ -95,57 +119,6 @@ def build_sphere_tree(mesh: Mesh, options: TreeOptions | None = None, progress: 
         progress("tree", 1, 1)
     errors = measure_levels(vertices, faces, bvh, tree, options.seed, progress)
     return replace(tree, errors=errors, mesh_sha256=mesh.sha256, options=asdict(options))
-
-
-def build_cover(
-    vertices: FloatArray,
-    faces: IntArray,
-    balls: int,
-    bvh: mesh_bvh.MeshBvh | None = None,
-    progress: Progress | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Cover a mesh with at most `balls` balls.
-
-    Args:
-        vertices: [m], shape (V, 3).
-        faces: wound outward, shape (F, 3).
-        balls: Most balls.
-        bvh: over the mesh; None builds it.
-        progress: called with ("cover", balls placed, balls).
-
-    Returns:
-        Centres [m], shape (n, 3), and radii [m], shape (n,).
-
-    Raises:
-        MeshError: No ball fits inside.
-    """
-    bvh = mesh_bvh.build_mesh_bvh(vertices, faces) if bvh is None else bvh
-    corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
-    largest = 0.5 * float(np.ptp(corner.reshape(-1, 3), axis=0).max())
-    micro = micro_triangle.cut_mesh(corner, mesh_bvh.face_normals(vertices, faces), MICRO_TRIANGLES_EACH * balls)
-
-    center, depth = np.empty((balls, 3)), np.empty(balls)
-    owner, cost = np.empty(len(micro.corner), np.int64), np.empty(len(micro.corner))
-    placed = 0
-    while placed < balls:
-        goal = min(placed + _GREEDY_BLOCK, balls)
-        count = cover.greedy_cover(bvh, micro, largest, _REACH, 0.0, placed, center[:goal], depth[:goal], owner, cost)
-        if progress is not None:
-            progress("cover", count, balls)
-        if count < goal:
-            placed = count
-            break
-        placed = goal
-    center, depth = center[:placed], depth[:placed]
-    if not (placed and depth.max() > 1e-9 * largest):
-        raise MeshError("the mesh has no inside: no ball fits under its faces; expected a closed mesh wound outward")
-
-    radius = np.empty(placed)
-    cover.covering_radius(micro, center, owner, radius)
-    used = radius >= 0.0
-    center, radius = np.ascontiguousarray(center[used]), radius[used]
-    size = max(float(np.abs(corner).max()), float(np.abs(center).max()))
-    return center, radius + ROUNDING * (radius + size)
 
 
 def build_hierarchy(center: FloatArray, radius: FloatArray, level: int, branching: int) -> SphereTree:
@@ -222,7 +195,7 @@ def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
     """Where the cache keeps the tree of a mesh."""
     digest = hashlib.sha256(mesh.sha256.encode())
     digest.update(json.dumps(asdict(options), sort_keys=True).encode())
-    for module in (cover, enclosing_ball, median_tree, mesh_bvh, micro_triangle, triangle, sphere_tree, tree_error):
+    for module in _SOURCES:
         digest.update(Path(str(module.__file__)).read_bytes())
     digest.update(Path(__file__).read_bytes())
     return cache_root() / "trees" / f"{digest.hexdigest()[:32]}.h5"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.cover_certificate import certify_cover
 from hhsim.kernels.cover_error import exposed, union_distance
 from hhsim.kernels.mesh_bvh import MeshBvh, mesh_signed_distance
+from hhsim.mesh_cover import ROUNDING
 from hhsim.sphere_tree import LevelError, SphereTree
 
 FloatArray = NDArray[np.float64]
@@ -21,9 +22,6 @@ MESH_SAMPLES = 20_000
 SPHERE_SAMPLES = 60_000
 LEAST_SAMPLES_EACH = 24
 """On each sphere of a level, however many there are."""
-
-ROUNDING = 1e-12
-"""Relative room for rounding: balls are made this much larger, and the proof counts them half this much smaller."""
 
 
 def sample_mesh(vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator) -> FloatArray:

@@ -36,12 +36,12 @@ class MicroTriangles(NamedTuple):
 
 
 @jit
-def cut_faces(corner: Array, edge: float, corner_out: Array, face_out: Indices) -> int:
-    """Halve triangles across their longest edge until no edge is longer than `edge` [m].
+def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) -> int:
+    """Halve triangles across their longest edge until no edge is longer than `edge` allows.
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).
-        edge: [m].
+        edge: longest edge [m] allowed in each face, shape (F,).
         corner_out: micro-triangles [m], shape (room, 9); those beyond the room are counted but not stored.
         face_out: the face that each was cut from, shape (room,).
 
@@ -59,7 +59,7 @@ def cut_faces(corner: Array, edge: float, corner_out: Array, face_out: Indices) 
             bx, by, bz = stack[top, 3], stack[top, 4], stack[top, 5]
             cx, cy, cz = stack[top, 6], stack[top, 7], stack[top, 8]
             longest, length2 = longest_edge(ax, ay, az, bx, by, bz, cx, cy, cz)
-            if length2 <= edge * edge or top + 2 > CUT_STACK:
+            if length2 <= edge[face] * edge[face] or top + 2 > CUT_STACK:
                 if count < face_out.shape[0]:
                     corner_out[count] = stack[top]
                     face_out[count] = face
@@ -110,24 +110,35 @@ def _node_balls(
         radius_out[node] = np.sqrt(farthest2) * (1.0 + 1e-12)
 
 
-def cut_mesh(corner: Array, normal: Array, target: int) -> MicroTriangles:
-    """Cut faces into about `target` micro-triangles of like size; faces already smaller stay whole.
+def edges_for(corner: Array, share: Array, target: int) -> Array:
+    """Longest edges [m] allowed, proportional to `share` of each face, that cut faces into about `target` pieces.
+
+    Args:
+        corner: a, b, c of the faces [m], shape (F, 9).
+        share: positive, shape (F,).
+        target: Number of micro-triangles wanted; faces that are already smaller stay whole.
+    """
+    ab, ac = corner[:, 3:6] - corner[:, :3], corner[:, 6:] - corner[:, :3]
+    area = 0.5 * np.linalg.norm(np.cross(ab, ac), axis=1)
+    no_corner, no_face = np.empty((0, 9)), np.empty(0, np.int64)
+    edge: Array = share * 2.0 * np.sqrt(float((area / share**2).sum()) / target)
+    for _ in range(_CUT_TRIALS):
+        count = cut_faces(corner, edge, no_corner, no_face)
+        if 0.85 * target <= count <= 1.15 * target or count == len(corner):
+            break
+        edge *= float(np.clip(np.sqrt(count / target), 0.5, 2.0))
+    return edge
+
+
+def cut_mesh(corner: Array, normal: Array, edge: Array) -> MicroTriangles:
+    """Cut faces into micro-triangles.
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).
         normal: outward unit normals of the faces, shape (F, 3).
-        target: Number of micro-triangles wanted.
+        edge: longest edge [m] allowed in each face, shape (F,).
     """
-    ab, ac = corner[:, 3:6] - corner[:, :3], corner[:, 6:] - corner[:, :3]
-    area = 0.5 * float(np.linalg.norm(np.cross(ab, ac), axis=1).sum())
-    no_corner, no_face = np.empty((0, 9)), np.empty(0, np.int64)
-    edge = 2.0 * np.sqrt(area / target)
-    count = cut_faces(corner, edge, no_corner, no_face)
-    for _ in range(_CUT_TRIALS):
-        if 0.85 * target <= count <= 1.15 * target or count == len(corner):
-            break
-        edge *= float(np.clip(np.sqrt(count / target), 0.5, 2.0))
-        count = cut_faces(corner, edge, no_corner, no_face)
+    count = cut_faces(corner, edge, np.empty((0, 9)), np.empty(0, np.int64))
     micro, face = np.empty((count, 9)), np.empty(count, np.int64)
     cut_faces(corner, edge, micro, face)
 

@@ -1,0 +1,122 @@
+"""Balls inside a mesh: the depth of a centre, the largest ball that touches a point, a good one to cover a place."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import jit
+from .mesh_bvh import MeshBvh, closest_on_mesh, outside
+from .micro_triangle import MicroTriangles
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_SHRINKS = 40
+_STRETCHES = 8
+
+
+@jit
+def far_corner2(corner: Array, i: int, x: float, y: float, z: float) -> float:
+    """Squared distance [m²] of (x, y, z) from the farthest corner of micro-triangle i."""
+    farthest2 = 0.0
+    for v in range(0, 9, 3):
+        dx, dy, dz = corner[i, v] - x, corner[i, v + 1] - y, corner[i, v + 2] - z
+        farthest2 = max(farthest2, dx * dx + dy * dy + dz * dz)
+    return farthest2
+
+
+@jit
+def depth_at(
+    bvh: MeshBvh, x: float, y: float, z: float, limit2: float, stack: Indices, stack_distance2: Array
+) -> tuple[float, float, float, float]:
+    """Depth [m] below the surface, negative outside, and the closest surface point; −inf beyond the limit."""
+    triangle, qx, qy, qz, d2, feature = closest_on_mesh(bvh, x, y, z, limit2, stack, stack_distance2)
+    if triangle < 0:
+        return -np.inf, qx, qy, qz
+    depth = math.sqrt(d2)
+    if outside(bvh, triangle, feature, x - qx, y - qy, z - qz):
+        depth = -depth
+    return depth, qx, qy, qz
+
+
+@jit
+def inner_ball(
+    bvh: MeshBvh,
+    px: float,
+    py: float,
+    pz: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    radius: float,
+    stack: Indices,
+    stack_distance2: Array,
+) -> tuple[float, float, float, float]:
+    """Largest ball inside the solid that touches the surface at p with outward normal n.
+
+    Shrinks from `radius` [m] until no surface point lies inside (Ma, Bae and Choi, 2012).
+
+    Returns:
+        (radius [m], and the surface point that stopped it).
+    """
+    sx, sy, sz = px, py, pz
+    for _ in range(_SHRINKS):
+        cx, cy, cz = px - radius * nx, py - radius * ny, pz - radius * nz
+        limit = radius * (1.0 - 1e-9)
+        triangle, qx, qy, qz, _, _ = closest_on_mesh(bvh, cx, cy, cz, limit * limit, stack, stack_distance2)
+        if triangle < 0:
+            break
+        dx, dy, dz = px - qx, py - qy, pz - qz
+        along = dx * nx + dy * ny + dz * nz
+        if not along > 0.0:
+            break
+        smaller = 0.5 * (dx * dx + dy * dy + dz * dz) / along
+        if not smaller < radius:
+            break
+        radius = smaller
+        sx, sy, sz = qx, qy, qz
+    return radius, sx, sy, sz
+
+
+@jit
+def place_ball(
+    bvh: MeshBvh,
+    micro: MicroTriangles,
+    i: int,
+    largest: float,
+    allowed: float,
+    stack: Indices,
+    stack_distance2: Array,
+    center_out: Array,
+) -> float:
+    """Place a ball for micro-triangle i; return its depth.
+
+    It starts as the largest inner ball that touches there, and then goes deeper along the medial axis, away from both
+    points that it touches, while its cost for i stays within `allowed` [m]: a deeper ball covers more around i.
+    """
+    t = micro.corner[i]
+    px, py, pz = (t[0] + t[3] + t[6]) / 3.0, (t[1] + t[4] + t[7]) / 3.0, (t[2] + t[5] + t[8]) / 3.0
+    nx, ny, nz = micro.normal[i, 0], micro.normal[i, 1], micro.normal[i, 2]
+    radius, sx, sy, sz = inner_ball(bvh, px, py, pz, nx, ny, nz, largest, stack, stack_distance2)
+    x, y, z = px - radius * nx, py - radius * ny, pz - radius * nz
+    depth, _, _, _ = depth_at(bvh, x, y, z, np.inf, stack, stack_distance2)
+
+    ux, uy, uz = (x - sx) / radius - nx, (y - sy) / radius - ny, (z - sz) / radius - nz
+    norm = math.sqrt(ux * ux + uy * uy + uz * uz)
+    if norm > 1e-6:
+        ux, uy, uz = ux / norm, uy / norm, uz / norm
+        x0, y0, z0 = x, y, z
+        good, step = 0.0, max(depth, allowed)
+        for _ in range(_STRETCHES):
+            length = good + step
+            tx, ty, tz = x0 + length * ux, y0 + length * uy, z0 + length * uz
+            deeper, _, _, _ = depth_at(bvh, tx, ty, tz, np.inf, stack, stack_distance2)
+            if deeper > depth and math.sqrt(far_corner2(micro.corner, i, tx, ty, tz)) - deeper <= allowed:
+                good, depth = length, deeper
+                x, y, z = tx, ty, tz
+                step *= 1.5
+            else:
+                step *= 0.4
+    center_out[0], center_out[1], center_out[2] = x, y, z
+    return depth

@@ -1,0 +1,172 @@
+"""Greedy cover, assignment, radii and certificate, each against brute force or dense sampling."""
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from hhsim.kernels.cover import assign, covering_radius, greedy_cover
+from hhsim.kernels.cover_certificate import certify_cover
+from hhsim.kernels.cover_error import exposed, union_distance
+from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
+from hhsim.kernels.micro_triangle import cut_mesh, edges_for
+from hhsim.tree_error import sample_mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SHAPES = {
+    "icosphere": trimesh.creation.icosphere(2, 0.05),
+    "box": trimesh.creation.box((0.1, 0.06, 0.02)),
+    "torus": trimesh.creation.torus(0.04, 0.012, major_sections=24, minor_sections=12),
+}
+BALLS = 40
+
+
+def far_corner(corner: Array, center: Array) -> Array:
+    """Distances of the farthest corners, shape (micro-triangles, balls)."""
+    points = corner.reshape(-1, 3, 1, 3)
+    return np.asarray(np.linalg.norm(points - center, axis=3).max(axis=1))
+
+
+class Case:
+    """A greedy cover and all that it was made from."""
+
+    def __init__(self, shape: trimesh.Trimesh) -> None:
+        self.vertices, self.faces = np.array(shape.vertices, float), np.array(shape.faces, np.int64)
+        self.corner = self.vertices[self.faces].reshape(-1, 9)
+        self.bvh = build_mesh_bvh(self.vertices, self.faces)
+        edge = edges_for(self.corner, np.ones(len(self.corner)), 24 * BALLS)
+        self.micro = cut_mesh(self.corner, face_normals(self.vertices, self.faces), edge)
+        self.center, self.depth = np.empty((BALLS, 3)), np.empty(BALLS)
+        self.owner, self.cost = np.empty(len(self.micro.corner), np.int64), np.empty(len(self.micro.corner))
+        count = self.place(0, BALLS)
+        self.center, self.depth = self.center[:count], self.depth[:count]
+        self.radius = np.empty(count)
+        covering_radius(self.micro, self.center, self.owner, self.radius)
+
+    def place(self, begin: int, end: int) -> int:
+        return greedy_cover(
+            self.bvh, self.micro, 0.05, 0.3, 0.0, begin, self.center[:end], self.depth[:end], self.owner, self.cost
+        )
+
+
+@pytest.fixture(params=SHAPES, scope="module")
+def case(request: pytest.FixtureRequest) -> Case:
+    return Case(SHAPES[request.param])
+
+
+def test_depths_are_those_of_the_mesh(case: Case) -> None:
+    assert len(case.depth) > 10
+    assert case.depth == pytest.approx(-mesh_signed_distance(case.bvh, case.center), abs=1e-15)
+    assert (case.depth > 0.0).all()
+
+
+def test_costs_and_owners_are_the_brute_force_best(case: Case) -> None:
+    cost = far_corner(case.micro.corner, case.center) - case.depth
+    assert case.cost == pytest.approx(cost.min(axis=1), abs=1e-15)
+    rows = np.arange(len(cost))
+    assert cost[rows, case.owner] == pytest.approx(case.cost, abs=1e-15)
+
+    owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
+    again, second_cost = np.empty_like(case.cost), np.empty_like(case.cost)
+    assign(case.micro, case.center, case.depth, owner, again, second, second_cost)
+    assert again == pytest.approx(case.cost, abs=1e-15)
+    assert cost[rows, owner] == pytest.approx(again, abs=1e-15)
+    assert second_cost == pytest.approx(np.sort(cost, axis=1)[:, 1], abs=1e-15)
+    assert cost[rows, second] == pytest.approx(second_cost, abs=1e-15)
+    assert (second != owner).all()
+
+
+def test_a_lone_ball_has_no_second(case: Case) -> None:
+    owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
+    cost, second_cost = np.empty_like(case.cost), np.empty_like(case.cost)
+    assign(case.micro, case.center[:1], case.depth[:1], owner, cost, second, second_cost)
+    assert (owner == 0).all() and (second == -1).all()
+    assert np.isfinite(cost).all() and np.isinf(second_cost).all()
+
+
+def test_each_ball_reaches_its_micro_triangles_and_no_farther(case: Case) -> None:
+    far = far_corner(case.micro.corner, case.center)
+    for ball, radius in enumerate(case.radius):
+        mine = case.owner == ball
+        assert radius == pytest.approx(far[mine, ball].max() if mine.any() else -1.0, abs=1e-15)
+
+
+def test_going_on_gives_what_one_call_gives(case: Case) -> None:
+    whole_center, whole_owner = case.center.copy(), case.owner.copy()
+    count = len(case.depth)
+    case.center, case.depth = np.empty((count, 3)), np.empty(count)
+    assert case.place(0, 7) == 7
+    assert case.place(7, count) == count
+    assert np.array_equal(case.center, whole_center)
+    assert np.array_equal(case.owner, whole_owner)
+
+
+def test_more_balls_cost_less(case: Case) -> None:
+    costs = [
+        np.minimum.reduce((far_corner(case.micro.corner, case.center) - case.depth)[:, :n], axis=1).max()
+        for n in (1, 5, 20)
+    ]
+    assert costs[0] > costs[1] > costs[2]
+
+
+def certify(case: Case, center: Array, radius: Array, slack: float = 1e-14) -> Indices:
+    unproved = np.empty(len(case.faces), np.int64)
+    count = certify_cover(case.corner, center, radius, slack, 1e-6, unproved)
+    return unproved[:count]
+
+
+def distance_to_union(points: Array, center: Array, radius: Array) -> Array:
+    return np.asarray(np.maximum(0.0, (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1)))
+
+
+def test_certificate_agrees_with_dense_sampling(case: Case) -> None:
+    used = case.radius > 0.0
+    center, radius = np.ascontiguousarray(case.center[used]), case.radius[used] * (1.0 + 1e-9)
+    points = sample_mesh(case.vertices, case.faces, 20_000, np.random.default_rng(0))
+    assert certify(case, center, radius).size == 0
+    assert distance_to_union(points, center, radius).max() == 0.0
+
+    # Take one ball away: what sampling finds bare has no proof, and the proof fails nowhere else but there.
+    for lost in range(0, len(radius), 7):
+        rest = np.arange(len(radius)) != lost
+        unproved = certify(case, np.ascontiguousarray(center[rest]), radius[rest])
+        bare = distance_to_union(points, center[rest], radius[rest]) > 0.0
+        reach = np.linalg.norm(case.vertices[case.faces[unproved]].mean(axis=1) - center[lost], axis=1)
+        size = np.linalg.norm(np.ptp(case.vertices[case.faces], axis=1), axis=1).max() if unproved.size else 0.0
+        assert (reach <= radius[lost] + size).all()
+        assert unproved.size > 0 or not bare.any()
+
+
+def test_certificate_fails_without_balls_that_reach(case: Case) -> None:
+    far_away = np.full((1, 3), 9.0)
+    assert certify(case, far_away, np.array([0.1])).size == len(case.faces)
+    around = np.zeros((1, 3))
+    assert certify(case, around, np.array([1.0])).size == 0
+    assert certify(case, around, np.array([1.0]), slack=1.0).size == len(case.faces)
+
+
+def test_union_distance_is_brute_force() -> None:
+    rng = np.random.default_rng(4)
+    center, radius, points = rng.normal(size=(300, 3)), 0.3 * rng.random(300), 1.5 * rng.normal(size=(500, 3))
+    out = np.empty(500)
+    x, y, z = np.ascontiguousarray(center.T)
+    union_distance(points, x, y, z, radius, out)
+    assert out == pytest.approx(distance_to_union(points, center, radius), abs=1e-12)
+    assert (out == 0.0).any() and (out > 0.0).any()
+
+
+def test_exposed_is_brute_force() -> None:
+    rng = np.random.default_rng(5)
+    center, radius = rng.normal(size=(60, 3)), 0.2 + 0.5 * rng.random(60)
+    owner = rng.integers(60, size=2000)
+    direction = rng.normal(size=(2000, 3))
+    points = center[owner] + radius[owner, None] * direction / np.linalg.norm(direction, axis=1)[:, None]
+    free = np.empty(2000, np.bool_)
+    x, y, z = np.ascontiguousarray(center.T)
+    exposed(points, owner, x, y, z, radius, free)
+    distance = np.linalg.norm(points[:, None] - center, axis=2) - radius
+    distance[np.arange(2000), owner] = np.inf
+    assert np.array_equal(free, distance.min(axis=1) >= 0.0)
+    assert free.any() and not free.all()

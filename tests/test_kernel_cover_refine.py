@@ -1,0 +1,75 @@
+"""Grouping, moving and sparing of balls against brute force."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hhsim.kernels.cover import assign, greedy_cover
+from hhsim.kernels.cover_refine import group_by_owner, move_balls, spare_balls
+from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
+from hhsim.kernels.micro_triangle import cut_mesh, edges_for
+
+
+@settings(max_examples=60)
+@given(st.integers(1, 20), st.integers(0, 100), st.integers(0, 2**31))
+def test_groups(balls: int, count: int, seed: int) -> None:
+    owner = np.random.default_rng(seed).integers(balls, size=count)
+    first, order = np.empty(balls + 1, np.int64), np.empty(count, np.int64)
+    group_by_owner(owner, first, order)
+    assert (first[0], first[-1]) == (0, count)
+    for ball in range(balls):
+        assert np.array_equal(order[first[ball] : first[ball + 1]], np.flatnonzero(owner == ball))
+
+
+def test_moved_balls_cost_less() -> None:
+    shape = trimesh.creation.torus(0.04, 0.012, major_sections=24, minor_sections=12)
+    vertices, faces = np.array(shape.vertices, float), np.array(shape.faces, np.int64)
+    corner = vertices[faces].reshape(-1, 9)
+    bvh = build_mesh_bvh(vertices, faces)
+    micro = cut_mesh(corner, face_normals(vertices, faces), edges_for(corner, np.ones(len(corner)), 3000))
+    balls = 30
+    center, depth, step = np.empty((balls, 3)), np.empty(balls), np.zeros(balls)
+    owner, second = np.empty((2, len(micro.corner)), np.int64)
+    cost, second_cost = np.empty((2, len(micro.corner)))
+    assert greedy_cover(bvh, micro, 0.05, 0.3, 0.0, 0, center, depth, owner, cost) == balls
+    worst = [cost.max()]
+    first, order = np.empty(balls + 1, np.int64), np.empty(len(owner), np.int64)
+    for _ in range(10):
+        group_by_owner(owner, first, order)
+        assert move_balls(bvh, micro, first, order, 6, center, depth, step) > 0
+        assert depth == pytest.approx(-mesh_signed_distance(bvh, center), abs=1e-15)
+        assert (depth > 0.0).all() and (step > 0.0).all()
+        assign(micro, center, depth, owner, cost, second, second_cost)
+        worst.append(cost.max())
+    assert all(after <= before * (1.0 + 1e-9) for before, after in pairwise(worst))
+    assert worst[-1] < 0.75 * worst[0]
+
+
+@settings(max_examples=80)
+@given(st.integers(2, 12), st.integers(1, 60), st.integers(0, 2**31), st.integers(1, 12))
+def test_spared_balls_are_not_missed(balls: int, count: int, seed: int, most: int) -> None:
+    rng = np.random.default_rng(seed)
+    owner = rng.integers(balls, size=count)
+    second = (owner + rng.integers(1, balls, size=count)) % balls
+    second_cost = rng.random(count)
+    spare, work = np.empty(most, np.int64), np.empty(balls)
+    chosen = spare[: spare_balls(owner, second, second_cost, 0.8, most, spare, work)]
+    assert len(set(chosen.tolist())) == len(chosen) <= most
+    lost = np.isin(owner, chosen)
+    assert (second_cost[lost] < 0.8).all()
+    assert not np.isin(second[lost], chosen).any()
+    if len(chosen) == 0:
+        removal = [second_cost[owner == ball].max(initial=-np.inf) for ball in range(balls)]
+        assert min(removal) >= 0.8
+
+
+def test_idle_balls_go_first() -> None:
+    owner, second, second_cost = np.array([0, 0, 2]), np.array([2, 2, 0]), np.array([0.1, 0.2, 0.3])
+    spare, work = np.empty(2, np.int64), np.empty(4)
+    assert spare_balls(owner, second, second_cost, 1.0, 2, spare, work) == 2
+    assert spare.tolist() == [1, 3]
+    assert work.tolist() == [0.2, -np.inf, 0.3, -np.inf]

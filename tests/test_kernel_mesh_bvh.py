@@ -1,0 +1,112 @@
+"""The mesh BVH against brute force over all triangles, and its sign against ray casting."""
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from hhsim.kernels.median_tree import STACK
+from hhsim.kernels.mesh_bvh import (
+    MeshBvh,
+    build_mesh_bvh,
+    closest_on_mesh,
+    closest_points,
+    face_normals,
+    mesh_signed_distance,
+)
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def arrays(shape: trimesh.Trimesh) -> tuple[Array, Indices]:
+    return np.array(shape.vertices, dtype=np.float64), np.array(shape.faces, dtype=np.int64)
+
+
+SHAPES = {
+    "icosphere": trimesh.creation.icosphere(3, 0.05),
+    "box": trimesh.creation.box((0.1, 0.06, 0.02)),
+    "cylinder": trimesh.creation.cylinder(0.03, 0.1, sections=48),
+    "torus": trimesh.creation.torus(0.04, 0.012),
+}
+
+
+@pytest.fixture(params=SHAPES, scope="module")
+def shape(request: pytest.FixtureRequest) -> trimesh.Trimesh:
+    chosen: trimesh.Trimesh = SHAPES[request.param]
+    return chosen
+
+
+def brute_force(vertices: Array, faces: Indices, points: Array) -> Array:
+    # trimesh has absolute tolerances: a mesh in millimetres keeps small triangles above them.
+    triangles, distances = 1e3 * vertices[faces], []
+    for p in 1e3 * points:
+        closest = trimesh.triangles.closest_point(triangles, np.tile(p, (len(faces), 1)))  # type: ignore[no-untyped-call]
+        distances.append(np.linalg.norm(closest - p, axis=1).min())
+    return 1e-3 * np.array(distances)
+
+
+def test_is_the_brute_force_distance_with_the_sign_of_ray_casting(shape: trimesh.Trimesh) -> None:
+    vertices, faces = arrays(shape)
+    points = np.random.default_rng(1).uniform(1.3 * vertices.min(axis=0), 1.3 * vertices.max(axis=0), (200, 3))
+    bvh = build_mesh_bvh(vertices, faces)
+    signed = mesh_signed_distance(bvh, points)
+    assert np.abs(np.abs(signed) - brute_force(vertices, faces, points)).max() < 1e-12
+    inside = np.asarray(shape.contains(points))
+    assert inside.any() and not inside.all()
+    assert np.array_equal(signed < 0.0, inside)
+
+    closest = np.empty((len(points), 3))
+    closest_points(bvh, points, closest, signed)
+    assert np.abs(np.linalg.norm(closest - points, axis=1) - np.abs(signed)).max() < 1e-15
+    assert np.abs(mesh_signed_distance(bvh, closest)).max() < 1e-9
+
+
+def test_sign_holds_close_to_edges_and_vertices() -> None:
+    vertices, faces = arrays(SHAPES["box"])
+    bvh = build_mesh_bvh(vertices, faces)
+    rng = np.random.default_rng(2)
+    points = vertices[rng.integers(len(vertices), size=500)] + 1e-6 * rng.normal(size=(500, 3))
+    outside = (np.abs(points) > np.array([0.05, 0.03, 0.01])).any(axis=1)
+    assert np.array_equal(mesh_signed_distance(bvh, points) > 0.0, outside)
+
+
+def test_limit_hides_what_is_farther() -> None:
+    bvh = build_mesh_bvh(*arrays(SHAPES["icosphere"]))
+    stack, distance2 = np.empty(STACK, np.int64), np.empty(STACK)
+    triangle, *_, d2, _ = closest_on_mesh(bvh, 0.0, 0.0, 0.0, np.inf, stack, distance2)
+    assert triangle >= 0
+    assert closest_on_mesh(bvh, 0.0, 0.0, 0.0, d2, stack, distance2)[0] == -1
+    assert closest_on_mesh(bvh, 0.0, 0.0, 0.0, d2 * (1.0 + 1e-12), stack, distance2)[0] == triangle
+
+
+def test_one_triangle() -> None:
+    bvh = build_mesh_bvh(np.eye(3), np.array([[0, 1, 2]]))
+    assert len(bvh.start) == 1
+    assert mesh_signed_distance(bvh, np.array([[1.0, 1.0, 1.0]]))[0] == pytest.approx(2.0 / np.sqrt(3.0))
+
+
+def test_faces_without_area_do_no_harm() -> None:
+    vertices, faces = arrays(SHAPES["box"])
+    point = np.array([[0.0, 0.0, 0.1]])
+    expected = mesh_signed_distance(build_mesh_bvh(vertices, faces), point)
+    broken: MeshBvh = build_mesh_bvh(vertices, np.vstack([faces, [[0, 0, 0], [0, 1, 1]]]))
+    assert mesh_signed_distance(broken, point) == pytest.approx(expected)
+
+
+def test_normals_are_outward_units_or_zero() -> None:
+    vertices, faces = arrays(SHAPES["icosphere"])
+    normal = face_normals(vertices, np.vstack([faces, [[0, 0, 1]]]))
+    assert np.allclose(np.linalg.norm(normal[:-1], axis=1), 1.0)
+    assert (np.einsum("ij,ij->i", normal[:-1], vertices[faces].mean(axis=1)) > 0.0).all()
+    assert np.array_equal(normal[-1], np.zeros(3))
+
+
+def test_real_scan(shared_data: object) -> None:
+    mesh = trimesh.load_mesh(f"{shared_data}/meshes/object_sim_stanfordbunny.stl")
+    vertices, faces = arrays(mesh)
+    points = np.random.default_rng(5).uniform(vertices.min(axis=0), vertices.max(axis=0), (60, 3))
+    signed = mesh_signed_distance(build_mesh_bvh(vertices, faces), points)
+    size = np.ptp(vertices, axis=0).max()
+    assert np.abs(np.abs(signed) - brute_force(vertices, faces, points)).max() < 1e-9 * size
+    assert np.array_equal(signed < 0.0, np.asarray(mesh.contains(points)))

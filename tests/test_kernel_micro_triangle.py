@@ -1,0 +1,59 @@
+"""Micro-triangles tile their faces, are as small as asked, and lie in the balls of their nodes."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hhsim.kernels.mesh_bvh import face_normals
+from hhsim.kernels.micro_triangle import cut_faces, cut_mesh, edges_for
+
+
+def areas(
+    corner: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    a, b, c = corner[:, :3], corner[:, 3:6], corner[:, 6:]
+    return 0.5 * np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+
+def test_cut_keeps_area_and_plane_of_each_face() -> None:
+    shape = trimesh.creation.box((0.1, 0.05, 0.001))
+    corner = np.ascontiguousarray(np.asarray(shape.triangles, float).reshape(-1, 9))
+    edge = np.linspace(0.005, 0.02, len(corner))
+    count = cut_faces(corner, edge, np.empty((0, 9)), np.empty(0, np.int64))
+    micro, face = np.empty((count, 9)), np.empty(count, np.int64)
+    assert cut_faces(corner, edge, micro, face) == count
+    points = micro.reshape(-1, 3, 3)
+    longest = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2).max(axis=1)
+    assert (longest <= edge[face] * (1.0 + 1e-12)).all()
+    assert np.bincount(face, weights=areas(micro)) == pytest.approx(areas(corner))
+    plane = np.einsum("nij,nj->ni", points - corner[face, None, :3], np.asarray(shape.face_normals)[face])
+    assert np.abs(plane).max() < 1e-15
+
+
+@pytest.mark.parametrize("target", [1, 50, 5000])
+def test_cut_mesh_meets_the_target(target: int) -> None:
+    shape = trimesh.creation.cylinder(0.03, 0.1, sections=40)
+    vertices, faces = np.array(shape.vertices, float), np.array(shape.faces, np.int64)
+    corner = vertices[faces].reshape(-1, 9)
+    micro = cut_mesh(corner, face_normals(vertices, faces), edges_for(corner, np.ones(len(corner)), target))
+    assert max(len(faces), 0.6 * target) <= len(micro.corner) <= max(len(faces), 1.6 * target)
+    assert areas(micro.corner).sum() == pytest.approx(shape.area)
+    for node in range(len(micro.start)):
+        inside = micro.corner[micro.start[node] : micro.end[node]].reshape(-1, 3)
+        assert np.linalg.norm(inside - micro.center[node], axis=1).max() <= micro.radius[node]
+    assert np.allclose(np.linalg.norm(micro.normal, axis=1), 1.0)
+
+
+def test_shares_set_the_sizes() -> None:
+    corner = np.ascontiguousarray(np.asarray(trimesh.creation.box((1.0, 1.0, 1.0)).triangles, float).reshape(-1, 9))
+    share = np.where(np.arange(12) < 6, 1.0, 0.1)
+    edge = edges_for(corner, share, 5000)
+    assert edge == pytest.approx(share * edge[0])
+    count = cut_faces(corner, edge, np.empty((0, 9)), np.empty(0, np.int64))
+    # Twelve like faces are cut alike: the count doubles in steps.
+    assert 2500 <= count <= 10_000
+
+
+def test_faces_without_area_stay() -> None:
+    corner = np.zeros((1, 9))
+    assert cut_faces(corner, np.array([1e-3]), np.empty((0, 9)), np.empty(0, np.int64)) == 1

@@ -1,0 +1,100 @@
+"""Closest point of a triangle against the optimality condition of a projection, and against trimesh."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from hhsim.kernels.jit import jit
+from hhsim.kernels.triangle import closest_on_triangle, longest_edge
+
+Array = NDArray[np.float64]
+
+
+@jit
+def _closest(p: Array, t: Array, out: Array) -> int:
+    x, y, z, d2, feature = closest_on_triangle(
+        p[0], p[1], p[2], t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2]
+    )
+    out[0], out[1], out[2], out[3] = x, y, z, d2
+    return feature
+
+
+@jit
+def _longest(t: Array) -> tuple[int, float]:
+    return longest_edge(t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2])
+
+
+def closest(p: Array, t: Array) -> tuple[Array, float, int]:
+    out = np.empty(4)
+    feature = _closest(np.asarray(p, float), np.asarray(t, float), out)
+    return out[:3], float(np.sqrt(out[3])), feature
+
+
+coordinate = st.floats(-1.0, 1.0, width=32)
+point = st.tuples(coordinate, coordinate, coordinate).map(np.array)
+
+
+def on_feature(q: Array, t: Array, feature: int) -> float:
+    """Distance of q from the feature that it is said to lie on."""
+    if feature == 0:
+        return 0.0
+    if feature <= 3:
+        return float(np.linalg.norm(q - t[feature - 1]))
+    a, b = t[feature - 4], t[(feature - 3) % 3]
+    along = np.clip((q - a) @ (b - a) / max(float((b - a) @ (b - a)), 1e-300), 0.0, 1.0)
+    return float(np.linalg.norm(q - a - along * (b - a)))
+
+
+@settings(max_examples=400)
+@given(point, point, point, point)
+def test_is_the_projection(p: Array, a: Array, b: Array, c: Array) -> None:
+    t = np.array([a, b, c])
+    q, distance, feature = closest(p, t)
+    assert distance == pytest.approx(np.linalg.norm(p - q), abs=1e-12)
+    # q is the projection onto a convex set exactly if no corner lies ahead of it in the direction of p.
+    assert ((t - q) @ (p - q)).max() <= 2e-6
+    assert on_feature(q, t, feature) <= 1e-9
+    # and q lies in the triangle: the distance to it is that of a convex combination of the corners.
+    weights, *_ = np.linalg.lstsq(np.vstack([t.T, np.ones(3)]), np.append(q, 1.0), rcond=None)
+    assert np.allclose(t.T @ weights, q, atol=1e-9)
+
+
+@settings(max_examples=100)
+@given(point, point, point, st.floats(0.0, 1.0))
+def test_without_area_it_is_a_segment(p: Array, a: Array, b: Array, along: float) -> None:
+    t = np.array([a, b, a + along * (b - a)])
+    q, distance, _ = closest(p, t)
+    s = np.clip((p - a) @ (b - a) / max(float((b - a) @ (b - a)), 1e-300), 0.0, 1.0)
+    assert distance == pytest.approx(np.linalg.norm(p - a - s * (b - a)), abs=1e-6)
+    assert np.isfinite(q).all()
+
+
+def test_agrees_with_trimesh() -> None:
+    rng = np.random.default_rng(3)
+    triangles, points = rng.normal(size=(2000, 3, 3)), 2.0 * rng.normal(size=(2000, 3))
+    expected = np.asarray(trimesh.triangles.closest_point(triangles, points))  # type: ignore[no-untyped-call]
+    found = np.array([closest(p, t)[0] for p, t in zip(points, triangles, strict=True)])
+    assert np.abs(found - expected).max() < 1e-9
+
+
+def test_a_point_triangle() -> None:
+    t = np.tile([1.0, 2.0, 3.0], (3, 1))
+    q, distance, _ = closest(np.zeros(3), t)
+    assert np.array_equal(q, t[0])
+    assert distance == pytest.approx(np.sqrt(14.0))
+
+
+def test_every_feature_is_named() -> None:
+    t = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    places = [(0.2, 0.2), (-1.0, -1.0), (2.0, -0.5), (-0.5, 2.0), (0.5, -1.0), (1.0, 1.0), (-1.0, 0.5)]
+    assert [closest(np.array([x, y, 0.3]), t)[2] for x, y in places] == list(range(7))
+
+
+def test_longest_edge_takes_the_first_of_equals() -> None:
+    t = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    assert _longest(t) == (1, 2.0)
+    assert _longest(np.roll(t, 1, axis=0)) == (2, 2.0)
+    assert _longest(np.zeros((3, 3))) == (0, 0.0)

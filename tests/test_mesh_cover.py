@@ -1,0 +1,89 @@
+"""The cover of a mesh: complete, within its number of balls, and better than the greedy start."""
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from hhsim import mesh_cover
+from hhsim.errors import MeshError
+from hhsim.kernels.mesh_bvh import build_mesh_bvh
+from hhsim.mesh_cover import build_cover, require_inside
+from hhsim.tree_error import protrusion_bound, uncovered_faces
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def arrays(shape: trimesh.Trimesh) -> tuple[Array, Indices]:
+    return np.array(shape.vertices, dtype=np.float64), np.array(shape.faces, dtype=np.int64)
+
+
+TETRAHEDRON = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+SHAPES = {
+    "tetrahedron": trimesh.Trimesh(TETRAHEDRON, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+    "box": trimesh.creation.box((0.1, 0.1, 0.1)),
+    "needle": trimesh.creation.cone(0.002, 0.1, sections=12),
+    "fine sphere": trimesh.creation.icosphere(4, 0.05),
+}
+
+
+@pytest.mark.parametrize("balls", [1, 3, 100])
+@pytest.mark.parametrize("name", SHAPES)
+def test_covers_with_the_balls_it_may_have(name: str, balls: int) -> None:
+    vertices, faces = arrays(SHAPES[name])
+    center, radius = build_cover(vertices, faces, balls)
+    assert 1 <= len(radius) <= balls
+    assert (radius > 0.0).all()
+    assert uncovered_faces(vertices, faces, center, radius).size == 0
+
+
+def test_refinement_beats_the_greedy_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    vertices, faces = arrays(SHAPES["box"])
+    bvh = build_mesh_bvh(vertices, faces)
+    refined = protrusion_bound(bvh, *build_cover(vertices, faces, 200))
+    monkeypatch.setattr(mesh_cover, "ROUNDS", (0, 0))
+    greedy = protrusion_bound(bvh, *build_cover(vertices, faces, 200))
+    assert refined < 0.8 * greedy
+
+
+def test_one_ball_for_a_box_is_its_circumscribed_ball() -> None:
+    center, radius = build_cover(*arrays(SHAPES["box"]), 1)
+    assert radius[0] == pytest.approx(0.05 * np.sqrt(3.0), rel=0.02)
+    assert np.abs(center[0]).max() < 1e-3
+
+
+def test_where_the_mesh_lies_does_not_matter() -> None:
+    vertices, faces = arrays(SHAPES["box"])
+    bounds = []
+    for offset in (0.0, 0.5, 1000.0):
+        there = vertices + offset
+        center, radius = build_cover(there, faces, 50)
+        assert uncovered_faces(there, faces, center, radius).size == 0
+        bounds.append(protrusion_bound(build_mesh_bvh(there, faces), center, radius))
+    assert bounds == pytest.approx([bounds[0]] * 3, rel=0.1)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e3])
+def test_size_does_not_matter(scale: float) -> None:
+    vertices, faces = arrays(SHAPES["box"])
+    large, plain = (
+        protrusion_bound(build_mesh_bvh(points, faces), *build_cover(points, faces, 100))
+        for points in (scale * vertices, vertices)
+    )
+    assert large == pytest.approx(scale * plain, rel=0.1)
+
+
+def test_progress_counts_the_rounds() -> None:
+    calls: list[tuple[str, int, int]] = []
+    build_cover(*arrays(SHAPES["box"]), 20, progress=lambda *call: calls.append(call))
+    assert [done for _, done, _ in calls] == list(range(1, calls[-1][2] + 1))
+    assert {stage for stage, _, _ in calls} == {"cover"}
+
+
+def test_what_has_no_inside_is_refused() -> None:
+    vertices, faces = arrays(SHAPES["box"])
+    for bad in (faces[:, ::-1], np.array([[0, 1, 2], [0, 2, 1]])):
+        with pytest.raises(MeshError, match="no inside"):
+            build_cover(vertices, np.ascontiguousarray(bad), 8)
+    require_inside((vertices[faces] * [1.0, 1.0, 1e-4]).reshape(-1, 9), 0.1)

@@ -1,0 +1,192 @@
+"""The sphere tree: what it accepts, its views, its file, and that no unsound tree can be made or read."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from hhsim.errors import InputError, OutputError
+from hhsim.sphere_tree import LevelError, SphereTree
+from hhsim.tree_builder import build_hierarchy
+
+ERROR = LevelError(0, 1, 0.0, 0.0, 0.0, 3e-3, 2e-3, 2.9e-3, 4e-3)
+
+
+def random_tree(count: int = 30, level: int = 2, seed: int = 0) -> SphereTree:
+    rng = np.random.default_rng(seed)
+    tree = build_hierarchy(0.1 * rng.normal(size=(count, 3)), 0.01 * rng.random(count), level, 8)
+    errors = tuple(replace(ERROR, level=depth) for depth in range(level + 1))
+    return replace(tree, errors=errors, mesh_sha256="ab" * 32, options={"level": level, "seed": seed})
+
+
+def assert_equal(one: SphereTree, other: SphereTree) -> None:
+    for name in ("center", "radius", "level", "parent"):
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    assert (one.errors, one.mesh_sha256, dict(one.options)) == (other.errors, other.mesh_sha256, dict(other.options))
+
+
+def test_views() -> None:
+    tree = random_tree()
+    assert (tree.depth, tree.leaf_count) == (2, 30)
+    assert tree.leaf_center.shape == (30, 3)
+    assert tree.leaf_radius.shape == (30,)
+    arrays = tree.arrays()
+    assert arrays.leaf_start == len(tree.radius) - 30
+    for node in range(len(tree.radius)):
+        children = np.flatnonzero(tree.parent == node)
+        first, count = arrays.first_child[node], arrays.child_count[node]
+        assert (count == 0) == (node >= arrays.leaf_start) == (first == -1)
+        assert np.array_equal(children, np.arange(first, first + count) if count else [])
+    assert np.array_equal(np.stack([arrays.x, arrays.y, arrays.z], axis=1), tree.center)
+    for array in arrays[:-1]:
+        assert isinstance(array, np.ndarray)
+        assert array.flags.c_contiguous and array.flags.writeable
+        assert array.dtype in (np.float64, np.int64)
+
+
+def test_arrays_of_a_lone_sphere() -> None:
+    tree = SphereTree(np.zeros((1, 3)), np.ones(1), np.zeros(1, np.int64), np.array([-1]))
+    arrays = tree.arrays()
+    assert (arrays.leaf_start, arrays.first_child[0], arrays.child_count[0]) == (0, -1, 0)
+
+
+def test_moved_and_scaled() -> None:
+    tree = random_tree()
+    rotation = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix()
+    moved = tree.transformed(rotation, [1.0, 2.0, 3.0])
+    assert moved.center == pytest.approx(tree.center @ rotation.T + [1.0, 2.0, 3.0])
+    assert np.array_equal(moved.radius, tree.radius)
+    large = tree.scaled(10.0)
+    assert large.center == pytest.approx(10.0 * tree.center)
+    assert large.radius == pytest.approx(10.0 * tree.radius)
+    assert large.errors[0].protrusion_max == pytest.approx(0.03)
+    assert (large.errors[1].level, large.errors[1].spheres) == (1, 1)
+    for factor in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputError, match="scale"):
+            tree.scaled(factor)
+
+
+def test_truncated_keeps_the_upper_levels() -> None:
+    tree = random_tree(60, 3)
+    coarse = tree.truncated(1)
+    assert coarse.depth == 1
+    assert np.array_equal(coarse.leaf_center, tree.center[tree.level == 1])
+    assert np.array_equal(coarse.leaf_radius, tree.radius[tree.level == 1])
+    assert [error.level for error in coarse.errors] == [0, 1]
+    assert_equal(tree.truncated(3), tree)
+    with pytest.raises(InputError, match="no level 4"):
+        tree.truncated(4)
+
+
+def test_file_brings_back_every_bit(tmp_path: Path) -> None:
+    tree = random_tree()
+    tree.save(tmp_path / "tree.h5")
+    assert_equal(SphereTree.load(tmp_path / "tree.h5"), tree)
+    assert [path.name for path in tmp_path.iterdir()] == ["tree.h5"]
+    with h5py.File(tmp_path / "tree.h5") as file:
+        assert (file.attrs["format"], file.attrs["schema_version"]) == ("hhsim-tree", 1)
+        for name in ("center", "radius", "level", "parent"):
+            assert file[name].attrs["units"] == ("m" if name in ("center", "radius") else "1")
+            assert file[name].attrs["long_name"]
+        assert set(file["errors"]) == set(asdict(ERROR))
+        assert all(data.attrs["units"] and data.attrs["long_name"] for data in file["errors"].values())
+
+
+def test_file_is_the_same_every_time(tmp_path: Path) -> None:
+    for name in ("one.h5", "two.h5"):
+        random_tree().save(tmp_path / name)
+    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+
+
+def test_unwritable_place(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="cannot write sphere tree"):
+        random_tree().save(tmp_path / "missing" / "tree.h5")
+    (tmp_path / "folder.h5").mkdir()
+    with pytest.raises(OutputError, match=r"folder\.h5"):
+        random_tree().save(tmp_path / "folder.h5")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.h5"]
+
+
+BROKEN = {
+    "center": np.zeros((2, 2)),
+    "radius": np.array([1.0]),
+    "level": np.array([0, 0]),
+    "parent": np.array([-1, 1]),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_arrays_are_refused(name: str, tmp_path: Path) -> None:
+    sound: dict[str, Any] = {
+        "center": np.zeros((2, 3)),
+        "radius": np.array([2.0, 1.0]),
+        "level": np.array([0, 1]),
+        "parent": np.array([-1, 0]),
+    }
+    SphereTree(**sound).save(tmp_path / "tree.h5")
+    with pytest.raises(InputError, match="sphere tree") as caught:
+        SphereTree(**sound | {name: BROKEN[name]})
+    assert "\n" not in str(caught.value)
+    with h5py.File(tmp_path / "tree.h5", "a") as file:
+        del file[name]
+        file[name] = BROKEN[name]
+    with pytest.raises(InputError, match=r"tree\.h5: sphere tree"):
+        SphereTree.load(tmp_path / "tree.h5")
+
+
+def test_values_that_make_no_tree_are_refused() -> None:
+    tree = random_tree()
+
+    def changed(name: str, index: int, value: float) -> dict[str, Any]:
+        array = getattr(tree, name).copy()
+        array[index] = value
+        return {name: array}
+
+    last = len(tree.radius) - 1
+    for name, index, value, message in [
+        ("radius", 3, np.nan, "not finite"),
+        ("center", 3, np.inf, "not finite"),
+        ("radius", last, -1.0, "negative"),
+        ("parent", 0, 0, "root"),
+        ("parent", last, 0, "breadth-first"),
+        ("parent", 1, 5, "breadth-first"),
+        ("level", last, 1, "level"),
+        ("radius", 0, 0.5 * tree.radius[0], "sticks"),
+        ("radius", 1, 0.5 * tree.radius[1], "sticks"),
+        ("radius", last, 10.0, "sticks"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            replace(tree, **changed(name, index, value))
+    with pytest.raises(InputError, match="same level"):
+        SphereTree(np.zeros((4, 3)), np.ones(4), np.array([0, 1, 1, 2]), np.array([-1, 0, 0, 1]))
+
+
+def test_files_that_are_no_tree_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        SphereTree.load(tmp_path / "missing.h5")
+    (tmp_path / "text.h5").write_text("not HDF5")
+    with pytest.raises(InputError, match="not a readable hhsim-tree"):
+        SphereTree.load(tmp_path / "text.h5")
+    path = tmp_path / "tree.h5"
+    for name, value, message in [
+        ("format", "hhsim-result", "expected 'hhsim-tree'"),
+        ("schema_version", 99, "version 99"),
+    ]:
+        random_tree().save(path)
+        with h5py.File(path, "a") as file:
+            file.attrs[name] = value
+        with pytest.raises(InputError, match=message):
+            SphereTree.load(path)
+    random_tree().save(path)
+    with h5py.File(path, "a") as file:
+        del file["radius"]
+    with pytest.raises(InputError, match="radius"):
+        SphereTree.load(path)
+    random_tree().save(path)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(InputError, match="not a readable hhsim-tree"):
+        SphereTree.load(path)

@@ -1,0 +1,235 @@
+"""The builder: every tree covers its mesh and encloses its leaves, whatever the mesh; and its errors are true."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hhsim import tree_builder
+from hhsim.errors import InputError, MeshError
+from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.mesh import Mesh
+from hhsim.sphere_tree import SphereTree
+from hhsim.tree_builder import TreeOptions, build_hierarchy, build_sphere_tree, cache_path, cached_sphere_tree
+from hhsim.tree_error import measure_levels, sample_mesh, sample_spheres, uncovered_faces
+
+
+def mesh_of(shape: trimesh.Trimesh, name: str = "shape") -> Mesh:
+    return Mesh(np.asarray(shape.vertices), np.asarray(shape.faces), name=name)
+
+
+SHAPES = {
+    "icosphere": trimesh.creation.icosphere(3, 0.05),
+    "box": trimesh.creation.box((0.1, 0.1, 0.1)),
+    "plate": trimesh.creation.box((0.1, 0.08, 0.002)),
+    "cylinder": trimesh.creation.cylinder(0.03, 0.1, sections=32),
+    "torus": trimesh.creation.torus(0.04, 0.012, major_sections=24, minor_sections=12),
+}
+
+
+def assert_sound(tree: SphereTree, mesh: Mesh) -> None:
+    """Every node encloses its leaves without tolerance, every level covers the mesh by proof and by sampling."""
+    ancestor = np.arange(tree.leaf_start, len(tree.radius))
+    for _ in range(tree.depth):
+        ancestor = tree.parent[ancestor]
+        distance = np.linalg.norm(tree.leaf_center - tree.center[ancestor], axis=1)
+        assert (distance + tree.leaf_radius <= tree.radius[ancestor] * (1.0 + 1e-15)).all()
+    points = sample_mesh(mesh.vertices, mesh.faces, 3000, np.random.default_rng(9))
+    for level in range(tree.depth + 1):
+        center, radius = tree.center[tree.level == level], tree.radius[tree.level == level]
+        assert uncovered_faces(mesh.vertices, mesh.faces, center, radius).size == 0
+        assert (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1).max() <= 0.0
+        assert tree.errors[level].gap_max == 0.0
+
+
+@pytest.mark.parametrize("level", [1, 2])
+@pytest.mark.parametrize("name", SHAPES)
+def test_levels_cover_and_enclose(name: str, level: int) -> None:
+    mesh = mesh_of(SHAPES[name])
+    tree = build_sphere_tree(mesh, TreeOptions(level=level))
+    assert_sound(tree, mesh)
+    assert tree.depth == level
+    assert 0.5 * 8**level < tree.leaf_count <= 8**level
+    assert np.bincount(tree.parent[1:]).max() <= 8
+    assert tree.mesh_sha256 == mesh.sha256
+    assert dict(tree.options) == {"level": level, "branching": 8, "leaves": None, "seed": 0}
+    assert [error.spheres for error in tree.errors] == np.bincount(tree.level).tolist()
+
+
+@settings(max_examples=12)
+@given(st.integers(4, 30), st.integers(0, 2**31), st.integers(1, 3), st.sampled_from([2, 3, 8]), st.floats(0.02, 1.0))
+def test_random_convex_meshes(points: int, seed: int, level: int, branching: int, flat: float) -> None:
+    rng = np.random.default_rng(seed)
+    hull = trimesh.convex.convex_hull(0.05 * rng.normal(size=(points, 3)) * [1.0, 1.0, flat])
+    mesh = mesh_of(hull)
+    tree = build_sphere_tree(mesh, TreeOptions(level=level, branching=branching, seed=seed % 100))
+    assert_sound(tree, mesh)
+    assert tree.leaf_count <= branching**level
+
+
+@settings(max_examples=60)
+@given(
+    st.integers(1, 64),
+    st.integers(0, 2**31),
+    st.sampled_from([(1, 64), (2, 8), (3, 4), (3, 8), (6, 2)]),
+    st.integers(1, 4),
+)
+def test_hierarchy_of_any_balls(count: int, seed: int, shape: tuple[int, int], values: int) -> None:
+    level, branching = shape
+    rng = np.random.default_rng(seed)
+    # Few distinct centres and radii: coinciding, collinear and nested balls.
+    center, radius = rng.integers(0, values, size=(count, 3)).astype(float), rng.integers(0, values, size=count) / 2.0
+    tree = build_hierarchy(center, radius, level, branching)
+    assert (tree.depth, tree.leaf_count) == (level, count)
+    assert np.bincount(tree.parent[1:]).max() <= branching
+    balls = np.column_stack([center, radius])
+    leaves = np.column_stack([tree.leaf_center, tree.leaf_radius])
+    assert np.array_equal(balls[np.lexsort(balls.T)], leaves[np.lexsort(leaves.T)])
+
+
+def test_errors_are_true() -> None:
+    mesh = mesh_of(SHAPES["box"])
+    tree = build_sphere_tree(mesh, TreeOptions(level=2))
+    rng = np.random.default_rng(17)
+    for error in tree.errors:
+        center, radius = tree.center[tree.level == error.level], tree.radius[tree.level == error.level]
+        points, owner, area = sample_spheres(center, radius, 40_000, rng)
+        distance = np.linalg.norm(points[:, None] - center, axis=2) - radius
+        distance[np.arange(len(points)), owner] = np.inf
+        points, area = points[distance.min(axis=1) >= 0.0], area[distance.min(axis=1) >= 0.0]
+        # The distance from a box in closed form.
+        outside = np.linalg.norm(np.maximum(0.0, np.abs(points) - 0.05), axis=1)
+        area, outside = area[outside > 0.0], outside[outside > 0.0]
+        assert outside.max() <= error.bound
+        assert error.protrusion_max <= error.bound * (1.0 + 1e-12)
+        assert error.protrusion_max == pytest.approx(outside.max(), rel=0.03)
+        assert error.protrusion_mean == pytest.approx(np.average(outside, weights=area), rel=0.03)
+        assert error.protrusion_mean <= error.protrusion_p99 <= error.protrusion_max
+
+
+def test_gap_of_a_tree_with_a_hole_is_seen() -> None:
+    mesh = mesh_of(SHAPES["box"])
+    tree = build_sphere_tree(mesh, TreeOptions(level=2))
+    center, radius = tree.leaf_center[5:], tree.leaf_radius[5:]
+    assert uncovered_faces(mesh.vertices, mesh.faces, center, radius).size > 0
+    holed = build_hierarchy(center, radius, 2, 8)
+    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    error = measure_levels(mesh.vertices, mesh.faces, bvh, holed)[-1]
+    points = sample_mesh(mesh.vertices, mesh.faces, 20_000, np.random.default_rng(1))
+    gap = np.maximum(0.0, (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1))
+    assert error.gap_max == pytest.approx(gap.max(), rel=0.1)
+    assert error.gap_mean == pytest.approx(gap.mean(), rel=0.2)
+    assert 0.0 < error.gap_mean < error.gap_p99 < error.gap_max
+
+
+def test_more_levels_protrude_less() -> None:
+    mesh = mesh_of(SHAPES["box"])
+    bounds = [build_sphere_tree(mesh, TreeOptions(level=level)).errors[-1].bound for level in (1, 2, 3)]
+    assert bounds[0] > 2.0 * bounds[1] > 4.0 * bounds[2]
+
+
+def test_centres_lie_inside_and_the_bound_is_theirs() -> None:
+    mesh = mesh_of(SHAPES["torus"])
+    tree = build_sphere_tree(mesh, TreeOptions(level=2))
+    signed = mesh_signed_distance(build_mesh_bvh(mesh.vertices, mesh.faces), tree.leaf_center)
+    assert (signed < 0.0).all()
+    assert tree.errors[-1].bound == pytest.approx((tree.leaf_radius + signed).max(), abs=1e-12)
+
+
+def test_leaf_limit() -> None:
+    tree = build_sphere_tree(mesh_of(SHAPES["box"]), TreeOptions(level=3, leaves=20))
+    assert tree.depth == 3
+    assert 10 < tree.leaf_count <= 20
+
+
+def test_same_bytes_every_time() -> None:
+    one, two = (build_sphere_tree(mesh_of(SHAPES["torus"]), TreeOptions(level=2)) for _ in range(2))
+    assert one.center.tobytes() == two.center.tobytes()
+    assert one.radius.tobytes() == two.radius.tobytes()
+    assert one.errors == two.errors
+
+
+def test_moved_mesh_gives_the_moved_tree() -> None:
+    mesh = mesh_of(SHAPES["box"])
+    rotation = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    here = build_sphere_tree(mesh, TreeOptions(level=2))
+    there = build_sphere_tree(mesh.transformed(rotation, [0.3, -0.2, 0.1]).scaled(2.0), TreeOptions(level=2))
+    assert there.errors[-1].bound == pytest.approx(2.0 * here.errors[-1].bound, rel=0.1)
+
+
+def test_progress_runs_to_the_end() -> None:
+    calls: list[tuple[str, int, int]] = []
+    build_sphere_tree(mesh_of(SHAPES["box"]), TreeOptions(level=2), lambda *call: calls.append(call))
+    assert list(dict.fromkeys(stage for stage, _, _ in calls)) == ["cover", "tree", "measure"]
+    assert all(0 <= done <= total for _, done, total in calls)
+    assert calls[-1] == ("measure", 3, 3)
+
+
+def test_meshes_without_an_inside_are_refused() -> None:
+    shape = SHAPES["box"]
+    inside_out = Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)[:, ::-1], name="turned")
+    sheet = Mesh(np.eye(3), np.array([[0, 1, 2], [0, 2, 1]]), name="sheet")
+    for mesh in (inside_out, sheet):
+        with pytest.raises(MeshError, match=f"{mesh.name}: the mesh has no inside"):
+            build_sphere_tree(mesh, TreeOptions(level=1))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"level": 0}, {"level": 6}, {"branching": 1}, {"leaves": 0}, {"leaves": 65, "level": 2}]
+)
+def test_options_check_themselves(wrong: dict[str, int]) -> None:
+    with pytest.raises(InputError, match="expected"):
+        TreeOptions(**wrong)
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(tree_builder, "cache_root", lambda: tmp_path)
+    return tmp_path
+
+
+def test_cache_builds_once_for_each_content(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, options = mesh_of(SHAPES["box"]), TreeOptions(level=1)
+    built: list[str] = []
+    build = build_sphere_tree
+
+    def counted(*arguments: object) -> SphereTree:
+        built.append("once")
+        return build(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(tree_builder, "build_sphere_tree", counted)
+    first = cached_sphere_tree(mesh, options)
+    second = cached_sphere_tree(mesh_of(SHAPES["box"], "another name"), options)
+    assert len(built) == 1
+    assert np.array_equal(first.center, second.center)
+    assert first.errors == second.errors
+    cached_sphere_tree(mesh, TreeOptions(level=1, leaves=5))
+    cached_sphere_tree(mesh.scaled(2.0), options)
+    assert len(built) == 3
+    assert len(list(cache.rglob("*"))) == 4
+
+
+def test_damaged_cache_is_built_again(cache: Path) -> None:
+    mesh, options = mesh_of(SHAPES["box"]), TreeOptions(level=1)
+    expected = cached_sphere_tree(mesh, options)
+    path = cache_path(mesh, options)
+    path.write_bytes(path.read_bytes()[:100])
+    assert np.array_equal(cached_sphere_tree(mesh, options).center, expected.center)
+    assert np.array_equal(SphereTree.load(path).center, expected.center)
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(cache: Path) -> None:
+    (cache / "trees").write_text("a file where the folder should be")
+    assert cached_sphere_tree(mesh_of(SHAPES["box"]), TreeOptions(level=1)).leaf_count == 8
+
+
+def test_real_scan(shared_data: Path) -> None:
+    shape = trimesh.load_mesh(shared_data / "meshes" / "object_sim_stanfordbunny.stl")
+    mesh = mesh_of(shape).scaled(0.1 / shape.extents.max())
+    tree = build_sphere_tree(mesh, TreeOptions(level=3))
+    assert_sound(tree, mesh)
+    assert 400 < tree.leaf_count <= 512
+    assert tree.errors[-1].bound < 2.5e-3
