@@ -29,10 +29,10 @@ else:
 @jit
 def monotonic_ns() -> int:
     """Wall clock [ns], monotonic."""
-    return _read(CLOCK_MONOTONIC)
+    return _read(np.int64(CLOCK_MONOTONIC))
 
 
 @jit
 def thread_cpu_ns() -> int:
     """CPU time of the calling thread [ns]."""
-    return _read(CLOCK_THREAD_CPU)
+    return _read(np.int64(CLOCK_THREAD_CPU))

@@ -294,7 +294,7 @@ def evaluate(
             candidates.palm_distance,
         )
         work[COUNT_PAIR_TESTS] += count
-        candidates.nearest[PALM_BODY] = _least(candidates.palm_distance, count)
+        candidates.nearest[PALM_BODY] = _least(candidates.palm_distance[:], count)
     return 0
 
 

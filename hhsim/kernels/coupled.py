@@ -56,12 +56,12 @@ def solve_coupled(
     """Solve the coupled program; `step` is written where the status is OPTIMAL. Returns a status of `kernels.active_set`."""
     coupled_groups(contacts, work.group_start, work.group_stop, work.group_block)
     began = monotonic_ns()
-    guessed = 0
+    guessed = np.int64(0)
     for group in range(FINGER_COUNT + 1):
-        guessed = guess_rows(contacts, active, group, work.guess, guessed)
+        guessed = guess_rows(contacts, active, group, work.guess[:], guessed)
     status = solve(
-        DOF,
-        6,
+        np.int64(DOF),
+        np.int64(6),
         problem.common[:],
         problem.block[:],
         problem.rhs[:],

@@ -70,7 +70,11 @@ def is_cached() -> bool:
 
 
 def jit(function: F) -> F:
-    """Compile with strict IEEE arithmetic, no exceptions, cached."""
+    """Compile with strict IEEE arithmetic, no exceptions, cached.
+
+    numba compiles a callee once more for every literal integer it is given, and for every shape of a structured array's
+    field. Callers therefore wrap literals in `np.int64` and pass such fields as `field[:]`, where the callee is large.
+    """
     return numba.njit(cache=True, error_model="numpy", nogil=True)(function)  # type: ignore[no-any-return]
 
 

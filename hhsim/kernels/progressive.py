@@ -97,20 +97,20 @@ def solve_progressive(
     step: np.record,
 ) -> int:
     """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL."""
-    first_cut = limit_start(contacts, FINGER_COUNT)
+    first_cut = limit_start(contacts, np.int64(FINGER_COUNT))
     work.palm_start[0] = contacts.start[0]
     work.palm_stop[0] = contacts.start[1]
     work.palm_block[0] = -1
     work.palm_start[1] = first_cut
     work.palm_stop[1] = first_cut
     work.palm_block[1] = -1
-    cuts = 0
-    guessed = guess_rows(contacts, active, 0, work.guess, 0)
+    cuts = np.int64(0)
+    guessed = guess_rows(contacts, active, np.int64(0), work.guess[:], np.int64(0))
     while True:
         began = monotonic_ns()
         status = solve(
-            6,
-            6,
+            np.int64(6),
+            np.int64(6),
             problem.common[:],
             problem.block[:],
             problem.rhs[:],
@@ -147,10 +147,10 @@ def solve_progressive(
             finger_rhs(problem, work.finger_start[1], work.finger_stop[1], work.palm_step, work.rhs)
             for k in range(PHALANX_COUNT):
                 work.target[k] = problem.target[6 + 3 * f + k]
-            guessed = guess_rows(contacts, active, f + 1, work.guess, 0)
+            guessed = guess_rows(contacts, active, f + 1, work.guess[:], np.int64(0))
             status = solve(
-                PHALANX_COUNT,
-                0,
+                np.int64(PHALANX_COUNT),
+                np.int64(0),
                 problem.common[:],
                 problem.block[:],
                 work.rhs[:],

@@ -69,7 +69,7 @@ ACTIVE_CONTACTS = np.dtype(
 @jit
 def keep_active(contacts: np.record, step: np.record, active: np.record) -> None:
     """Remember the contacts that carry the step's multipliers."""
-    limits = limit_start(contacts, 0)
+    limits = limit_start(contacts, np.int64(0))
     for i in range(step.count):
         row = step.row[i]
         active.multiplier[i] = step.multiplier[i]
@@ -93,7 +93,7 @@ def guess_rows(contacts: np.record, active: np.record, group: int, guess_out: In
     """Append the rows of `group` (0 palm, 1 to 5 fingers, with their limits) that carried force last time; returns the new count."""
     start, stop = contacts.start[group], contacts.start[group + 1]
     finger = group - 1
-    limits = limit_start(contacts, 0)
+    limits = limit_start(contacts, np.int64(0))
     for i in range(active.count):
         key = active.key[i]
         if filled >= guess_out.shape[0]:

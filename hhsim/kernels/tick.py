@@ -295,7 +295,8 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.
         keep_active(state.contacts, step, state.active)
         state.accepted = True
         state.bad_steps = 0
-        done = fraction == 1.0 and longest <= options.settled
+        unhindered = state.contacts.start[FINGER_COUNT + 1] == 0
+        done = fraction == 1.0 and (unhindered or longest <= options.settled)
     else:
         state.bad_steps += 1
         if state.bad_steps > 3:
@@ -328,7 +329,7 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
         if candidates.nearest[body] <= TOUCH:
             touching += count_within(candidates.distance[body], candidates.count[body], TOUCH)
     if candidates.nearest[PALM_BODY] <= TOUCH:
-        touching += count_within(candidates.palm_distance, candidates.count[PALM_BODY], TOUCH)
+        touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], TOUCH)
     state.work[WORK_TOUCHING] = touching
     state.work[WORK_QP_ITERATIONS] = state.step.iterations
     detected = monotonic_ns()
