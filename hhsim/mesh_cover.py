@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
 from hhsim.kernels.cover import assign, covering_radius, greedy_cover
-from hhsim.kernels.cover_refine import group_by_owner, move_balls, spare_balls
+from hhsim.kernels.cover_refine import group_by_owner, move_balls, removal_cost, spare_balls
 from hhsim.kernels.mesh_bvh import MeshBvh, build_mesh_bvh, face_normals
 from hhsim.kernels.micro_triangle import MicroTriangles, cut_mesh, edges_for
 
@@ -66,7 +66,7 @@ class _Cover:
             center, depth = np.empty((self.balls, 3)), np.empty(self.balls)
             center[:here], depth[:here] = self.center, self.depth
             count = greedy_cover(
-                self.bvh, self.micro, self.largest, _REACH, 0.0, here, center, depth, self.owner, self.cost
+                self.bvh, self.micro, self.largest, _REACH, 0.0, 2 * _TRIALS, here, center, depth, self.owner, self.cost
             )
             self.center, self.depth = center[:count].copy(), depth[:count].copy()
             self.step = np.concatenate([self.step, np.zeros(count - here)])
@@ -85,19 +85,25 @@ class _Cover:
 
     def move(self) -> None:
         """Move each ball towards less cost."""
+        first, order = self._groups()
+        move_balls(self.bvh, self.micro, first, order, _TRIALS, self.center, self.depth, self.step)
+
+    def _groups(self) -> tuple[IntArray, IntArray]:
         first, order = np.empty(len(self.depth) + 1, np.int64), np.empty(len(self.owner), np.int64)
         group_by_owner(self.owner, first, order)
-        move_balls(self.bvh, self.micro, first, order, _TRIALS, self.center, self.depth, self.step)
+        return first, order
 
     def teleport(self) -> None:
         """Take away balls that are hardly missed, and place them anew."""
+        first, order = self._groups()
+        cost = np.empty(len(self.depth))
+        removal_cost(self.owner, self.second_cost, cost)
+        by_cost = np.argsort(cost, kind="stable")
+        candidates = by_cost[cost[by_cost] < _TELEPORT_LIMIT * self.worst]
+        spared = np.empty(len(self.depth), np.bool_)
         most = max(1, self.balls // _TELEPORT_SHARE)
-        spare = np.empty(most, np.int64)
-        work = np.empty(len(self.depth))
-        limit = _TELEPORT_LIMIT * self.worst
-        count = spare_balls(self.owner, self.second_owner, self.second_cost, limit, most, spare, work)
-        stays = np.ones(len(self.depth), np.bool_)
-        stays[spare[:count]] = False
+        spare_balls(candidates, first, order, self.second_owner, most, spared)
+        stays = ~spared
         self.center, self.depth, self.step = self.center[stays].copy(), self.depth[stays], self.step[stays]
         self.assign()
         self.fill()

@@ -7,14 +7,14 @@ are ignored.
 The format has no unit; centres are in the frame that the toolkit was given.
 """
 
-import os
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError
 from hhsim.sphere_tree import SphereTree, enclosing_radius
+from hhsim.whole_file import write_whole_file
 
 _MOST_SLOTS = 20_000_000
 
@@ -35,14 +35,7 @@ def save_sph(tree: SphereTree, path: str | Path) -> None:
     lines = ["0.0 0.0 0.0 -1.0 0.0"] * _slots(levels, branching)
     for where, (x, y, z), radius in zip(slot.tolist(), tree.center.tolist(), tree.radius.tolist(), strict=True):
         lines[where] = f"{x!r} {y!r} {z!r} {radius!r} 1.0"
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        partial.write_text(f"{levels} {branching}\n" + "\n".join(lines) + "\n", encoding="ascii")
-        partial.replace(target)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise OutputError(f"cannot write {target}: {error.strerror or error}") from error
+    write_whole_file(Path(path), ("\n".join([f"{levels} {branching}", *lines]) + "\n").encode("ascii"))
 
 
 def load_sph(path: str | Path) -> SphereTree:

@@ -1,15 +1,15 @@
 """The hhsim-tree file: a sphere tree in HDF5, with units beside every number."""
 
 import json
-import os
 from dataclasses import asdict, fields
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError
 from hhsim.sphere_tree import LENGTHS, LevelError, SphereTree
+from hhsim.whole_file import hdf5_image, write_whole_file
 
 FORMAT = "hhsim-tree"
 SCHEMA_VERSION = 1
@@ -39,15 +39,7 @@ def save_tree(tree: SphereTree, path: str | Path) -> None:
     Raises:
         OutputError: The file cannot be written.
     """
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        with h5py.File(partial, "w") as file:
-            _write(tree, file)
-        partial.replace(target)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise OutputError(f"cannot write sphere tree {target}: {error.strerror or error}") from error
+    write_whole_file(Path(path), hdf5_image(lambda file: _write(tree, file)))
 
 
 def _write(tree: SphereTree, file: h5py.File) -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhsim.kernels.cover import assign, greedy_cover
-from hhsim.kernels.cover_refine import group_by_owner, move_balls, spare_balls
+from hhsim.kernels.cover_refine import group_by_owner, move_balls, removal_cost, spare_balls
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.kernels.micro_triangle import cut_mesh, edges_for
 
@@ -35,7 +35,7 @@ def test_moved_balls_cost_less() -> None:
     center, depth, step = np.empty((balls, 3)), np.empty(balls), np.zeros(balls)
     owner, second = np.empty((2, len(micro.corner)), np.int64)
     cost, second_cost = np.empty((2, len(micro.corner)))
-    assert greedy_cover(bvh, micro, 0.05, 0.3, 0.0, 0, center, depth, owner, cost) == balls
+    assert greedy_cover(bvh, micro, 0.05, 0.3, 0.0, 12, 0, center, depth, owner, cost) == balls
     worst = [cost.max()]
     first, order = np.empty(balls + 1, np.int64), np.empty(len(owner), np.int64)
     for _ in range(10):
@@ -55,21 +55,19 @@ def test_spared_balls_are_not_missed(balls: int, count: int, seed: int, most: in
     rng = np.random.default_rng(seed)
     owner = rng.integers(balls, size=count)
     second = (owner + rng.integers(1, balls, size=count)) % balls
-    second_cost = rng.random(count)
-    spare, work = np.empty(most, np.int64), np.empty(balls)
-    chosen = spare[: spare_balls(owner, second, second_cost, 0.8, most, spare, work)]
-    assert len(set(chosen.tolist())) == len(chosen) <= most
-    lost = np.isin(owner, chosen)
-    assert (second_cost[lost] < 0.8).all()
-    assert not np.isin(second[lost], chosen).any()
-    if len(chosen) == 0:
-        removal = [second_cost[owner == ball].max(initial=-np.inf) for ball in range(balls)]
-        assert min(removal) >= 0.8
+    first, order, spared = np.empty(balls + 1, np.int64), np.empty(count, np.int64), np.empty(balls, np.bool_)
+    group_by_owner(owner, first, order)
+    candidates = rng.permutation(balls)[: rng.integers(balls + 1)]
+    chosen = spare_balls(candidates, first, order, second, most, spared)
+    assert spared.sum() == chosen <= most
+    assert set(np.flatnonzero(spared)) <= set(candidates.tolist())
+    lost = spared[owner]
+    assert not spared[second[lost]].any()
+    assert (chosen > 0) == (len(candidates) > 0)
+    assert len(candidates) == 0 or spared[candidates[0]]
 
 
-def test_idle_balls_go_first() -> None:
-    owner, second, second_cost = np.array([0, 0, 2]), np.array([2, 2, 0]), np.array([0.1, 0.2, 0.3])
-    spare, work = np.empty(2, np.int64), np.empty(4)
-    assert spare_balls(owner, second, second_cost, 1.0, 2, spare, work) == 2
-    assert spare.tolist() == [1, 3]
-    assert work.tolist() == [0.2, -np.inf, 0.3, -np.inf]
+def test_removal_cost() -> None:
+    cost = np.empty(4)
+    removal_cost(np.array([0, 0, 2]), np.array([0.1, 0.2, 0.3]), cost)
+    assert cost.tolist() == [0.2, -np.inf, 0.3, -np.inf]

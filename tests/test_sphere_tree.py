@@ -103,7 +103,7 @@ def test_file_is_the_same_every_time(tmp_path: Path) -> None:
 
 
 def test_unwritable_place(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="cannot write sphere tree"):
+    with pytest.raises(OutputError, match="cannot write"):
         random_tree().save(tmp_path / "missing" / "tree.h5")
     (tmp_path / "folder.h5").mkdir()
     with pytest.raises(OutputError, match=r"folder\.h5"):

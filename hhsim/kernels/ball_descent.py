@@ -28,8 +28,9 @@ WORK = _BUNDLE + 3
 
 
 @jit
-def _shortest_in_hull(vectors: Array, count: int, shortest_out: Array) -> float:
-    """Find about the shortest vector of the hull of `count` vectors (Gilbert, 1966); return its length."""
+def _shortest_in_hull(vectors: Array, shortest_out: Array) -> float:
+    """Find about the shortest vector of the hull of vectors (Gilbert, 1966); return its length."""
+    count = vectors.shape[0]
     last = count - 1
     x, y, z = vectors[last, 0], vectors[last, 1], vectors[last, 2]
     for _ in range(_HULL_STEPS):
@@ -52,9 +53,7 @@ def _shortest_in_hull(vectors: Array, count: int, shortest_out: Array) -> float:
 def _evaluate(
     bvh: MeshBvh,
     micro: MicroTriangles,
-    order: Indices,
-    begin: int,
-    end: int,
+    members: Indices,
     x: float,
     y: float,
     z: float,
@@ -64,11 +63,11 @@ def _evaluate(
     subgradient_out: Array,
     closest_out: Array,
 ) -> tuple[float, float]:
-    """Cost and depth [m] of a ball centred at (x, y, z) for the micro-triangles order[begin:end]."""
+    """Cost and depth [m] of a ball centred at (x, y, z) for the micro-triangles `members`."""
     far2 = -1.0
     fx = fy = fz = 0.0
-    for k in range(begin, end):
-        t = micro.corner[order[k]]
+    for i in members:
+        t = micro.corner[i]
         for v in range(0, 9, 3):
             dx, dy, dz = x - t[v], y - t[v + 1], z - t[v + 2]
             d2 = dx * dx + dy * dy + dz * dz
@@ -89,9 +88,7 @@ def _evaluate(
 def descend_ball(
     bvh: MeshBvh,
     micro: MicroTriangles,
-    order: Indices,
-    begin: int,
-    end: int,
+    members: Indices,
     trials: int,
     step: float,
     center: Array,
@@ -104,7 +101,7 @@ def descend_ball(
     Args:
         bvh: over the mesh.
         micro: the micro-triangles.
-        order, begin, end: order[begin:end] are those that the ball has to cover, at least one.
+        members: those that the ball has to cover, at least one.
         trials: steps to try.
         step: length of the first [m]; not positive for a guess.
         center: of the ball [m], shape (3,); moved in place, never out of the solid.
@@ -117,12 +114,12 @@ def descend_ball(
     direction, closest, trial_closest = work[_BUNDLE], work[_BUNDLE + 1], work[_BUNDLE + 2]
     x, y, z = center[0], center[1], center[2]
     # Row 0 of the bundle is the subgradient at the centre.
-    cost, depth = _evaluate(bvh, micro, order, begin, end, x, y, z, np.inf, stack, stack_distance2, work[0], closest)
+    cost, depth = _evaluate(bvh, micro, members, x, y, z, np.inf, stack, stack_distance2, work[0], closest)
     kept, good = 1, 0
     if step <= 0.0:
         step = 0.5 * math.sqrt(max(cost, 0.0) * max(2.0 * depth + cost, 0.0))
     for _ in range(trials):
-        length = _shortest_in_hull(work, kept, direction)
+        length = _shortest_in_hull(work[:kept], direction)
         if depth <= 0.0:
             break
         if length < _STATIONARY:
@@ -144,7 +141,7 @@ def descend_ball(
                 for k in range(3):
                     work[i, k] = work[i + 1, k]
         trial_cost, trial_depth = _evaluate(
-            bvh, micro, order, begin, end, tx, ty, tz, limit2, stack, stack_distance2, work[slot], trial_closest
+            bvh, micro, members, tx, ty, tz, limit2, stack, stack_distance2, work[slot], trial_closest
         )
         if trial_depth > 0.0 and trial_cost < cost - 1e-6 * abs(cost):
             x, y, z, cost, depth = tx, ty, tz, trial_cost, trial_depth

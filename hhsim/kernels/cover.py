@@ -21,7 +21,6 @@ from .micro_triangle import MicroTriangles
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_DESCENT = 12
 _GAIN = 1e-3
 
 
@@ -86,6 +85,7 @@ def greedy_cover(
     largest: float,
     reach: float,
     tolerance: float,
+    trials: int,
     begin: int,
     center_out: Array,
     depth_out: Array,
@@ -100,6 +100,7 @@ def greedy_cover(
         largest: radius [m] from which inner balls shrink.
         reach: share [-] of the largest cost that a new ball may cost its own micro-triangle.
         tolerance: stop when no cost is larger [m].
+        trials: steps of descent for a ball that an inner ball cannot replace.
         begin: number of balls to place now; the call goes on from ball `begin`, 0 for a new cover.
         center_out: centres [m], shape (balls, 3).
         depth_out: their depths [m], shape (balls,); negative for a centre outside.
@@ -150,7 +151,7 @@ def greedy_cover(
                 for k in range(3):
                     center_out[ball, k] = center_out[owner_out[chosen], k]
                 after, depth, _, _ = descend_ball(
-                    bvh, micro, one, 0, 1, _DESCENT, 0.0, center_out[ball], work, stack, stack_distance2
+                    bvh, micro, one, trials, 0.0, center_out[ball], work, stack, stack_distance2
                 )
             if after < before * (1.0 - _GAIN):
                 break

@@ -44,7 +44,8 @@ def certify_cover(
     length[0] = balls
     unproved = 0
     for face in range(corner.shape[0]):
-        triangle[0] = corner[face]
+        for k in range(9):
+            triangle[0, k] = corner[face, k]
         level[0] = 1
         top = 1
         proved = True

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit, jit_vector
+from .jit import jit, jit_inline, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -15,15 +15,19 @@ _CHUNK = 64
 
 
 @jit_vector
-def _nearest_surface(
-    px: float, py: float, pz: float, x: Array, y: Array, z: Array, radius: Array, begin: int, end: int
-) -> float:
-    """Least signed distance [m] from p to the balls begin to end."""
+def _nearest_surface(px: float, py: float, pz: float, x: Array, y: Array, z: Array, radius: Array) -> float:
+    """Least signed distance [m] from p to the balls."""
     least = np.inf
-    for j in range(begin, end):
+    for j in range(radius.shape[0]):
         dx, dy, dz = x[j] - px, y[j] - py, z[j] - pz
         least = min(least, math.sqrt(dx * dx + dy * dy + dz * dz) - radius[j])
     return least
+
+
+@jit_inline
+def _chunk(x: Array, y: Array, z: Array, radius: Array, begin: int) -> tuple[Array, Array, Array, Array]:
+    end = begin + _CHUNK
+    return x[begin:end], y[begin:end], z[begin:end], radius[begin:end]
 
 
 @jit
@@ -33,11 +37,11 @@ def union_distance(points: Array, x: Array, y: Array, z: Array, radius: Array, d
     latest = 0
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        # Neighbouring samples tend to lie in the same balls.
-        least = _nearest_surface(px, py, pz, x, y, z, radius, latest, min(latest + _CHUNK, balls))
+        # Neighbouring samples tend to lie in the same balls: look there first.
+        least = _nearest_surface(px, py, pz, *_chunk(x, y, z, radius, latest))
         begin = 0
         while begin < balls and least > 0.0:
-            least = min(least, _nearest_surface(px, py, pz, x, y, z, radius, begin, min(begin + _CHUNK, balls)))
+            least = min(least, _nearest_surface(px, py, pz, *_chunk(x, y, z, radius, begin)))
             if least <= 0.0:
                 latest = begin
             begin += _CHUNK

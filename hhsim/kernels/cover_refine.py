@@ -11,6 +11,7 @@ from .micro_triangle import MicroTriangles
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 @jit
@@ -69,53 +70,54 @@ def move_balls(
         begin, end = first[j], first[j + 1]
         if begin < end:
             _, depth[j], step[j], good = descend_ball(
-                bvh, micro, order, begin, end, trials, step[j], center[j], work, stack, stack_distance2
+                bvh, micro, order[begin:end], trials, step[j], center[j], work, stack, stack_distance2
             )
             total += good
     return total
 
 
 @jit
-def spare_balls(
-    owner: Indices, second_owner: Indices, second_cost: Array, limit: float, most: int, spare_out: Indices, cost: Array
-) -> int:
-    """Choose balls that are hardly missed: without one, its micro-triangles cost at most `limit` under their next best.
+def removal_cost(owner: Indices, second_cost: Array, cost_out: Array) -> None:
+    """What the cover costs without each ball [m]: the largest cost of its micro-triangles under their next best.
 
     Args:
-        owner, second_owner, second_cost: as `assign` gives, shape (M,).
-        limit: [m].
+        owner: ball of each micro-triangle, shape (M,).
+        second_cost: cost of each under its next best ball [m], shape (M,).
+        cost_out: shape (balls,); −inf for a ball without micro-triangles.
+    """
+    cost_out[:] = -np.inf
+    for i in range(owner.shape[0]):
+        cost_out[owner[i]] = max(cost_out[owner[i]], second_cost[i])
+
+
+@jit
+def spare_balls(
+    candidates: Indices, first: Indices, order: Indices, second_owner: Indices, most: int, spared_out: Flags
+) -> int:
+    """Choose balls to take away, such that no micro-triangle loses both its best and its second.
+
+    Args:
+        candidates: balls, those to be taken first in front, shape (n,).
+        first, order: which micro-triangles are whose, as `group_by_owner` gives.
+        second_owner: next best ball of each micro-triangle, shape (M,).
         most: how many balls to choose at most.
-        spare_out: the chosen balls, shape (most,). No micro-triangle loses both its best and its second.
-        cost: workspace, shape (balls,): what removing each ball costs [m].
+        spared_out: whether each ball was chosen, shape (balls,).
 
     Returns:
         How many were chosen.
     """
-    balls = cost.shape[0]
-    needed = np.zeros(balls, np.bool_)
-    cost[:] = -np.inf
-    for i in range(owner.shape[0]):
-        cost[owner[i]] = max(cost[owner[i]], second_cost[i])
-    first = np.empty(balls + 1, np.int64)
-    order = np.empty(owner.shape[0], np.int64)
-    group_by_owner(owner, first, order)
-    removed = np.zeros(balls, np.bool_)
+    needed = np.zeros(spared_out.shape[0], np.bool_)
+    spared_out[:] = False
     count = 0
-    for j in np.argsort(cost, kind="mergesort"):
-        if count >= most or not cost[j] < limit:
+    for j in candidates:
+        if count >= most:
             break
-        if needed[j]:
-            continue
-        alone = False
+        possible = not needed[j]
         for k in range(first[j], first[j + 1]):
-            if removed[second_owner[order[k]]]:
-                alone = True
-                break
-        if alone:
-            continue
-        for k in range(first[j], first[j + 1]):
-            needed[second_owner[order[k]]] = True
-        removed[j] = True
-        spare_out[count] = j
-        count += 1
+            possible = possible and not spared_out[second_owner[order[k]]]
+        if possible:
+            for k in range(first[j], first[j + 1]):
+                needed[second_owner[order[k]]] = True
+            spared_out[j] = True
+            count += 1
     return count

@@ -20,7 +20,7 @@ _STEPS = 100
 
 
 @jit
-def _tangent_ball(center: Array, radius: Array, chosen: Indices, count: int, ball_out: Array) -> bool:
+def _tangent_ball(center: Array, radius: Array, chosen: Indices, ball_out: Array) -> bool:
     """Smallest ball (x, y, z, r) that the chosen balls touch from inside, its centre in the affine hull of theirs.
 
     With p the way from the first centre and s = R − r₁, each other ball gives u·p = (|u|² − δ²)/2 − s δ, δ = r₁ − r; so
@@ -28,7 +28,7 @@ def _tangent_ball(center: Array, radius: Array, chosen: Indices, count: int, bal
     """
     first = chosen[0]
     r1 = radius[first]
-    n = count - 1
+    n = chosen.shape[0] - 1
     u = np.zeros((3, 3))
     matrix = np.zeros((3, 5))
     delta = np.zeros(3)
@@ -143,7 +143,7 @@ def enclosing_ball(center: Array, radius: Array, members: Indices, ball_out: Arr
                     if count < 4:
                         chosen[count] = basis[i]
                     count += 1
-            if count > 4 or not _tangent_ball(center, radius, chosen, count, trial) or trial[3] >= best[3]:
+            if count > 4 or not _tangent_ball(center, radius, chosen[:count], trial) or trial[3] >= best[3]:
                 continue
             encloses = True
             for i in range(size + 1):

@@ -137,7 +137,7 @@ def closest_on_mesh(
     triangle, feature = -1, 0
     x = y = z = 0.0
     stack[0] = 0
-    stack_distance2[0] = _box_distance2(bvh.low, bvh.high, 0, px, py, pz)
+    stack_distance2[0] = _box_distance2(bvh.low, bvh.high, stack[0], px, py, pz)
     top = 1
     while top > 0:
         top -= 1

@@ -51,7 +51,8 @@ def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) 
     stack = np.empty((CUT_STACK, 9))
     count = 0
     for face in range(corner.shape[0]):
-        stack[0] = corner[face]
+        for k in range(9):
+            stack[0, k] = corner[face, k]
         top = 1
         while top > 0:
             top -= 1
@@ -61,7 +62,8 @@ def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) 
             longest, length2 = longest_edge(ax, ay, az, bx, by, bz, cx, cy, cz)
             if length2 <= edge[face] * edge[face] or top + 2 > CUT_STACK:
                 if count < face_out.shape[0]:
-                    corner_out[count] = stack[top]
+                    for k in range(9):
+                        corner_out[count, k] = stack[top, k]
                     face_out[count] = face
                 count += 1
                 continue
