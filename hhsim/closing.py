@@ -1,59 +1,15 @@
-"""Closing a hand on an object: where the palm goes and how far the fingers flex, from distances alone.
+"""A hand closed on an object: the palm's place, the fingers' postures, and how near each body is."""
 
-For each of a fixed set of palm directions around the object, the open hand comes near until the palm is as close as
-wanted, and the named fingers close until they touch. The best of these grasps is kept: all named fingers reach the
-object and press into it, everything else keeps its distance, the palm is where it should be, the fingers oppose each
-other, and the hand comes from above or the side. Nothing is random and no solver takes part.
-"""
-
-import math
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import TrajectoryError
-from hhsim.hand import DEFAULT_HAND_LENGTH, FINGERS, HandModel
 from hhsim.kernels import closing as kernel
-from hhsim.kernels.hand import BODY_COUNT, PALM_BODY, HandArrays
+from hhsim.kernels.hand import BODY_COUNT, HandArrays
 from hhsim.kernels.tree import STACK_SIZE, TreeArrays
-from hhsim.script import Script
-from hhsim.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
-
-DIP_PER_PIP = 2.0 / 3.0
-"""The last joint follows the middle one in free flexion (Rijpkema & Girard 1991)."""
-THUMB_RATE = (0.5, 1.0, 0.8)
-"""Share of the thumb's joints in its closing: the metacarpal has the shortest range."""
-OPEN_SHARE = 0.6
-"""The open hand is extended to this share of the joints' range beyond straight."""
-FIST_SHARE = 0.6
-"""A hand that closes in the air flexes to this share of the joints' range."""
-
-NEAR_PALM = 0.02
-"""Up to this gap [m] the palm is aimed at the object's middle; beyond it the fingertips are."""
-PALM_AIMS = ((0.0, 0.02), (0.0, 0.0), (0.0, 0.04), (0.012, 0.02), (0.012, 0.0), (-0.012, 0.02))
-FINGERTIP_AIMS = ((0.0, 0.0), (0.0, -0.015), (0.0, 0.015), (0.015, 0.0), (-0.015, 0.0))
-"""Where the object's middle may lie under the palm or the fingertips: x and y in the palm frame [m]."""
-ROLLS = 8
-"""Directions of the fingers tried for each palm direction."""
-LEADERS = 8
-"""Candidates that the next round starts from."""
-TILT = math.radians(15.0)
-"""Turn of the last round about each palm axis: a third of the first round's steps."""
-
-MARGIN = 0.002
-"""Fingers that will touch keep this distance [m] while the open hand comes near."""
-UNDER = 0.02
-"""A joint this far [m] below the object's lowest point is as bad as any lower one."""
-IDLE_DISTANCE = 0.04
-"""Fingers that do not take part are out of the way at this distance [m]."""
-BEARING = 0.005
-"""The palm rests on the object with the spheres that are this near [m] when the first one touches."""
-REACH_DEPTH = 0.0005
-"""A finger reaches the object when its command lies this deep [m] in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +25,7 @@ class Closing:
         abduction: [rad], shape (5,).
         reached: the named fingers whose command lies inside the object.
         missed: the named fingers that do not reach it.
+        slide: unit direction of a slide, shape (3,), world; zeros where the script has none.
         distance: signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
     """
 
@@ -80,38 +37,8 @@ class Closing:
     abduction: Array
     reached: tuple[str, ...]
     missed: tuple[str, ...]
+    slide: Array
     distance: Array
-
-
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    """What was tried: a palm orientation and the point of the palm frame that is brought over the object's middle."""
-
-    rotation: Array
-    aim: Array
-    score: float
-    closing: Closing
-
-
-def plan_closing(script: Script, hand: HandModel, tree: SphereTree) -> Closing:
-    """Find how the hand of a script closes on an object.
-
-    Args:
-        script: which fingers close, how deep, and where the palm is.
-        hand: the hand.
-        tree: the object at rest, world frame; its leaves are what is touched.
-
-    Raises:
-        TrajectoryError: no named finger reaches the object from any side, or the palm cannot touch it.
-    """
-    search = _Search(script, hand, tree)
-    closing = search.best().closing
-    across = f"the object, {2.0 * search.bound:.3g} m across"
-    if script.contact and not closing.reached:
-        raise TrajectoryError(f"script {script.name}: {', '.join(script.fingers)} cannot reach {across}, from any side")
-    if script.palm_depth > 0.0 and closing.distance[PALM_BODY] >= 0.0:
-        raise TrajectoryError(f"script {script.name}: the palm cannot touch {across}, from any side")
-    return closing
 
 
 def make_work() -> kernel.ClosingWork:
@@ -141,196 +68,3 @@ def body_distances(
     distance = np.empty(BODY_COUNT)
     kernel.body_distances(hand, tree, position, rotation, flexion, abduction, np.inf, work, distance)
     return distance
-
-
-def closing_rates(curl: float) -> Array:
-    """Share of each joint in the closing of each finger, shape (5, 3)."""
-    rates = np.tile([1.0, curl, curl * DIP_PER_PIP], (len(FINGERS), 1))
-    rates[0] = THUMB_RATE
-    return rates
-
-
-def _orientations() -> list[Array]:
-    """Palm to world: its back in each of the 26 directions to a cube's neighbours, the fingers all round."""
-    found: list[Array] = []
-    for triple in product((1.0, 0.0, -1.0), repeat=3):
-        if triple == (0.0, 0.0, 0.0):
-            continue
-        z = np.array(triple) / np.linalg.norm(triple)
-        across = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-        across /= np.linalg.norm(across)
-        for roll in range(ROLLS):
-            angle = 2.0 * math.pi * roll / ROLLS
-            y = math.cos(angle) * across + math.sin(angle) * np.cross(z, across)
-            found.append(np.column_stack([np.cross(y, z), y, z]))
-    return found
-
-
-def _tilts() -> list[Array]:
-    """Turns about each palm axis, both ways, shape (3, 3) each."""
-    turns = []
-    for axis, sign in product(range(3), (1.0, -1.0)):
-        turn = np.eye(3)
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        turn[i, i] = turn[j, j] = math.cos(TILT)
-        turn[j, i], turn[i, j] = sign * math.sin(TILT), -sign * math.sin(TILT)
-        turns.append(turn)
-    return turns
-
-
-def _leading(candidates: list[_Candidate]) -> list[_Candidate]:
-    """The best ones, best first; the earlier one of equals, where rounding does not tell symmetric grasps apart."""
-    return sorted(candidates, key=lambda candidate: -round(candidate.score, 6))[:LEADERS]
-
-
-class _Search:
-    """The candidates and their evaluation for one script, hand and object."""
-
-    def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
-        self.script = script
-        self.hand = hand.arrays()
-        self.tree = tree.arrays()
-        self.work = make_work()
-        radius = tree.leaf_radius[:, None]
-        low, high = (tree.leaf_center - radius).min(axis=0), (tree.leaf_center + radius).max(axis=0)
-        self.middle = 0.5 * (low + high)
-        self.floor = float(low[2])
-        self.bound = float((np.linalg.norm(tree.leaf_center - self.middle, axis=1) + tree.leaf_radius).max())
-        finger_reach = float((self.hand.reach + self.hand.radius[:, :3]).max())
-        self.reach = max(finger_reach, float(self.hand.palm_reach[0] + self.hand.palm_radius.max()))
-        self.rates = closing_rates(script.curl)
-        self.abduction = np.zeros(len(FINGERS))
-        self.open = np.ascontiguousarray(OPEN_SHARE * np.minimum(hand.flexion_min, 0.0))
-        self.fist = self.open + FIST_SHARE * (hand.flexion_max - self.open)
-        self.fingers = [FINGERS.index(name) for name in script.fingers] if script.contact else []
-        self.gap = self._gaps()
-        self.aims = self._aims(hand.hand_length / DEFAULT_HAND_LENGTH)
-
-    def best(self) -> _Candidate:
-        """Every direction at the first aim, then the best directions at every aim, then the best of those tilted."""
-        found = [self._evaluate(rotation, self.aims[0]) for rotation in _orientations()]
-        found += [self._evaluate(leader.rotation, aim) for leader in _leading(found) for aim in self.aims[1:]]
-        found += [self._evaluate(leader.rotation @ tilt, leader.aim) for leader in _leading(found) for tilt in _tilts()]
-        return _leading(found)[0]
-
-    def _gaps(self) -> Array:
-        """Distance that each body keeps [m] while the open hand comes near, shape (16,)."""
-        script = self.script
-        gap = np.full(BODY_COUNT, script.clearance + MARGIN)
-        touches = script.palm_depth > 0.0
-        for finger in self.fingers:
-            gap[3 * finger : 3 * finger + 3] = 0.0 if touches else MARGIN
-        if script.contact:
-            gap[PALM_BODY] = 0.0 if touches else max(script.palm_gap, script.clearance)
-        return gap
-
-    def _aims(self, scale: float) -> list[Array]:
-        """Points of the palm plane that may come over the object's middle [m], palm frame, shape (3,) each."""
-        middle = np.zeros(3)
-        offsets: tuple[tuple[float, float], ...] = PALM_AIMS
-        if self.fingers and self.script.palm_gap > NEAR_PALM and self.script.palm_depth == 0.0:
-            half_closed = self.open + 0.7 * self.rates
-            self._distances(np.zeros(3), np.eye(3), half_closed)
-            middle, offsets = self.work.joints[self.fingers, 3].mean(axis=0) * [1.0, 1.0, 0.0], FINGERTIP_AIMS
-        side = self.hand.abduction_sign[0]
-        return [middle + scale * np.array([side * x, y, 0.0]) for x, y in offsets]
-
-    def _distances(self, position: Array, rotation: Array, flexion: Array) -> Array:
-        return body_distances(self.hand, self.tree, position, rotation, flexion, self.abduction, self.work)
-
-    def _evaluate(self, rotation: Array, aim: Array) -> _Candidate:
-        """Bring the open hand near along the palm's normal, close the fingers, command them deeper."""
-        rotation = np.ascontiguousarray(rotation)
-        back = np.ascontiguousarray(rotation[:, 2])
-        # From here no body can reach the object, whatever the posture.
-        far = self.bound + self.reach + float(np.linalg.norm(aim)) + float(self.gap.max())
-        start = self.middle - rotation @ aim + far * back
-        # A hand that must not touch keeps clear in every stage of closing in the air.
-        stages = [0.0] if self.script.contact else np.linspace(0.0, 1.0, 9)
-        travel, blocking = 2.0 * far, -1
-        for stage in stages:
-            posture = self.open + stage * (self.fist - self.open)
-            distance, body = kernel.advance_hand(
-                self.hand, self.tree, start, rotation, posture, self.abduction, -back, self.gap, travel, self.work
-            )
-            if body >= 0:
-                travel, blocking = distance, body
-        position = start - travel * back
-        contact, touching = self.open.copy(), np.zeros((len(FINGERS), 3))
-        for f in self.fingers:
-            rate = self.rates[f]
-            kernel.close_finger(
-                self.hand, self.tree, position, rotation, f, rate, self.abduction, contact, self.work, touching
-            )
-        command = contact.copy() if self.script.contact else self.fist
-        for f in self.fingers:
-            if touching[f].any():
-                kernel.deepen_finger(self.hand, f, self.rates[f], self.abduction, self.script.depth, command, self.work)
-        distances = self._distances(position - self.script.palm_depth * back, rotation, command)
-        reached = [f for f in self.fingers if distances[3 * f : 3 * f + 3].min() < -REACH_DEPTH]
-        closing = Closing(
-            rotation=rotation,
-            position=position,
-            open=self.open,
-            contact=contact,
-            command=command,
-            abduction=self.abduction,
-            reached=tuple(FINGERS[f] for f in reached),
-            missed=tuple(FINGERS[f] for f in self.fingers if f not in reached),
-            distance=distances,
-        )
-        score = self._score(closing, touching) if blocking >= 0 else -math.inf
-        return _Candidate(rotation, aim, score, closing)
-
-    def _score(self, closing: Closing, touching: Array) -> float:
-        """How good a grasp is; the weights order the wishes, from reaching at all down to looks."""
-        upward = float(closing.rotation[2, 2])
-        # From above or the side rather than from below, where a table would be.
-        score = 0.5 * upward - 3.0 * max(0.0, -upward)
-        if not self.fingers:
-            return score
-        score += 40.0 * len(closing.reached) / len(self.fingers)
-        at_contact = self._distances(closing.position, closing.rotation, closing.contact)
-        palm_excess = float(at_contact[PALM_BODY] - self.gap[PALM_BODY])
-        if self.script.palm_depth > 0.0:
-            score -= min(40.0, palm_excess / 2e-4)
-            score += 6.0 * self._bearing(closing)
-        else:
-            score -= min(10.0, palm_excess / 0.005)
-        before = self.work.joints.copy()
-        # No finger goes under the object, through what it stands on.
-        score -= 4.0 * min(1.0, max(0.0, self.floor - float(before[..., 2].min())) / UNDER)
-        normals: list[tuple[int, int, Array]] = []
-        for f in self.fingers:
-            for k in np.flatnonzero(touching[f]).tolist():
-                normal = np.empty(3)
-                kernel.contact_normal(self.hand, self.tree, f, k, self.work, normal)
-                normals.append((f, k, normal))
-        if not normals:
-            return score
-        self._distances(closing.position, closing.rotation, closing.command)
-        moved = self.work.joints - before
-        # The command goes straight into the surface instead of grazing it.
-        push = np.zeros(len(FINGERS))
-        for f, phalanx, normal in normals:
-            push[f] = max(push[f], -float(moved[f, phalanx + 1] @ normal))
-        score += 8.0 * float(np.clip(push[self.fingers] / max(self.script.depth, 1e-6), 0.0, 1.0).mean())
-        # The fingers oppose each other instead of pushing the object away.
-        score += 4.0 * (1.0 - float(np.linalg.norm(np.mean([normal for _, _, normal in normals], axis=0))))
-        # Fingers that do not take part are well out of the way.
-        idle = [f for f in range(len(FINGERS)) if f not in self.fingers]
-        if idle:
-            away = float(closing.distance[:PALM_BODY].reshape(len(FINGERS), 3)[idle].min())
-            score += 4.0 * min(1.0, away / IDLE_DISTANCE)
-        # The pads touch, and more phalanges hold better than fewer.
-        return score + 3.0 * float(touching[self.fingers, 2].mean()) + 6.0 * float(touching[self.fingers].mean())
-
-    def _bearing(self, closing: Closing) -> float:
-        """Share of the palm's spheres that lie within `BEARING` of the object where the palm touches it."""
-        centers = np.column_stack([self.hand.palm_x, self.hand.palm_y, self.hand.palm_z])
-        near = [
-            kernel.sphere_distance(self.tree, closing.position + closing.rotation @ center, radius, BEARING, self.work)
-            < BEARING
-            for center, radius in zip(centers, self.hand.palm_radius)
-        ]
-        return float(np.mean(near))

@@ -1,7 +1,7 @@
 """Trajectory scripts: TOML files that say what a hand does to an object, whichever object that is.
 
 A script holds no coordinates. It names phases and the fingers that close in them; where the hand goes and how far each
-finger closes is found on the object (`hhsim.closing`). Keys, with their defaults where they have one::
+finger closes is found on the object (`hhsim.closing_search`). Keys, with their defaults where they have one::
 
     title = "Five-finger grasp"
     stresses = "many contacts at once"
@@ -115,6 +115,11 @@ class Script:
     def sample_count(self) -> int:
         """Samples of the motion: k / rate for every k below duration · rate."""
         return max(1, round(self.duration * self.rate))
+
+    @property
+    def slide_distance(self) -> float:
+        """Sum of the slides [m]."""
+        return math.fsum(phase.distance for phase in self.phases)
 
     @property
     def fingers(self) -> tuple[str, ...]:

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.closing import Closing, body_distances, make_work, plan_closing
+from hhsim.closing import Closing
+from hhsim.closing_search import plan_closing
 from hhsim.disturbance import Disturbance
 from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels.hand import PALM_BODY
 from hhsim.script import DEFAULT_FINGERS, Script, ScriptPhase
 from hhsim.sphere_tree import SphereTree
 from hhsim.trajectory import Phase, Trajectory
@@ -15,10 +15,6 @@ Array = NDArray[np.float64]
 
 RELEASE_OPENING = 0.6
 """A release opens the fingers in this first share of its time and goes back in the last one of the same length."""
-HOLDING_DEPTH = 0.002
-"""A finger commanded this deep [m] keeps hold in a slide."""
-SLIDE_DIRECTIONS = 16
-"""Directions along the palm that a slide chooses from."""
 
 
 def minimum_jerk(share: ArrayLike) -> Array:
@@ -57,9 +53,8 @@ def synthesize(
     closing = plan_closing(script, hand, tree)
     time = np.arange(script.sample_count) / script.rate
     course = _Course(script, time)
-    slide = slide_direction(script, closing, hand, tree)
     back = closing.rotation[:, 2]
-    position = closing.position + course.retreat[:, None] * back + course.slide[:, None] * slide
+    position = closing.position + course.retreat[:, None] * back + course.slide[:, None] * closing.slide
     flexion = closing.open + course.closure[:, :, None] * (closing.command - closing.open)
     orientation = np.tile(quaternion_from_matrix(closing.rotation), (time.shape[0], 1))
     abduction = np.tile(closing.abduction, (time.shape[0], 1))
@@ -78,37 +73,6 @@ def synthesize(
         source=_source(script, closing, hand, seed, noise),
         licence="Apache-2.0",
     )
-
-
-def slide_direction(script: Script, closing: Closing, hand: HandModel, tree: SphereTree) -> Array:
-    """Unit direction along the palm in which the fingers keep hold and the palm stays clear, shape (3,), world.
-
-    Zeros where the script does not slide.
-    """
-    distance = sum(phase.distance for phase in script.phases)
-    if distance == 0.0:
-        return np.zeros(3)
-    arrays, nodes, work = hand.arrays(), tree.arrays(), make_work()
-    named = [FINGERS.index(name) for name in closing.reached]
-    palm_may_touch = script.palm_depth > 0.0
-    start_depth = -closing.distance[:PALM_BODY].reshape(len(FINGERS), 3)[named].min(axis=1)
-    best, best_score = closing.rotation[:, 0], -np.inf
-    for angle in np.linspace(0.0, 2.0 * np.pi, SLIDE_DIRECTIONS, endpoint=False):
-        direction = np.cos(angle) * closing.rotation[:, 0] + np.sin(angle) * closing.rotation[:, 1]
-        score = 0.0
-        for share in (0.25, 0.5, 0.75, 1.0):
-            place = closing.position - script.palm_depth * closing.rotation[:, 2] + share * distance * direction
-            near = body_distances(arrays, nodes, place, closing.rotation, closing.command, closing.abduction, work)
-            depth = -near[:PALM_BODY].reshape(len(FINGERS), 3)[named].min(axis=1)
-            score += float(np.sum(np.clip(depth / HOLDING_DEPTH, -1.0, 1.0)))
-            # Along the object: the fingers are pressed in no deeper and no less than before.
-            score -= float(np.sum(np.abs(depth - start_depth))) / script.depth if script.depth > 0.0 else 0.0
-            touches = near[PALM_BODY] < 0.0
-            score += 1.0 if touches == palm_may_touch else -1.0
-        # Only a real difference turns the slide away from the palm's own axes.
-        if score > best_score + 1e-9:
-            best, best_score = direction, score
-    return best
 
 
 def quaternion_from_matrix(matrix: Array) -> Array:

@@ -5,12 +5,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.closing import plan_closing
+from hhsim.closing_search import plan_closing
 from hhsim.disturbance import Disturbance
 from hhsim.hand import HandModel
 from hhsim.script import parse_script
 from hhsim.sphere_tree import SphereTree
-from hhsim.synthesis import minimum_jerk, quaternion_from_matrix, slide_direction, synthesize
+from hhsim.synthesis import minimum_jerk, quaternion_from_matrix, synthesize
 from hhsim.trajectory import Trajectory
 from hhsim.trajectory_catalogue import load_script
 
@@ -109,12 +109,6 @@ def test_a_slide_goes_the_stated_distance_along_the_palm() -> None:
     assert abs(moved @ back) < 1e-9
     # Along a bar every other way lets go of it or digs in.
     assert abs(moved[1]) > 0.9 * np.linalg.norm(moved)
-
-
-def test_a_script_without_a_slide_has_no_direction() -> None:
-    script = load_script("grasp")
-    closing = plan_closing(script, HAND, ball())
-    assert slide_direction(script, closing, HAND, ball()).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_noise() -> None:

@@ -1,0 +1,63 @@
+"""Sliding a closed hand along an object: the direction in which the fingers keep hold."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.closing import Closing, body_distances, make_work
+from hhsim.hand import FINGERS
+from hhsim.kernels.hand import PALM_BODY, HandArrays
+from hhsim.kernels.tree import TreeArrays
+from hhsim.script import Script
+
+Array = NDArray[np.float64]
+
+HOLDING_DEPTH = 0.002
+"""A finger commanded this deep [m] surely keeps hold."""
+DIRECTIONS = 16
+"""Directions along the palm that are tried; the first is its own x axis."""
+STATIONS = (0.25, 0.5, 0.75, 1.0)
+"""Shares of the slide at which the hand is looked at."""
+
+
+def best_slide(script: Script, closing: Closing, hand: HandArrays, tree: TreeArrays) -> tuple[Array, float]:
+    """The direction along the palm in which the fingers keep hold, pressed in neither deeper nor less.
+
+    Args:
+        script: how far it slides, and whether the palm touches.
+        closing: the hand before the slide.
+        hand, tree: the hand and the object, world.
+
+    Returns:
+        (unit direction, shape (3,), world; score, 1 where nothing changes on the way, lower the more it does).
+    """
+    work = make_work()
+    reached = [FINGERS.index(name) for name in closing.reached]
+    if not reached:
+        return closing.rotation[:, 0].copy(), 0.0
+    before = _finger_depth(closing.distance)[reached]
+    start = closing.position - script.palm_depth * closing.rotation[:, 2]
+    best, best_score = closing.rotation[:, 0], -math.inf
+    for k in range(DIRECTIONS):
+        angle = 2.0 * math.pi * k / DIRECTIONS
+        direction = math.cos(angle) * closing.rotation[:, 0] + math.sin(angle) * closing.rotation[:, 1]
+        score = 0.0
+        for station in STATIONS:
+            place = start + station * script.slide_distance * direction
+            near = body_distances(hand, tree, place, closing.rotation, closing.command, closing.abduction, work)
+            depth = _finger_depth(near)[reached]
+            change = np.abs(depth - before) / max(script.depth, HOLDING_DEPTH)
+            score += float(np.mean(np.clip(depth / HOLDING_DEPTH, -1.0, 1.0) - 0.5 * np.minimum(change, 2.0)))
+            if (near[PALM_BODY] < 0.0) != (script.palm_depth > 0.0):
+                score -= 1.0
+        # Only a real difference turns the slide away from the palm's own axes.
+        if score / len(STATIONS) > best_score + 1e-6:
+            best, best_score = direction, score / len(STATIONS)
+    return best.copy(), best_score
+
+
+def _finger_depth(distance: Array) -> Array:
+    """How deep [m] each finger lies in the object, negative outside, of body distances (16,); shape (5,)."""
+    depth: Array = -distance[:PALM_BODY].reshape(len(FINGERS), 3).min(axis=1)
+    return depth

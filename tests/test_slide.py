@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hhsim.closing import body_distances, make_work
+from hhsim.closing_search import plan_closing
+from hhsim.hand import FINGERS, HandModel
+from hhsim.kernels.hand import PALM_BODY
+from hhsim.slide import best_slide
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory_catalogue import load_script
+
+Array = NDArray[np.float64]
+
+HAND = HandModel.default()
+
+
+def row(axis: Array, count: int = 41, length: float = 0.2) -> SphereTree:
+    """Balls of 20 mm radius in a row."""
+    center = np.linspace(-length / 2, length / 2, count)[:, None] * axis
+    return SphereTree(
+        np.vstack([np.zeros(3), center]),
+        np.concatenate([[0.5 * length + 0.03], np.full(count, 0.02)]),
+        np.concatenate([[0], np.ones(count, dtype=np.int64)]),
+        np.concatenate([[-1], np.zeros(count, dtype=np.int64)]),
+    )
+
+
+@pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.8, 0.0]])
+def test_a_hand_on_a_bar_slides_along_the_bar(axis: list[float]) -> None:
+    closing = plan_closing(load_script("slide"), HAND, row(np.array(axis)))
+    assert np.linalg.norm(closing.slide) == pytest.approx(1.0)
+    assert abs(closing.slide @ closing.rotation[:, 2]) < 1e-12
+    # 16 directions: the nearest one is at most 11.25 degrees off.
+    assert abs(closing.slide @ axis) > np.cos(np.radians(12.0)) * np.linalg.norm(closing.rotation[:, :2].T @ axis)
+
+
+def test_nothing_changes_where_the_object_has_no_end() -> None:
+    # A hand that surrounds one huge ball at its middle feels the same all along a tiny slide.
+    script = load_script("slide")
+    tree = row(np.array([0.0, 1.0, 0.0]), count=401, length=2.0)
+    closing = plan_closing(script, HAND, tree)
+    direction, score = best_slide(script, closing, HAND.arrays(), tree.arrays())
+    assert score > 0.9
+    end = closing.position + script.slide_distance * direction
+    near = body_distances(
+        HAND.arrays(), tree.arrays(), end, closing.rotation, closing.command, closing.abduction, make_work()
+    )
+    fingers = near[:PALM_BODY].reshape(5, 3).min(axis=1)
+    assert (fingers < 0.0).sum() == len(closing.reached) == len(FINGERS)
+
+
+def test_a_script_without_a_slide_has_no_direction() -> None:
+    closing = plan_closing(load_script("grasp"), HAND, row(np.array([0.0, 1.0, 0.0])))
+    assert closing.slide.tolist() == [0.0, 0.0, 0.0]
