@@ -35,8 +35,8 @@ def test_a_hand_on_a_bar_slides_along_the_bar(axis: list[float]) -> None:
     assert abs(closing.slide @ axis) > np.cos(np.radians(12.0)) * np.linalg.norm(closing.rotation[:, :2].T @ axis)
 
 
-def test_nothing_changes_where_the_object_has_no_end() -> None:
-    # A hand that surrounds one huge ball at its middle feels the same all along a tiny slide.
+def test_nothing_changes_along_a_bar_without_an_end_in_reach() -> None:
+    # A bar two metres long feels the same all along a slide of 30 mm.
     script = load_script("slide")
     tree = row(np.array([0.0, 1.0, 0.0]), count=401, length=2.0)
     closing = plan_closing(script, HAND, tree)
