@@ -66,13 +66,26 @@ class HandSolver:
         record.status[0] |= status
         return record
 
+    def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
+        """Put the graphic hand at a configuration that does not penetrate: shapes (3,), (4,), (5, 3), (5,)."""
+        pose = self.states[0].pose
+        pose.position[:] = position
+        pose.orientation[:] = orientation
+        pose.flexion[:] = flexion
+        pose.abduction[:] = abduction
+        self.states[0].warm.count = 0
+        self._clearance()
+        self._started = True
+
     def _run(self, options: TickOptions, haptic: list[FloatArray], record: TickRecord) -> None:
         if self.options.qp == "active-set":
             done = run_block(self.hand, self.tree, options, self.states, self.qp, *haptic, record)
         else:
             from hhsim.backend import run_block_with_backend
 
-            done = run_block_with_backend(self, options, haptic, record)
+            done = run_block_with_backend(
+                self.hand, self.tree, options, self.states[0], self.qp, self.options.qp, haptic, record
+            )
         if record.status[done - 1] & STATUS_FULL:
             raise HhsimError(
                 f"more than {CONTACT_ROWS} contacts lie within the margin of {self.options.margin * 1e3:g} mm: "

@@ -1,0 +1,146 @@
+"""The tick driven from Python, so that any installed QP backend can solve its programs.
+
+The same kernels detect, build, judge and take steps as in `kernels.tick.tick`; only the solving differs, and a program
+that a backend fails on is treated as one without solution. For the progressive method the palm's feasibility cuts come
+from our solver, since they are certificates of infeasibility, which qpsolvers does not hand out.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.contact_problem import coupled_problem, finger_problem, palm_problem
+from hhsim.kernels.active_set import OPTIMAL, QpWork
+from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.hand import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.progressive import solve_progressive
+from hhsim.kernels.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
+from hhsim.kernels.tick import (
+    METHOD_COUPLED,
+    STATUS_FULL,
+    TickOptions,
+    TickRecord,
+    advance,
+    begin_tick,
+    finish_tick,
+    prepare,
+    record_tick,
+    recover,
+    set_haptic,
+)
+from hhsim.kernels.tree import TreeArrays
+from hhsim.qp import QpProblem, QpStatus, solve
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MULTIPLIER_FLOOR = 1e-9
+"""Multipliers [N] that interior-point backends leave on inactive rows are below this."""
+
+
+def run_block_with_backend(
+    hand: HandArrays,
+    tree: TreeArrays,
+    options: TickOptions,
+    state: Any,
+    qp: QpWork,
+    backend: str,
+    haptic: list[FloatArray],
+    record: TickRecord,
+) -> int:
+    """Run one tick for each haptic configuration with `backend`; as `kernels.tick.run_block`."""
+    position, orientation, flexion, abduction = haptic
+    for i in range(len(position)):
+        cpu, wall = thread_cpu_ns(), monotonic_ns()
+        status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
+        status |= _tick(hand, tree, options, state, qp, backend)
+        wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
+        record_tick(state, status, wall, cpu, i, record)
+        if status & STATUS_FULL:
+            return i + 1
+    return len(position)
+
+
+def _tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Any, qp: QpWork, backend: str) -> int:
+    begin_tick(options, state)
+    status = 0
+    for _ in range(options.linearisations):
+        contacts = prepare(hand, tree, options, state)
+        if contacts < 0:
+            status |= STATUS_FULL
+            break
+        if contacts > 0:
+            if options.method == METHOD_COUPLED:
+                solved = _solve_coupled(state, backend)
+            else:
+                solved = _solve_progressive(options, state, qp, backend)
+            if not solved:
+                if recover(hand, tree, options, state):
+                    continue
+                break
+        if advance(hand, tree, options, state):
+            break
+    return int(status | finish_tick(hand, tree, options, state))
+
+
+def _solve_coupled(state: Any, backend: str) -> bool:
+    began = monotonic_ns()
+    problem, rows = coupled_problem(state)
+    state.step.count = 0
+    solved = _take(state, problem, rows, slice(0, DOF), backend)
+    state.step.duration[DURATION_PALM] += monotonic_ns() - began
+    return solved
+
+
+def _solve_progressive(options: TickOptions, state: Any, qp: QpWork, backend: str) -> bool:
+    status = solve_progressive(
+        state.problem,
+        state.contacts,
+        state.warm,
+        options.tolerance,
+        options.relaxation,
+        state.progressive,
+        qp,
+        state.step,
+    )
+    if status != OPTIMAL:
+        return False
+    began = monotonic_ns()
+    problem, rows = palm_problem(state)
+    state.step.count = 0
+    solved = _take(state, problem, rows, slice(0, 6), backend)
+    state.step.duration[DURATION_PALM] += monotonic_ns() - began
+    began = monotonic_ns()
+    for finger in range(FINGER_COUNT):
+        if not solved:
+            break
+        problem, rows = finger_problem(state, finger, state.step.delta[:6])
+        first = 6 + PHALANX_COUNT * finger
+        solved = _take(state, problem, rows, slice(first, first + PHALANX_COUNT), backend)
+    state.step.duration[DURATION_FINGERS] += monotonic_ns() - began
+    return solved
+
+
+def _take(state: Any, problem: QpProblem, rows: IntArray, part: slice, backend: str) -> bool:
+    """Solve and append the solution to the tick's step; a cut's multiplier goes to the contacts of which it is made."""
+    solution = solve(problem, backend)
+    if solution.status not in (QpStatus.OPTIMAL, QpStatus.INACCURATE):
+        return False
+    step, work = state.step, state.progressive
+    step.delta[part] = solution.x
+    first_cut = int(work.palm_start[1])
+    for i in np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR):
+        row, multiplier = int(rows[i]), float(solution.multiplier[i])
+        if part.start == 0 and part.stop == 6 and row >= first_cut:
+            cut = row - first_cut
+            shares = [(work.cut_row[cut, j], work.cut_weight[cut, j]) for j in range(work.cut_size[cut])]
+        else:
+            shares = [(row, 1.0)]
+        for source, weight in shares:
+            if step.count == ACTIVE_CAPACITY:
+                return True
+            step.row[step.count] = source
+            step.multiplier[step.count] = multiplier * weight
+            step.count += 1
+    return True

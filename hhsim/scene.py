@@ -1,0 +1,70 @@
+"""A scene: one object with its sphere tree, one hand, one motion, all in the world frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhsim.hand import HandModel
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.mesh import Mesh
+from hhsim.script import Script
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory import ResampleMode, TickInput, Trajectory
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a replay needs.
+
+    Attributes:
+        mesh: The object's surface [m], world frame.
+        tree: Its sphere tree, world frame.
+        hand: The hand.
+        trajectory: The motion of the haptic hand, with the object's pose in it.
+        ticks: The motion at the tick rate.
+    """
+
+    mesh: Mesh
+    tree: SphereTree
+    hand: HandModel
+    trajectory: Trajectory
+    ticks: TickInput
+
+
+def make_scene(
+    mesh: Mesh,
+    tree: SphereTree,
+    hand: HandModel,
+    motion: Script | Trajectory,
+    *,
+    rate: float = 1000.0,
+    mode: ResampleMode = "interpolate",
+    seed: int = 0,
+) -> Scene:
+    """Put object, hand and motion together.
+
+    Args:
+        mesh: The object [m], in its own frame.
+        tree: Its sphere tree, in the same frame.
+        hand: The hand.
+        motion: A recording, which holds the object's pose, or a script, which closes on the object where it is.
+        rate: Ticks per second [Hz].
+        mode: How a motion of another rate is brought to the ticks.
+        seed: Of a script's tremor and sensor noise.
+
+    Raises:
+        TrajectoryError: The script cannot be done on this object.
+    """
+    if isinstance(motion, Script):
+        from hhsim.synthesis import synthesize
+
+        motion = synthesize(motion, hand, tree, seed)
+    rotation = np.empty((3, 3))
+    quaternion_to_matrix(motion.object_orientation.copy(), rotation)
+    return Scene(
+        mesh=mesh.transformed(rotation, motion.object_position),
+        tree=tree.transformed(rotation, motion.object_position),
+        hand=hand,
+        trajectory=motion,
+        ticks=motion.resampled(rate, mode),
+    )

@@ -1,0 +1,183 @@
+"""The table that `hhsim replay` prints: our figures beside the paper's."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim import metrics
+from hhsim.kernels.tick import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.metrics import HandPoses
+from hhsim.scene import Scene
+from hhsim.solver_options import SolverOptions
+from hhsim.tracking_reference import reference_excess
+from hhsim.warm_up import WarmUp
+
+Array = NDArray[Any]
+
+HOLD = "hold"
+"""Phases of this name are held; the others move."""
+REFERENCE_TICKS = 16
+"""Ticks of the hold at which the reference optimum is computed."""
+
+
+@dataclass(frozen=True)
+class TickSeries:
+    """All ticks of a replay: the result file's datasets by name, and the distance still to go [m], shape (T,)."""
+
+    columns: dict[str, Array]
+    lag: Array
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+
+@dataclass(frozen=True)
+class SummaryRow:
+    """One line of the table.
+
+    Attributes:
+        name: Of the attribute in the result file and the JSON document.
+        label: For people.
+        value: In SI units, or % where the metric is defined so; NaN where it is undefined.
+        shown: As the table shows it.
+        unit: Of `shown`.
+        paper: The paper's figure as printed there, or "".
+    """
+
+    name: str
+    label: str
+    value: float
+    shown: str
+    unit: str
+    paper: str = ""
+
+
+@dataclass(frozen=True)
+class ReplaySummary:
+    """What a replay found.
+
+    Attributes:
+        rows: The table.
+        notes: What a reader should know besides, a sentence each.
+        ticks: How many.
+        warm_up: What preparing the kernels took; no part of any tick.
+        path: The result file.
+    """
+
+    rows: tuple[SummaryRow, ...]
+    notes: tuple[str, ...]
+    ticks: int
+    warm_up: WarmUp
+    path: Path | None = None
+
+    def attributes(self) -> dict[str, float | int]:
+        """The table as attributes of the result file: deterministic figures and timings by name."""
+        return {"ticks": self.ticks, **{row.name: row.value for row in self.rows}}
+
+    def at(self, path: Path) -> "ReplaySummary":
+        """The same, with the file's place."""
+        return replace(self, path=path)
+
+    def to_json(self) -> dict[str, Any]:
+        """For machines: SI units."""
+        return {
+            "result": str(self.path) if self.path else None,
+            **self.attributes(),
+            "kernels_prepared_s": self.warm_up.seconds,
+            "kernels_compiled": self.warm_up.compiled,
+            "notes": list(self.notes),
+        }
+
+
+def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared: WarmUp) -> ReplaySummary:
+    """Compute the table."""
+    ticks = len(series["time"])
+    holds = [(p.first_tick, p.last_tick) for p in scene.ticks.phases if p.name == HOLD]
+    hold = np.zeros(ticks, bool)
+    for first, last in holds:
+        hold |= metrics.phase_mask(ticks, first, last)
+    force = series["force/total"]
+    contact = series["contacts/candidates"] > 0
+    cpu = metrics.tick_statistics(series["duration/total_cpu"])
+    busy = metrics.tick_statistics(series["duration/total_cpu"][contact])
+    wall = metrics.tick_statistics(series["duration/total"])
+    variation = metrics.statistics(series["force_variation_rate"], hold)
+    haptic = HandPoses(series["haptic/position"], series["haptic/orientation"], series["haptic/flexion"])
+    graphic = HandPoses(series["graphic/position"], series["graphic/orientation"], series["graphic/flexion"])
+    off = metrics.tracking_error(haptic, graphic)
+    excess = np.full(1, np.nan)
+    if hold.any():
+        held = np.flatnonzero(hold)
+        chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
+        tree = scene.tree.arrays()
+        excess = reference_excess(
+            scene.hand, tree, options, haptic, graphic, series["graphic/abduction"], np.asarray(chosen)
+        )
+    ripple = max((metrics.force_ripple(force[a : b + 1], scene.ticks.rate) for a, b in holds), default=float("nan"))
+    status = series["status"]
+    stuck, lagging = int(np.sum(status & STATUS_STUCK > 0)), int(np.sum(status & STATUS_LAG > 0))
+    size = np.linalg.norm(force, axis=1)
+    rows = (
+        _row("candidates_max", "candidate pairs, most", series["contacts/candidates"].max(initial=0), 0, "", "≈ 250"),
+        _row("touching_max", "touching pairs, most", series["contacts/touching"].max(initial=0), 0),
+        _row("tick_cpu_p50", "tick in contact, CPU, p50", busy.p50, 1, "µs", "310 to ≈ 1,000", 1e-6),
+        _row("tick_cpu_p99", "tick in contact, CPU, p99", busy.p99, 1, "µs", "< 1,500", 1e-6),
+        _row("tick_cpu_max", "tick, CPU, max", cpu.max, 1, "µs", "< 1,500", 1e-6),
+        _row("tick_wall_p50", "tick, wall, p50", wall.p50, 1, "µs", "", 1e-6),
+        _row("tick_wall_over_1ms", "ticks over 1 ms, wall", 100.0 * wall.over_budget, 2, "%"),
+        _row(
+            "penetration_max",
+            "penetration, max",
+            1e6 * series["penetration_depth"].max(initial=0.0),
+            3,
+            "µm",
+            "≈ 100",
+            1e-6,
+        ),
+        _row("force_hold_mean", "force in the hold, mean", metrics.statistics(size, hold).mean, 2, "N"),
+        _row("force_variation_hold", "force variation in the hold, mean", variation.mean, 4, "%", "0.18"),
+        _row("force_variation_hold_std", "force variation in the hold, std", variation.std, 4, "%", "0.32"),
+        _row("force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", ripple, 5, "N"),
+        _row("force_step", "largest force step while moving", metrics.force_step(force, ~hold, hold), 1, "% of hold"),
+        _row(
+            "tracking_excess", "coupling energy over the optimum, mean", 100.0 * metrics.statistics(excess).mean, 3, "%"
+        ),
+        _row(
+            "tracking_palm",
+            "palm off the user's in the hold, mean",
+            metrics.statistics(off.position_mm, hold).mean,
+            2,
+            "mm",
+            "",
+            1e-3,
+        ),
+        _row("stuck_ticks", "stuck ticks", stuck, 0),
+        _row("lag_ticks", "ticks with lag", lagging, 0),
+        _row("lag_max", "lag, max", 1e3 * series.lag.max(initial=0.0), 2, "mm", "", 1e-3),
+    )
+    return ReplaySummary(rows, _notes(scene, status, prepared), ticks, prepared)
+
+
+def _row(
+    name: str, label: str, value: float, digits: int, unit: str = "", paper: str = "", scale: float = 1.0
+) -> SummaryRow:
+    number = float(value)
+    shown = "—" if np.isnan(number) else f"{number:,.{digits}f}"
+    return SummaryRow(name, label, number * scale, shown, unit, paper)
+
+
+def _notes(scene: Scene, status: Array, prepared: WarmUp) -> tuple[str, ...]:
+    notes = [*scene.mesh.repairs, *scene.mesh.warnings]
+    if np.any(status & STATUS_START_INSIDE):
+        notes.append("the haptic hand begins inside the object: the graphic hand began at the nearest free place")
+    held = int(np.sum(status & STATUS_HELD > 0))
+    if held:
+        notes.append(f"{held:,} ticks had input that was not finite and used the last good one")
+    if prepared.compiled:
+        notes.append(
+            f"the kernels were compiled in {prepared.seconds:.1f} s, apart from the ticks; the next run loads them"
+        )
+    return tuple(notes)

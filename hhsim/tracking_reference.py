@@ -1,0 +1,72 @@
+"""The reference optimum that a method's tracking is held against: `coupled`, run until nothing moves."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand import HandModel
+from hhsim.kernels.tree import TreeArrays
+from hhsim.metrics import HandPoses, tracking_energy, tracking_excess
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+REFERENCE_LINEARISATIONS = 400
+REFERENCE_SETTLED = 1e-8
+"""The reference has converged when a linearisation moves no point of the hand further than this [m]."""
+
+
+def reference_excess(
+    hand: HandModel,
+    tree: TreeArrays,
+    options: SolverOptions,
+    haptic: HandPoses,
+    graphic: HandPoses,
+    abduction: FloatArray,
+    ticks: IntArray,
+) -> FloatArray:
+    """Coupling energy above the reference optimum, (E - E*) / E*, at some ticks.
+
+    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held.
+
+    Args:
+        hand: The hand.
+        tree: The object's sphere tree, world frame.
+        options: Those of the method; stiffness and lengths are kept.
+        haptic: Haptic hand at every tick.
+        graphic: Graphic hand at every tick.
+        abduction: Of the graphic hand [rad], shape (T, 5).
+        ticks: Which ticks.
+
+    Returns:
+        Shape (len(ticks),); NaN in free space.
+    """
+    solver = HandSolver(
+        hand,
+        tree,
+        replace(
+            options,
+            method="coupled",
+            qp="active-set",
+            linearisations=REFERENCE_LINEARISATIONS,
+            settled=REFERENCE_SETTLED,
+        ),
+    )
+    diagonal = options.stiffness.diagonal()
+    found = HandPoses(*(np.array([values[t] for t in ticks]) for values in graphic))
+    wanted = HandPoses(*(np.array([values[t] for t in ticks]) for values in haptic))
+    best = HandPoses(*(values.copy() for values in found))
+    for i, t in enumerate(ticks):
+        solver.place(found.position[i], found.orientation[i], found.flexion[i], abduction[t])
+        block = solver.run(
+            wanted.position[i : i + 1], wanted.orientation[i : i + 1], wanted.flexion[i : i + 1], abduction[t : t + 1]
+        )
+        best.position[i], best.orientation[i], best.flexion[i] = (
+            block.position[0],
+            block.orientation[0],
+            block.flexion[0],
+        )
+    return tracking_excess(tracking_energy(wanted, found, diagonal), tracking_energy(wanted, best, diagonal))

@@ -1,0 +1,40 @@
+"""Compile, or load from the cache, every kernel that a replay runs, before the first tick is timed."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhsim.hand import HandModel
+from hhsim.kernels.jit import JIT_ENABLED, KERNEL_CACHE, is_cached
+from hhsim.kernels.tree import TreeArrays
+from hhsim.metrics import penetration
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+
+
+@dataclass(frozen=True)
+class WarmUp:
+    """What preparing the kernels took: wall time [s], and whether anything was compiled instead of loaded."""
+
+    seconds: float
+    compiled: bool
+
+
+def warm_up(hand: HandModel, options: SolverOptions) -> WarmUp:
+    """Run one tick of a hand far from a single sphere with every kernel of a replay."""
+    began = time.perf_counter()
+    before = _cache_files()
+    far = np.array([100.0])
+    tree = TreeArrays(far, far, far, np.array([0.01]), np.array([-1]), np.array([0]), 0)
+    solver = HandSolver(hand, tree, options)
+    orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
+    block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
+    arrays = hand.arrays()
+    palm = np.stack([arrays.palm_x, arrays.palm_y, arrays.palm_z], axis=1)
+    penetration(tree, hand.radius, palm, arrays.palm_radius, block.joints, block.position, block.orientation)
+    return WarmUp(time.perf_counter() - began, JIT_ENABLED and _cache_files() > before)
+
+
+def _cache_files() -> int:
+    return sum(1 for _ in KERNEL_CACHE.rglob("*.nbc")) if is_cached() else 0
