@@ -6,6 +6,7 @@ object/position (3,), object/orientation (4,), phase/{name, start_time, end_time
 """
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -96,10 +97,17 @@ def _replace(target: Path, write: Callable[[Path], object]) -> None:
         partial.replace(target)
     except (OSError, RuntimeError) as error:
         # h5py reports a full disk on closing as a RuntimeError.
-        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-        raise OutputError(f"cannot write trajectory {target}: {reason}") from error
+        raise OutputError(f"cannot write trajectory {target}: {_reason(error)}") from error
     finally:
         partial.unlink(missing_ok=True)
+
+
+def _reason(error: OSError | RuntimeError) -> str:
+    """What the system said, in one line: HDF5 wraps it in a paragraph of file offsets."""
+    said = re.search(r"error message = '([^']*)'", str(error))
+    if said:
+        return said.group(1)
+    return getattr(error, "strerror", None) or " ".join(str(error).split())
 
 
 def _write(trajectory: Trajectory, path: Path) -> None:
