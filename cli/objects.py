@@ -11,7 +11,7 @@ from .console import print_json, print_table
 def command(as_json: bool) -> None:
     """List the objects that come with hhsim.
 
-    Any of the names, or a mesh file of your own, goes into `hhsim replay` and `hhsim build-tree`. The level is that of
+    Any of the names, or a mesh file of your own, goes into hhsim replay and hhsim build-tree. The level is that of
     the sphere tree that a replay uses unless told otherwise.
 
     \b

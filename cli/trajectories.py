@@ -11,7 +11,7 @@ from .console import print_json, print_table
 def command(as_json: bool) -> None:
     """List the trajectories that come with hhsim.
 
-    Any of the names, a .toml script or a .csv or .h5 recording of your own goes into `hhsim replay`. A script names no
+    Any of the names, a .toml script or a .csv or .h5 recording of your own goes into hhsim replay. A script names no
     coordinates: it closes on whatever object it is given.
 
     \b

@@ -18,16 +18,18 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("destination", "info", "whole_file"),
     # The model: what is simulated.
     (
-        *("mesh", "mesh_file", "mesh_repair", "mesh_topology", "surface_parts"),
+        *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts"),
         *("shapes", "cup", "rock", "shamrock", "object_catalogue", "object_sources"),
-        *("sphere_tree", "tree_file", "sph_format", "tree_error", "tree_builder"),
+        *("sphere_tree", "tree_file", "sph_format", "tree_error", "tree_builder", "mesh_cover"),
         *("hand", "hand_figure", "palm"),
-        *("trajectory", "trajectory_checks", "resample"),
+        *("trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
+        *("script", "disturbance", "closing", "closing_search", "slide", "synthesis", "trajectory_catalogue"),
+        "scene",
     ),
-    # One tick of it.
-    (),
+    # One tick of it, and what is measured.
+    ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics"),
     # Runs and their files.
-    ("result", "result_schema"),
+    ("replay", "summary", "tracking_reference", "warm_up", "result", "result_schema"),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
 

@@ -1,0 +1,219 @@
+"""`hhsim replay`."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+from click.shell_completion import CompletionItem
+
+from . import options
+from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .number_list import number_list
+from .object_argument import complete_object, read_object
+
+if TYPE_CHECKING:
+    from hhsim.hand import HandModel
+    from hhsim.script import Script
+    from hhsim.solver_options import SolverOptions
+    from hhsim.trajectory import Trajectory
+
+
+def complete_trajectory(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Offer the names of the catalogue, and files where what is typed looks like one."""
+    from hhsim.trajectory_catalogue import trajectory_names
+
+    names = [CompletionItem(name) for name in trajectory_names() if name.startswith(incomplete)]
+    return names or [CompletionItem(incomplete, type="file")]
+
+
+@click.command()
+@click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
+@click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
+@click.option(
+    "--method",
+    type=click.Choice(["coupled", "progressive"]),
+    default="coupled",
+    show_default=True,
+    help="One program for the whole hand, or the paper's way: first the palm, then each finger.",
+)
+@click.option(
+    "--qp", metavar="NAME", default="active-set", show_default=True, help="QP solver: ours, or any of qpsolvers."
+)
+@click.option(
+    "--force",
+    type=click.Choice(["kkt", "paper"]),
+    default="kkt",
+    show_default=True,
+    help="Forces from the program's multipliers, or from the paper's Eq. 14.",
+)
+@click.option(
+    "--level",
+    type=click.IntRange(1, 5),
+    help="Level of the sphere tree's leaves. Default: 3 or 4, as the catalogue says; 4 for a mesh file.",
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(1.0, 100_000.0),
+    default=1000.0,
+    show_default=True,
+    metavar="HZ",
+    help="Ticks a second [Hz].",
+)
+@click.option(
+    "--samples",
+    type=click.Choice(["interpolate", "hold"]),
+    default="interpolate",
+    show_default=True,
+    help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
+)
+@click.option(
+    "--hand", type=click.Choice(["right", "left"]), default="right", show_default=True, help="Which hand grasps."
+)
+@click.option(
+    "--hand-file",
+    type=click.Path(path_type=Path),
+    metavar="TOML",
+    help="Sizes of the hand that differ from the default one [m].",
+)
+@click.option(
+    "--stiffness",
+    callback=number_list("k_t [N/m]", "k_r [N·m/rad]", "k_θ [N·m/rad]", positive=True),
+    metavar="K_T,K_R,K_THETA",
+    help="Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad].",
+)
+@click.option(
+    "--margin",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="MM",
+    help="Pairs up to this far from each other enter the program [mm].",
+)
+@click.option("--linearisations", type=click.IntRange(1), metavar="N", help="Most linearisations in a tick.")
+@click.option(
+    "--tremor",
+    callback=number_list("mm", "degrees"),
+    metavar="MM,DEG",
+    help="Add seeded tremor of 10 Hz: amplitude of the palm's position [mm] and rotation [°], such as 0.1,0.2.",
+)
+@options.unit
+@options.size
+@options.seed
+@options.out
+@options.json
+@options.quiet
+def command(
+    object_: str,
+    trajectory: str,
+    method: str,
+    qp: str,
+    force: str,
+    level: int | None,
+    rate: float,
+    samples: Literal["interpolate", "hold"],
+    hand: Literal["right", "left"],
+    hand_file: Path | None,
+    stiffness: tuple[float, ...] | None,
+    margin: float | None,
+    linearisations: int | None,
+    tremor: tuple[float, ...] | None,
+    unit: str | None,
+    size: float | None,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Replay a hand motion against an object, every tick measured.
+
+    OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
+    recording, .csv or .h5. Without them, five fingers grasp the bunny. The table shows the paper's figures beside those of
+    this run; every tick is in the file. Ctrl-C stops the replay and keeps the ticks so far.
+
+    \b
+    Examples:
+      hhsim replay
+      hhsim replay cube pinch --method progressive --out pinch.h5
+      hhsim replay mug.stl grasp --unit mm --tremor 0.1,0.2
+    """
+    from hhsim.destination import check_destination, dated_destination
+    from hhsim.replay import replay as run
+    from hhsim.scene import make_scene
+    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+    solver = _solver_options(method, qp, force, stiffness, margin, linearisations)
+    motion = _motion(trajectory, tremor)
+    mesh, usual_level = read_object(object_, unit, size)
+    tree_level = level or usual_level or 4
+    destination = out or dated_destination(f"{mesh.name}-{motion.name}")
+    check_destination(destination)
+    print_notes(mesh.warnings, prefix="warning")
+    announce_compilation(quiet=quiet)
+    with progress(quiet=quiet) as report:
+        model = _hand(hand, hand_file)
+        tree = cached_sphere_tree(mesh, TreeOptions(level=tree_level), report)
+        scene = make_scene(mesh, tree, model, motion, rate=rate, mode=samples, seed=seed)
+        description = {
+            "object": object_,
+            "object_mesh": mesh.sha256,
+            "unit": unit,
+            "size_mm": size,
+            "level": tree_level,
+            "trajectory": trajectory,
+            "samples": samples,
+            "hand_file": str(hand_file) if hand_file else None,
+            "tremor_mm_deg": tremor,
+            "seed": seed,
+        }
+        summary = run(scene, solver, destination, description=description, progress=report)
+    if as_json:
+        print_json(summary.to_json())
+    elif not quiet:
+        title = f"{mesh.name}, {motion.name}, {method}: {summary.ticks:,} ticks"
+        rows = [(row.label, row.shown, row.unit, row.paper) for row in summary.rows]
+        print_table(("", "hhsim", "unit", "paper"), rows, title=title, numbers=("hhsim", "paper"))
+        for note in summary.notes:
+            if note not in mesh.warnings:
+                print(f"note: {note}")
+        print(f"every tick is in {summary.path}")
+
+
+def _solver_options(
+    method: str,
+    qp: str,
+    force: str,
+    stiffness: tuple[float, ...] | None,
+    margin: float | None,
+    linearisations: int | None,
+) -> "SolverOptions":
+    from hhsim.solver_options import SolverOptions, Stiffness
+
+    solver = SolverOptions(method=method, qp=qp, force=force)
+    if stiffness is not None:
+        translation, rotation, flexion = stiffness
+        solver = replace(solver, stiffness=Stiffness(translation=translation, rotation=rotation, flexion=flexion))
+    if margin is not None:
+        solver = replace(solver, margin=1e-3 * margin)
+    if linearisations is not None:
+        solver = replace(solver, linearisations=linearisations)
+    return solver
+
+
+def _motion(trajectory: str, tremor: tuple[float, ...] | None) -> "Script | Trajectory":
+    from hhsim.script import Script
+    from hhsim.trajectory_catalogue import resolve_trajectory
+
+    motion = resolve_trajectory(trajectory)
+    if tremor is None:
+        return motion
+    if not isinstance(motion, Script):
+        raise click.UsageError(f"--tremor is for scripts; '{trajectory}' is a recording, with what tremor the hand had")
+    position, rotation = tremor
+    shaken = replace(motion.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
+    return replace(motion, disturbance=shaken)
+
+
+def _hand(side: Literal["right", "left"], file: Path | None) -> "HandModel":
+    from hhsim.hand import HandModel
+
+    return HandModel.default(side) if file is None else HandModel.from_toml(file, side)
