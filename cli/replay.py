@@ -127,8 +127,8 @@ def command(
     """Replay a hand motion against an object, every tick measured.
 
     OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
-    recording, .csv or .h5. Without them, five fingers grasp the bunny. The table shows the paper's figures beside those of
-    this run; every tick is in the file. Ctrl-C stops the replay and keeps the ticks so far.
+    recording, .csv or .h5. Without them, five fingers grasp the bunny. The table shows the paper's figures beside
+    those of this run; every tick is in the file. Ctrl-C stops the replay and keeps the ticks so far.
 
     \b
     Examples:

@@ -1,6 +1,7 @@
 """Where an output goes: the default dated name, and the checks that belong before the work instead of after it."""
 
 import os
+import tempfile
 from datetime import datetime
 from pathlib import Path
 
@@ -57,8 +58,11 @@ def check_destination(path: Path) -> None:
         raise OutputError(f"there is no folder {folder} for {path.name}: make it first, or name another with --out")
     if not folder.is_dir():
         raise OutputError(f"{folder} is a file, not a folder: name another place with --out")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OutputError(f"no permission to write in {folder}: name another place with --out")
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OutputError(f"cannot write in {folder}: {_reason(error)}; name another place with --out") from error
     if target.exists() and not os.access(target, os.W_OK):
         raise OutputError(f"no permission to replace {path}: name another file with --out")
 
