@@ -78,6 +78,22 @@ def test_costs_and_owners_are_the_brute_force_best(case: Case) -> None:
     assert (second != owner).all()
 
 
+@pytest.mark.parametrize("spread", [0.0, 1e-4, 1e-2])
+def test_assignment_among_balls_close_together(case: Case, spread: float) -> None:
+    rng = np.random.default_rng(8)
+    center = spread * rng.normal(size=(60, 3)) + case.center[0]
+    depth = np.ascontiguousarray(-mesh_signed_distance(case.bvh, center))
+    owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
+    found, second_found = np.empty_like(case.cost), np.empty_like(case.cost)
+    assign(case.micro, center, depth, owner, found, second, second_found)
+    cost = far_corner(case.micro.corner, center) - depth
+    rows = np.arange(len(cost))
+    assert found == pytest.approx(cost.min(axis=1), abs=1e-15)
+    assert second_found == pytest.approx(np.sort(cost, axis=1)[:, 1], abs=1e-15)
+    assert cost[rows, owner] == pytest.approx(found, abs=1e-15)
+    assert (second != owner).all()
+
+
 def test_a_lone_ball_has_no_second(case: Case) -> None:
     owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
     cost, second_cost = np.empty_like(case.cost), np.empty_like(case.cost)

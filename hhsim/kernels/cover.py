@@ -163,6 +163,27 @@ def greedy_cover(
     return int(depth_out.shape[0])
 
 
+@jit_inline
+def _most_change(center: Array, j: int, x: float, y: float, z: float, far: float, radius: float) -> float:
+    """Most that the difference of the distances to ball j and to (x, y, z) changes within `radius` [m] of a point.
+
+    Its gradient is the difference of two unit vectors, at most 2 |c₁ − c₂| / (sum of the distances) long (Dunkl and
+    Williams, 1964).
+
+    Args:
+        center: ball centres [m], shape (balls, 3).
+        j: the ball.
+        x, y, z: the other centre [m].
+        far: sum of the distances of the two from the point [m].
+        radius: [m].
+    """
+    dx, dy, dz = center[j, 0] - x, center[j, 1] - y, center[j, 2] - z
+    apart = 2.0 * math.sqrt(dx * dx + dy * dy + dz * dz)
+    least = far - 2.0 * radius
+    change = apart / least if apart < 2.0 * least else 2.0
+    return change * radius * (1.0 + 1e-9) + 1e-12 * far
+
+
 @jit
 def assign(
     micro: MicroTriangles,
@@ -186,7 +207,8 @@ def assign(
     # Along the path to a node, each list keeps the balls of the one above that can still be first or second below.
     lists = np.empty((STACK, balls), np.int64)
     length = np.empty(STACK, np.int64)
-    nearness = np.empty(balls)
+    distance = np.empty(balls)
+    packed = np.empty((balls, 4))
     stack = np.empty((STACK, 2), np.int64)
     for j in range(balls):
         lists[0, j] = j
@@ -198,35 +220,60 @@ def assign(
         node, level = stack[top, 0], stack[top, 1]
         x, y, z = micro.center[node, 0], micro.center[node, 1], micro.center[node, 2]
         best = second = np.inf
+        b0 = b1 = b2 = s0 = s1 = s2 = best_far = second_far = 0.0
         for k in range(length[level - 1]):
             j = lists[level - 1, k]
             dx, dy, dz = center[j, 0] - x, center[j, 1] - y, center[j, 2] - z
-            nearness[k] = math.sqrt(dx * dx + dy * dy + dz * dz) - depth[j]
-            if nearness[k] < second:
-                second = nearness[k]
-                if second < best:
-                    best, second = second, best
-        limit = second + 2.0 * micro.radius[node] + 1e-12 * (abs(second) + micro.radius[node])
+            distance[k] = math.sqrt(dx * dx + dy * dy + dz * dz)
+            value = distance[k] - depth[j]
+            if value < best:
+                second, s0, s1, s2, second_far = best, b0, b1, b2, best_far
+                best, b0, b1, b2, best_far = value, center[j, 0], center[j, 1], center[j, 2], distance[k]
+            elif value < second:
+                second, s0, s1, s2, second_far = value, center[j, 0], center[j, 1], center[j, 2], distance[k]
+        radius = micro.radius[node]
+        limit = second + 2.0 * radius + 1e-12 * (abs(second) + radius)
         count = 0
         for k in range(length[level - 1]):
-            if nearness[k] <= limit:
-                lists[level, count] = lists[level - 1, k]
+            j = lists[level - 1, k]
+            value = distance[k] - depth[j]
+            if value <= limit and not (
+                value - best > _most_change(center, j, b0, b1, b2, distance[k] + best_far, radius)
+                and value - second > _most_change(center, j, s0, s1, s2, distance[k] + second_far, radius)
+            ):
+                lists[level, count] = j
+                if count > 0 and value <= second:
+                    # The likely first and second go in front: the others are then refused early.
+                    lists[level, count], lists[level, 0] = lists[level, 0], j
                 count += 1
         length[level] = count
         if micro.right[node] < 0:
+            for k in range(count):
+                j = lists[level, k]
+                packed[k, 0], packed[k, 1], packed[k, 2], packed[k, 3] = (
+                    center[j, 0],
+                    center[j, 1],
+                    center[j, 2],
+                    depth[j],
+                )
             for i in range(micro.start[node], micro.end[node]):
                 least, next_least = np.inf, np.inf
                 owner, next_owner = -1, -1
+                t = micro.corner[i]
+                ax, ay, az, bx, by, bz, cx, cy, cz = t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8]
                 for k in range(count):
-                    j = lists[level, k]
-                    room = next_least + depth[j]
-                    if room > 0.0:
-                        far2 = far_corner2(micro.corner, i, center[j, 0], center[j, 1], center[j, 2])
-                        if far2 < room * room:
-                            next_least, next_owner = math.sqrt(far2) - depth[j], j
-                            if next_least < least:
-                                least, next_least = next_least, least
-                                owner, next_owner = next_owner, owner
+                    x, y, z, deep = packed[k, 0], packed[k, 1], packed[k, 2], packed[k, 3]
+                    room = next_least + deep
+                    far2 = (ax - x) * (ax - x) + (ay - y) * (ay - y) + (az - z) * (az - z)
+                    if not far2 < room * room:
+                        continue
+                    far2 = max(far2, (bx - x) * (bx - x) + (by - y) * (by - y) + (bz - z) * (bz - z))
+                    far2 = max(far2, (cx - x) * (cx - x) + (cy - y) * (cy - y) + (cz - z) * (cz - z))
+                    if far2 < room * room and room > 0.0:
+                        next_least, next_owner = math.sqrt(far2) - deep, lists[level, k]
+                        if next_least < least:
+                            least, next_least = next_least, least
+                            owner, next_owner = next_owner, owner
                 cost_out[i], owner_out[i] = least, owner
                 second_cost_out[i], second_owner_out[i] = next_least, next_owner
         else:
