@@ -1,6 +1,6 @@
 """The sphere tree: what it accepts, its views, its file, and that no unsound tree can be made or read."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError
 from hhsim.sphere_tree import LevelError, SphereTree
 from hhsim.tree_builder import build_hierarchy
 
@@ -82,35 +82,6 @@ def test_truncated_keeps_the_upper_levels() -> None:
         tree.truncated(4)
 
 
-def test_file_brings_back_every_bit(tmp_path: Path) -> None:
-    tree = random_tree()
-    tree.save(tmp_path / "tree.h5")
-    assert_equal(SphereTree.load(tmp_path / "tree.h5"), tree)
-    assert [path.name for path in tmp_path.iterdir()] == ["tree.h5"]
-    with h5py.File(tmp_path / "tree.h5") as file:
-        assert (file.attrs["format"], file.attrs["schema_version"]) == ("hhsim-tree", 1)
-        for name in ("center", "radius", "level", "parent"):
-            assert file[name].attrs["units"] == ("m" if name in ("center", "radius") else "1")
-            assert file[name].attrs["long_name"]
-        assert set(file["errors"]) == set(asdict(ERROR))
-        assert all(data.attrs["units"] and data.attrs["long_name"] for data in file["errors"].values())
-
-
-def test_file_is_the_same_every_time(tmp_path: Path) -> None:
-    for name in ("one.h5", "two.h5"):
-        random_tree().save(tmp_path / name)
-    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
-
-
-def test_unwritable_place(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="cannot write"):
-        random_tree().save(tmp_path / "missing" / "tree.h5")
-    (tmp_path / "folder.h5").mkdir()
-    with pytest.raises(OutputError, match=r"folder\.h5"):
-        random_tree().save(tmp_path / "folder.h5")
-    assert [path.name for path in tmp_path.iterdir()] == ["folder.h5"]
-
-
 BROKEN = {
     "center": np.zeros((2, 2)),
     "radius": np.array([1.0]),
@@ -163,30 +134,3 @@ def test_values_that_make_no_tree_are_refused() -> None:
             replace(tree, **changed(name, index, value))
     with pytest.raises(InputError, match="same level"):
         SphereTree(np.zeros((4, 3)), np.ones(4), np.array([0, 1, 1, 2]), np.array([-1, 0, 0, 1]))
-
-
-def test_files_that_are_no_tree_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
-        SphereTree.load(tmp_path / "missing.h5")
-    (tmp_path / "text.h5").write_text("not HDF5")
-    with pytest.raises(InputError, match="not a readable hhsim-tree"):
-        SphereTree.load(tmp_path / "text.h5")
-    path = tmp_path / "tree.h5"
-    for name, value, message in [
-        ("format", "hhsim-result", "expected 'hhsim-tree'"),
-        ("schema_version", 99, "version 99"),
-    ]:
-        random_tree().save(path)
-        with h5py.File(path, "a") as file:
-            file.attrs[name] = value
-        with pytest.raises(InputError, match=message):
-            SphereTree.load(path)
-    random_tree().save(path)
-    with h5py.File(path, "a") as file:
-        del file["radius"]
-    with pytest.raises(InputError, match="radius"):
-        SphereTree.load(path)
-    random_tree().save(path)
-    path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(InputError, match="not a readable hhsim-tree"):
-        SphereTree.load(path)

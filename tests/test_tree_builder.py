@@ -1,5 +1,7 @@
 """The builder: every tree covers its mesh and encloses its leaves, whatever the mesh; and its errors are true."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +12,12 @@ from hypothesis import strategies as st
 
 from hhsim import tree_builder
 from hhsim.errors import InputError, MeshError
+from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh import Mesh
 from hhsim.sphere_tree import SphereTree
 from hhsim.tree_builder import TreeOptions, build_hierarchy, build_sphere_tree, cache_path, cached_sphere_tree
-from hhsim.tree_error import measure_levels, sample_mesh, sample_spheres, uncovered_faces
+from hhsim.tree_error import sample_mesh, uncovered_faces
 
 
 def mesh_of(shape: trimesh.Trimesh, name: str = "shape") -> Mesh:
@@ -88,41 +91,6 @@ def test_hierarchy_of_any_balls(count: int, seed: int, shape: tuple[int, int], v
     balls = np.column_stack([center, radius])
     leaves = np.column_stack([tree.leaf_center, tree.leaf_radius])
     assert np.array_equal(balls[np.lexsort(balls.T)], leaves[np.lexsort(leaves.T)])
-
-
-def test_errors_are_true() -> None:
-    mesh = mesh_of(SHAPES["box"])
-    tree = build_sphere_tree(mesh, TreeOptions(level=2))
-    rng = np.random.default_rng(17)
-    for error in tree.errors:
-        center, radius = tree.center[tree.level == error.level], tree.radius[tree.level == error.level]
-        points, owner, area = sample_spheres(center, radius, 40_000, rng)
-        distance = np.linalg.norm(points[:, None] - center, axis=2) - radius
-        distance[np.arange(len(points)), owner] = np.inf
-        points, area = points[distance.min(axis=1) >= 0.0], area[distance.min(axis=1) >= 0.0]
-        # The distance from a box in closed form.
-        outside = np.linalg.norm(np.maximum(0.0, np.abs(points) - 0.05), axis=1)
-        area, outside = area[outside > 0.0], outside[outside > 0.0]
-        assert outside.max() <= error.bound
-        assert error.protrusion_max <= error.bound * (1.0 + 1e-12)
-        assert error.protrusion_max == pytest.approx(outside.max(), rel=0.03)
-        assert error.protrusion_mean == pytest.approx(np.average(outside, weights=area), rel=0.03)
-        assert error.protrusion_mean <= error.protrusion_p99 <= error.protrusion_max
-
-
-def test_gap_of_a_tree_with_a_hole_is_seen() -> None:
-    mesh = mesh_of(SHAPES["box"])
-    tree = build_sphere_tree(mesh, TreeOptions(level=2))
-    center, radius = tree.leaf_center[5:], tree.leaf_radius[5:]
-    assert uncovered_faces(mesh.vertices, mesh.faces, center, radius).size > 0
-    holed = build_hierarchy(center, radius, 2, 8)
-    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
-    error = measure_levels(mesh.vertices, mesh.faces, bvh, holed)[-1]
-    points = sample_mesh(mesh.vertices, mesh.faces, 20_000, np.random.default_rng(1))
-    gap = np.maximum(0.0, (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1))
-    assert error.gap_max == pytest.approx(gap.max(), rel=0.1)
-    assert error.gap_mean == pytest.approx(gap.mean(), rel=0.2)
-    assert 0.0 < error.gap_mean < error.gap_p99 < error.gap_max
 
 
 def test_more_levels_protrude_less() -> None:
@@ -233,3 +201,33 @@ def test_real_scan(shared_data: Path) -> None:
     assert_sound(tree, mesh)
     assert 400 < tree.leaf_count <= 512
     assert tree.errors[-1].bound < 2.5e-3
+
+
+SIGNATURES = """
+import numpy as np
+import trimesh
+from hhsim import mesh_cover, tree_builder, tree_error
+from hhsim.kernels import mesh_bvh, micro_triangle
+from hhsim.mesh import Mesh
+
+shape = trimesh.creation.box((0.1, 0.1, 0.1))
+vertices, faces = np.asfortranarray(shape.vertices), np.asfortranarray(shape.faces)
+for array in (vertices, faces):
+    array.setflags(write=False)
+tree_builder.build_sphere_tree(Mesh(vertices, faces), tree_builder.TreeOptions(level=1))
+mesh_cover.build_cover(vertices, faces, 8)
+tree = tree_builder.build_hierarchy(np.asfortranarray(np.eye(3)), np.ones(3, np.float32), 1, 8)
+bvh = mesh_bvh.build_mesh_bvh(vertices, faces)
+mesh_bvh.mesh_signed_distance(bvh, np.asfortranarray(np.eye(3)))
+tree_error.uncovered_faces(vertices, faces, tree.leaf_center[::-1], tree.leaf_radius[::-1])
+for module in (mesh_cover, mesh_bvh, micro_triangle, tree_builder.enclosing_ball, tree_error):
+    for name, kernel in vars(module).items():
+        if len(getattr(kernel, "signatures", ())) > 1:
+            print(name, kernel.signatures)
+"""
+
+
+@pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler there are no signatures")
+def test_each_kernel_is_compiled_once_whatever_arrays_come() -> None:
+    done = subprocess.run([sys.executable, "-c", SIGNATURES], capture_output=True, text=True, check=True)
+    assert done.stdout == ""

@@ -1,0 +1,91 @@
+"""The measured errors against closed forms and brute force, and the samples that they rest on."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from hhsim.kernels.mesh_bvh import build_mesh_bvh
+from hhsim.mesh import Mesh
+from hhsim.tree_builder import TreeOptions, build_hierarchy, build_sphere_tree
+from hhsim.tree_error import (
+    LEAST_SAMPLES_EACH,
+    measure_levels,
+    protrusion_bound,
+    sample_mesh,
+    sample_spheres,
+    uncovered_faces,
+)
+
+BOX = trimesh.creation.box((0.1, 0.1, 0.1))
+MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
+
+
+def test_errors_are_true() -> None:
+    mesh = MESH
+    tree = build_sphere_tree(mesh, TreeOptions(level=2))
+    rng = np.random.default_rng(17)
+    for error in tree.errors:
+        center, radius = tree.center[tree.level == error.level], tree.radius[tree.level == error.level]
+        points, owner, area = sample_spheres(center, radius, 40_000, rng)
+        distance = np.linalg.norm(points[:, None] - center, axis=2) - radius
+        distance[np.arange(len(points)), owner] = np.inf
+        points, area = points[distance.min(axis=1) >= 0.0], area[distance.min(axis=1) >= 0.0]
+        # The distance from a box in closed form.
+        outside = np.linalg.norm(np.maximum(0.0, np.abs(points) - 0.05), axis=1)
+        area, outside = area[outside > 0.0], outside[outside > 0.0]
+        assert outside.max() <= error.bound
+        assert error.protrusion_max <= error.bound * (1.0 + 1e-12)
+        assert error.protrusion_max == pytest.approx(outside.max(), rel=0.03)
+        assert error.protrusion_mean == pytest.approx(np.average(outside, weights=area), rel=0.03)
+        assert error.protrusion_mean <= error.protrusion_p99 <= error.protrusion_max
+
+
+def test_gap_of_a_tree_with_a_hole_is_seen() -> None:
+    mesh = MESH
+    tree = build_sphere_tree(mesh, TreeOptions(level=2))
+    center, radius = tree.leaf_center[5:], tree.leaf_radius[5:]
+    assert uncovered_faces(mesh.vertices, mesh.faces, center, radius).size > 0
+    holed = build_hierarchy(center, radius, 2, 8)
+    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    error = measure_levels(mesh.vertices, mesh.faces, bvh, holed)[-1]
+    points = sample_mesh(mesh.vertices, mesh.faces, 20_000, np.random.default_rng(1))
+    gap = np.maximum(0.0, (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1))
+    assert error.gap_max == pytest.approx(gap.max(), rel=0.1)
+    assert error.gap_mean == pytest.approx(gap.mean(), rel=0.2)
+    assert 0.0 < error.gap_mean < error.gap_p99 < error.gap_max
+
+
+def test_samples_of_the_mesh_are_uniform() -> None:
+    shape = trimesh.creation.box((0.4, 0.2, 0.1))
+    vertices, faces = np.array(shape.vertices, float), np.array(shape.faces, np.int64)
+    points = sample_mesh(vertices, faces, 20_000, np.random.default_rng(2))
+    on_face = np.isclose(np.abs(points), [0.2, 0.1, 0.05], atol=1e-12)
+    assert on_face.any(axis=1).all()
+    area = np.array([0.02, 0.04, 0.08])
+    assert on_face.mean(axis=0) == pytest.approx(area / area.sum(), abs=0.015)
+    assert points.mean(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=0.005)
+
+
+def test_samples_of_spheres_stand_for_their_area() -> None:
+    center, radius = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [9.0, 0.0, 0.0]]), np.array([2.0, 0.1, 0.0])
+    points, owner, area = sample_spheres(center, radius, 10_000, np.random.default_rng(3))
+    assert np.linalg.norm(points - center[owner], axis=1) == pytest.approx(radius[owner])
+    assert np.bincount(owner).min() >= LEAST_SAMPLES_EACH
+    assert np.bincount(owner, weights=area) == pytest.approx(4.0 * np.pi * radius**2)
+
+
+def test_a_lone_ball_in_closed_form() -> None:
+    bvh = build_mesh_bvh(MESH.vertices, MESH.faces)
+    tree = build_hierarchy(np.zeros((1, 3)), np.array([0.06]), 1, 8)
+    error = measure_levels(MESH.vertices, MESH.faces, bvh, tree)[-1]
+    assert error.bound == pytest.approx(0.01)
+    assert error.protrusion_max == pytest.approx(0.01, rel=1e-3)
+    # Each face lets a cap through whose heights are spread evenly: Archimedes.
+    assert error.protrusion_mean == pytest.approx(0.005, rel=0.02)
+    assert error.protrusion_p99 == pytest.approx(0.0099, rel=0.01)
+    assert error.gap_max == pytest.approx(0.05 * np.sqrt(3.0) - 0.06, rel=0.05)
+
+
+def test_a_centre_outside_counts_against_the_bound() -> None:
+    bvh = build_mesh_bvh(MESH.vertices, MESH.faces)
+    assert protrusion_bound(bvh, np.array([[0.0, 0.0, 0.07]]), np.array([0.03])) == pytest.approx(0.05)
