@@ -136,8 +136,9 @@ def command(
       hhsim replay cube pinch --method progressive --out pinch.h5
       hhsim replay mug.stl grasp --unit mm --tremor 0.1,0.2
     """
-    from hhsim.destination import check_destination, dated_destination
+    from hhsim.destination import dated_destination
     from hhsim.replay import replay as run
+    from hhsim.result import check_result_destination
     from hhsim.scene import make_scene
     from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
@@ -146,7 +147,7 @@ def command(
     mesh, usual_level = read_object(object_, unit, size)
     tree_level = level or usual_level or 4
     destination = out or dated_destination(f"{mesh.name}-{motion.name}")
-    check_destination(destination)
+    check_result_destination(destination)
     print_notes(mesh.warnings, prefix="warning")
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
@@ -186,8 +187,12 @@ def _solver_options(
     margin: float | None,
     linearisations: int | None,
 ) -> "SolverOptions":
+    from hhsim.errors import UnknownNameError
+    from hhsim.qp import ACTIVE_SET, available_backends
     from hhsim.solver_options import SolverOptions, Stiffness
 
+    if qp != ACTIVE_SET and qp not in available_backends():
+        raise UnknownNameError("QP solver", qp, available_backends())
     solver = SolverOptions(method=method, qp=qp, force=force)
     if stiffness is not None:
         translation, rotation, flexion = stiffness

@@ -62,11 +62,10 @@ class ResultWriter:
     def __init__(
         self, path: Path, *, scene: Mapping[str, Any], static: Mapping[str, Array], phases: Sequence[TickPhase] = ()
     ) -> None:
-        check_destination(path)
+        check_result_destination(path)
         self._destination = path
         self.path = path
         if path.exists():
-            _check_replaceable(path)
             self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}"))
         self.ticks = 0
         self._complete = False
@@ -285,6 +284,27 @@ def load_result(path: Path) -> Result:
         )
 
 
+def check_result_destination(path: Path) -> None:
+    """Look, before the work, for what would keep a result from being written to `path`.
+
+    Raises:
+        OutputError: as `hhsim.destination.check_destination`; or a file is there that is no result, which a slip of the
+            pen must not destroy.
+    """
+    check_destination(path)
+    if not path.exists():
+        return
+    try:
+        with h5py.File(path, "r") as file:
+            is_result = file.attrs.get("format") == FORMAT
+    except BlockingIOError as error:
+        raise OutputError(f"{path} is being written by another process: name another file with --out") from error
+    except OSError:
+        is_result = False
+    if not is_result:
+        raise OutputError(f"{path} exists and is no result file, so it is not replaced: name another file with --out")
+
+
 def _read_phases(file: h5py.File) -> Iterator[TickPhase]:
     group = file["phase"]
     for name, first, last in zip(group["name"].asstr()[...], group["first_tick"], group["last_tick"]):
@@ -328,19 +348,6 @@ def _check_dataset(group: Mapping[str, Any], column: Column, shape: tuple[int, .
         raise InputError(f"{path} is damaged or no result file: it lacks the dataset {column.name}")
     if not _fits(dataset.shape, shape):
         raise InputError(f"{path}: {column.name} has shape {dataset.shape}, expected {_spelled(shape)}")
-
-
-def _check_replaceable(path: Path) -> None:
-    """Keep a wrong `--out` from destroying a file that is no result."""
-    try:
-        with h5py.File(path, "r") as file:
-            is_result = file.attrs.get("format") == FORMAT
-    except BlockingIOError as error:
-        raise OutputError(f"{path} is being written by another process: name another file with --out") from error
-    except OSError:
-        is_result = False
-    if not is_result:
-        raise OutputError(f"{path} exists and is no result file, so it is not replaced: name another file with --out")
 
 
 def _checked(arrays: Mapping[str, Array], columns: Sequence[Column]) -> dict[str, Array]:

@@ -1,7 +1,11 @@
-"""What every test module shares: the hypothesis profile and the folder of real meshes and recordings."""
+"""What test modules share: the hypothesis profile, the folder of real meshes and recordings, the command line."""
 
+import importlib.metadata
 import os
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -27,3 +31,31 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data at {folder}: set HHSIM_SHARED_DATA to the folder that holds meshes/ and recordings/")
     return folder
+
+
+class Answer(NamedTuple):
+    """What a command line gave back."""
+
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Answer]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    """Run `hhsim` with the given arguments by its entry point, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    (entry,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
+
+    def called(*arguments: str) -> Answer:
+        monkeypatch.setattr(sys, "argv", ["hhsim", *arguments])
+        with pytest.raises(SystemExit) as exit_:
+            entry.load()()
+        captured = capsys.readouterr()
+        assert isinstance(exit_.value.code, int)
+        return Answer(exit_.value.code, captured.out, captured.err)
+
+    return called

@@ -1,0 +1,244 @@
+"""`hhsim replay` as users meet it: what it prints, what it writes, and what it leaves behind when it is stopped."""
+
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from hhsim.result import load_result
+from hhsim.result_schema import TICK_COLUMNS
+
+Run = Callable[..., Any]
+MAIN = "from hhsim.cli.main import main; main()"
+
+SHORT = """
+title = "short"
+[[phase]]
+name = "approach"
+duration = 0.05
+[[phase]]
+name = "grasp"
+duration = 0.1
+[[phase]]
+name = "hold"
+duration = 0.05
+"""
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> Path:
+    path = tmp_path / "short.toml"
+    path.write_text(SHORT)
+    return path
+
+
+def hhsim(folder: Path, *arguments: str, prelude: str = "") -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", f"{prelude}\n{MAIN}", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, stdin=subprocess.DEVNULL)
+
+
+def test_a_replay_prints_a_table_and_writes_every_tick(run: Run, tmp_path: Path, short: Path) -> None:
+    answer = run("replay", "cube", short.name)
+    assert answer.code == 0, answer.err
+    (path,) = (tmp_path / "results").iterdir()
+    assert path.name.endswith("-cube-short.h5")
+    assert answer.out.startswith("cube, short, coupled: 200 ticks\n")
+    assert answer.out.splitlines()[-1] == f"every tick is in results/{path.name}"
+    result = load_result(path)
+    assert result.complete
+    assert result.ticks == 200
+    assert [phase.name for phase in result.phases] == ["approach", "grasp", "hold"]
+    assert result.scene["object"] == "cube"
+    assert result.scene["seed"] == 0
+    assert all(np.isfinite(result[name]).all() for name in ("graphic/joints", "force/phalanx", "force/palm_wrench"))
+    assert result["contacts/candidates"].max() > 0
+    assert result["penetration_depth"].max() <= 1e-6
+
+
+def test_a_replay_for_machines_is_one_document(run: Run, tmp_path: Path, short: Path) -> None:
+    answer = run("replay", "sphere", short.name, "--method", "progressive", "--out", "run.h5", "--json")
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    assert document["result"] == "run.h5"
+    summary = load_result(tmp_path / "run.h5").summary
+    assert document["ticks"] == summary["ticks"] == 200
+    assert document["penetration_max"] == summary["penetration_max"] <= 1e-6
+
+
+def test_the_same_input_gives_the_same_bytes_but_for_the_timings(tmp_path: Path, short: Path) -> None:
+    for name in ("a.h5", "b.h5"):
+        run = hhsim(
+            tmp_path, "replay", "rock", short.name, "--level", "2", "--tremor", "0.1,0.2", "--out", name, "--quiet"
+        )
+        assert (run.returncode, run.stdout) == (0, ""), run.stderr
+    first, second = load_result(tmp_path / "a.h5"), load_result(tmp_path / "b.h5")
+    for column in TICK_COLUMNS:
+        if not column.name.startswith("duration/"):
+            assert first[column.name].tobytes() == second[column.name].tobytes(), column.name
+    for name, array in first.static.items():
+        assert array.tobytes() == second.static[name].tobytes(), name
+    assert first.scene == second.scene
+
+
+def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path, short: Path) -> None:
+    for rate, ticks in (("1000", 200), ("500", 100)):
+        answer = run("replay", "cube", short.name, "--level", "2", "--rate", rate, "--out", "run.h5", "--quiet")
+        assert answer == (0, "", "")
+        assert load_result(tmp_path / "run.h5").ticks == ticks
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.h5", "short.toml"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["bunyn"], "unknown object 'bunyn': did you mean bunny?"),
+        (["cube", "graps"], "unknown trajectory 'graps': did you mean grasp?"),
+        (["none.stl"], "none.stl: no such mesh file"),
+        (["cube", "none.csv"], "none.csv: no such file; expected a trajectory, .h5 or .csv"),
+        (["cube", "--qp", "clarabell"], "unknown QP solver 'clarabell': did you mean clarabel"),
+        (["cube", "--stiffness", "1000,5"], "expected 3 numbers, positive, with commas between: k_t [N/m]"),
+        (["cube", "--stiffness", "1000,5,0"], "expected 3 numbers, positive"),
+        (["cube", "--tremor", "nan,0"], "expected 2 numbers, none of them negative"),
+        (["cube", "--method", "couple"], "'couple' is not one of 'coupled', 'progressive'"),
+        (["cube", "--hand-file", "none.toml"], "none.toml: cannot read the hand file"),
+        (["cube", "--out", "."], ". is a folder: name a file in it, such as run.h5"),
+        (["cube", "--out", "none/run.h5"], "there is no folder"),
+        (["cube", "--out", "short.toml"], "short.toml exists and is no result file, so it is not replaced"),
+        (["cube", "--out", "short.toml/run.h5"], "short.toml is a file, not a folder"),
+        (["cube", "motion.csv", "--tremor", "0.1,0.2"], "--tremor is for scripts; 'motion.csv' is a recording"),
+        (["empty.stl"], "empty.stl"),
+    ],
+)
+def test_bad_input_is_told_in_one_line_and_leaves_nothing(
+    run: Run, tmp_path: Path, short: Path, arguments: list[str], says: str
+) -> None:
+    (tmp_path / "empty.stl").write_text("solid empty\nendsolid empty\n")
+    write_recording(tmp_path / "motion.csv")
+    before = sorted(path.name for path in tmp_path.iterdir())
+    answer = run("replay", *arguments)
+    assert (answer.code, answer.out) == (2, "")
+    assert len(answer.err.splitlines()) == 1, answer.err
+    assert answer.err.startswith("hhsim: error: ")
+    assert says in answer.err
+    assert sorted(path.name for path in tmp_path.iterdir() if path.name != "results") == before
+    assert not (tmp_path / "results").exists() or list((tmp_path / "results").iterdir()) == []
+
+
+def write_recording(path: Path) -> None:
+    from hhsim.trajectory import Trajectory
+    from hhsim.trajectory_file import save_trajectory
+
+    count = 50
+    trajectory = Trajectory(
+        time=np.arange(count) / 100.0,
+        position=np.column_stack([np.zeros(count), np.zeros(count), np.linspace(0.2, 0.1, count)]),
+        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+        flexion=np.zeros((count, 5, 3)),
+        abduction=np.zeros((count, 5)),
+        name="motion",
+    )
+    save_trajectory(trajectory, path)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".h5"])
+def test_a_recording_of_ones_own_is_replayed(run: Run, tmp_path: Path, suffix: str) -> None:
+    write_recording(tmp_path / f"motion{suffix}")
+    for samples in ("interpolate", "hold"):
+        answer = run("replay", "cube", f"motion{suffix}", "--samples", samples, "--out", "run.h5", "--quiet")
+        assert answer == (0, "", "")
+        height = load_result(tmp_path / "run.h5")["haptic/position"][:, 2]
+        assert (len(np.unique(height)) == 50) == (samples == "hold")
+
+
+def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path: Path, short: Path) -> None:
+    from hhsim import shapes
+
+    mesh = shapes.cube(0.07)
+    lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices]
+    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    (tmp_path / "box.obj").write_text("\n".join(lines))
+    right = run("replay", "box.obj", short.name, "--unit", "mm", "--level", "2", "--out", "run.h5")
+    assert right.code == 0, right.err
+    assert np.ptp(load_result(tmp_path / "run.h5").static["object/vertices"], axis=0) == pytest.approx(0.07)
+    wrong = run("replay", "box.obj", short.name, "--level", "2", "--out", "wrong.h5")
+    assert "is the file in millimetres? pass --unit mm" in wrong.err.splitlines()[0]
+
+
+LONG = SHORT.replace("duration = 0.05\n", "duration = 120.0\n")
+
+
+def test_an_interrupt_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:
+    (tmp_path / "long.toml").write_text(LONG)
+    path = tmp_path / "run.h5"
+    command = [sys.executable, "-c", MAIN, "replay", "cube", "long.toml", "--level", "2", "--out", path.name]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while process.poll() is None and not (path.exists() and has_ticks(path)):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate()
+    result = load_result(path)
+    assert process.returncode == 130, err
+    assert out == ""
+    assert err.splitlines()[-1] == f"hhsim: interrupted; the {result.ticks:,} ticks so far are in run.h5 (complete = 0)"
+    assert not result.complete
+    assert 0 < result.ticks < 240_000
+
+
+def has_ticks(path: Path) -> bool:
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            return all(len(file["tick"][column.name]) > 0 for column in TICK_COLUMNS)
+    except (OSError, KeyError):
+        return False
+
+
+def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
+    (tmp_path / "long.toml").write_text(LONG)
+    prelude = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (6_000_000, 6_000_000))"
+    run = hhsim(tmp_path, "replay", "cube", "long.toml", "--level", "2", "--out", "run.h5", prelude=prelude)
+    assert run.returncode == 2, run.stderr
+    result = load_result(tmp_path / "run.h5")
+    assert not result.complete
+    assert result.ticks > 0
+    line = run.stderr.splitlines()[-1]
+    assert line.startswith("hhsim: error: cannot write run.h5: ")
+    assert line.endswith(f"the {result.ticks:,} ticks so far are in run.h5 (complete = 0)")
+
+
+def test_the_choices_of_the_command_are_those_of_the_library() -> None:
+    from hhsim.solver_options import FORCES, METHODS
+
+    command = importlib.import_module("hhsim.cli.replay").command
+    choices = {option.name: set(getattr(option.type, "choices", ())) for option in command.params}
+    assert choices["method"] == set(METHODS)
+    assert choices["force"] == set(FORCES)
+
+
+def test_progress_shows_on_a_terminal_only(tmp_path: Path, short: Path) -> None:
+    import pty
+
+    command = [sys.executable, "-c", MAIN, "replay", "cube", short.name, "--level", "2", "--out", "run.h5", "--json"]
+    terminal, end = pty.openpty()
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=end, text=True) as process:
+        os.close(end)
+        shown = b""
+        try:
+            while part := os.read(terminal, 4096):
+                shown += part
+        except OSError:
+            pass  # a terminal whose other end has closed
+        assert process.stdout is not None
+        document = json.loads(process.stdout.read())
+    os.close(terminal)
+    assert b"ticks" in shown
+    assert document["ticks"] == 200
