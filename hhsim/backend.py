@@ -95,12 +95,15 @@ def _solve_coupled(state: Any, backend: str) -> bool:
 
 def _solve_progressive(options: TickOptions, state: Any, qp: QpWork, backend: str) -> bool:
     status = solve_progressive(
+        state.pose,
         state.problem,
         state.contacts,
         state.warm,
         options.tolerance,
         options.relaxation,
+        options.longest_correction,
         state.progressive,
+        state.correction,
         qp,
         state.step,
     )

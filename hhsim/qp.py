@@ -189,7 +189,7 @@ def _solve_active_set(problem: QpProblem) -> QpSolution:
     if status != active_set.OPTIMAL:
         return _without_solution(problem, ACTIVE_SET, QpStatus.FAILED, f"kernel status {status}")
     multiplier = np.zeros(m)
-    count = work.count[0]
+    count = work.counts[0]
     multiplier[work.active[:count]] = work.multiplier[:count]
     return _checked(problem, QpSolution(work.x / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET))
 

@@ -84,7 +84,9 @@ class SolverOptions:
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} is {value:g} m: it must be positive and finite")
         if self.offset * 10.0 > self.margin:
-            raise InputError(f"offset {self.offset:g} m is too near the margin {self.margin:g} m: at most a tenth of it")
+            raise InputError(
+                f"offset {self.offset:g} m is too near the margin {self.margin:g} m: at most a tenth of it"
+            )
 
     def tick_options(self) -> TickOptions:
         """The kernels' form. QP tolerances are 1e-8 of the margin, and what may be given up 1e-6 of it, times √k_t."""
@@ -99,6 +101,7 @@ class SolverOptions:
             settled=self.settled,
             tolerance=1e-8 * self.margin * root,
             relaxation=1e-6 * self.margin * root,
+            longest_correction=self.margin * root,
             contact_stiffness=self.stiffness.contact,
         )
 

@@ -55,11 +55,11 @@ class Outcome:
 
     @property
     def active(self) -> Indices:
-        return self.work.active[: self.work.count[0]].copy()
+        return self.work.active[: self.work.counts[0]].copy()
 
     @property
     def iterations(self) -> int:
-        return int(self.work.count[1])
+        return int(self.work.counts[1])
 
 
 def dense_rows(matrix: Array, rhs: Array) -> Rows:
@@ -98,7 +98,7 @@ def solve_rows(
         work,
     )
     multiplier = np.zeros(rows.rhs.size)
-    count = work.count[0]
+    count = work.counts[0]
     np.add.at(multiplier, work.active[:count], work.multiplier[:count])
     return Outcome(status, work.x.copy(), multiplier, work)
 
@@ -146,9 +146,9 @@ def assert_optimal(outcome: Outcome, matrix: Array, rhs: Array, target: Array, r
 def assert_certificate(outcome: Outcome, matrix: Array, rhs: Array) -> None:
     """Farkas: y >= 0, yᵀA = 0, yᵀb > 0 excludes every x."""
     assert outcome.status == INFEASIBLE
-    work, count = outcome.work, outcome.work.count[0]
+    work, count = outcome.work, outcome.work.counts[0]
     y = np.zeros(rhs.size)
-    y[work.count[2]] = 1.0
+    y[work.counts[2]] = 1.0
     y[work.active[:count]] -= work.dual_step[:count]
     norms = row_norms(matrix)
     unit, scaled = matrix / norms[:, None], rhs / norms
@@ -460,7 +460,7 @@ def test_a_zero_row_that_demands_something_is_its_own_certificate() -> None:
             matrix, rhs, target = zero_rows(short)(rng, n, 60)
             outcome = solve_dense(matrix, rhs, target)
             assert_certificate(outcome, matrix, rhs)
-            assert not matrix[outcome.work.count[2]].any()
+            assert not matrix[outcome.work.counts[2]].any()
 
 
 @pytest.mark.parametrize("n", [3, 6])

@@ -52,7 +52,7 @@ class QpWork(NamedTuple):
     | x | solution | (n_max,) |
     | active | rows of the active set | (n_max + 1,) |
     | multiplier | their multipliers, >= 0, for rows as given (not normalised) | (n_max + 1,) |
-    | count | [size of the active set, iterations, row that proves it infeasible or -1] | (3,) |
+    | counts | [size of the active set, iterations, row that proves it infeasible or -1] | (3,) |
     | basis | orthonormal rows, of which the active normals are combinations | (n_max, n_max) |
     | triangle | upper triangular, active normal j = Σ_i triangle[i, j] basis[i] | (n_max, n_max) |
     | active_rhs | b - a · x₀ of the active rows, normalised | (n_max,) |
@@ -60,12 +60,13 @@ class QpWork(NamedTuple):
     | coefficient, dual_step | its coordinates in the basis, and the dual direction | (n_max,) |
     | violation | b - a · x of every row, normalised | (row capacity,) |
     | inverse_norm | 1 / |a|, 0 for a zero row | (row capacity,) |
+    | slack | room for a second look at the rows, see `kernels.second_order` | (row capacity,) |
     """
 
     x: Array
     active: Indices
     multiplier: Array
-    count: Indices
+    counts: Indices
     basis: Array
     triangle: Array
     active_rhs: Array
@@ -75,6 +76,7 @@ class QpWork(NamedTuple):
     dual_step: Array
     violation: Array
     inverse_norm: Array
+    slack: Array
 
 
 def new_work(n_max: int, capacity: int) -> QpWork:
@@ -83,7 +85,7 @@ def new_work(n_max: int, capacity: int) -> QpWork:
         x=np.zeros(n_max),
         active=np.zeros(n_max + 1, dtype=np.int64),
         multiplier=np.zeros(n_max + 1),
-        count=np.zeros(3, dtype=np.int64),
+        counts=np.zeros(3, dtype=np.int64),
         basis=np.zeros((n_max, n_max)),
         triangle=np.zeros((n_max, n_max)),
         active_rhs=np.zeros(n_max),
@@ -93,6 +95,7 @@ def new_work(n_max: int, capacity: int) -> QpWork:
         dual_step=np.zeros(n_max),
         violation=np.zeros(capacity),
         inverse_norm=np.zeros(capacity),
+        slack=np.zeros(capacity),
     )
 
 
@@ -130,7 +133,7 @@ def _norms(
 
 
 @jit_vector
-def _violations(
+def row_violations(
     n_common: int,
     common: Array,
     block: Array,
@@ -142,6 +145,7 @@ def _violations(
     inverse_norm: Array,
     violation: Array,
 ) -> None:
+    """Violation b - a · x of every row, normalised; arguments as in `solve`."""
     for g in range(group_block.shape[0]):
         start, stop = group_start[g], group_stop[g]
         offset = group_block[g]
@@ -366,7 +370,7 @@ def solve(
 
     Returns:
         OPTIMAL, INFEASIBLE, ITERATION_LIMIT, or NOT_FINITE for NaN in a row or in the target. When INFEASIBLE,
-        work.count[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows with no
+        work.counts[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows with no
         positive dual_step: Farkas' certificate is 1 for that row and -dual_step_j for the others.
     """
     groups = group_block.shape[0]
@@ -377,7 +381,7 @@ def solve(
     iterations = 0
     shift = 0.0
     k = np.int64(0)
-    work.count[2] = -1
+    work.counts[2] = -1
     _norms(n_common, common, block, group_start, group_stop, group_block, work.inverse_norm)
     inverse_norm = work.inverse_norm
 
@@ -402,7 +406,7 @@ def solve(
     status = OPTIMAL
     settled = True
     while True:
-        _violations(
+        row_violations(
             n_common, common, block, rhs, group_start, group_stop, group_block, work.x, inverse_norm, work.violation
         )
         for j in range(k):
@@ -461,7 +465,7 @@ def solve(
                     iterations += guessed - k
                 else:
                     status = INFEASIBLE
-                    work.count[2] = row
+                    work.counts[2] = row
                 break
             step = min(dual_limit, primal_limit)
             for j in range(k):
@@ -485,7 +489,7 @@ def solve(
         for i in range(group_start[g], group_stop[g]):
             if inverse_norm[i] == 0.0 and rhs[i] > relaxation and status == OPTIMAL:
                 status = INFEASIBLE
-                work.count[2] = i
+                work.counts[2] = i
                 for j in range(k):
                     work.dual_step[j] = 0.0
             if math.isnan(work.violation[i]):
@@ -496,6 +500,6 @@ def solve(
     if status == OPTIMAL:
         for j in range(k):
             work.multiplier[j] = max(work.multiplier[j], 0.0) * inverse_norm[work.active[j]]
-    work.count[0] = k
-    work.count[1] = iterations
+    work.counts[0] = k
+    work.counts[1] = iterations
     return status

@@ -88,6 +88,9 @@ CONTACTS = np.dtype(
         ("point", np.float64, (3, CONTACT_ROWS)),
         ("normal", np.float64, (3, CONTACT_ROWS)),
         ("distance", np.float64, (CONTACT_ROWS,)),
+        ("hand_radius", np.float64, (CONTACT_ROWS,)),
+        ("object_radius", np.float64, (CONTACT_ROWS,)),
+        ("slides", np.int8, (CONTACT_ROWS,)),
         ("start", np.int64, (FINGER_COUNT + 2,)),
         ("phalanx_end", np.int64, (FINGER_COUNT, PHALANX_COUNT)),
     ],
@@ -102,6 +105,8 @@ CONTACTS = np.dtype(
 | point | contact point on the hand's surface [m], world |
 | normal | unit vector from the object to the hand, world |
 | distance | signed [m], negative inside |
+| hand_radius, object_radius | radii of curvature of the two surfaces at the contact [m] |
+| slides | 1 where the nearest point of the phalanx can slide along its axis, else 0 |
 | start | first record of the palm, of each finger, and the end |
 | phalanx_end | where the records of each phalanx end |
 """
@@ -303,6 +308,7 @@ def _palm_contacts(
     hand_x: Array,
     hand_y: Array,
     hand_z: Array,
+    hand_radius: Array,
     object_x: Array,
     object_y: Array,
     object_z: Array,
@@ -321,6 +327,9 @@ def _palm_contacts(
     point_out: Array,
     normal_out: Array,
     distance_out: Array,
+    hand_radius_out: Array,
+    object_radius_out: Array,
+    slides_out: NDArray[np.int8],
 ) -> int:
     # Arrays one by one: reading them out of a NamedTuple inside the loop costs a reference count each time.
     px, py, pz = position[0], position[1], position[2]
@@ -355,6 +364,9 @@ def _palm_contacts(
         point_out[1, row] = object_y[i] + reach * ny
         point_out[2, row] = object_z[i] + reach * nz
         distance_out[row] = d
+        hand_radius_out[row] = hand_radius[i]
+        object_radius_out[row] = object_radius[i]
+        slides_out[row] = 0
         row += 1
     return row
 
@@ -372,6 +384,8 @@ def _phalanx_contacts(
     joint: Array,
     direction: Array,
     length: float,
+    radius_a: float,
+    radius_drop: float,
     rotation: Array,
     body: int,
     margin: float,
@@ -382,6 +396,9 @@ def _phalanx_contacts(
     point_out: Array,
     normal_out: Array,
     distance_out: Array,
+    hand_radius_out: Array,
+    object_radius_out: Array,
+    slides_out: NDArray[np.int8],
 ) -> int:
     jx, jy, jz = joint[0], joint[1], joint[2]
     ux, uy, uz = length * direction[0], length * direction[1], length * direction[2]
@@ -411,6 +428,9 @@ def _phalanx_contacts(
         point_out[1, row] = cy + reach * ny
         point_out[2, row] = cz + reach * nz
         distance_out[row] = d
+        hand_radius_out[row] = radius_a - s * radius_drop
+        object_radius_out[row] = radius[i]
+        slides_out[row] = 1 if 0.0 < s < 1.0 else 0
         row += 1
     return row
 
@@ -433,6 +453,7 @@ def find_contacts(
             candidates.hand_x,
             candidates.hand_y,
             candidates.hand_z,
+            candidates.hand_radius,
             candidates.object_x,
             candidates.object_y,
             candidates.object_z,
@@ -451,6 +472,9 @@ def find_contacts(
             contacts.point,
             contacts.normal,
             contacts.distance,
+            contacts.hand_radius,
+            contacts.object_radius,
+            contacts.slides,
         )
         if row < 0:
             return FULL
@@ -473,6 +497,8 @@ def find_contacts(
                 pose.joints[f, k],
                 pose.direction[f, k],
                 hand.length[f, k],
+                hand.radius[f, k],
+                hand.radius[f, k] - hand.radius[f, k + 1],
                 pose.rotation,
                 body,
                 margin,
@@ -483,6 +509,9 @@ def find_contacts(
                 contacts.point,
                 contacts.normal,
                 contacts.distance,
+                contacts.hand_radius,
+                contacts.object_radius,
+                contacts.slides,
             )
             if row < 0:
                 return FULL

@@ -12,6 +12,7 @@ from .clock import monotonic_ns
 from .hand import DOF, FINGER_COUNT
 from .jit import jit
 from .linearise import limit_start
+from .second_order import correct_for_curvature
 from .step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
 Indices = NDArray[np.int64]
@@ -44,12 +45,15 @@ def coupled_groups(contacts: np.record, group_start: Indices, group_stop: Indice
 
 @jit
 def solve_coupled(
+    pose: np.record,
     problem: np.record,
     contacts: np.record,
     active: np.record,
     tolerance: float,
     relaxation: float,
+    longest: float,
     work: np.record,
+    correction: np.record,
     qp: QpWork,
     step: np.record,
 ) -> int:
@@ -75,15 +79,41 @@ def solve_coupled(
         guessed,
         qp,
     )
-    step.iterations += qp.count[1]
-    step.duration[DURATION_PALM] += monotonic_ns() - began
+    step.iterations += qp.counts[1]
     if status != OPTIMAL:
+        step.duration[DURATION_PALM] += monotonic_ns() - began
         return status
-    for j in range(DOF):
-        step.delta[j] = qp.x[j] * problem.inverse_root[j]
-    count = qp.count[0]
+    count = qp.counts[0]
     for i in range(count):
         step.row[i] = qp.active[i]
         step.multiplier[i] = qp.multiplier[i]
     step.count = count
+    for j in range(DOF):
+        step.delta[j] = qp.x[j] * problem.inverse_root[j]
+    correct_for_curvature(
+        pose,
+        contacts,
+        problem.inverse_root[:],
+        step.row[:],
+        step.multiplier[:],
+        np.int64(0),
+        count,
+        step.delta[:],
+        np.int64(0),
+        np.int64(DOF),
+        np.int64(6),
+        problem.common[:],
+        problem.block[:],
+        problem.rhs[:],
+        work.group_start[:],
+        work.group_stop[:],
+        work.group_block[:],
+        tolerance,
+        longest,
+        correction,
+        qp,
+    )
+    for j in range(DOF):
+        step.delta[j] = qp.x[j] * problem.inverse_root[j]
+    step.duration[DURATION_PALM] += monotonic_ns() - began
     return status

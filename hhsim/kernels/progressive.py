@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from .active_set import INFEASIBLE, ITERATION_LIMIT, OPTIMAL, QpWork, solve
 from .clock import monotonic_ns
-from .hand import FINGER_COUNT, PHALANX_COUNT
+from .hand import DOF, FINGER_COUNT, PHALANX_COUNT
 from .jit import jit
 from .linearise import CUT_ROWS, ROW_CAPACITY, limit_start
+from .second_order import correct_for_curvature
 from .step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
 
 Array = NDArray[np.float64]
@@ -60,10 +61,10 @@ def finger_rhs(problem: np.record, start: int, stop: int, palm_step: Array, rhs_
 
 @jit
 def _add_cut(problem: np.record, row: int, work: np.record, cut: int, finger: QpWork) -> None:
-    count = finger.count[0]
+    count = finger.counts[0]
     size = 0
     for i in range(-1, count):
-        source = finger.count[2] if i < 0 else finger.active[i]
+        source = finger.counts[2] if i < 0 else finger.active[i]
         weight = finger.inverse_norm[source]
         if i >= 0:
             weight *= max(-finger.dual_step[i], 0.0)
@@ -87,12 +88,15 @@ def _add_cut(problem: np.record, row: int, work: np.record, cut: int, finger: Qp
 
 @jit
 def solve_progressive(
+    pose: np.record,
     problem: np.record,
     contacts: np.record,
     active: np.record,
     tolerance: float,
     relaxation: float,
+    longest: float,
     work: np.record,
+    correction: np.record,
     qp: QpWork,
     step: np.record,
 ) -> int:
@@ -124,19 +128,45 @@ def solve_progressive(
             guessed,
             qp,
         )
-        step.iterations += qp.count[1]
+        step.iterations += qp.counts[1]
         solved = monotonic_ns()
         step.duration[DURATION_PALM] += solved - began
         if status != OPTIMAL:
             return status
-        count = qp.count[0]
+        count = qp.counts[0]
         palm_active = count
-        for j in range(6):
-            work.palm_step[j] = qp.x[j]
         for i in range(count):
             work.palm_active[i] = qp.active[i]
             step.row[i] = qp.active[i]
             step.multiplier[i] = qp.multiplier[i]
+        for j in range(DOF):
+            step.delta[j] = qp.x[j] * problem.inverse_root[j] if j < 6 else 0.0
+        correct_for_curvature(
+            pose,
+            contacts,
+            problem.inverse_root[:],
+            step.row[:],
+            step.multiplier[:],
+            np.int64(0),
+            count,
+            step.delta[:],
+            np.int64(0),
+            np.int64(6),
+            np.int64(6),
+            problem.common[:],
+            problem.block[:],
+            problem.rhs[:],
+            work.palm_start[:],
+            work.palm_stop[:],
+            work.palm_block[:],
+            tolerance,
+            longest,
+            correction,
+            qp,
+        )
+        for j in range(6):
+            work.palm_step[j] = qp.x[j]
+            step.delta[j] = qp.x[j] * problem.inverse_root[j]
         yielding = False
         for f in range(FINGER_COUNT):
             work.finger_start[0] = contacts.start[f + 1]
@@ -164,7 +194,7 @@ def solve_progressive(
                 guessed,
                 qp,
             )
-            step.iterations += qp.count[1]
+            step.iterations += qp.counts[1]
             if status == INFEASIBLE:
                 if cuts == CUT_ROWS:
                     return ITERATION_LIMIT
@@ -176,12 +206,38 @@ def solve_progressive(
                 return status
             if yielding:
                 continue
-            for k in range(PHALANX_COUNT):
-                step.delta[6 + 3 * f + k] = qp.x[k] * problem.inverse_root[6 + 3 * f + k]
-            for i in range(qp.count[0]):
+            before = count
+            for i in range(qp.counts[0]):
                 step.row[count] = qp.active[i]
                 step.multiplier[count] = qp.multiplier[i]
                 count += 1
+            for k in range(PHALANX_COUNT):
+                step.delta[6 + 3 * f + k] = qp.x[k] * problem.inverse_root[6 + 3 * f + k]
+            correct_for_curvature(
+                pose,
+                contacts,
+                problem.inverse_root[:],
+                step.row[:],
+                step.multiplier[:],
+                before,
+                count,
+                step.delta[:],
+                np.int64(6 + 3 * f),
+                np.int64(PHALANX_COUNT),
+                np.int64(0),
+                problem.common[:],
+                problem.block[:],
+                work.rhs[:],
+                work.finger_start[:],
+                work.finger_stop[:],
+                work.finger_block[:],
+                tolerance,
+                longest,
+                correction,
+                qp,
+            )
+            for k in range(PHALANX_COUNT):
+                step.delta[6 + 3 * f + k] = qp.x[k] * problem.inverse_root[6 + 3 * f + k]
         step.duration[DURATION_FINGERS] += monotonic_ns() - solved
         if not yielding:
             break
@@ -189,8 +245,6 @@ def solve_progressive(
         guessed = palm_active
         for i in range(guessed):
             work.guess[i] = work.palm_active[i]
-    for j in range(6):
-        step.delta[j] = work.palm_step[j] * problem.inverse_root[j]
     # A cut stands for the finger contacts of which it is made: they carry its force.
     for i in range(palm_active):
         row = step.row[i]

@@ -25,6 +25,7 @@ from .linearise import PROBLEM, build_rows, clamp_to_limits
 from .pose import HAND_POSE, copy_configuration, is_finite_configuration, move, update_kinematics
 from .progressive import PROGRESSIVE_WORK, solve_progressive
 from .rotation import rotation_vector_between
+from .second_order import CORRECTION_WORK
 from .step import ACTIVE_CONTACTS, DURATION_DETECT, DURATION_FORCE, STEP, keep_active
 from .tree import TreeArrays
 
@@ -70,6 +71,7 @@ class TickOptions(NamedTuple):
     | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
     | settled | a step shorter than this ends the tick |
     | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
+    | longest_correction | for curvature, in units of √G δ, see `kernels.second_order` |
     | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
     """
 
@@ -82,6 +84,7 @@ class TickOptions(NamedTuple):
     settled: float
     tolerance: float
     relaxation: float
+    longest_correction: float
     contact_stiffness: float
 
 
@@ -98,6 +101,7 @@ TICK_STATE = np.dtype(
         ("active", ACTIVE_CONTACTS),
         ("coupled", COUPLED_WORK),
         ("progressive", PROGRESSIVE_WORK),
+        ("correction", CORRECTION_WORK),
         ("forces", FORCES),
         ("motion", np.float64, (BODY_COUNT,)),
         ("since_safe", np.float64, (BODY_COUNT,)),
@@ -124,7 +128,7 @@ TICK_STATE = np.dtype(
 | problem, step | the program and the step that solves it |
 | warm | contacts active in the last program, to start the next one from |
 | active | contacts active at the last accepted step: they carry the forces |
-| coupled, progressive | workspaces of the methods |
+| coupled, progressive, correction | workspaces of the methods |
 | forces | of this tick |
 | motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
 | trust, lag | longest step near the object, distance still to go [m] |
@@ -366,23 +370,29 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.rec
         if contacts > 0:
             if options.method == METHOD_COUPLED:
                 solved = solve_coupled(
+                    state.pose,
                     state.problem,
                     state.contacts,
                     state.warm,
                     options.tolerance,
                     options.relaxation,
+                    options.longest_correction,
                     state.coupled,
+                    state.correction,
                     qp,
                     state.step,
                 )
             else:
                 solved = solve_progressive(
+                    state.pose,
                     state.problem,
                     state.contacts,
                     state.warm,
                     options.tolerance,
                     options.relaxation,
+                    options.longest_correction,
                     state.progressive,
+                    state.correction,
                     qp,
                     state.step,
                 )

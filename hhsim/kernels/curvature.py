@@ -1,0 +1,124 @@
+"""Second derivatives of contact distances: how a contact's distance bends as the hand moves.
+
+A contact between a sphere of radius r around the hand's axis point x and an object that is locally a sphere of radius R around c has
+the distance D = |x - c| - r - R. With ρ = |x - c|, n the normal and V = ∂x/∂q,
+
+    ∂²D/∂q² = Vᵀ (I - n nᵀ) V / ρ + n · ∂²x/∂q².
+
+Where the nearest point slides along a phalanx (axis parameter 0 < s < 1), d = min over s of D, and its Hessian is the Schur
+complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from .jit import jit
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@jit
+def curvature_product(
+    pose: np.record,
+    contacts: np.record,
+    rows: Indices,
+    multiplier: Array,
+    first: int,
+    last: int,
+    step: Array,
+    product_out: Array,
+) -> None:
+    """Σ λ_i ∇²d_i · step over rows[first … last - 1], shape (21,); rows behind the contacts (limits, cuts) do not bend.
+
+    Args:
+        pose: the configuration of the contacts.
+        contacts: contact records.
+        rows: which of them, shape (>= last,).
+        multiplier: λ of each [N], shape (>= last,).
+        first: first place in `rows`.
+        last: behind the last place.
+        step: (δp, δφ, δθ) [m, rad, rad], shape (21,).
+        product_out: [N] and [N·m], shape (21,), written.
+    """
+    total = contacts.start[FINGER_COUNT + 1]
+    for j in range(product_out.shape[0]):
+        product_out[j] = 0.0
+    wx, wy, wz = step[3], step[4], step[5]
+    for i in range(first, last):
+        row = rows[i]
+        if row >= total:
+            continue
+        force = multiplier[i]
+        body = contacts.body[row]
+        nx, ny, nz = contacts.normal[0, row], contacts.normal[1, row], contacts.normal[2, row]
+        r = contacts.hand_radius[row]
+        rho = r + contacts.object_radius[row] + contacts.distance[row]
+        x, y, z = contacts.point[0, row] + r * nx, contacts.point[1, row] + r * ny, contacts.point[2, row] + r * nz
+        rx, ry, rz = x - pose.position[0], y - pose.position[1], z - pose.position[2]
+        finger = body // PHALANX_COUNT if body < PALM_BODY else -1
+        joints = body % PHALANX_COUNT + 1 if body < PALM_BODY else 0
+        # Velocity of the axis point: of the fingers' joints, and in all.
+        ax, ay, az = 0.0, 0.0, 0.0
+        jx, jy, jz = 0.0, 0.0, 0.0
+        flexion = 0.0
+        if finger >= 0:
+            ax, ay, az = pose.axis[finger, 0], pose.axis[finger, 1], pose.axis[finger, 2]
+            for k in range(joints):
+                angle = step[6 + 3 * finger + k]
+                flexion += angle
+                qx = x - pose.joints[finger, k, 0]
+                qy = y - pose.joints[finger, k, 1]
+                qz = z - pose.joints[finger, k, 2]
+                jx += angle * (ay * qz - az * qy)
+                jy += angle * (az * qx - ax * qz)
+                jz += angle * (ax * qy - ay * qx)
+        tx, ty, tz = wy * rz - wz * ry, wz * rx - wx * rz, wx * ry - wy * rx
+        vx, vy, vz = step[0] + tx + jx, step[1] + ty + jy, step[2] + tz + jz
+        along = vx * nx + vy * ny + vz * nz
+        fx, fy, fz = (vx - along * nx) / rho, (vy - along * ny) / rho, (vz - along * nz) / rho
+        mx, my, mz = 0.0, 0.0, 0.0
+        if contacts.slides[row] == 1:
+            ux = pose.direction[finger, joints - 1, 0]
+            uy = pose.direction[finger, joints - 1, 1]
+            uz = pose.direction[finger, joints - 1, 2]
+            un = ux * nx + uy * ny + uz * nz
+            sx, sy, sz = ux - un * nx, uy - un * ny, uz - un * nz
+            across = (sx * sx + sy * sy + sz * sz) / rho
+            if across > 0.0:
+                ox, oy, oz = wx + flexion * ax, wy + flexion * ay, wz + flexion * az
+                cx, cy, cz = uy * nz - uz * ny, uz * nx - ux * nz, ux * ny - uy * nx
+                slide = ((sx * vx + sy * vy + sz * vz) / rho + ox * cx + oy * cy + oz * cz) / across
+                fx, fy, fz = fx - slide * sx / rho, fy - slide * sy / rho, fz - slide * sz / rho
+                mx, my, mz = -slide * cx, -slide * cy, -slide * cz
+        # (w × r) and r × (n × w), halved: the exponential map's second derivative, symmetric in the two increments.
+        hx, hy, hz = ny * wz - nz * wy, nz * wx - nx * wz, nx * wy - ny * wx
+        ex = 0.5 * (ty * nz - tz * ny + ry * hz - rz * hy) + jy * nz - jz * ny
+        ey = 0.5 * (tz * nx - tx * nz + rz * hx - rx * hz) + jz * nx - jx * nz
+        ez = 0.5 * (tx * ny - ty * nx + rx * hy - ry * hx) + jx * ny - jy * nx
+        product_out[0] += force * fx
+        product_out[1] += force * fy
+        product_out[2] += force * fz
+        product_out[3] += force * (ry * fz - rz * fy + ex + mx)
+        product_out[4] += force * (rz * fx - rx * fz + ey + my)
+        product_out[5] += force * (rx * fy - ry * fx + ez + mz)
+        for k in range(joints):
+            qx = x - pose.joints[finger, k, 0]
+            qy = y - pose.joints[finger, k, 1]
+            qz = z - pose.joints[finger, k, 2]
+            bx, by, bz = ay * qz - az * qy, az * qx - ax * qz, ax * qy - ay * qx
+            value = bx * fx + by * fy + bz * fz + mx * ax + my * ay + mz * az
+            # n · (w × b) = b · (n × w)
+            value += bx * hx + by * hy + bz * hz
+            for other in range(joints):
+                inner = max(k, other)
+                qx = x - pose.joints[finger, inner, 0]
+                qy = y - pose.joints[finger, inner, 1]
+                qz = z - pose.joints[finger, inner, 2]
+                bx, by, bz = ay * qz - az * qy, az * qx - ax * qz, ax * qy - ay * qx
+                # n · (a × b) = a · (b × n)
+                value += step[6 + 3 * finger + other] * (
+                    ax * (by * nz - bz * ny) + ay * (bz * nx - bx * nz) + az * (bx * ny - by * nx)
+                )
+            product_out[6 + 3 * finger + k] += force * value
