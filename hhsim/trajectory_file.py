@@ -5,9 +5,6 @@ schema_version 1. Attributes of the file: format, schema_version, name, source, 
 object/position (3,), object/orientation (4,), phase/{name, start_time, end_time} (P,), and raw/<channel> (T, …).
 """
 
-import os
-import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +14,7 @@ import numpy as np
 from hhsim.errors import OutputError, TrajectoryError
 from hhsim.trajectory import Phase, RawChannel, Trajectory
 from hhsim.trajectory_csv import format_csv, parse_csv
+from hhsim.whole_file import hdf5_image, write_whole_file
 
 FORMAT = "hhsim-trajectory"
 SCHEMA_VERSION = 1
@@ -53,10 +51,9 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     target = Path(path)
     suffix = target.suffix.lower()
     if suffix == CSV_SUFFIX:
-        text = format_csv(trajectory)
-        _replace(target, lambda partial: partial.write_text(text, encoding="utf-8", newline="\n"))
+        write_whole_file(target, format_csv(trajectory).encode())
     elif suffix in HDF5_SUFFIXES:
-        _replace(target, lambda partial: _write(trajectory, partial))
+        write_whole_file(target, hdf5_image(lambda file: _write(trajectory, file)))
     else:
         raise OutputError(f"{target}: unknown suffix '{suffix}'; expected .h5 or .csv")
 
@@ -89,43 +86,21 @@ def load_trajectory(path: str | Path) -> Trajectory:
         raise TrajectoryError(f"{source}: {error}") from None
 
 
-def _replace(target: Path, write: Callable[[Path], object]) -> None:
-    """Write beside the target, then put the whole file in its place: no reader sees half of one."""
-    partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        write(partial)
-        partial.replace(target)
-    except (OSError, RuntimeError) as error:
-        # h5py reports a full disk on closing as a RuntimeError.
-        raise OutputError(f"cannot write trajectory {target}: {_reason(error)}") from error
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _reason(error: OSError | RuntimeError) -> str:
-    """What the system said, in one line: HDF5 wraps it in a paragraph of file offsets."""
-    said = re.search(r"error message = '([^']*)'", str(error))
-    if said:
-        return said.group(1)
-    return getattr(error, "strerror", None) or " ".join(str(error).split())
-
-
-def _write(trajectory: Trajectory, path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        file.attrs["format"] = FORMAT
-        file.attrs["schema_version"] = SCHEMA_VERSION
-        for key in TEXTS:
-            file.attrs[key] = getattr(trajectory, key)
-        for key, (units, long_name) in SAMPLES.items():
-            _put(file, key, getattr(trajectory, key), units, long_name)
-        for key, (units, long_name) in CONSTANTS.items():
-            _put(file, key, getattr(trajectory, key.replace("/", "_")), units, long_name)
-        for key, (units, long_name) in PHASE_COLUMNS.items():
-            values = [getattr(phase, key) for phase in trajectory.phases]
-            kind = h5py.string_dtype() if key == "name" else np.float64
-            _put(file, f"phase/{key}", np.array(values, dtype=kind), units, long_name)
-        for channel in trajectory.raw:
-            _put(file, f"raw/{channel.name}", channel.values, channel.unit, channel.meaning)
+def _write(trajectory: Trajectory, file: h5py.File) -> None:
+    file.attrs["format"] = FORMAT
+    file.attrs["schema_version"] = SCHEMA_VERSION
+    for key in TEXTS:
+        file.attrs[key] = getattr(trajectory, key)
+    for key, (units, long_name) in SAMPLES.items():
+        _put(file, key, getattr(trajectory, key), units, long_name)
+    for key, (units, long_name) in CONSTANTS.items():
+        _put(file, key, getattr(trajectory, key.replace("/", "_")), units, long_name)
+    for key, (units, long_name) in PHASE_COLUMNS.items():
+        values = [getattr(phase, key) for phase in trajectory.phases]
+        kind = h5py.string_dtype() if key == "name" else np.float64
+        _put(file, f"phase/{key}", np.array(values, dtype=kind), units, long_name)
+    for channel in trajectory.raw:
+        _put(file, f"raw/{channel.name}", channel.values, channel.unit, channel.meaning)
 
 
 def _put(file: h5py.File, key: str, values: Any, units: str, long_name: str) -> None:
