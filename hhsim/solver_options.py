@@ -68,7 +68,7 @@ class SolverOptions:
     margin: float = 1e-3
     skin: float = 3e-3
     offset: float = 5e-7
-    settled: float = 2e-5
+    settled: float = 1e-4
     stiffness: Stiffness = field(default_factory=Stiffness)
 
     def __post_init__(self) -> None:

@@ -38,8 +38,10 @@ def coupled_groups(contacts: np.record, group_start: Indices, group_stop: Indice
         group_stop[g] = contacts.start[g + 1]
         group_block[g] = 6 + 3 * (g - 1) if g > 0 else -1
     for f in range(FINGER_COUNT):
+        # Without a contact a finger's limits bind it alone: its target has been clamped, see `kernels.tick.prepare`.
+        touched = contacts.start[f + 2] > contacts.start[f + 1]
         group_start[6 + f] = limit_start(contacts, f)
-        group_stop[6 + f] = limit_start(contacts, f + 1)
+        group_stop[6 + f] = limit_start(contacts, f + 1 if touched else f)
         group_block[6 + f] = 6 + 3 * f
 
 

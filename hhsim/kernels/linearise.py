@@ -205,11 +205,10 @@ def limit_start(contacts: np.record, finger: int) -> int:
 
 
 @jit
-def clamp_to_limits(hand: HandArrays, pose: np.record, step: Array) -> None:
-    """Shorten the flexion of a step, shape (21,), so that it stays within the joint limits: the optimum without contacts."""
-    for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT):
-            j = DOF - 3 * (FINGER_COUNT - f) + k
-            low = min(hand.flexion_min[f, k] - pose.flexion[f, k], 0.0)
-            high = max(hand.flexion_max[f, k] - pose.flexion[f, k], 0.0)
-            step[j] = min(max(step[j], low), high)
+def clamp_to_limits(hand: HandArrays, pose: np.record, finger: int, step: Array) -> None:
+    """Shorten one finger's flexion in a step, shape (21,), to stay within its joint limits: its optimum without contacts."""
+    for k in range(PHALANX_COUNT):
+        j = 6 + PHALANX_COUNT * finger + k
+        low = min(hand.flexion_min[finger, k] - pose.flexion[finger, k], 0.0)
+        high = max(hand.flexion_max[finger, k] - pose.flexion[finger, k], 0.0)
+        step[j] = min(max(step[j], low), high)

@@ -171,6 +171,11 @@ def solve_progressive(
         for f in range(FINGER_COUNT):
             work.finger_start[0] = contacts.start[f + 1]
             work.finger_stop[0] = contacts.start[f + 2]
+            if work.finger_start[0] == work.finger_stop[0]:
+                # Nothing but its limits binds it, and to those its target has been clamped, see `kernels.tick.prepare`.
+                for j in range(6 + 3 * f, 9 + 3 * f):
+                    step.delta[j] = problem.target[j] * problem.inverse_root[j]
+                continue
             work.finger_start[1] = limit_start(contacts, f)
             work.finger_stop[1] = limit_start(contacts, f + 1)
             finger_rhs(problem, work.finger_start[0], work.finger_stop[0], work.palm_step, work.rhs)

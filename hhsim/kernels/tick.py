@@ -225,9 +225,13 @@ def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.
     if contacts == 0:
         for j in range(DOF):
             state.step.delta[j] = state.problem.target[j]
-        clamp_to_limits(hand, state.pose, state.step.delta)
+        for f in range(FINGER_COUNT):
+            clamp_to_limits(hand, state.pose, f, state.step.delta[:])
         state.step.count = 0
     else:
+        for f in range(FINGER_COUNT):
+            if state.contacts.start[f + 2] == state.contacts.start[f + 1]:
+                clamp_to_limits(hand, state.pose, f, state.problem.target[:])
         build_rows(hand, state.pose, state.contacts, options.offset, state.relaxed, state.problem)
         for j in range(DOF):
             state.problem.target[j] /= state.problem.inverse_root[j]
