@@ -1,8 +1,8 @@
 """The tick driven from Python, so that any installed QP backend can solve its programs.
 
 The same kernels detect, build, judge and take steps as in `kernels.tick.tick`; only the solving differs, and a program
-that a backend fails on is treated as one without solution. For the progressive method the palm's feasibility cuts come
-from our solver, since they are certificates of infeasibility, which qpsolvers does not hand out.
+that a backend fails on is treated as one without solution. In the progressive method our solver decides which fingers join the
+palm's program, since few backends tell infeasible from unsolved.
 """
 
 from typing import Any
@@ -23,6 +23,7 @@ from hhsim.kernels.tick import (
     TickRecord,
     advance,
     begin_tick,
+    clip_target,
     finish_tick,
     prepare,
     record_tick,
@@ -70,15 +71,18 @@ def _tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Any, 
         if contacts < 0:
             status |= STATUS_FULL
             break
-        if contacts > 0:
+        solved = True
+        while contacts > 0:
             if options.method == METHOD_COUPLED:
                 solved = _solve_coupled(state, backend)
             else:
                 solved = _solve_progressive(options, state, qp, backend)
-            if not solved:
-                if recover(hand, tree, options, state):
-                    continue
+            if not solved or not clip_target(hand, options, state):
                 break
+        if not solved:
+            if recover(hand, tree, options, state):
+                continue
+            break
         if advance(hand, tree, options, state):
             break
     return int(status | finish_tick(hand, tree, options, state))
@@ -126,24 +130,14 @@ def _solve_progressive(options: TickOptions, state: Any, qp: QpWork, backend: st
 
 
 def _take(state: Any, problem: QpProblem, rows: IntArray, part: slice, backend: str) -> bool:
-    """Solve and append the solution to the tick's step; a cut's multiplier goes to the contacts of which it is made."""
+    """Solve and append the solution's leading variables and its multipliers to the tick's step."""
     solution = solve(problem, backend)
     if solution.status not in (QpStatus.OPTIMAL, QpStatus.INACCURATE):
         return False
-    step, work = state.step, state.progressive
-    step.delta[part] = solution.x
-    first_cut = int(work.palm_start[1])
-    for i in np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR):
-        row, multiplier = int(rows[i]), float(solution.multiplier[i])
-        if part.start == 0 and part.stop == 6 and row >= first_cut:
-            cut = row - first_cut
-            shares = [(work.cut_row[cut, j], work.cut_weight[cut, j]) for j in range(work.cut_size[cut])]
-        else:
-            shares = [(row, 1.0)]
-        for source, weight in shares:
-            if step.count == ACTIVE_CAPACITY:
-                return True
-            step.row[step.count] = source
-            step.multiplier[step.count] = multiplier * weight
-            step.count += 1
+    step = state.step
+    step.delta[part] = solution.x[: part.stop - part.start]
+    for i in np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR)[: ACTIVE_CAPACITY - step.count]:
+        step.row[step.count] = rows[i]
+        step.multiplier[step.count] = solution.multiplier[i]
+        step.count += 1
     return True

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.hand import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.linearise import LIMIT_ROWS
+from hhsim.kernels.progressive import YIELD_SCALE
 from hhsim.qp import QpProblem
 
 FloatArray = NDArray[np.float64]
@@ -47,11 +48,40 @@ def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
 
 
 def palm_problem(state: Any) -> tuple[QpProblem, IntArray]:
-    """The palm's program of the progressive method, cuts included, and the kernels' row of each of its rows."""
-    problem, groups = state.problem, state.progressive
-    index = np.concatenate([np.arange(a, b) for a, b in zip(groups.palm_start, groups.palm_stop)])
-    matrix = problem.common[:, index].T
-    return _unscaled(state, matrix, problem.rhs[index], problem.target[:6], slice(0, 6)), index
+    """The palm's program of the progressive method and the kernels' row of each of its rows.
+
+    Variables are the palm's six and three for each finger that joined it, which keeps `YIELD_WEIGHT` of its stiffness.
+    """
+    problem, work = state.problem, state.progressive
+    count = int(work.variables)
+    weight = np.concatenate([problem.inverse_root[:6], np.zeros(count - 6)])
+    rows, matrix = [], []
+    for group in range(len(work.palm_start)):
+        own = np.arange(work.palm_start[group], work.palm_stop[group])
+        part = np.zeros((own.size, count))
+        part[:, :6] = problem.common[:, own].T
+        first = int(work.palm_block[group])
+        if first >= 0:
+            part[:, first : first + PHALANX_COUNT] = work.block[:, own].T
+        rows.append(own)
+        matrix.append(part)
+    for finger in range(FINGER_COUNT):
+        first, own_first = int(work.yields[finger]), 6 + PHALANX_COUNT * finger
+        if first >= 0:
+            weight[first : first + PHALANX_COUNT] = (
+                YIELD_SCALE * problem.inverse_root[own_first : own_first + PHALANX_COUNT]
+            )
+    index = np.concatenate(rows)
+    stacked = np.concatenate(matrix)
+    return (
+        QpProblem(
+            stiffness=weight**-2,
+            matrix=stacked / weight,
+            rhs=np.array(problem.rhs[index]),
+            target=work.palm_target[:count] * weight,
+        ),
+        index,
+    )
 
 
 def finger_problem(state: Any, finger: int, palm_step: FloatArray) -> tuple[QpProblem, IntArray]:

@@ -30,7 +30,7 @@ def curvature_product(
     step: Array,
     product_out: Array,
 ) -> None:
-    """Σ λ_i ∇²d_i · step over rows[first … last - 1], shape (21,); rows behind the contacts (limits, cuts) do not bend.
+    """Σ λ_i ∇²d_i · step over rows[first … last - 1], shape (21,); rows behind the contacts (limits) do not bend.
 
     Args:
         pose: the configuration of the contacts.

@@ -24,12 +24,13 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
-CUT_ROWS = 64
-"""Rows kept free behind the contacts: joint limits, and the cuts of the progressive method."""
-EXTRA_ROWS = LIMIT_ROWS + CUT_ROWS
+"""Rows behind the contacts: a lower and an upper joint limit for each of 15 joints."""
 
 
-ROW_CAPACITY = CONTACT_ROWS + EXTRA_ROWS
+LEVER_FLOOR = 1e-6
+"""A joint that moves a contact by less than this [m] per radian does not move it: what is left of the arithmetic at a joint's own
+contacts is noise, and normalising such a row would ask the finger for any angle whatever."""
+ROW_CAPACITY = CONTACT_ROWS + LIMIT_ROWS
 
 PROBLEM = np.dtype(
     [
@@ -42,7 +43,7 @@ PROBLEM = np.dtype(
     ],
     align=True,
 )
-"""Rows in the layout of `kernels.active_set`; contact i is row i, then 30 joint limits, then the cuts.
+"""Rows in the layout of `kernels.active_set`; contact i is row i, then 30 joint limits.
 
 | field | meaning |
 |---|---|
@@ -83,7 +84,7 @@ def contact_rows(
         rhs[i] = offset - distance[i]
 
 
-@jit_vector
+@jit
 def finger_columns(
     start: int,
     stop: int,
@@ -112,7 +113,7 @@ def finger_columns(
             nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
             rx, ry, rz = point[0, i] - jx, point[1, i] - jy, point[2, i] - jz
             lever = rx * (ny * az - nz * ay) + ry * (nz * ax - nx * az) + rz * (nx * ay - ny * ax)
-            block[k, i] = lever * scale
+            block[k, i] = lever * scale if abs(lever) > LEVER_FLOOR else 0.0
 
 
 @jit_vector

@@ -89,6 +89,20 @@ def keep_active(contacts: np.record, step: np.record, active: np.record) -> None
 
 
 @jit
+def copy_active(source: np.record, target: np.record) -> None:
+    """Copy a set of active contacts."""
+    count = source.count
+    target.count = count
+    for i in range(count):
+        target.key[i] = source.key[i]
+        target.body[i] = source.body[i]
+        target.multiplier[i] = source.multiplier[i]
+        for j in range(3):
+            target.point[j, i] = source.point[j, i]
+            target.normal[j, i] = source.normal[j, i]
+
+
+@jit
 def guess_rows(contacts: np.record, active: np.record, group: int, guess_out: Indices, filled: int) -> int:
     """Append the rows of `group` (0 palm, 1 to 5 fingers, with their limits) that carried force last time; returns the new count."""
     start, stop = contacts.start[group], contacts.start[group + 1]

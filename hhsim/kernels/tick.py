@@ -26,7 +26,7 @@ from .pose import HAND_POSE, copy_configuration, is_finite_configuration, move, 
 from .progressive import PROGRESSIVE_WORK, solve_progressive
 from .rotation import rotation_vector_between
 from .second_order import CORRECTION_WORK
-from .step import ACTIVE_CONTACTS, DURATION_DETECT, DURATION_FORCE, STEP, keep_active
+from .step import ACTIVE_CONTACTS, DURATION_DETECT, DURATION_FORCE, STEP, copy_active, keep_active
 from .tree import TreeArrays
 
 Array = NDArray[np.float64]
@@ -99,6 +99,9 @@ TICK_STATE = np.dtype(
         ("step", STEP),
         ("warm", ACTIVE_CONTACTS),
         ("active", ACTIVE_CONTACTS),
+        ("unclipped", ACTIVE_CONTACTS),
+        ("unclipped_motion", np.float64),
+        ("clipped", np.bool_),
         ("coupled", COUPLED_WORK),
         ("progressive", PROGRESSIVE_WORK),
         ("correction", CORRECTION_WORK),
@@ -128,6 +131,8 @@ TICK_STATE = np.dtype(
 | problem, step | the program and the step that solves it |
 | warm | contacts active in the last program, to start the next one from |
 | active | contacts active at the last accepted step: they carry the forces |
+| unclipped, unclipped_motion | those of the program with the true target, and how far its step would move the hand [m] |
+| clipped | the program at hand has a nearer target, see `clip_target` |
 | coupled, progressive, correction | workspaces of the methods |
 | forces | of this tick |
 | motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
@@ -219,6 +224,7 @@ def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.
     if status != 0:
         return -1
     _aim(state)
+    state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]
     state.work[WORK_LINEARISATIONS] += 1
     state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], contacts)
@@ -268,12 +274,10 @@ def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.
 
 
 @jit
-def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> bool:
-    """Take the step as far as the pairs at hand vouch for and judge it by the true distances; True where the tick is done."""
-    began = monotonic_ns()
-    candidates, step, problem = state.candidates, state.step, state.problem
-    keep_active(state.contacts, step, state.warm)
-    motion_bounds(hand, step.delta, problem.abduction_step, state.motion)
+def _shortening(hand: HandArrays, options: TickOptions, state: np.record) -> tuple[float, float]:
+    # The share of the step that the pairs at hand vouch for, and how far it would move the farthest point of the hand.
+    candidates = state.candidates
+    motion_bounds(hand, state.step.delta, state.problem.abduction_step, state.motion)
     fraction = 1.0
     longest = 0.0
     for body in range(BODY_COUNT):
@@ -286,13 +290,47 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.
             allowed = min(candidates.slack[body], near)
         if motion * fraction > allowed:
             fraction = allowed / motion
+    return fraction, longest
+
+
+@jit
+def clip_target(hand: HandArrays, options: TickOptions, state: np.record) -> bool:
+    """Bring a far target nearer where the step would be shortened to less than half; True where the program is to be solved anew.
+
+    Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer target mends
+    all of it. The forces stay those of the true target.
+    """
+    if state.clipped:
+        return False
+    fraction, longest = _shortening(hand, options, state)
+    if fraction >= 0.5:
+        return False
+    keep_active(state.contacts, state.step, state.unclipped)
+    state.clipped = True
+    state.unclipped_motion = longest
+    problem = state.problem
+    for j in range(DOF):
+        problem.target[j] *= fraction
+    for f in range(FINGER_COUNT):
+        problem.abduction_step[f] *= fraction
+    build_rows(hand, state.pose, state.contacts, options.offset, state.relaxed, problem)
+    return True
+
+
+@jit
+def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> bool:
+    """Take the step as far as the pairs at hand vouch for and judge it by the true distances; True where the tick is done."""
+    began = monotonic_ns()
+    candidates, step, problem = state.candidates, state.step, state.problem
+    keep_active(state.contacts, step, state.warm)
+    fraction, longest = _shortening(hand, options, state)
     move(state.pose, step.delta, problem.abduction_step, fraction)
     for body in range(BODY_COUNT):
         moved = fraction * state.motion[body]
         candidates.slack[body] -= moved
         state.since_safe[body] += moved
     status = evaluate_pose(hand, tree, options, state)
-    state.lag = (1.0 - fraction) * longest
+    state.lag = max(state.unclipped_motion if state.clipped else longest, longest) - fraction * longest
     done = False
     if status != 0:
         done = True
@@ -300,11 +338,11 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.
         copy_configuration(state.pose, state.safe)
         for body in range(BODY_COUNT):
             state.since_safe[body] = 0.0
-        keep_active(state.contacts, step, state.active)
+        copy_active(state.unclipped if state.clipped else state.warm, state.active)
         state.accepted = True
         state.bad_steps = 0
         unhindered = state.contacts.start[FINGER_COUNT + 1] == 0
-        done = fraction == 1.0 and (unhindered or longest <= options.settled)
+        done = fraction == 1.0 and not state.clipped and (unhindered or longest <= options.settled)
     else:
         state.bad_steps += 1
         if state.bad_steps > 3:
@@ -362,6 +400,37 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
 
 
 @jit
+def _solve(options: TickOptions, state: np.record, qp: QpWork) -> int:
+    if options.method == METHOD_COUPLED:
+        return solve_coupled(
+            state.pose,
+            state.problem,
+            state.contacts,
+            state.warm,
+            options.tolerance,
+            options.relaxation,
+            options.longest_correction,
+            state.coupled,
+            state.correction,
+            qp,
+            state.step,
+        )
+    return solve_progressive(
+        state.pose,
+        state.problem,
+        state.contacts,
+        state.warm,
+        options.tolerance,
+        options.relaxation,
+        options.longest_correction,
+        state.progressive,
+        state.correction,
+        qp,
+        state.step,
+    )
+
+
+@jit
 def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record, qp: QpWork) -> int:
     """Bring the graphic hand as near to the haptic hand (`set_haptic`) as the object allows; returns status bits."""
     begin_tick(options, state)
@@ -371,39 +440,15 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.rec
         if contacts < 0:
             status |= STATUS_FULL
             break
-        if contacts > 0:
-            if options.method == METHOD_COUPLED:
-                solved = solve_coupled(
-                    state.pose,
-                    state.problem,
-                    state.contacts,
-                    state.warm,
-                    options.tolerance,
-                    options.relaxation,
-                    options.longest_correction,
-                    state.coupled,
-                    state.correction,
-                    qp,
-                    state.step,
-                )
-            else:
-                solved = solve_progressive(
-                    state.pose,
-                    state.problem,
-                    state.contacts,
-                    state.warm,
-                    options.tolerance,
-                    options.relaxation,
-                    options.longest_correction,
-                    state.progressive,
-                    state.correction,
-                    qp,
-                    state.step,
-                )
-            if solved != OPTIMAL:
-                if recover(hand, tree, options, state):
-                    continue
+        solved = OPTIMAL
+        while contacts > 0:
+            solved = _solve(options, state, qp)
+            if solved != OPTIMAL or not clip_target(hand, options, state):
                 break
+        if solved != OPTIMAL:
+            if recover(hand, tree, options, state):
+                continue
+            break
         if advance(hand, tree, options, state):
             break
     return status | finish_tick(hand, tree, options, state)
