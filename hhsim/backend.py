@@ -1,8 +1,8 @@
 """The tick driven from Python, so that any installed QP backend can solve its programs.
 
 The same kernels detect, build, judge and take steps as in `kernels.tick.tick`; only the solving differs, and a program
-that a backend fails on is treated as one without solution. In the progressive method our solver decides which fingers join the
-palm's program, since few backends tell infeasible from unsolved.
+that a backend fails on is treated as one without solution. In the progressive method our solver decides which fingers
+join the palm's program, since few backends tell infeasible from unsolved.
 """
 
 from typing import Any

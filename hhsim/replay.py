@@ -1,6 +1,7 @@
 """The main job: run a hand through a motion, tick by tick, and write down everything.
 
-The ticks run in compiled blocks; each block is measured and written before the next one starts, outside of the timed ticks.
+The ticks run in compiled blocks; each block is measured and written before the next one starts, outside of the timed
+ticks.
 """
 
 from collections.abc import Callable, Mapping
@@ -144,7 +145,7 @@ def _block(
     finger = record.phalanx.sum(axis=2)
     total_carried = np.concatenate([carry.total, record.total])
     finger_carried = np.concatenate([carry.finger, finger])
-    block = {
+    block: dict[str, Array] = {
         "time": ticks.time[part],
         "input_seq": ticks.input_seq[part],
         "status": record.status.astype(np.int32),

@@ -79,7 +79,10 @@ class HandSolver:
 
     def _run(self, options: TickOptions, haptic: list[FloatArray], record: TickRecord) -> None:
         if self.options.qp == "active-set":
-            done = run_block(self.hand, self.tree, options, self.states, self.qp, *haptic, record)
+            position, orientation, flexion, abduction = haptic
+            done = run_block(
+                self.hand, self.tree, options, self.states, self.qp, position, orientation, flexion, abduction, record
+            )
         else:
             from hhsim.backend import run_block_with_backend
 
@@ -98,7 +101,10 @@ class HandSolver:
         return float(clearance_at(self.hand, self.tree, self.tick_options, self.states))
 
     def _start(self, haptic: list[FloatArray]) -> int:
-        """Put the graphic hand on the haptic one; where that is inside, at a free place from which it comes as near as it can."""
+        """Put the graphic hand on the haptic one.
+
+        Where that is inside the object, start at a free place nearby and come as near as possible.
+        """
         self._started = True
         first = [a[:1] for a in haptic]
         pose = self.states[0].pose

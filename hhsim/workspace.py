@@ -9,7 +9,10 @@ from hhsim.kernels.tick import TICK_STATE, WORK_COUNTERS, TickRecord
 
 
 def tick_state(stiffness: NDArray[np.float64]) -> Any:
-    """A fresh state, a record array of shape (1,), for coupling stiffness G of shape (21,); all bodies still to be gathered."""
+    """A fresh state, a record array of shape (1,), for coupling stiffness G of shape (21,).
+
+    All bodies still to be gathered.
+    """
     states = np.zeros(1, TICK_STATE).view(np.recarray)
     state = states[0]
     for pose in (state.pose, state.safe, state.haptic):

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit, jit_vector
+from .jit import as_int64, jit, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -320,7 +320,7 @@ def _drop_negative(k: int, n: int, target: Array, work: QpWork) -> int:
     # Equations are a valid start once no multiplier is negative; dropping one may turn others negative.
     _resolve(k, n, target, work)
     while True:
-        worst, position = 0.0, np.int64(-1)
+        worst, position = 0.0, as_int64(-1)
         for j in range(k):
             if work.multiplier[j] < worst:
                 worst, position = work.multiplier[j], j
@@ -380,7 +380,7 @@ def solve(
     limit = 100 + 10 * (n + rows)
     iterations = 0
     shift = 0.0
-    k = np.int64(0)
+    k = as_int64(0)
     work.counts[2] = -1
     _norms(n_common, common, block, group_start, group_stop, group_block, work.inverse_norm)
     inverse_norm = work.inverse_norm
@@ -411,7 +411,7 @@ def solve(
         )
         for j in range(k):
             work.violation[work.active[j]] = 0.0
-        worst, worst_group = -np.inf, np.int64(0)
+        worst, worst_group = -np.inf, as_int64(0)
         for g in range(groups):
             candidate = _largest(work.violation, group_start[g], group_stop[g])
             if candidate > worst:
@@ -440,7 +440,7 @@ def solve(
             _back_substitute(k, work.triangle, work.coefficient, work.dual_step)
             square = _dot(work.direction, work.direction, n)
             length = math.sqrt(square)
-            blocking = np.int64(-1)
+            blocking = as_int64(-1)
             dual_limit = np.inf
             largest, total = 1.0, 1.0
             for j in range(k):

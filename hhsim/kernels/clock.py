@@ -1,11 +1,14 @@
-"""Clocks that a kernel can read, so that whole blocks of ticks run inside one compiled call and are still timed tick by tick."""
+"""Clocks that a kernel can read.
+
+With them whole blocks of ticks run inside one compiled call and are still timed tick by tick.
+"""
 
 import time
 
 import numpy as np
 from numba import types
 
-from .jit import JIT_ENABLED, jit
+from .jit import JIT_ENABLED, as_int64, jit
 
 CLOCK_MONOTONIC = 1
 CLOCK_THREAD_CPU = 3
@@ -18,7 +21,7 @@ if JIT_ENABLED:
     def _read(clock: int) -> int:
         now = np.empty(2, np.int64)
         _clock_gettime(clock, now.ctypes)
-        return now[0] * 1_000_000_000 + now[1]  # type: ignore[no-any-return]
+        return now[0] * 1_000_000_000 + now[1]
 
 else:
 
@@ -29,10 +32,10 @@ else:
 @jit
 def monotonic_ns() -> int:
     """Wall clock [ns], monotonic."""
-    return _read(np.int64(CLOCK_MONOTONIC))
+    return _read(as_int64(CLOCK_MONOTONIC))
 
 
 @jit
 def thread_cpu_ns() -> int:
     """CPU time of the calling thread [ns]."""
-    return _read(np.int64(CLOCK_THREAD_CPU))
+    return _read(as_int64(CLOCK_THREAD_CPU))

@@ -1,10 +1,12 @@
 """Contact detection: which pairs of hand body and object sphere are near, and how near.
 
-Two stages. *Gathering* walks the object's tree once for a body with a margin plus a skin and copies what it finds into contiguous
-arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time the hand moves.
+Two stages. *Gathering* walks the object's tree once for a body with a margin plus a skin and copies what it finds into
+contiguous arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time the
+hand moves.
 
-No pair is missed. When a body is gathered, every leaf left out is at least `clearance` away. No point of the body can since have
-moved further than the sum of its motion bounds (`kernels.hand.motion_bounds`), so every leaf left out is still at least
+No pair is missed. When a body is gathered, every leaf left out is at least `clearance` away. No point of the body can
+since have moved further than the sum of its motion bounds (`kernels.hand.motion_bounds`), so every leaf left out is
+still at least
 slack = clearance - Σ motion away. A body is gathered anew before its slack falls below the margin that the next step
 may use up; hence all pairs within the margin are among the gathered ones, at every step.
 """
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 
 from .distance import round_cone_distances, sphere_pair_distances
 from .hand import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from .jit import jit, jit_vector
+from .jit import Record, jit, jit_vector
 from .tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
@@ -34,7 +36,10 @@ FULL = 1
 PHALANX_PAIRS = 4096
 PALM_PAIRS = 16384
 CONTACT_ROWS = 4096
-"""Room for the near pairs of a phalanx, of the palm, and for contacts; the paper's heaviest scenes have a few hundred."""
+"""Room for the near pairs of a phalanx, of the palm, and for contacts.
+
+The paper's heaviest scenes have a few hundred.
+"""
 
 CANDIDATES = np.dtype(
     [
@@ -114,7 +119,7 @@ CONTACTS = np.dtype(
 
 @jit
 def _gather_phalanx(
-    hand: HandArrays, pose: np.record, tree: TreeArrays, body: int, reach: float, candidates: np.record, work: Indices
+    hand: HandArrays, pose: Record, tree: TreeArrays, body: int, reach: float, candidates: Record, work: Indices
 ) -> bool:
     f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
     count, clearance, tests = gather_round_cone(
@@ -151,7 +156,7 @@ def _gather_phalanx(
 
 @jit
 def _gather_palm(
-    hand: HandArrays, pose: np.record, tree: TreeArrays, reach: float, candidates: np.record, work: Indices
+    hand: HandArrays, pose: Record, tree: TreeArrays, reach: float, candidates: Record, work: Indices
 ) -> bool:
     rotation, position = pose.rotation, pose.position
     capacity = PALM_PAIRS
@@ -220,14 +225,16 @@ def count_within(distance: Array, count: int, limit: float) -> int:
 @jit
 def evaluate(
     hand: HandArrays,
-    pose: np.record,
+    pose: Record,
     tree: TreeArrays,
     margin: float,
     skin: float,
-    candidates: np.record,
+    candidates: Record,
     work: Indices,
 ) -> int:
-    """Distances of all near pairs at `pose`, whose kinematics are up to date; gathers the bodies whose slack is used up.
+    """Distances of all near pairs at `pose`, whose kinematics are up to date.
+
+    Gathers the bodies whose slack is used up.
 
     Args:
         hand: the hand.
@@ -437,7 +444,7 @@ def _phalanx_contacts(
 
 @jit
 def find_contacts(
-    hand: HandArrays, pose: np.record, candidates: np.record, margin: float, leaf_total: int, contacts: np.record
+    hand: HandArrays, pose: Record, candidates: Record, margin: float, leaf_total: int, contacts: Record
 ) -> int:
     """Contact records of all evaluated pairs within `margin` [m], palm first, then finger by finger.
 

@@ -1,7 +1,7 @@
 """Method `coupled`: all 21 degrees of freedom in one quadratic program.
 
-The paper rejected it as slower than 20 Hz; with a warm-started dual active set it costs what the decoupled one costs, and since
-standing still is always feasible, so is the program.
+The paper rejected it as slower than 20 Hz; with a warm-started dual active set it costs what the decoupled one costs,
+and since standing still is always feasible, so is the program.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .active_set import OPTIMAL, QpWork, solve
 from .clock import monotonic_ns
 from .hand import DOF, FINGER_COUNT
-from .jit import jit
+from .jit import Record, as_int64, jit
 from .linearise import limit_start
 from .second_order import correct_for_curvature
 from .step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
@@ -31,8 +31,11 @@ COUPLED_WORK = np.dtype(
 
 
 @jit
-def coupled_groups(contacts: np.record, group_start: Indices, group_stop: Indices, group_block: Indices) -> None:
-    """Row groups of the coupled program: palm contacts, contacts of each finger, joint limits of each finger; shape (11,)."""
+def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, group_block: Indices) -> None:
+    """Row groups of the coupled program: palm contacts, contacts of each finger, joint limits of each finger.
+
+    The three arrays have shape (11,).
+    """
     for g in range(FINGER_COUNT + 1):
         group_start[g] = contacts.start[g]
         group_stop[g] = contacts.start[g + 1]
@@ -47,27 +50,30 @@ def coupled_groups(contacts: np.record, group_start: Indices, group_stop: Indice
 
 @jit
 def solve_coupled(
-    pose: np.record,
-    problem: np.record,
-    contacts: np.record,
-    active: np.record,
+    pose: Record,
+    problem: Record,
+    contacts: Record,
+    active: Record,
     tolerance: float,
     relaxation: float,
     longest: float,
-    work: np.record,
-    correction: np.record,
+    work: Record,
+    correction: Record,
     qp: QpWork,
-    step: np.record,
+    step: Record,
 ) -> int:
-    """Solve the coupled program; `step` is written where the status is OPTIMAL. Returns a status of `kernels.active_set`."""
+    """Solve the coupled program.
+
+    `step` is written where the status is OPTIMAL. Returns a status of `kernels.active_set`.
+    """
     coupled_groups(contacts, work.group_start, work.group_stop, work.group_block)
     began = monotonic_ns()
-    guessed = np.int64(0)
+    guessed = as_int64(0)
     for group in range(FINGER_COUNT + 1):
         guessed = guess_rows(contacts, active, group, work.guess[:], guessed)
     status = solve(
-        np.int64(DOF),
-        np.int64(6),
+        as_int64(DOF),
+        as_int64(6),
         problem.common[:],
         problem.block[:],
         problem.rhs[:],
@@ -98,12 +104,12 @@ def solve_coupled(
         problem.inverse_root[:],
         step.row[:],
         step.multiplier[:],
-        np.int64(0),
+        as_int64(0),
         count,
         step.delta[:],
-        np.int64(0),
-        np.int64(DOF),
-        np.int64(6),
+        as_int64(0),
+        as_int64(DOF),
+        as_int64(6),
         problem.common[:],
         problem.block[:],
         problem.rhs[:],

@@ -1,19 +1,19 @@
 """Second derivatives of contact distances: how a contact's distance bends as the hand moves.
 
-A contact between a sphere of radius r around the hand's axis point x and an object that is locally a sphere of radius R around c has
-the distance D = |x - c| - r - R. With ρ = |x - c|, n the normal and V = ∂x/∂q,
+A contact between a sphere of radius r around the hand's axis point x and an object that is locally a sphere of radius R
+around c has the distance D = |x - c| - r - R. With ρ = |x - c|, n the normal and V = ∂x/∂q,
 
     ∂²D/∂q² = Vᵀ (I - n nᵀ) V / ρ + n · ∂²x/∂q².
 
-Where the nearest point slides along a phalanx (axis parameter 0 < s < 1), d = min over s of D, and its Hessian is the Schur
-complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed.
+Where the nearest point slides along a phalanx (axis parameter 0 < s < 1), d = min over s of D, and its Hessian is the
+Schur complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from .jit import jit
+from .jit import Record, jit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -21,8 +21,8 @@ Indices = NDArray[np.int64]
 
 @jit
 def curvature_product(
-    pose: np.record,
-    contacts: np.record,
+    pose: Record,
+    contacts: Record,
     rows: Indices,
     multiplier: Array,
     first: int,

@@ -1,11 +1,12 @@
 """Signed distances in closed form: sphere to sphere, sphere to round cone.
 
-A phalanx of the paper (cone frustum, a sphere at each joint, a hemisphere at the tip) is a *round cone*, the hull of two
-spheres with centres a, b and radii r_a >= r_b a length l apart. It is the union of the spheres with centre
+A phalanx of the paper (cone frustum, a sphere at each joint, a hemisphere at the tip) is a *round cone*, the hull of
+two spheres with centres a, b and radii r_a >= r_b a length l apart. It is the union of the spheres with centre
 x(s) = a + s (b - a) and radius r(s) = r_a - s (r_a - r_b), 0 <= s <= 1, so its distance to a sphere is the least of the
 sphere-to-sphere distances over s. With t and h the axial and radial coordinates of the other centre and
 sin φ = (r_a - r_b) / l that minimum lies at s = clamp((t - h tan φ) / l, 0, 1): one formula for all the cases of
-the paper's Eq. 4 to 7 and 13. Where one sphere holds the other (l <= r_a - r_b), the round cone is the larger sphere: s = 0.
+the paper's Eq. 4 to 7 and 13. Where one sphere holds the other (l <= r_a - r_b), the round cone is the larger sphere: s
+= 0.
 
 A signed distance is negative inside; distances are in metres.
 """
@@ -48,7 +49,10 @@ def round_cone_parameter(
 def sphere_round_cone_distance(
     center: Array, radius: float, a: Array, b: Array, radius_a: float, radius_b: float
 ) -> tuple[float, float]:
-    """Signed distance [m] between a sphere and a round cone (radius_a >= radius_b), and the axis parameter s of the nearest sphere."""
+    """Signed distance [m] between a sphere and a round cone (radius_a >= radius_b).
+
+    Returned with the axis parameter s of the round cone's nearest sphere.
+    """
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     length = math.sqrt(ux * ux + uy * uy + uz * uz)
     tan_slope, inverse_length = cone_slope(length, radius_a, radius_b)
@@ -117,7 +121,10 @@ def sphere_pair_distances(
     rotation: Array,
     distance_out: Array,
 ) -> None:
-    """Signed distances [m] of sphere pairs; hand centres in the palm frame (position (3,), rotation (3, 3)), object centres in the world."""
+    """Signed distances [m] of sphere pairs.
+
+    Hand centres in the palm frame (position (3,), rotation (3, 3)), object centres in the world.
+    """
     px, py, pz = position[0], position[1], position[2]
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]

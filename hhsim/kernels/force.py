@@ -1,10 +1,10 @@
 """Forces of the object on the hand.
 
-`kkt`: the multipliers of the quadratic program, f = Σ λ_i n_i. They balance the coupling of Eq. 1 exactly (G (q_g - q_h) = Jᵀ λ) and
-vary continuously, because a contact enters and leaves with λ = 0.
+`kkt`: the multipliers of the quadratic program, f = Σ λ_i n_i. They balance the coupling of Eq. 1 exactly (G (q_g -
+q_h) = Jᵀ λ) and vary continuously, because a contact enters and leaves with λ = 0.
 
-`paper`: Eq. 14, f_i = k |p_g - p_h| n_i over the spheres in touch, p_g the contact point on the graphic phalanx and p_h the same
-point of the haptic phalanx. It jumps whenever a sphere joins or leaves that set.
+`paper`: Eq. 14, f_i = k |p_g - p_h| n_i over the spheres in touch, p_g the contact point on the graphic phalanx and p_h
+the same point of the haptic phalanx. It jumps whenever a sphere joins or leaves that set.
 
 Both: the fingertip's normal force of Fig. 9, perpendicular to the distal phalanx, and the palm's wrench of Eq. 1.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from .jit import jit
+from .jit import Record, jit
 from .rotation import rotation_vector_between
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ FORCES = np.dtype(
 
 
 @jit
-def clear_forces(forces: np.record) -> None:
+def clear_forces(forces: Record) -> None:
     """Set every force to zero."""
     forces.phalanx[:, :, :] = 0.0
     forces.fingertip_normal[:, :] = 0.0
@@ -54,7 +54,7 @@ def clear_forces(forces: np.record) -> None:
 
 
 @jit
-def _add(forces: np.record, body: int, nx: float, ny: float, nz: float, magnitude: float) -> None:
+def _add(forces: Record, body: int, nx: float, ny: float, nz: float, magnitude: float) -> None:
     if body < PALM_BODY:
         f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
         forces.phalanx[f, k, 0] += magnitude * nx
@@ -66,7 +66,7 @@ def _add(forces: np.record, body: int, nx: float, ny: float, nz: float, magnitud
 
 
 @jit
-def multiplier_forces(active: np.record, forces: np.record) -> None:
+def multiplier_forces(active: Record, forces: Record) -> None:
     """Add λ_i n_i of every active contact; joint limits exert no force of the object."""
     for i in range(active.count):
         body = active.body[i]
@@ -75,7 +75,7 @@ def multiplier_forces(active: np.record, forces: np.record) -> None:
 
 
 @jit
-def _same_point(pose: np.record, haptic: np.record, contacts: np.record, i: int, point_out: Array) -> None:
+def _same_point(pose: Record, haptic: Record, contacts: Record, i: int, point_out: Array) -> None:
     # The body frame is rigid, so the point keeps its coordinates along (axis, direction, their cross product).
     body = contacts.body[i]
     if body == PALM_BODY:
@@ -106,13 +106,13 @@ def _same_point(pose: np.record, haptic: np.record, contacts: np.record, i: int,
 
 @jit
 def proxy_forces(
-    pose: np.record,
-    haptic: np.record,
-    contacts: np.record,
+    pose: Record,
+    haptic: Record,
+    contacts: Record,
     touch: float,
     contact_stiffness: float,
     scratch: Array,
-    forces: np.record,
+    forces: Record,
 ) -> None:
     """Add Eq. 14 over all contacts within `touch` [m]; contact_stiffness in N/m, scratch of shape (3,)."""
     for i in range(contacts.start[FINGER_COUNT + 1]):
@@ -134,8 +134,11 @@ def proxy_forces(
 
 
 @jit
-def fingertip_normal_forces(pose: np.record, haptic: np.record, contact_stiffness: float, forces: np.record) -> None:
-    """Fig. 9: k |E E₁| along the part of E₁E perpendicular to the graphic distal phalanx, E and E₁ the graphic and haptic tips.
+def fingertip_normal_forces(pose: Record, haptic: Record, contact_stiffness: float, forces: Record) -> None:
+    """The normal force at each fingertip that Fig. 9 draws.
+
+    It is k |E E₁| along the part of E₁E perpendicular to the graphic distal phalanx; E and E₁ are the tips of the
+    graphic and the haptic finger.
 
     Only for fingers whose phalanges bear a force; contact_stiffness in N/m.
     """
@@ -162,7 +165,7 @@ def fingertip_normal_forces(pose: np.record, haptic: np.record, contact_stiffnes
 
 
 @jit
-def palm_wrench(pose: np.record, haptic: np.record, stiffness: Array, scratch: Array, forces: np.record) -> None:
+def palm_wrench(pose: Record, haptic: Record, stiffness: Array, scratch: Array, forces: Record) -> None:
     """Eq. 1, F = G (q_g - q_h); stiffness of all 21 variables, shape (21,), scratch of shape (3,)."""
     rotation_vector_between(haptic.orientation, pose.orientation, scratch)
     for i in range(3):
@@ -173,16 +176,16 @@ def palm_wrench(pose: np.record, haptic: np.record, stiffness: Array, scratch: A
 @jit
 def hand_forces(
     hand: HandArrays,
-    pose: np.record,
-    haptic: np.record,
-    active: np.record,
-    contacts: np.record,
+    pose: Record,
+    haptic: Record,
+    active: Record,
+    contacts: Record,
     model: int,
     touch: float,
     contact_stiffness: float,
     stiffness: Array,
     scratch: Array,
-    forces: np.record,
+    forces: Record,
 ) -> None:
     """All forces of a tick; for FORCE_PAPER `contacts` must be those of the final configuration."""
     clear_forces(forces)

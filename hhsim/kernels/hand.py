@@ -1,8 +1,8 @@
 """Kinematics of the 21-DoF hand: a 6-DoF palm and five planar chains of three flexion joints.
 
-Flexion angle θ curls a finger towards the palm. Abduction turns the whole finger about its dorsal axis towards the thumb
-side; it comes from the glove and is not optimised (paper, Section III-B). Since the three flexion axes of a finger
-are parallel, phalanx k points along cos(Θ) u - sin(Θ) w with Θ = θ_1 + ... + θ_k, u distal and w dorsal.
+Flexion angle θ curls a finger towards the palm. Abduction turns the whole finger about its dorsal axis towards the
+thumb side; it comes from the glove and is not optimised (paper, Section III-B). Since the three flexion axes of a
+finger are parallel, phalanx k points along cos(Θ) u - sin(Θ) w with Θ = θ_1 + ... + θ_k, u distal and w dorsal.
 """
 
 import math

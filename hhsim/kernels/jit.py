@@ -10,9 +10,16 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar, cast
 
 import numba
+import numpy as np
+
+Record: TypeAlias = Any
+"""One record of a structured array; its fields are read and written as attributes."""
+
+as_int64 = cast(Callable[[int], int], np.int64)
+"""Takes an integer literal to a plain integer, so that numba does not compile a callee once more for it."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -73,20 +80,21 @@ def jit(function: F) -> F:
     """Compile with strict IEEE arithmetic, no exceptions, cached.
 
     numba compiles a callee once more for every literal integer it is given, and for every shape of a structured array's
-    field. Callers therefore wrap literals in `np.int64` and pass such fields as `field[:]`, where the callee is large.
+    field. Callers therefore wrap literals in `as_int64` and pass such fields as `field[:]`, where the callee is large.
     """
-    return numba.njit(cache=True, error_model="numpy", nogil=True)(function)  # type: ignore[no-any-return]
+    return numba.njit(cache=True, error_model="numpy", nogil=True)(function)
 
 
 def jit_inline(function: F) -> F:
     """Compile a small function that callers should absorb."""
-    return numba.njit(cache=True, error_model="numpy", nogil=True, inline="never", forceinline=True)(function)  # type: ignore[no-any-return]
+    return numba.njit(cache=True, error_model="numpy", nogil=True, inline="never", forceinline=True)(function)
 
 
 def jit_vector(function: F) -> F:
     """Compile with sums that may be reordered and fused, so that loops use the vector unit.
 
-    Only for plain loops over arrays: NaN, infinities and signed zeros keep their meaning, and no tolerance is tested inside.
+    Only for plain loops over arrays: NaN, infinities and signed zeros keep their meaning, and no tolerance is tested
+    inside.
     """
     flags = {"reassoc", "contract", "arcp"}
-    return numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=flags)(function)  # type: ignore[no-any-return]
+    return numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=flags)(function)

@@ -1,16 +1,17 @@
 """The quadratic program of one linearisation, from contact records and joint limits.
 
-Around the graphic configuration q_g the step δ = (δp, δφ, δθ) [m, rad, rad] minimises the coupling energy of the paper's Eq. 2,
+Around the graphic configuration q_g the step δ = (δp, δφ, δθ) [m, rad, rad] minimises the coupling energy of the
+paper's Eq. 2,
 
     ½ (δ - δ*)ᵀ G (δ - δ*),   δ* = q_h - q_g   (δφ* the rotation vector from graphic to haptic palm),
 
-subject to d_i + ∇d_i · δ >= ε for every contact and to the joint limits. The distances are true signed distances, not the squared
-ones of Eq. 10: they are convex in a translation of the hand, so that a step which satisfies the linearised row cannot penetrate
-by translation; what is left is second order in the rotation.
+subject to d_i + ∇d_i · δ >= ε for every contact and to the joint limits. The distances are true signed distances, not
+the squared ones of Eq. 10: they are convex in a translation of the hand, so that a step which satisfies the linearised
+row cannot penetrate by translation; what is left is second order in the rotation.
 
 With P the contact point, n the normal, p the palm's origin, J_k and a the centre and axis of a joint,
-∇d = (n, (P - p) × n, n · (a × (P - J_k))). Columns are divided by √G, which makes the Hessian the identity, so that multipliers
-come out in N for contacts and N·m for joint limits.
+∇d = (n, (P - p) × n, n · (a × (P - J_k))). Columns are divided by √G, which makes the Hessian the identity, so that
+multipliers come out in N for contacts and N·m for joint limits.
 """
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from .contact import CONTACT_ROWS
 from .hand import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from .jit import jit, jit_vector
+from .jit import Record, jit, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -28,8 +29,11 @@ LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 
 
 LEVER_FLOOR = 1e-6
-"""A joint that moves a contact by less than this [m] per radian does not move it: what is left of the arithmetic at a joint's own
-contacts is noise, and normalising such a row would ask the finger for any angle whatever."""
+"""A joint that moves a contact by less than this [m] per radian does not move it.
+
+What the arithmetic leaves at a joint's own contacts is noise, and normalising such a row would ask the finger for any
+angle whatever.
+"""
 ROW_CAPACITY = CONTACT_ROWS + LIMIT_ROWS
 
 PROBLEM = np.dtype(
@@ -120,7 +124,7 @@ def finger_columns(
 def follow_abduction(
     start: int, stop: int, point: Array, normal: Array, base: Array, axis: Array, step: float, rhs: Array
 ) -> None:
-    """Take from the right-hand sides what an abduction step [rad] of the finger about `axis` through `base` adds to the distances."""
+    """Take from the right-hand sides what an abduction step [rad] about `axis` through `base` adds to the distances."""
     bx, by, bz = axis[0], axis[1], axis[2]
     for i in range(start, stop):
         rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]
@@ -158,10 +162,10 @@ def _limit_rows(
 
 
 @jit
-def build_rows(
-    hand: HandArrays, pose: np.record, contacts: np.record, offset: float, relaxed: bool, problem: np.record
-) -> None:
-    """Fill rows and right-hand sides for the contacts and joint limits at `pose`; target and abduction step are set before.
+def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, relaxed: bool, problem: Record) -> None:
+    """Fill rows and right-hand sides for the contacts and joint limits at `pose`.
+
+    Target and abduction step are set before.
 
     Args:
         hand: the hand.
@@ -200,14 +204,17 @@ def build_rows(
 
 
 @jit
-def limit_start(contacts: np.record, finger: int) -> int:
+def limit_start(contacts: Record, finger: int) -> int:
     """First joint-limit row of a finger; `finger` 5 gives the row after the last."""
     return contacts.start[FINGER_COUNT + 1] + 2 * PHALANX_COUNT * finger
 
 
 @jit
-def clamp_to_limits(hand: HandArrays, pose: np.record, finger: int, step: Array) -> None:
-    """Shorten one finger's flexion in a step, shape (21,), to stay within its joint limits: its optimum without contacts."""
+def clamp_to_limits(hand: HandArrays, pose: Record, finger: int, step: Array) -> None:
+    """Shorten one finger's flexion in a step, shape (21,), to stay within its joint limits.
+
+    Its optimum without contacts.
+    """
     for k in range(PHALANX_COUNT):
         j = 6 + PHALANX_COUNT * finger + k
         low = min(hand.flexion_min[finger, k] - pose.flexion[finger, k], 0.0)

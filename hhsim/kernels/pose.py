@@ -1,7 +1,7 @@
 """A hand configuration together with the kinematics that follow from it.
 
-What lives from tick to tick is kept in one structured array: a kernel gets a single pointer, where a NamedTuple would pass, and
-count references to, every array in it on every call.
+What lives from tick to tick is kept in one structured array: a kernel gets a single pointer, where a NamedTuple would
+pass, and count references to, every array in it on every call.
 """
 
 import math
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
-from .jit import jit
+from .jit import Record, jit
 from .rotation import quaternion_to_matrix, rotate_quaternion
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ HAND_POSE = np.dtype(
 
 
 @jit
-def update_kinematics(hand: HandArrays, pose: np.record) -> None:
+def update_kinematics(hand: HandArrays, pose: Record) -> None:
     """Bring the derived fields up to date with position, orientation, flexion and abduction."""
     quaternion_to_matrix(pose.orientation, pose.rotation)
     forward_kinematics(
@@ -64,7 +64,7 @@ def update_kinematics(hand: HandArrays, pose: np.record) -> None:
 
 
 @jit
-def copy_configuration(source: np.record, target: np.record) -> None:
+def copy_configuration(source: Record, target: Record) -> None:
     """Copy position, orientation, flexion and abduction; the derived fields of `target` are then out of date."""
     target.position[:] = source.position
     target.orientation[:] = source.orientation
@@ -73,7 +73,7 @@ def copy_configuration(source: np.record, target: np.record) -> None:
 
 
 @jit
-def move(pose: np.record, step: Array, abduction_step: Array, fraction: float) -> None:
+def move(pose: Record, step: Array, abduction_step: Array, fraction: float) -> None:
     """Move by `fraction` of a step (δp, δφ, δθ), shape (21,), and of an abduction step [rad], shape (5,)."""
     for i in range(3):
         pose.position[i] += fraction * step[i]

@@ -1,11 +1,12 @@
 """Method `progressive`: the paper's decoupled-and-progressive framework, palm first, then finger by finger.
 
-The paper's palm problem does not see the fingers and can carry one to where its three joint angles cannot free it. Here the palm yields
-to that. A finger whose program contradicts itself for the palm step at hand joins the palm's program: its contacts and
-limits become rows, its three joints variables with a `YIELD_WEIGHT` share of their stiffness. So small a share makes the palm's
-choice come first, as in the paper (lexicographic as the share goes to 0), and lets it change continuously where a finger
-begins to bind it. Then the fingers are solved for the new palm step. Each round adds a finger, so there are at most six;
-standing still is feasible in all of them, and so is the outcome: the guarantee of `coupled` with the paper's precedence.
+The paper's palm problem does not see the fingers and can carry one to where its three joint angles cannot free it. Here
+the palm yields to that. A finger whose program contradicts itself for the palm step at hand joins the palm's program:
+its contacts and limits become rows, its three joints variables with a `YIELD_WEIGHT` share of their stiffness. So small
+a share makes the palm's choice come first, as in the paper (lexicographic as the share goes to 0), and lets it change
+continuously where a finger begins to bind it. Then the fingers are solved for the new palm step. Each round adds a
+finger, so there are at most six; standing still is feasible in all of them, and so is the outcome: the guarantee of
+`coupled` with the paper's precedence.
 """
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from .active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from .clock import monotonic_ns
 from .hand import DOF, FINGER_COUNT, PHALANX_COUNT
-from .jit import jit
+from .jit import Record, as_int64, jit
 from .linearise import ROW_CAPACITY, limit_start
 from .second_order import correct_for_curvature
 from .step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
@@ -51,7 +52,8 @@ PROGRESSIVE_WORK = np.dtype(
 
 | field | meaning |
 |---|---|
-| palm_start, palm_stop, palm_block | row groups of the palm's program: its contacts; contacts, then limits of each finger that joined it |
+| palm_start, palm_stop, palm_block | row groups of the palm's program: its contacts; contacts, then limits of each
+finger that joined it |
 | finger_start, finger_stop, finger_block | row groups of a finger's program: contacts, limits |
 | yields | -1, or the first variable of the finger in the palm's program |
 | variables | of the palm's program |
@@ -64,7 +66,7 @@ PROGRESSIVE_WORK = np.dtype(
 
 
 @jit
-def finger_rhs(problem: np.record, start: int, stop: int, palm_step: Array, rhs_out: Array) -> None:
+def finger_rhs(problem: Record, start: int, stop: int, palm_step: Array, rhs_out: Array) -> None:
     """Right-hand sides of rows [start, stop) once the palm has taken its (scaled) step, shape (6,)."""
     common, rhs = problem.common, problem.rhs
     for i in range(start, stop):
@@ -75,7 +77,7 @@ def finger_rhs(problem: np.record, start: int, stop: int, palm_step: Array, rhs_
 
 
 @jit
-def _join(problem: np.record, contacts: np.record, finger: int, work: np.record) -> None:
+def _join(problem: Record, contacts: Record, finger: int, work: Record) -> None:
     # The finger's rows and joints become the palm program's.
     first = work.variables
     work.yields[finger] = first
@@ -96,17 +98,17 @@ def _join(problem: np.record, contacts: np.record, finger: int, work: np.record)
 
 @jit
 def _solve_palm(
-    pose: np.record,
-    problem: np.record,
-    contacts: np.record,
-    active: np.record,
+    pose: Record,
+    problem: Record,
+    contacts: Record,
+    active: Record,
     tolerance: float,
     relaxation: float,
     longest: float,
-    work: np.record,
-    correction: np.record,
+    work: Record,
+    correction: Record,
     qp: QpWork,
-    step: np.record,
+    step: Record,
 ) -> int:
     step.count = 0
     for j in range(DOF):
@@ -116,13 +118,13 @@ def _solve_palm(
             work.palm_step[j] = problem.target[j]
             step.delta[j] = problem.target[j] * problem.inverse_root[j]
         return OPTIMAL
-    guessed = guess_rows(contacts, active, np.int64(0), work.guess[:], np.int64(0))
+    guessed = guess_rows(contacts, active, as_int64(0), work.guess[:], as_int64(0))
     for f in range(FINGER_COUNT):
         if work.yields[f] >= 0:
             guessed = guess_rows(contacts, active, f + 1, work.guess[:], guessed)
     status = solve(
         work.variables,
-        np.int64(6),
+        as_int64(6),
         problem.common[:],
         work.block[:],
         problem.rhs[:],
@@ -130,7 +132,8 @@ def _solve_palm(
         work.palm_stop[:],
         work.palm_block[:],
         work.palm_target[:],
-        # A joint's row is longer here by YIELD_SCALE; to the finger's own program the step must be as exact as its other steps.
+        # A joint's row is longer here by YIELD_SCALE; to the finger's own program the step must be as exact as its
+        # other steps.
         tolerance / YIELD_SCALE if work.variables > 6 else tolerance,
         relaxation,
         work.guess[:],
@@ -154,12 +157,12 @@ def _solve_palm(
             problem.inverse_root[:],
             step.row[:],
             step.multiplier[:],
-            np.int64(0),
+            as_int64(0),
             count,
             step.delta[:],
-            np.int64(0),
-            np.int64(6),
-            np.int64(6),
+            as_int64(0),
+            as_int64(6),
+            as_int64(6),
             problem.common[:],
             problem.block[:],
             problem.rhs[:],
@@ -179,18 +182,18 @@ def _solve_palm(
 
 @jit
 def _solve_finger(
-    pose: np.record,
-    problem: np.record,
-    contacts: np.record,
-    active: np.record,
+    pose: Record,
+    problem: Record,
+    contacts: Record,
+    active: Record,
     finger: int,
     tolerance: float,
     relaxation: float,
     longest: float,
-    work: np.record,
-    correction: np.record,
+    work: Record,
+    correction: Record,
     qp: QpWork,
-    step: np.record,
+    step: Record,
 ) -> int:
     offset = 6 + PHALANX_COUNT * finger
     start, stop = contacts.start[finger + 1], contacts.start[finger + 2]
@@ -207,10 +210,10 @@ def _solve_finger(
     finger_rhs(problem, work.finger_start[1], work.finger_stop[1], work.palm_step[:], work.rhs[:])
     for k in range(PHALANX_COUNT):
         work.target[k] = problem.target[offset + k]
-    guessed = guess_rows(contacts, active, finger + 1, work.guess[:], np.int64(0))
+    guessed = guess_rows(contacts, active, finger + 1, work.guess[:], as_int64(0))
     status = solve(
-        np.int64(PHALANX_COUNT),
-        np.int64(0),
+        as_int64(PHALANX_COUNT),
+        as_int64(0),
         problem.common[:],
         problem.block[:],
         work.rhs[:],
@@ -243,9 +246,9 @@ def _solve_finger(
         before,
         step.count,
         step.delta[:],
-        np.int64(offset),
-        np.int64(PHALANX_COUNT),
-        np.int64(0),
+        as_int64(offset),
+        as_int64(PHALANX_COUNT),
+        as_int64(0),
         problem.common[:],
         problem.block[:],
         work.rhs[:],
@@ -264,17 +267,17 @@ def _solve_finger(
 
 @jit
 def solve_progressive(
-    pose: np.record,
-    problem: np.record,
-    contacts: np.record,
-    active: np.record,
+    pose: Record,
+    problem: Record,
+    contacts: Record,
+    active: Record,
     tolerance: float,
     relaxation: float,
     longest: float,
-    work: np.record,
-    correction: np.record,
+    work: Record,
+    correction: Record,
     qp: QpWork,
-    step: np.record,
+    step: Record,
 ) -> int:
     """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL."""
     work.variables = 6

@@ -34,7 +34,10 @@ def quaternion_to_matrix(quaternion: Array, matrix_out: Array) -> None:
 
 @jit
 def rotation_vector_between(source: Array, target: Array, vector_out: Array) -> None:
-    """Rotation vector v [rad], world frame, with exp(v) source = target, the short way round; quaternions of shape (4,)."""
+    """Rotation vector v [rad], world frame, with exp(v) source = target, the short way round.
+
+    Quaternions of shape (4,).
+    """
     # target * conjugate(source)
     aw, ax, ay, az = target[0], target[1], target[2], target[3]
     bw, bx, by, bz = source[0], -source[1], -source[2], -source[3]

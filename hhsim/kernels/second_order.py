@@ -1,15 +1,15 @@
 """Second-order correction of a program's solution.
 
-The quadratic program sees flat contacts. On a curved one the hand would then approach its optimum by a constant factor a linearisation, the
-slower the harder it presses: contact force times curvature works against the coupling's stiffness. This is the step of
-sequential quadratic programming with the exact Hessian of the Lagrangian, G - Σ λ_i ∇²d_i, on the active set that the program found
-(Nocedal & Wright 2006, ch. 18): within the null space of the active rows,
+The quadratic program sees flat contacts. On a curved one the hand would then approach its optimum by a constant factor
+a linearisation, the slower the harder it presses: contact force times curvature works against the coupling's stiffness.
+This is the step of sequential quadratic programming with the exact Hessian of the Lagrangian, G - Σ λ_i ∇²d_i, on the
+active set that the program found (Nocedal & Wright 2006, ch. 18): within the null space of the active rows,
 
     P (I - S) P z = P S x,   S = Σ λ_i √G⁻¹ ∇²d_i √G⁻¹,
 
-solved by conjugate gradients; where the curvature wins (z would run down a ridge) the search stops at a bounded stretch, as in
-Steihaug's method. The corrected step x + z keeps the active rows, and is shortened before it violates another one. The tick judges
-it by true distances like any other step.
+solved by conjugate gradients; where the curvature wins (z would run down a ridge) the search stops at a bounded
+stretch, as in Steihaug's method. The corrected step x + z keeps the active rows, and is shortened before it violates
+another one. The tick judges it by true distances like any other step.
 """
 
 import math
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from .active_set import QpWork, row_violations
 from .curvature import curvature_product
 from .hand import DOF
-from .jit import jit
+from .jit import Record, jit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -56,8 +56,8 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
 
 @jit
 def _apply(
-    pose: np.record,
-    contacts: np.record,
+    pose: Record,
+    contacts: Record,
     inverse_root: Array,
     rows: Indices,
     multiplier: Array,
@@ -67,7 +67,7 @@ def _apply(
     n: int,
     k: int,
     basis: Array,
-    work: np.record,
+    work: Record,
     vector: Array,
     image_out: Array,
 ) -> None:
@@ -85,8 +85,8 @@ def _apply(
 
 @jit
 def correct_for_curvature(
-    pose: np.record,
-    contacts: np.record,
+    pose: Record,
+    contacts: Record,
     inverse_root: Array,
     rows: Indices,
     multiplier: Array,
@@ -104,7 +104,7 @@ def correct_for_curvature(
     group_block: Indices,
     tolerance: float,
     longest: float,
-    work: np.record,
+    work: Record,
     qp: QpWork,
 ) -> None:
     """Move qp.x, the solution of a program, to second order.

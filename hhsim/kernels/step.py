@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .hand import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from .jit import jit
+from .jit import Record, as_int64, jit
 from .linearise import LIMIT_ROWS, limit_start
 
 Array = NDArray[np.float64]
@@ -67,9 +67,9 @@ ACTIVE_CONTACTS = np.dtype(
 
 
 @jit
-def keep_active(contacts: np.record, step: np.record, active: np.record) -> None:
+def keep_active(contacts: Record, step: Record, active: Record) -> None:
     """Remember the contacts that carry the step's multipliers."""
-    limits = limit_start(contacts, np.int64(0))
+    limits = limit_start(contacts, as_int64(0))
     for i in range(step.count):
         row = step.row[i]
         active.multiplier[i] = step.multiplier[i]
@@ -89,7 +89,7 @@ def keep_active(contacts: np.record, step: np.record, active: np.record) -> None
 
 
 @jit
-def copy_active(source: np.record, target: np.record) -> None:
+def copy_active(source: Record, target: Record) -> None:
     """Copy a set of active contacts."""
     count = source.count
     target.count = count
@@ -103,11 +103,14 @@ def copy_active(source: np.record, target: np.record) -> None:
 
 
 @jit
-def guess_rows(contacts: np.record, active: np.record, group: int, guess_out: Indices, filled: int) -> int:
-    """Append the rows of `group` (0 palm, 1 to 5 fingers, with their limits) that carried force last time; returns the new count."""
+def guess_rows(contacts: Record, active: Record, group: int, guess_out: Indices, filled: int) -> int:
+    """Append the rows of `group` (0 palm, 1 to 5 fingers, with their limits) that carried force last time.
+
+    Returns the new count.
+    """
     start, stop = contacts.start[group], contacts.start[group + 1]
     finger = group - 1
-    limits = limit_start(contacts, np.int64(0))
+    limits = limit_start(contacts, as_int64(0))
     for i in range(active.count):
         key = active.key[i]
         if filled >= guess_out.shape[0]:

@@ -1,11 +1,12 @@
 """One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
 
-A tick is a short sequence of linearisations. Each one finds the contacts within the margin, builds the quadratic program, solves it by the
-chosen method and takes the step, shortened so that no point of the hand moves further than the pairs at hand can vouch for:
-no feature of the object can be jumped over. After each step the *true* distances decide. A configuration without
-penetration becomes the last feasible one; from a penetrating one (the second order of a rotation) the next linearisation
-corrects; if it does not come free, the step is taken back and tried shorter. A program that fails is never followed.
-Since the tick starts from a feasible configuration and ends at the last feasible one, the graphic hand never penetrates.
+A tick is a short sequence of linearisations. Each one finds the contacts within the margin, builds the quadratic
+program, solves it by the chosen method and takes the step, shortened so that no point of the hand moves further than
+the pairs at hand can vouch for: no feature of the object can be jumped over. After each step the *true* distances
+decide. A configuration without penetration becomes the last feasible one; from a penetrating one (the second order of a
+rotation) the next linearisation corrects; if it does not come free, the step is taken back and tried shorter. A program
+that fails is never followed. Since the tick starts from a feasible configuration and ends at the last feasible one, the
+graphic hand never penetrates.
 """
 
 import math
@@ -20,7 +21,7 @@ from .contact import CANDIDATES, CONTACTS, count_within, evaluate, find_contacts
 from .coupled import COUPLED_WORK, solve_coupled
 from .force import FORCE_PAPER, FORCES, hand_forces
 from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
-from .jit import jit
+from .jit import Record, jit
 from .linearise import PROBLEM, build_rows, clamp_to_limits
 from .pose import HAND_POSE, copy_configuration, is_finite_configuration, move, update_kinematics
 from .progressive import PROGRESSIVE_WORK, solve_progressive
@@ -131,7 +132,7 @@ TICK_STATE = np.dtype(
 | problem, step | the program and the step that solves it |
 | warm | contacts active in the last program, to start the next one from |
 | active | contacts active at the last accepted step: they carry the forces |
-| unclipped, unclipped_motion | those of the program with the true target, and how far its step would move the hand [m] |
+| unclipped, unclipped_motion | those of the program with the true target, and how far its step would go [m] |
 | clipped | the program at hand has a nearer target, see `clip_target` |
 | coupled, progressive, correction | workspaces of the methods |
 | forces | of this tick |
@@ -147,7 +148,7 @@ TICK_STATE = np.dtype(
 
 @jit
 def set_haptic(
-    hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: np.record
+    hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: Record
 ) -> int:
     """Take the new haptic configuration; returns STATUS_HELD and keeps the old one where it is not finite, else 0."""
     if not is_finite_configuration(position, orientation, flexion, abduction):
@@ -170,14 +171,14 @@ def set_haptic(
 
 
 @jit
-def evaluate_pose(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> int:
+def evaluate_pose(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
     return evaluate(hand, state.pose, tree, options.margin, options.skin, state.candidates, state.work)
 
 
 @jit
-def least_distance(candidates: np.record) -> float:
+def least_distance(candidates: Record) -> float:
     """Least signed distance [m] of all pairs at hand, infinite where there is none."""
     least = np.inf
     for body in range(BODY_COUNT):
@@ -186,7 +187,7 @@ def least_distance(candidates: np.record) -> float:
 
 
 @jit
-def begin_tick(options: TickOptions, state: np.record) -> None:
+def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     copy_configuration(state.pose, state.safe)
     for body in range(BODY_COUNT):
@@ -203,7 +204,7 @@ def begin_tick(options: TickOptions, state: np.record) -> None:
 
 
 @jit
-def _aim(state: np.record) -> None:
+def _aim(state: Record) -> None:
     pose, haptic, problem = state.pose, state.haptic, state.problem
     rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
     for i in range(3):
@@ -217,7 +218,7 @@ def _aim(state: np.record) -> None:
 
 
 @jit
-def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> int:
+def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
     """Contacts and program at the present configuration; returns the number of contacts, -1 where they do not fit."""
     began = monotonic_ns()
     status = find_contacts(hand, state.pose, state.candidates, options.margin, tree.radius.shape[0], state.contacts)
@@ -246,7 +247,7 @@ def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.
 
 
 @jit
-def _take_back(state: np.record) -> None:
+def _take_back(state: Record) -> None:
     copy_configuration(state.safe, state.pose)
     for body in range(BODY_COUNT):
         state.candidates.slack[body] -= state.since_safe[body]
@@ -255,7 +256,7 @@ def _take_back(state: np.record) -> None:
 
 
 @jit
-def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> bool:
+def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
     """After a program without solution: make the next one easier. False where nothing is left to try."""
     if not state.relaxed:
         state.relaxed = True
@@ -274,7 +275,7 @@ def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.
 
 
 @jit
-def _shortening(hand: HandArrays, options: TickOptions, state: np.record) -> tuple[float, float]:
+def _shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
     # The share of the step that the pairs at hand vouch for, and how far it would move the farthest point of the hand.
     candidates = state.candidates
     motion_bounds(hand, state.step.delta, state.problem.abduction_step, state.motion)
@@ -294,11 +295,13 @@ def _shortening(hand: HandArrays, options: TickOptions, state: np.record) -> tup
 
 
 @jit
-def clip_target(hand: HandArrays, options: TickOptions, state: np.record) -> bool:
-    """Bring a far target nearer where the step would be shortened to less than half; True where the program is to be solved anew.
+def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> bool:
+    """Bring a far target nearer where the step would be shortened to less than half.
 
-    Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer target mends
-    all of it. The forces stay those of the true target.
+    True where the program is to be solved anew.
+
+    Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
+    target mends all of it. The forces stay those of the true target.
     """
     if state.clipped:
         return False
@@ -318,8 +321,11 @@ def clip_target(hand: HandArrays, options: TickOptions, state: np.record) -> boo
 
 
 @jit
-def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> bool:
-    """Take the step as far as the pairs at hand vouch for and judge it by the true distances; True where the tick is done."""
+def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
+    """Take the step as far as the pairs at hand vouch for and judge it by the true distances.
+
+    True where the tick is done.
+    """
     began = monotonic_ns()
     candidates, step, problem = state.candidates, state.step, state.problem
     keep_active(state.contacts, step, state.warm)
@@ -354,7 +360,7 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.
 
 
 @jit
-def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record) -> int:
+def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
     began = monotonic_ns()
     status = 0
@@ -400,7 +406,7 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
 
 
 @jit
-def _solve(options: TickOptions, state: np.record, qp: QpWork) -> int:
+def _solve(options: TickOptions, state: Record, qp: QpWork) -> int:
     if options.method == METHOD_COUPLED:
         return solve_coupled(
             state.pose,
@@ -431,7 +437,7 @@ def _solve(options: TickOptions, state: np.record, qp: QpWork) -> int:
 
 
 @jit
-def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: np.record, qp: QpWork) -> int:
+def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> int:
     """Bring the graphic hand as near to the haptic hand (`set_haptic`) as the object allows; returns status bits."""
     begin_tick(options, state)
     status = 0
@@ -486,7 +492,7 @@ class TickRecord(NamedTuple):
 
 
 @jit
-def record_tick(state: np.record, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
+def record_tick(state: Record, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
     """Copy the outcome of the last tick to row i of the record; wall and CPU time in ns."""
     pose, forces = state.pose, state.forces
     record.status[i] = status
@@ -521,8 +527,9 @@ def run_block(
 ) -> int:
     """Run one tick for each row of the haptic input, shapes (B, 3), (B, 4), (B, 5, 3), (B, 5); returns the ticks done.
 
-    Fewer than B only where the pairs did not fit (STATUS_FULL in the last row). What is timed is all that a haptic loop would
-    do with a sample: taking the input, detection, programs and forces; copying to the record is not part of a tick.
+    Fewer than B only where the pairs did not fit (STATUS_FULL in the last row). What is timed is all that a haptic loop
+    would do with a sample: taking the input, detection, programs and forces; copying to the record is not part of a
+    tick.
     """
     state = states[0]
     for i in range(position.shape[0]):

@@ -1,7 +1,7 @@
 """Sphere trees and the queries on them: which leaves lie within a margin, and how deep is the deepest.
 
-Every inner node encloses the balls of its descendant leaves, so the distance of a query body to a node is a lower bound of
-its distance to every leaf below: a node farther than the margin is left out with all that is under it.
+Every inner node encloses the balls of its descendant leaves, so the distance of a query body to a node is a lower bound
+of its distance to every leaf below: a node farther than the margin is left out with all that is under it.
 """
 
 import math
@@ -64,8 +64,8 @@ def gather_round_cone(
     A sphere is the round cone of length 0.
 
     Returns:
-        (count, clearance, node tests): `index_out[:count]` holds the node indices of the leaves; every leaf left out is at least
-        `clearance` [m] away (more than the margin; infinite when none was left out). count is -1 where
+        (count, clearance, node tests): `index_out[:count]` holds the node indices of the leaves; every leaf left out is
+        at least `clearance` [m] away (more than the margin; infinite when none was left out). count is -1 where
         `index_out` is too small.
     """
     clearance = np.inf
