@@ -73,7 +73,7 @@ def _tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Any, 
             break
         solved = True
         while contacts > 0:
-            if options.method == METHOD_COUPLED:
+            if options.method == METHOD_COUPLED or state.together:
                 solved = _solve_coupled(state, backend)
             else:
                 solved = _solve_progressive(options, state, qp, backend)

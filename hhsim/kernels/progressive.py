@@ -7,6 +7,9 @@ a share makes the palm's choice come first, as in the paper (lexicographic as th
 continuously where a finger begins to bind it. Then the fingers are solved for the new palm step. Each round adds a
 finger, so there are at most six; standing still is feasible in all of them, and so is the outcome: the guarantee of
 `coupled` with the paper's precedence.
+
+A finger with hardly any lever can have a way out that is too long to be taken in one step. A tick in which that leaves
+no acceptable step goes on with the coupled program, see `kernels.tick`.
 """
 
 import numpy as np

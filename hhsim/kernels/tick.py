@@ -113,6 +113,7 @@ TICK_STATE = np.dtype(
         ("lag", np.float64),
         ("relaxed", np.bool_),
         ("hold_abduction", np.bool_),
+        ("together", np.bool_),
         ("accepted", np.bool_),
         ("bad_steps", np.int64),
         ("work", np.int64, (WORK_COUNTERS,)),
@@ -139,6 +140,7 @@ TICK_STATE = np.dtype(
 | motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
 | trust, lag | longest step near the object, distance still to go [m] |
 | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
+| together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
 | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
 | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
 | work | counters of this tick |
@@ -194,6 +196,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
         state.since_safe[body] = 0.0
     state.relaxed = False
     state.hold_abduction = False
+    state.together = False
     state.accepted = False
     state.bad_steps = 0
     state.work[:] = 0
@@ -260,6 +263,7 @@ def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
     """After a program without solution: make the next one easier. False where nothing is left to try."""
     if not state.relaxed:
         state.relaxed = True
+        state.together = True
         return True
     moved = 0.0
     for body in range(BODY_COUNT):
@@ -352,6 +356,7 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
     else:
         state.bad_steps += 1
         if state.bad_steps > 3:
+            state.together = True
             _take_back(state)
             state.trust *= 0.25
             done = evaluate_pose(hand, tree, options, state) != 0
@@ -407,7 +412,7 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
 
 @jit
 def _solve(options: TickOptions, state: Record, qp: QpWork) -> int:
-    if options.method == METHOD_COUPLED:
+    if options.method == METHOD_COUPLED or state.together:
         return solve_coupled(
             state.pose,
             state.problem,
