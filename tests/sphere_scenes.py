@@ -1,0 +1,311 @@
+"""Scenes made of spheres, motions that provoke, and distances by brute force: what the tests of the solver share.
+
+The distances use no tree query and no distance of the kernels: the round cone's is the case table of Quilez ("Round
+cone", 2018), not the kernels' clamped parameter; `test_kernel_contact` holds it against a dense sampling of the axis.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hhsim.hand import HandModel
+from hhsim.kernels import tick as kernel
+from hhsim.kernels.contact import evaluate
+from hhsim.kernels.coupled import solve_coupled
+from hhsim.kernels.pose import update_kinematics
+from hhsim.kernels.progressive import solve_progressive
+from hhsim.kernels.tick import METHOD_COUPLED, TickRecord
+from hhsim.solver import HandSolver
+from hhsim.sphere_tree import SphereTree, enclosing_radius
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+BALL_RADIUS = 0.038
+PALM = 15
+"""Row of the palm's first sphere, behind the 15 phalanges."""
+
+
+def sphere_tree(center: Array, radius: Array, branching: int = 8) -> SphereTree:
+    """A tree over these leaves, shapes (L, 3) and (L,) [m]: near ones are grouped until a single node is left."""
+    order = _near_order(center, np.arange(len(radius)))
+    centers, sizes = [center[order]], [len(radius)]
+    groups: list[Indices] = []
+    while sizes[0] > 1 or len(sizes) == 1:
+        group = np.arange(sizes[0]) // branching
+        groups.insert(0, group)
+        sizes.insert(0, int(group[-1]) + 1)
+        centers.insert(0, np.array([centers[0][group == g].mean(axis=0) for g in range(sizes[0])]))
+    level = np.repeat(np.arange(len(sizes)), sizes)
+    first = np.concatenate([[0], np.cumsum(sizes)])
+    parent = np.concatenate([[-1], *(first[i] + group for i, group in enumerate(groups))]).astype(np.int64)
+    all_center = np.concatenate(centers)
+    all_radius = np.concatenate([np.zeros(len(all_center) - len(radius)), radius[order]])
+    return SphereTree(
+        center=all_center, radius=enclosing_radius(all_center, all_radius, level, parent), level=level, parent=parent
+    )
+
+
+def _near_order(center: Array, index: Indices) -> Indices:
+    if len(index) <= 2:
+        return index
+    points = center[index]
+    axis = int(np.argmax(np.ptp(points, axis=0)))
+    index = index[np.argsort(points[:, axis], kind="stable")]
+    half = len(index) // 2
+    return np.concatenate([_near_order(center, index[:half]), _near_order(center, index[half:])])
+
+
+def bumpy_ball(leaves: int, radius: float = BALL_RADIUS) -> SphereTree:
+    """A ball whose surface is made of `leaves` overlapping spheres on a Fibonacci lattice [m]."""
+    i = np.arange(leaves) + 0.5
+    height = 1.0 - 2.0 * i / leaves
+    turn = math.pi * (1.0 + math.sqrt(5.0)) * i
+    around = np.sqrt(1.0 - height**2)
+    surface = np.stack([around * np.cos(turn), around * np.sin(turn), height], axis=1)
+    small = min(0.35 * radius, 4.0 * radius / math.sqrt(leaves))
+    return sphere_tree((radius - small) * surface, np.full(leaves, small))
+
+
+def cloud(random: np.random.Generator, leaves: int, spread: float = 0.05) -> SphereTree:
+    """Random spheres of many sizes within ± `spread` [m]."""
+    center = random.uniform(-spread, spread, (leaves, 3))
+    return sphere_tree(center, 10.0 ** random.uniform(-4.0, -2.0, leaves), int(random.integers(2, 9)))
+
+
+class Motion(NamedTuple):
+    """Haptic configurations, tick by tick; shapes (T, 3), (T, 4), (T, 5, 3), (T, 5)."""
+
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
+
+    def part(self, first: int, last: int) -> "Motion":
+        """Ticks first to last - 1."""
+        return Motion(*(values[first:last] for values in self))
+
+    def then(self, other: "Motion") -> "Motion":
+        """This motion and another behind it."""
+        return Motion(*(np.concatenate(pair) for pair in zip(self, other)))
+
+
+def random_targets(hand: HandModel, ticks: int, seed: int, hold: int = 60, sweep: bool = False) -> Motion:
+    """A new random hand every `hold` ticks, at a jump: position σ 60 mm, rotation σ 0.8 rad, flexion within its limits.
+
+    With `sweep` the abduction is random within its limits too. The first hand is 250 mm above the origin.
+    """
+    random = np.random.default_rng(seed)
+    count = -(-ticks // hold)
+    position = random.normal(0.0, 0.06, (count, 3))
+    position[0] = [0.0, 0.0, 0.25]
+    orientation = Rotation.from_rotvec(random.normal(0.0, 0.8, (count, 3))).as_quat(scalar_first=True)
+    flexion = random.uniform(hand.flexion_min, hand.flexion_max, (count, 5, 3))
+    abduction = np.zeros((count, 5))
+    if sweep:
+        abduction = random.uniform(hand.abduction_min, hand.abduction_max, (count, 5))
+    return Motion(
+        *(np.ascontiguousarray(np.repeat(v, hold, axis=0)[:ticks]) for v in (position, orientation, flexion, abduction))
+    )
+
+
+def still(ticks: int, position: Any, orientation: Any = None, flexion: Any = None, abduction: Any = None) -> Motion:
+    """The same configuration at every tick; upright, straight fingers where nothing else is said."""
+    values = (
+        position,
+        np.array([1.0, 0.0, 0.0, 0.0]) if orientation is None else orientation,
+        np.zeros((5, 3)) if flexion is None else flexion,
+        np.zeros(5) if abduction is None else abduction,
+    )
+    return Motion(*(np.repeat(np.asarray(v, dtype=np.float64)[None], ticks, axis=0) for v in values))
+
+
+def straight_line(start: Motion, end: Motion, ticks: int) -> Motion:
+    """From one configuration to another of the same orientation at constant speed; both of one tick."""
+    share = np.linspace(0.0, 1.0, ticks)
+    values = [a + share.reshape(-1, *[1] * (a.ndim - 1)) * (b - a) for a, b in zip(start, end)]
+    return Motion(*values)
+
+
+def set_pose(hand: HandModel, pose: Any, motion: Motion, tick: int = 0) -> None:
+    """Write one configuration of a motion into a HAND_POSE record, kinematics included."""
+    for name, values in zip(Motion._fields, motion):
+        pose[name][:] = values[tick]
+    update_kinematics(hand.arrays(), pose)
+
+
+def prepared(solver: HandSolver, motion: Motion, tick: int, relaxed: bool = False) -> int:
+    """Bring a solver that stands before `tick` to that tick's first program; returns the number of contacts."""
+    state, options = solver.states[0], solver.tick_options
+    position, orientation, flexion, abduction = (values[tick] for values in motion)
+    assert kernel.set_haptic(solver.hand, position, orientation, flexion, abduction, state) == 0
+    kernel.begin_tick(options, state)
+    state.relaxed = relaxed
+    evaluate(solver.hand, state.pose, solver.tree, options.margin, options.skin, state.candidates, state.work)
+    return int(kernel.prepare(solver.hand, solver.tree, options, state))
+
+
+def solve_prepared(solver: HandSolver) -> int:
+    """Solve the prepared program by the solver's method; the step is in the state. Returns the kernel's status."""
+    state, options = solver.states[0], solver.tick_options
+    coupled = options.method == METHOD_COUPLED
+    solve = solve_coupled if coupled else solve_progressive
+    status = solve(
+        state.pose,
+        state.problem,
+        state.contacts,
+        state.warm,
+        options.tolerance,
+        options.relaxation,
+        options.longest_correction,
+        state.coupled if coupled else state.progressive,
+        state.correction,
+        solver.qp,
+        state.step,
+    )
+    return int(status)
+
+
+_brute = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp"})
+
+
+@_brute  # type: ignore[untyped-decorator]
+def _cone_distances(
+    x: Array, y: Array, z: Array, radius: Array, a: Array, b: Array, ra: float, rb: float, out: Array
+) -> float:
+    bax, bay, baz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    square = bax * bax + bay * bay + baz * baz
+    drop = ra - rb
+    slant = square - drop * drop
+    inverse = 1.0 / square
+    least = 1e300
+    for i in range(x.shape[0]):
+        px, py, pz = x[i] - a[0], y[i] - a[1], z[i] - a[2]
+        t = px * bax + py * bay + pz * baz
+        u = t - square
+        vx, vy, vz = px * square - bax * t, py * square - bay * t, pz * square - baz * t
+        h2 = vx * vx + vy * vy + vz * vz
+        t2, u2 = t * t * square, u * u * square
+        k = drop * drop * h2
+        tip = math.sqrt(h2 + u2) * inverse - rb
+        base = math.sqrt(h2 + t2) * inverse - ra
+        side = (math.sqrt(h2 * slant * inverse) + t * drop) * inverse - ra
+        signed_u = slant * u2 if u > 0.0 else -slant * u2
+        signed_t = slant * t2 if t > 0.0 else -slant * t2
+        distance = base if signed_t < k else side
+        distance = tip if signed_u > k else distance
+        distance -= radius[i]
+        out[i] = distance
+        least = distance if distance < least else least
+    return least
+
+
+@_brute  # type: ignore[untyped-decorator]
+def _sphere_distances(x: Array, y: Array, z: Array, radius: Array, c: Array, r: float, out: Array) -> float:
+    least = 1e300
+    for i in range(x.shape[0]):
+        dx, dy, dz = x[i] - c[0], y[i] - c[1], z[i] - c[2]
+        distance = math.sqrt(dx * dx + dy * dy + dz * dz) - radius[i] - r
+        out[i] = distance
+        least = distance if distance < least else least
+    return least
+
+
+@numba.njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _all_least(
+    x: Array,
+    y: Array,
+    z: Array,
+    radius: Array,
+    joints: Array,
+    phalanx: Array,
+    palm: Array,
+    palm_radius: Array,
+    out: Array,
+) -> None:
+    scratch = np.empty(x.shape[0])
+    for t in range(joints.shape[0]):
+        for f in range(5):
+            for k in range(3):
+                a, b = joints[t, f, k], joints[t, f, k + 1]
+                ra, rb = phalanx[f, k], phalanx[f, k + 1]
+                out[t, 3 * f + k] = _cone_distances(x, y, z, radius, a, b, ra, rb, scratch)
+        least = 1e300
+        for p in range(palm_radius.shape[0]):
+            least = min(least, _sphere_distances(x, y, z, radius, palm[t, p], palm_radius[p], scratch))
+        out[t, 15] = least
+
+
+def palm_spheres(palm_center: Array, position: Array, orientation: Array) -> Array:
+    """World centres of the palm's spheres [m], shape (T, P, 3)."""
+    matrix = Rotation.from_quat(orientation, scalar_first=True).as_matrix()
+    return np.ascontiguousarray(np.einsum("tij,pj->tpi", matrix, palm_center) + position[:, None])
+
+
+def brute_pairs(hand: HandModel, leaf_center: Array, leaf_radius: Array, motion: Motion, tick: int = 0) -> Array:
+    """Signed distance [m] of every pair at one configuration: 15 phalanges, then palm spheres, shape (15 + P, L)."""
+    x, y, z = (np.ascontiguousarray(leaf_center[:, i]) for i in range(3))
+    radius = np.ascontiguousarray(leaf_radius)
+    position, orientation, flexion, abduction = (values[tick] for values in motion)
+    joints = hand.joints(position, orientation, flexion, abduction)
+    center = palm_spheres(hand.palm_tree.leaf_center, position[None], orientation[None])[0]
+    palm_radius = hand.palm_tree.leaf_radius
+    out = np.empty((PALM + len(palm_radius), len(radius)))
+    for f in range(5):
+        for k in range(3):
+            ends, radii = joints[f, k : k + 2], hand.radius[f, k : k + 2]
+            _cone_distances(x, y, z, radius, ends[0], ends[1], radii[0], radii[1], out[3 * f + k])
+    for p in range(len(palm_radius)):
+        _sphere_distances(x, y, z, radius, center[p], palm_radius[p], out[PALM + p])
+    return out
+
+
+def brute_clearance(
+    leaf_center: Array,
+    leaf_radius: Array,
+    phalanx_radius: Array,
+    palm_center: Array,
+    palm_radius: Array,
+    joints: Array,
+    position: Array,
+    orientation: Array,
+) -> Array:
+    """Least signed distance [m] of each body (15 phalanges, palm) to all leaves, one by one, shape (T, 16).
+
+    NaN for a hand that is nowhere. Arguments as in a result file: joints (T, 5, 4, 3), position (T, 3), orientation
+    (T, 4) of the graphic hand; the palm's spheres in its own frame.
+    """
+    x, y, z = (np.ascontiguousarray(leaf_center[:, i]) for i in range(3))
+    out = np.empty((len(joints), 16))
+    _all_least(
+        x,
+        y,
+        z,
+        np.ascontiguousarray(leaf_radius),
+        np.ascontiguousarray(joints),
+        np.ascontiguousarray(phalanx_radius),
+        palm_spheres(palm_center, position, orientation),
+        np.ascontiguousarray(palm_radius),
+        out,
+    )
+    lost = ~(np.isfinite(joints).all(axis=(1, 2, 3)) & np.isfinite(position).all(axis=1))
+    out[lost] = np.nan
+    return out
+
+
+def record_clearance(hand: HandModel, tree: SphereTree, record: TickRecord) -> Array:
+    """`brute_clearance` of a block of ticks, shape (T, 16)."""
+    return brute_clearance(
+        tree.leaf_center,
+        tree.leaf_radius,
+        hand.radius,
+        hand.palm_tree.leaf_center,
+        hand.palm_tree.leaf_radius,
+        record.joints,
+        record.position,
+        record.orientation,
+    )

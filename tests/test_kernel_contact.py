@@ -1,0 +1,274 @@
+"""Detection against all pairs one by one, at rest and while the hand wanders."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from sphere_scenes import PALM, Motion, brute_clearance, brute_pairs, cloud, set_pose, sphere_tree, still
+
+from hhsim.hand import HandModel
+from hhsim.kernels.contact import (
+    CONTACT_ROWS,
+    COUNT_GATHERS,
+    COUNT_NODE_TESTS,
+    COUNT_PAIR_TESTS,
+    FULL,
+    PHALANX_PAIRS,
+    evaluate,
+    find_contacts,
+)
+from hhsim.kernels.hand import BODY_COUNT, DOF, motion_bounds
+from hhsim.kernels.pose import move, update_kinematics
+from hhsim.sphere_tree import SphereTree
+from hhsim.workspace import tick_state
+
+Array = NDArray[np.float64]
+
+RIGHT = HandModel.default("right")
+LEFT = HandModel.default("left")
+ROUNDING = 1e-12
+"""Pairs nearer to the margin than this [m] may fall on either side."""
+
+
+def new_state() -> Any:
+    return tick_state(np.ones(DOF))[0]
+
+
+def random_pose(random: np.random.Generator, hand: HandModel) -> Motion:
+    """A hand somewhere about the origin."""
+    return Motion(
+        random.normal(0.0, 0.05, (1, 3)),
+        Rotation.random(1, rng=random).as_quat(scalar_first=True),
+        random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
+        random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
+    )
+
+
+def pose_of(state: Any) -> Motion:
+    return Motion(*(np.array(state.pose[name])[None] for name in Motion._fields))
+
+
+def found_pairs(state: Any, tree: SphereTree) -> dict[tuple[int, int], int]:
+    """Record of each pair (row of `brute_pairs`, leaf)."""
+    total = len(tree.radius)
+    count = state.contacts.start[-1]
+    keys = state.contacts.key[:count]
+    pairs = {(int(key // total), int(key % total) - tree.leaf_start): i for i, key in enumerate(keys)}
+    assert len(pairs) == count
+    return pairs
+
+
+def assert_exactly_the_near_pairs(state: Any, hand: HandModel, tree: SphereTree, margin: float) -> Array:
+    distance = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, pose_of(state))
+    found = set(found_pairs(state, tree))
+    assert set(zip(*(i.tolist() for i in np.nonzero(distance <= margin - ROUNDING)))) <= found
+    assert found <= set(zip(*(i.tolist() for i in np.nonzero(distance <= margin + ROUNDING))))
+    return distance
+
+
+def detect(state: Any, hand: HandModel, tree: SphereTree, margin: float, skin: float) -> None:
+    arrays, nodes = hand.arrays(), tree.arrays()
+    assert evaluate(arrays, state.pose, nodes, margin, skin, state.candidates, state.work) == 0
+    assert find_contacts(arrays, state.pose, state.candidates, margin, len(tree.radius), state.contacts) == 0
+
+
+def test_the_oracle_of_these_tests_is_the_union_of_spheres_along_the_axis() -> None:
+    # A round cone is the union of the spheres that its radius interpolates; sampled, it is never nearer than the truth.
+    random = np.random.default_rng(5)
+    share = np.linspace(0.0, 1.0, 4001)
+    for _ in range(40):
+        motion = random_pose(random, RIGHT)
+        leaf, radius = random.normal(0.0, 0.08, (8, 3)), random.uniform(0.0, 0.01, 8)
+        distance = brute_pairs(RIGHT, leaf, radius, motion)
+        joints = RIGHT.joints(*(values[0] for values in motion))
+        for body in range(PALM):
+            f, k = divmod(body, 3)
+            axis = joints[f, k] + share[:, None] * (joints[f, k + 1] - joints[f, k])
+            grown = RIGHT.radius[f, k] + share * (RIGHT.radius[f, k + 1] - RIGHT.radius[f, k])
+            sampled = (np.linalg.norm(leaf[:, None] - axis, axis=2) - grown).min(axis=1) - radius
+            # Beside its least, a distance along the axis grows with the square: half a sample of at most 15 µm.
+            assert (distance[body] <= sampled + 1e-12).all()
+            assert (distance[body] >= sampled - 1e-8).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-4, 1e-3, 5e-3]), st.sampled_from([0.0, 3e-3, 0.02]))
+@settings(max_examples=40)
+def test_the_contacts_are_exactly_the_pairs_within_the_margin(seed: int, margin: float, skin: float) -> None:
+    random = np.random.default_rng(seed)
+    hand = RIGHT if seed % 2 else LEFT
+    tree = cloud(random, int(random.integers(1, 400)))
+    state = new_state()
+    set_pose(hand, state.pose, random_pose(random, hand))
+    detect(state, hand, tree, margin, skin)
+    distance = assert_exactly_the_near_pairs(state, hand, tree, margin)
+    least = np.append(distance[:PALM].min(axis=1), distance[PALM:].min())
+    near = least <= margin
+    np.testing.assert_allclose(state.candidates.nearest[near], least[near], atol=ROUNDING)
+    assert (state.candidates.nearest[~near] > margin - ROUNDING).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-3, 4e-3]))
+@settings(max_examples=15)
+def test_no_pair_is_ever_missed_while_the_hand_wanders(seed: int, skin: float) -> None:
+    random = np.random.default_rng(seed)
+    margin = 1e-3
+    tree = cloud(random, 300)
+    state = new_state()
+    arrays = RIGHT.arrays()
+    set_pose(RIGHT, state.pose, random_pose(random, RIGHT))
+    motion = np.empty(BODY_COUNT)
+    steps = 60
+    for _ in range(steps):
+        detect(state, RIGHT, tree, margin, skin)
+        assert_exactly_the_near_pairs(state, RIGHT, tree, margin)
+        step, turn = random.normal(size=DOF), random.normal(size=5)
+        step[:3] *= 1e-3
+        step[3:] *= 10.0 ** random.uniform(-4, -2)
+        turn *= 10.0 ** random.uniform(-4, -2)
+        motion_bounds(arrays, step, turn, motion)
+        # As the tick does: no body moves further than the pairs at hand vouch for.
+        fraction = min(1.0, float(np.min(np.maximum(state.candidates.slack, margin) / motion)))
+        move(state.pose, step, turn, fraction)
+        update_kinematics(arrays, state.pose)
+        state.candidates.slack -= fraction * motion
+    if skin > 0.0:
+        assert state.work[COUNT_GATHERS] < 0.9 * steps * BODY_COUNT, "the lists never last"
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_records_say_where_the_surfaces_are_nearest(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    tree = cloud(random, 300)
+    state = new_state()
+    set_pose(RIGHT, state.pose, random_pose(random, RIGHT))
+    detect(state, RIGHT, tree, 5e-3, 0.0)
+    contacts, at = state.contacts, pose_of(state)
+    distance = brute_pairs(RIGHT, tree.leaf_center, tree.leaf_radius, at)
+    for (body, leaf), i in found_pairs(state, tree).items():
+        normal, point = contacts.normal[:, i], contacts.point[:, i]
+        assert contacts.body[i] == min(body, PALM)
+        assert contacts.distance[i] == pytest.approx(distance[body, leaf], abs=1e-12)
+        assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-12)
+        on_object = tree.leaf_center[leaf] + tree.leaf_radius[leaf] * normal
+        np.testing.assert_allclose(point - contacts.distance[i] * normal, on_object, atol=1e-12)
+        # On the hand's surface; deep inside, the point is where the sphere of the hand that is nearest would leave.
+        surface = brute_pairs(RIGHT, point[None], np.zeros(1), at)[body, 0]
+        assert surface == pytest.approx(0.0, abs=1e-9) or contacts.distance[i] < -0.5 * tree.leaf_radius[leaf]
+        # From the object to the hand: a hand that goes that way gets away at full rate.
+        away = Motion(at.position + 1e-7 * normal, *at[1:])
+        gone = brute_pairs(RIGHT, tree.leaf_center[leaf : leaf + 1], tree.leaf_radius[leaf : leaf + 1], away)[body, 0]
+        assert gone - distance[body, leaf] == pytest.approx(1e-7, rel=1e-3)
+
+
+def test_records_are_ordered_palm_first_then_finger_by_finger() -> None:
+    random = np.random.default_rng(2)
+    state = new_state()
+    for _ in range(20):
+        tree = cloud(random, 400)
+        set_pose(RIGHT, state.pose, random_pose(random, RIGHT))
+        state.candidates.slack[:] = -np.inf
+        detect(state, RIGHT, tree, 5e-3, 0.0)
+        start, body = state.contacts.start, state.contacts.body
+        assert (body[: start[1]] == PALM).all()
+        for f in range(5):
+            rows = slice(start[f + 1], start[f + 2])
+            assert (body[rows] // 3 == f).all()
+            assert (np.diff(body[rows]) >= 0).all()
+            for k in range(3):
+                assert state.contacts.phalanx_end[f, k] == start[f + 1] + np.sum(body[rows] <= 3 * f + k)
+
+
+def test_concentric_bodies_have_a_normal() -> None:
+    joints = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
+    center = np.array([joints[1, 0], 0.5 * (joints[2, 1] + joints[2, 2]), RIGHT.palm_tree.leaf_center[0]])
+    tree = sphere_tree(center, np.full(3, 1e-3))
+    state = new_state()
+    set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+    detect(state, RIGHT, tree, 1e-3, 0.0)
+    count = state.contacts.start[-1]
+    assert count >= 3
+    np.testing.assert_allclose(np.linalg.norm(state.contacts.normal[:, :count], axis=0), 1.0, atol=1e-12)
+    assert np.isfinite(state.contacts.point[:, :count]).all()
+    assert state.contacts.distance[:count].min() < -RIGHT.radius[1, 0]
+
+
+def test_spheres_of_no_size_and_a_thousand_times_the_hand_are_seen() -> None:
+    tip = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
+    tip_radius = RIGHT.radius[1, 3]
+    below = np.array([0.0, 0.0, -1.0])
+    for radius in (0.0, 1e-6, 200.0):
+        tree = sphere_tree((tip + (tip_radius + radius + 5e-4) * below)[None], np.array([radius]))
+        state = new_state()
+        set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+        detect(state, RIGHT, tree, 1e-3, 3e-3)
+        distance = assert_exactly_the_near_pairs(state, RIGHT, tree, 1e-3)
+        assert distance[5, 0] <= 5e-4 + 1e-12
+        record = np.flatnonzero(state.contacts.body[: state.contacts.start[-1]] == 5)
+        assert state.contacts.distance[record] == pytest.approx(distance[5, 0], abs=1e-12)
+
+
+def crowd_under_the_index_tip(count: int, depth: float) -> tuple[Array, Array]:
+    tip = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
+    center = tip + np.array([0.0, 0.0, -(RIGHT.radius[1, 3] + 1e-3 + depth)])
+    return np.repeat(center[None], count, axis=0), np.full(count, 1e-3)
+
+
+def test_more_pairs_than_there_is_room_for_are_reported() -> None:
+    state = new_state()
+    set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+    arrays = RIGHT.arrays()
+    near = sphere_tree(*crowd_under_the_index_tip(PHALANX_PAIRS + 1, 5e-4))
+    assert evaluate(arrays, state.pose, near.arrays(), 1e-3, 3e-3, state.candidates, state.work) == FULL
+    # Two bodies with room for their own pairs, but not together among the contacts.
+    half = CONTACT_ROWS // 2 + 1
+    joints = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
+    below = np.array([0.0, 0.0, 1e-3 + 5e-4])
+    places = [joints[f, 3] - below - [0.0, 0.0, RIGHT.radius[f, 3]] for f in (1, 3)]
+    two = sphere_tree(np.repeat(places, half, axis=0), np.full(2 * half, 1e-3))
+    state.candidates.slack[:] = -np.inf
+    assert evaluate(arrays, state.pose, two.arrays(), 1e-3, 0.0, state.candidates, state.work) == 0
+    assert find_contacts(arrays, state.pose, state.candidates, 1e-3, len(two.radius), state.contacts) == FULL
+
+
+def test_a_skin_that_holds_too_many_pairs_is_given_up() -> None:
+    near, far = crowd_under_the_index_tip(100, 5e-4), crowd_under_the_index_tip(PHALANX_PAIRS, 2e-3)
+    tree = sphere_tree(np.concatenate([near[0], far[0]]), np.concatenate([near[1], far[1]]))
+    state = new_state()
+    set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+    detect(state, RIGHT, tree, 1e-3, 3e-3)
+    assert_exactly_the_near_pairs(state, RIGHT, tree, 1e-3)
+
+
+def test_a_body_far_away_costs_one_node_and_no_pair() -> None:
+    tree = cloud(np.random.default_rng(0), 300)
+    state = new_state()
+    set_pose(RIGHT, state.pose, still(1, [0.0, 0.0, 1.0]))
+    detect(state, RIGHT, tree, 1e-3, 3e-3)
+    assert state.contacts.start[-1] == 0
+    assert state.work[COUNT_PAIR_TESTS] == 0
+    assert state.work[COUNT_NODE_TESTS] == PALM + len(RIGHT.palm_tree.leaf_radius)
+    detect(state, RIGHT, tree, 1e-3, 3e-3)
+    assert state.work[COUNT_NODE_TESTS] == PALM + len(RIGHT.palm_tree.leaf_radius), "far lists last"
+
+
+def test_lost_hands_have_no_clearance() -> None:
+    tree = sphere_tree(np.zeros((1, 3)), np.ones(1))
+    joints = np.zeros((2, 5, 4, 3)) + np.arange(4)[:, None]
+    joints[1, 2, 3, 0] = np.nan
+    found = brute_clearance(
+        tree.leaf_center,
+        tree.leaf_radius,
+        RIGHT.radius,
+        np.zeros((1, 3)),
+        np.ones(1),
+        joints,
+        np.full((2, 3), 9.0),
+        np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
+    )
+    assert np.isfinite(found[0]).all()
+    assert np.isnan(found[1]).all()

@@ -1,0 +1,130 @@
+"""The coupled program, harvested from real ticks, solved again by other solvers."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sphere_scenes import Motion, bumpy_ball, prepared, random_targets, solve_prepared
+
+from hhsim.contact_problem import coupled_problem
+from hhsim.hand import HandModel
+from hhsim.kernels.active_set import OPTIMAL
+from hhsim.kernels.linearise import ROW_CAPACITY
+from hhsim.qp import QpProblem, solve
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+
+Array = NDArray[np.float64]
+
+HAND = HandModel.default("right")
+TREE = bumpy_ball(600)
+TICKS = 480
+
+
+def harvest(method: str, motion: Motion, every: int) -> Any:
+    """A solver standing before every `every`-th tick at which pairs are near, its first program prepared."""
+    solver = HandSolver(HAND, TREE.arrays(), SolverOptions(method=method))
+    for first in range(0, TICKS, every):
+        solver.run(*motion.part(first, first + every))
+        if first + every < TICKS and prepared(solver, motion, first + every) > 0:
+            yield solver
+
+
+def multipliers(solver: HandSolver, rows: NDArray[np.int64]) -> Array:
+    """λ of each of these rows in the step that the solver proposes, shape (rows,)."""
+    step = solver.states[0].step
+    whole = np.zeros(ROW_CAPACITY)
+    np.add.at(whole, step.row[: step.count], step.multiplier[: step.count])
+    found: Array = whole[rows]
+    return found
+
+
+def optimum(problem: QpProblem, multiplier: Array) -> Array:
+    """The point that these multipliers hold: G (δ - δ*) = Aᵀ λ."""
+    return problem.target + problem.matrix.T @ multiplier / problem.stiffness
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("backend", ["quadprog", "clarabel"])
+def test_another_solver_finds_the_same_optimum(backend: str, seed: int) -> None:
+    programs, loaded = 0, 0
+    for solver in harvest("coupled", random_targets(HAND, TICKS, seed), 7):
+        assert solve_prepared(solver) == OPTIMAL
+        problem, rows = coupled_problem(solver.states[0])
+        multiplier = multipliers(solver, rows)
+        own = optimum(problem, multiplier)
+        theirs = solve(problem, backend)
+        assert theirs.status == "optimal", theirs.message
+        assert (multiplier >= 0.0).all()
+        np.testing.assert_allclose(own, theirs.x, rtol=1e-6, atol=1e-8)
+        assert problem.objective(own) == pytest.approx(problem.objective(theirs.x), rel=1e-8, abs=1e-12)
+        assert problem.kkt_residual(own, multiplier) < 1e-8
+        programs += 1
+        loaded += bool(multiplier.any())
+    assert programs > 20
+    assert loaded > 10
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_the_step_satisfies_every_row_and_keeps_the_loaded_ones(seed: int) -> None:
+    # The step is the optimum, corrected for curvature within the rows that carry force.
+    programs = 0
+    for solver in harvest("coupled", random_targets(HAND, TICKS, seed, sweep=True), 7):
+        state = solver.states[0]
+        assert solve_prepared(solver) == OPTIMAL
+        problem, rows = coupled_problem(state)
+        slack = problem.matrix @ state.step.delta - problem.rhs
+        assert slack.min() > -1e-10
+        loaded = multipliers(solver, rows) > 0.0
+        np.testing.assert_allclose(slack[loaded], 0.0, atol=1e-10)
+        programs += 1
+    assert programs > 20
+
+
+def test_the_step_does_not_depend_on_the_guess() -> None:
+    motion = random_targets(HAND, TICKS, 4)
+    compared = 0
+    for solver in harvest("coupled", motion, 11):
+        state = solver.states[0]
+        assert solve_prepared(solver) == OPTIMAL
+        warm, iterations = state.step.delta.copy(), int(solver.qp.counts[1])
+        state.warm.count = 0
+        assert solve_prepared(solver) == OPTIMAL
+        np.testing.assert_allclose(state.step.delta, warm, rtol=1e-7, atol=1e-9)
+        compared += int(solver.qp.counts[1]) != iterations
+    assert compared > 3, "no guess ever changed the way to the solution"
+
+
+def test_standing_still_is_always_allowed_when_relaxed() -> None:
+    motion = random_targets(HAND, TICKS, 5)
+    seen = 0
+    solver = HandSolver(HAND, TREE.arrays(), SolverOptions())
+    for tick in range(0, TICKS - 1, 9):
+        solver.run(*motion.part(tick, tick + 9))
+        if tick + 9 >= TICKS or prepared(solver, motion, tick + 9, relaxed=True) == 0:
+            continue
+        problem, _ = coupled_problem(solver.states[0])
+        assert (problem.rhs <= 0.0).all()
+        assert solve_prepared(solver) == OPTIMAL
+        seen += 1
+    assert seen > 10
+
+
+def test_contradicting_rows_are_reported_and_nothing_is_written() -> None:
+    motion = random_targets(HAND, TICKS, 6)
+    for solver in harvest("coupled", motion, 5):
+        state = solver.states[0]
+        if state.contacts.start[-1] < 2:
+            continue
+        problem = state.problem
+        problem.common[:, 1] = -problem.common[:, 0]
+        problem.block[:, 1] = -problem.block[:, 0]
+        problem.rhs[:2] = 1e-3
+        if state.contacts.body[0] // 3 != state.contacts.body[1] // 3:
+            continue
+        before = state.step.delta.copy()
+        assert solve_prepared(solver) != OPTIMAL
+        np.testing.assert_array_equal(state.step.delta, before)
+        return
+    pytest.fail("no tick with two contacts of one body")

@@ -1,0 +1,197 @@
+"""Rows of the program against finite differences of true distances, limits and clamps against what they mean."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from sphere_scenes import PALM, Motion, brute_pairs, cloud, set_pose, still
+
+from hhsim.hand import HandModel
+from hhsim.kernels.contact import evaluate, find_contacts
+from hhsim.kernels.hand import DOF
+from hhsim.kernels.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
+from hhsim.solver_options import Stiffness
+from hhsim.sphere_tree import SphereTree
+from hhsim.workspace import tick_state
+
+Array = NDArray[np.float64]
+
+RIGHT = HandModel.default("right")
+LEFT = HandModel.default("left")
+ROOT = np.sqrt(Stiffness().diagonal())
+STEP = 1e-6
+"""Of the central differences [m, rad]: rounding of 1e-16 m / 1e-6, curvature of 1e-12 · 1e3 1/m."""
+ACCURACY = 2e-7
+
+
+def moved(at: Motion, step: Array, abduction_step: Array | None = None) -> Motion:
+    """A configuration after (δp, δφ, δθ), the rotation from the left, and a change of the abduction."""
+    turned = Rotation.from_rotvec(step[3:6]) * Rotation.from_quat(at.orientation[0], scalar_first=True)
+    return Motion(
+        at.position + step[:3],
+        turned.as_quat(scalar_first=True)[None],
+        at.flexion + step[6:].reshape(1, 5, 3),
+        at.abduction + (np.zeros(5) if abduction_step is None else abduction_step),
+    )
+
+
+def scene(seed: int) -> tuple[HandModel, SphereTree, Motion, Any]:
+    """A hand among spheres, its contacts found; some penetrate, as in the middle of a tick."""
+    random = np.random.default_rng(seed)
+    hand = RIGHT if seed % 2 else LEFT
+    tree = cloud(random, 120, spread=0.1)
+    at = Motion(
+        random.normal(0.0, 0.03, (1, 3)),
+        Rotation.random(1, rng=random).as_quat(scalar_first=True),
+        random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
+        random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
+    )
+    state = tick_state(ROOT**2)[0]
+    set_pose(hand, state.pose, at)
+    arrays = hand.arrays()
+    assert evaluate(arrays, state.pose, tree.arrays(), 3e-3, 0.0, state.candidates, state.work) == 0
+    assert find_contacts(arrays, state.pose, state.candidates, 3e-3, len(tree.radius), state.contacts) == 0
+    return hand, tree, at, state
+
+
+def row_matrix(state: Any) -> Array:
+    """Contact rows in m/m and m/rad, unscaled, shape (contacts, 21)."""
+    count, start = int(state.contacts.start[-1]), state.contacts.start
+    matrix = np.zeros((count, DOF))
+    matrix[:, :6] = state.problem.common[:, :count].T
+    for f in range(5):
+        own = slice(start[f + 1], start[f + 2])
+        matrix[own, 6 + 3 * f : 9 + 3 * f] = state.problem.block[:, own].T
+    return matrix * ROOT
+
+
+def pair_of(state: Any, tree: SphereTree, i: int) -> tuple[int, int]:
+    key, total = int(state.contacts.key[i]), len(tree.radius)
+    return key // total, key % total - tree.leaf_start
+
+
+def smooth_contacts(state: Any, tree: SphereTree) -> list[int]:
+    """Contacts not so deep that a difference could cross the axis of a body, where the distance has a crease."""
+    count = state.contacts.start[-1]
+    return [i for i in range(count) if state.contacts.distance[i] > -0.9 * tree.leaf_radius[pair_of(state, tree, i)[1]]]
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25)
+def test_rows_are_the_gradients_of_the_true_distances(seed: int) -> None:
+    hand, tree, at, state = scene(seed)
+    build_rows(hand.arrays(), state.pose, state.contacts, 5e-7, False, state.problem)
+    matrix = row_matrix(state)
+    difference = np.empty((DOF, PALM + len(hand.palm_tree.leaf_radius), tree.leaf_count))
+    for j, direction in enumerate(np.eye(DOF)):
+        ahead, behind = (
+            brute_pairs(hand, tree.leaf_center, tree.leaf_radius, moved(at, sign * STEP * direction))
+            for sign in (1.0, -1.0)
+        )
+        difference[j] = (ahead - behind) / (2.0 * STEP)
+    for i in smooth_contacts(state, tree):
+        np.testing.assert_allclose(matrix[i], difference[(slice(None), *pair_of(state, tree, i))], atol=ACCURACY)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-0.3, 0.3))
+@settings(max_examples=25)
+def test_right_hand_sides_hold_offset_distance_and_abduction(seed: int, angle: float) -> None:
+    hand, tree, at, state = scene(seed)
+    offset = 5e-7
+    distance = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, at)
+    rate = np.zeros((5, *distance.shape))
+    for f in range(5):
+        turn = STEP * np.eye(5)[f]
+        ahead, behind = (
+            brute_pairs(hand, tree.leaf_center, tree.leaf_radius, moved(at, np.zeros(DOF), sign * turn))
+            for sign in (1.0, -1.0)
+        )
+        rate[f] = (ahead - behind) / (2.0 * STEP)
+    state.problem.abduction_step[:] = angle * np.linspace(-1.0, 1.0, 5)
+    build_rows(hand.arrays(), state.pose, state.contacts, offset, False, state.problem)
+    for i in smooth_contacts(state, tree):
+        body, leaf = pair_of(state, tree, i)
+        follows = 0.0 if body >= PALM else rate[body // 3, body, leaf] * state.problem.abduction_step[body // 3]
+        assert state.problem.rhs[i] == pytest.approx(offset - distance[body, leaf] - follows, abs=ACCURACY)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20)
+def test_relaxed_rows_allow_standing_still_wherever_nothing_penetrates(seed: int) -> None:
+    hand, _, _, state = scene(seed)
+    offset = 2e-3
+    build_rows(hand.arrays(), state.pose, state.contacts, offset, False, state.problem)
+    count = state.contacts.start[-1]
+    distance, strict = state.contacts.distance[:count], state.problem.rhs[:count].copy()
+    np.testing.assert_array_equal(strict, offset - distance)
+    build_rows(hand.arrays(), state.pose, state.contacts, offset, True, state.problem)
+    relaxed = state.problem.rhs[:count]
+    near = (distance >= 0.0) & (distance < offset)
+    assert near.any() or count < 5
+    assert (relaxed[near] == 0.0).all()
+    np.testing.assert_array_equal(relaxed[~near], strict[~near])
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.4]))
+@settings(max_examples=40)
+def test_limit_rows_say_what_the_limits_say(seed: int, beyond: float) -> None:
+    random = np.random.default_rng(seed)
+    state = tick_state(ROOT**2)[0]
+    flexion = random.uniform(RIGHT.flexion_min - beyond, RIGHT.flexion_max + beyond)
+    set_pose(RIGHT, state.pose, still(1, np.zeros(3), flexion=flexion))
+    state.contacts.start[:] = 0
+    state.problem.common[:] = np.nan
+    state.problem.block[:] = np.nan
+    build_rows(RIGHT.arrays(), state.pose, state.contacts, 5e-7, False, state.problem)
+    assert limit_start(state.contacts, 5) == LIMIT_ROWS
+    # A joint within its limits stays there; one beyond goes no further.
+    low, high = np.minimum(flexion, RIGHT.flexion_min), np.maximum(flexion, RIGHT.flexion_max)
+    step = random.normal(0.0, 1.0, (5, 3))
+    reached = flexion + step
+    for f in range(5):
+        rows = slice(limit_start(state.contacts, f), limit_start(state.contacts, f + 1))
+        assert (state.problem.common[:, rows] == 0.0).all()
+        block, rhs = state.problem.block[:, rows], state.problem.rhs[rows]
+        assert (rhs <= 0.0).all(), "standing still is allowed"
+        holds = block.T @ (step[f] * ROOT[6 + 3 * f : 9 + 3 * f]) >= rhs
+        assert holds.all() == bool(((reached[f] >= low[f]) & (reached[f] <= high[f])).all())
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.4]))
+@settings(max_examples=40)
+def test_a_clamped_step_is_the_nearest_within_the_limits(seed: int, beyond: float) -> None:
+    random = np.random.default_rng(seed)
+    state = tick_state(ROOT**2)[0]
+    flexion = random.uniform(RIGHT.flexion_min - beyond, RIGHT.flexion_max + beyond)
+    set_pose(RIGHT, state.pose, still(1, np.zeros(3), flexion=flexion))
+    wanted = random.normal(0.0, 1.0, DOF)
+    step = wanted.copy()
+    for finger in range(5):
+        clamp_to_limits(RIGHT.arrays(), state.pose, finger, step)
+    np.testing.assert_array_equal(step[:6], wanted[:6])
+    low, high = np.minimum(flexion, RIGHT.flexion_min), np.maximum(flexion, RIGHT.flexion_max)
+    reached = np.clip(flexion + wanted[6:].reshape(5, 3), low, high)
+    np.testing.assert_allclose(flexion + step[6:].reshape(5, 3), reached, atol=1e-15)
+
+
+def test_a_contact_in_line_with_a_joint_cannot_be_moved_by_it() -> None:
+    # Touching the sphere about the first joint, a finger's joints are powerless: no rounding may pass for a lever.
+    found = 0
+    for seed in range(60):
+        hand, tree, _, state = scene(seed)
+        build_rows(hand.arrays(), state.pose, state.contacts, 5e-7, False, state.problem)
+        for i in range(state.contacts.start[1], state.contacts.start[-1]):
+            body, leaf = pair_of(state, tree, i)
+            f, k = divmod(body, 3)
+            to_leaf = tree.leaf_center[leaf] - state.pose.joints[f, k]
+            drop = hand.radius[f, k] - hand.radius[f, k + 1]
+            sine = drop / hand.length[f, k]
+            behind = to_leaf @ state.pose.direction[f, k] < sine * np.linalg.norm(to_leaf) - 1e-6
+            if behind:
+                found += 1
+                assert state.problem.block[k, i] == 0.0
+    assert found > 20

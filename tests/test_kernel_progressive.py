@@ -1,0 +1,144 @@
+"""The progressive method: palm and fingers against reference solutions, and a palm that yields where it must."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sphere_scenes import Motion, brute_pairs, bumpy_ball, prepared, random_targets, solve_prepared, sphere_tree, still
+from test_kernel_coupled import HAND, TICKS, harvest, multipliers, optimum
+
+from hhsim.contact_problem import coupled_problem, finger_problem, palm_problem
+from hhsim.kernels.active_set import OPTIMAL
+from hhsim.qp import QpProblem, solve
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+
+Array = NDArray[np.float64]
+
+
+def joined(state: Any) -> list[int]:
+    """Fingers to which the palm yielded."""
+    return [f for f in range(5) if state.progressive.yields[f] >= 0]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_palm_and_fingers_are_the_optima_of_their_own_programs(seed: int) -> None:
+    plain, palms, fingers = 0, 0, 0
+    for solver in harvest("progressive", random_targets(HAND, TICKS, seed), 7):
+        state = solver.states[0]
+        assert solve_prepared(solver) == OPTIMAL
+        if joined(state):
+            continue
+        plain += 1
+        problem, rows = palm_problem(state)
+        assert problem.target.size == 6
+        if rows.size:
+            theirs = solve(problem, "quadprog")
+            own = optimum(problem, multipliers(solver, rows))
+            np.testing.assert_allclose(own, theirs.x, rtol=1e-6, atol=1e-9)
+            palms += bool(theirs.multiplier.any())
+        else:
+            np.testing.assert_allclose(state.step.delta[:6], problem.target, atol=1e-12)
+        for finger in range(5):
+            problem, rows = finger_problem(state, finger, state.step.delta[:6])
+            theirs = solve(problem, "quadprog")
+            multiplier = multipliers(solver, rows)
+            if state.contacts.start[finger + 2] == state.contacts.start[finger + 1]:
+                assert not multiplier.any()
+                np.testing.assert_allclose(state.step.delta[6 + 3 * finger : 9 + 3 * finger], theirs.x, atol=1e-9)
+                continue
+            own = optimum(problem, multiplier)
+            np.testing.assert_allclose(own, theirs.x, rtol=1e-6, atol=1e-9)
+            assert problem.objective(own) == pytest.approx(problem.objective(theirs.x), rel=1e-8, abs=1e-12)
+            fingers += bool(multiplier.any())
+    assert plain > 10
+    assert palms > 5
+    assert fingers > 5
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_every_step_satisfies_all_rows_of_the_whole_hand(seed: int) -> None:
+    solved, yielded = 0, 0
+    for solver in harvest("progressive", random_targets(HAND, TICKS, seed, sweep=True), 5):
+        state = solver.states[0]
+        problem, _ = coupled_problem(state)
+        if solve_prepared(solver) != OPTIMAL:
+            assert solve(problem, "quadprog").status == "infeasible"
+            continue
+        assert (problem.matrix @ state.step.delta - problem.rhs).min() > -1e-9
+        solved += 1
+        yielded += bool(joined(state))
+    assert solved > 20
+    assert yielded > 3
+
+
+def palm_first(problem: QpProblem, fingers: list[int]) -> Array:
+    """The palm's best step (6,) that leaves these fingers a way out: their joints cost all but nothing."""
+    columns = [*range(6), *(6 + 3 * f + k for f in fingers for k in range(3))]
+    others = [j for j in range(21) if j not in columns]
+    rows = ~problem.matrix[:, others].any(axis=1)
+    stiffness = problem.stiffness[columns].copy()
+    stiffness[6:] *= 1e-7
+    answer = solve(
+        QpProblem(stiffness, problem.matrix[rows][:, columns], problem.rhs[rows], problem.target[columns]), "quadprog"
+    )
+    return answer.x[:6]
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_a_yielding_palm_yields_no_more_than_it_must(seed: int) -> None:
+    seen = 0
+    for solver in harvest("progressive", random_targets(HAND, TICKS, seed), 5):
+        state = solver.states[0]
+        if solve_prepared(solver) != OPTIMAL or not joined(state):
+            continue
+        problem, _ = coupled_problem(state)
+        stiffness, target = problem.stiffness[:6], problem.target[:6]
+        best, found = palm_first(problem, joined(state)), state.step.delta[:6]
+        energy = [0.5 * float((x - target) @ (stiffness * (x - target))) for x in (best, found)]
+        # Joints keep a ten-thousandth of their stiffness in the palm's program, so that it is all but lexicographic.
+        spare = 0.5e-4 * float(problem.stiffness[6:] @ problem.target[6:] ** 2)
+        assert energy[1] <= energy[0] + spare + 1e-2 * energy[0]
+        seen += 1
+    assert seen > 5
+
+
+def beside_the_index_finger() -> tuple[Any, Motion]:
+    """A ball just on the thumb side of a straight index finger, and a palm that is to go through it sideways.
+
+    No flexion moves the finger out of the way, and the palm itself is far from the ball.
+    """
+    joints = HAND.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
+    center, radius = (0.5 * (joints[1, 1] + joints[1, 2]) - [0.03, 0.0, 0.0])[None], np.array([0.01])
+    for _ in range(20):
+        center[0, 0] += brute_pairs(HAND, center, radius, still(1, np.zeros(3)))[3:6].min() - 5e-4
+    return sphere_tree(center, radius), still(1, [-0.02, 0.0, 0.0])
+
+
+def test_the_palm_yields_where_joints_cannot_free_a_finger() -> None:
+    tree, target = beside_the_index_finger()
+    solver = HandSolver(HAND, tree.arrays(), SolverOptions(method="progressive"))
+    solver.run(*still(1, np.zeros(3)))
+    assert prepared(solver, target, 0) > 0
+    state = solver.states[0]
+    assert state.contacts.start[1] == 0, "the palm itself touches nothing"
+    assert solve_prepared(solver) == OPTIMAL
+    assert joined(state) == [1]
+    problem, _ = coupled_problem(state)
+    assert (problem.matrix @ state.step.delta - problem.rhs).min() > -1e-9
+    assert state.contacts.body[state.step.row[0]] // 3 == 1, "the finger's contact bears what stops the palm"
+
+
+def test_relaxed_there_is_always_a_step() -> None:
+    # Standing still satisfies every relaxed row, so that no program may be given up.
+    seen = 0
+    for seed in range(3):
+        motion = random_targets(HAND, TICKS, seed)
+        solver = HandSolver(HAND, bumpy_ball(200).arrays(), SolverOptions(method="progressive"))
+        for first in range(0, TICKS - 6, 6):
+            solver.run(*motion.part(first, first + 6))
+            if prepared(solver, motion, first + 6, relaxed=True) > 0:
+                assert solve_prepared(solver) == OPTIMAL
+                seen += 1
+    assert seen > 100
