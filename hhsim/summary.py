@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from hhsim import metrics
 from hhsim.kernels.tick import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
-from hhsim.metrics import HandPoses
+from hhsim.metrics import HandPoses, Statistics
 from hhsim.scene import Scene
 from hhsim.solver_options import SolverOptions
 from hhsim.tracking_reference import reference_excess
+from hhsim.tremor_hold import is_frozen, tremor_variation
 from hhsim.warm_up import WarmUp
 
 Array = NDArray[Any]
@@ -104,11 +105,13 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
     cpu = metrics.tick_statistics(series["duration/total_cpu"])
     busy = metrics.tick_statistics(series["duration/total_cpu"][contact])
     wall = metrics.tick_statistics(series["duration/total"])
+    busy_wall = metrics.tick_statistics(series["duration/total"][contact])
     variation = metrics.statistics(series["force_variation_rate"], hold)
     haptic = HandPoses(series["haptic/position"], series["haptic/orientation"], series["haptic/flexion"])
     graphic = HandPoses(series["graphic/position"], series["graphic/orientation"], series["graphic/flexion"])
     off = metrics.tracking_error(haptic, graphic)
     excess = np.full(1, np.nan)
+    trembling: Statistics | None = None
     if hold.any():
         held = np.flatnonzero(hold)
         chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
@@ -116,6 +119,7 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
         excess = reference_excess(
             scene.hand, tree, options, haptic, graphic, series["graphic/abduction"], np.asarray(chosen)
         )
+        trembling = _repeated_with_tremor(scene, options, haptic, graphic, series["graphic/abduction"], holds[0])
     ripple = max((metrics.force_ripple(force[a : b + 1], scene.ticks.rate) for a, b in holds), default=float("nan"))
     status = series["status"]
     stuck, lagging = int(np.sum(status & STATUS_STUCK > 0)), int(np.sum(status & STATUS_LAG > 0))
@@ -126,7 +130,7 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
         _row("tick_cpu_p50", "tick in contact, CPU, p50", busy.p50, 1, "µs", "310 to ≈ 1,000", 1e-6),
         _row("tick_cpu_p99", "tick in contact, CPU, p99", busy.p99, 1, "µs", "< 1,500", 1e-6),
         _row("tick_cpu_max", "tick, CPU, max", cpu.max, 1, "µs", "< 1,500", 1e-6),
-        _row("tick_wall_p50", "tick, wall, p50", wall.p50, 1, "µs", "", 1e-6),
+        _row("tick_wall_p50", "tick in contact, wall, p50", busy_wall.p50, 1, "µs", "", 1e-6),
         _row("tick_wall_over_1ms", "ticks over 1 ms, wall", 100.0 * wall.over_budget, 2, "%"),
         _row(
             "penetration_max",
@@ -138,8 +142,7 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
             1e-6,
         ),
         _row("force_hold_mean", "force in the hold, mean", metrics.statistics(size, hold).mean, 2, "N"),
-        _row("force_variation_hold", "force variation in the hold, mean", variation.mean, 4, "%", "0.18"),
-        _row("force_variation_hold_std", "force variation in the hold, std", variation.std, 4, "%", "0.32"),
+        *_variation_rows(variation, trembling),
         _row("force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", ripple, 5, "N"),
         _row("force_step", "largest force step while moving", metrics.force_step(force, ~hold, hold), 1, "% of hold"),
         _row(
@@ -159,6 +162,32 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
         _row("lag_max", "lag, max", 1e3 * series.lag.max(initial=0.0), 2, "mm", "", 1e-3),
     )
     return ReplaySummary(rows, _notes(scene, status, prepared), ticks, prepared)
+
+
+def _repeated_with_tremor(
+    scene: Scene, options: SolverOptions, haptic: HandPoses, graphic: HandPoses, abduction: Array, hold: tuple[int, int]
+) -> Statistics | None:
+    part = slice(hold[0], hold[1] + 1)
+    held = HandPoses(*(values[part] for values in haptic))
+    if not is_frozen(held):
+        return None
+    shown = HandPoses(*(values[part] for values in graphic))
+    return tremor_variation(scene.hand, scene.tree.arrays(), options, held, shown, abduction[part], scene.ticks.rate)
+
+
+def _variation_rows(variation: Statistics, trembling: Statistics | None) -> tuple[SummaryRow, ...]:
+    """Of a hold with frozen input and its repetition with tremor; of a live hold where the input is not frozen."""
+    if trembling is None:
+        return (
+            _row("force_variation_hold", "force variation in the hold, mean", variation.mean, 4, "%", "0.18"),
+            _row("force_variation_hold_std", "force variation in the hold, std", variation.std, 4, "%", "0.32"),
+        )
+    label = "force variation in the hold, trembling hand"
+    return (
+        _row("force_variation_hold", "force variation in the hold, frozen input", variation.mean, 6, "%"),
+        _row("force_variation_tremor", f"{label}, mean", trembling.mean, 4, "%", "0.18"),
+        _row("force_variation_tremor_std", f"{label}, std", trembling.std, 4, "%", "0.32"),
+    )
 
 
 def _row(

@@ -29,7 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # One tick of it, and what is measured.
     ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics"),
     # Runs and their files.
-    ("replay", "summary", "tracking_reference", "warm_up", "result", "result_schema"),
+    ("replay", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
 
