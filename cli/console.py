@@ -1,7 +1,9 @@
 """What a command prints: tables for people, one JSON document for machines, progress for a terminal."""
 
+import io
 import json
 import math
+import os
 import sys
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,6 +11,21 @@ from typing import Any, TypeAlias
 
 Report: TypeAlias = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
+
+
+def prepare_streams() -> None:
+    """Make the standard streams fit to print to, whatever shell, encoding or parent process they come from.
+
+    One that is closed (`>&-`) leads to the null device, so that no file opened later gets its number. A letter that the
+    encoding lacks is shown as "?", and the bytes of a file name that is no UTF-8 as they are.
+    """
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            nothing = os.open(os.devnull, os.O_RDWR)
+            setattr(sys, name, os.fdopen(nothing, "r" if name == "stdin" else "w", encoding="utf-8"))
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        unicode = sys.stdout.encoding.lower().replace("-", "") == "utf8"
+        sys.stdout.reconfigure(errors="surrogateescape" if unicode else "replace")
 
 
 def print_table(
@@ -42,8 +59,8 @@ def print_table(
 
 
 def print_json(document: Mapping[str, Any]) -> None:
-    """Print a document to stdout; what JSON cannot hold (NaN, infinities) becomes null."""
-    print(json.dumps(_plain(document), indent=2, ensure_ascii=False, allow_nan=False))
+    """Print a document to stdout, in ASCII for every encoding; what JSON cannot hold (NaN, infinities) becomes null."""
+    print(json.dumps(_plain(document), indent=2, allow_nan=False))
 
 
 def announce_compilation(*, quiet: bool) -> None:

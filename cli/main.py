@@ -3,12 +3,15 @@
 import importlib
 import json
 import os
+import signal
 import sys
 
 import click
 
 from hhsim import __version__
 from hhsim.errors import HhsimError, UnknownNameError
+
+from .console import prepare_streams
 
 COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
@@ -75,31 +78,46 @@ def hhsim(context: click.Context) -> None:
 
 def main() -> None:
     """Run the command line and exit: the entry point."""
+    prepare_streams()
     wanted = os.environ.get(COMPLETION_VARIABLE)
     if wanted:
         from click.shell_completion import shell_complete
 
         sys.exit(shell_complete(hhsim, {}, "hhsim", COMPLETION_VARIABLE, wanted))
     try:
-        code = _run()
+        code = _answer()
         sys.stdout.flush()
+    except OSError as error:
+        # What is still buffered must not raise again when the interpreter closes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = BROKEN_PIPE if isinstance(error, BrokenPipeError) else HhsimError.exit_code
+        # A reader that has left wants to hear no more, and one error is told already where this one came of telling it.
+        if code != BROKEN_PIPE and error.__context__ is None:
+            print(f"hhsim: error: cannot print the answer: {error.strerror or error}", file=sys.stderr)
+    sys.exit(code)
+
+
+def _answer() -> int:
+    """Run the command and tell what went wrong; what is left to raise is a stdout that cannot be written."""
+    try:
+        return _run()
     except HhsimError as error:
-        code = _told(_with_notes(str(error), error), error.exit_code)
+        return _told(_with_notes(str(error), error), error.exit_code)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "hhsim"
-        code = _told(f"{error.format_message().rstrip('.')} (see {command} --help)", error.exit_code)
+        return _told(f"{error.format_message().rstrip('.')} (see {command} --help)", error.exit_code)
     except click.ClickException as error:
-        code = _told(error.format_message(), error.exit_code)
+        return _told(error.format_message(), error.exit_code)
     except KeyboardInterrupt as interrupt:
-        code = _told(_with_notes("interrupted", interrupt), INTERRUPTED)
+        # A second Ctrl-C, from an impatient hand, must not cut the answer short.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        return _told(_with_notes("interrupted", interrupt), INTERRUPTED)
     except BrokenPipeError:
-        # The reader has left: what is still buffered must not raise again when the interpreter closes stdout.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = BROKEN_PIPE
+        raise
     except OSError as error:
-        place = f": {error.filename}" if error.filename else ""
-        code = _told(f"{error.strerror or error}{place}", HhsimError.exit_code)
-    sys.exit(code)
+        return _told(_with_notes(f"{error.strerror or error}: {_place(error)}", error), HhsimError.exit_code)
+    except MemoryError as error:
+        return _told(_with_notes(f"not enough memory: {error or 'use less'}", error), HhsimError.exit_code)
 
 
 def _run() -> int:
@@ -111,6 +129,19 @@ def _run() -> int:
     return answer if isinstance(answer, int) else 0
 
 
+def _place(error: OSError) -> str:
+    """What an error of the system is about, which it does not say where stdout or the compiler's cache is full."""
+    if error.filename:
+        return str(error.filename)
+    try:
+        sys.stdout.flush()
+    except OSError:
+        return "stdout"
+    from hhsim.kernels.jit import cache_root
+
+    return f"perhaps the cache in {cache_root()}; HHSIM_CACHE_DIR names another folder"
+
+
 def _with_notes(message: str, error: BaseException) -> str:
     return "; ".join([message, *getattr(error, "__notes__", ())])
 
@@ -120,5 +151,5 @@ def _told(message: str, code: int) -> int:
     line = " ".join(message.split())
     print(f"hhsim: {line}" if code == INTERRUPTED else f"hhsim: error: {line}", file=sys.stderr)
     if "--json" in sys.argv:
-        print(json.dumps({"error": line}, ensure_ascii=False), flush=True)
+        print(json.dumps({"error": line}), flush=True)
     return code

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -52,8 +53,12 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
 
     def called(*arguments: str) -> Answer:
         monkeypatch.setattr(sys, "argv", ["hhsim", *arguments])
-        with pytest.raises(SystemExit) as exit_:
-            entry.load()()
+        handler = signal.getsignal(signal.SIGINT)
+        try:
+            with pytest.raises(SystemExit) as exit_:
+                entry.load()()
+        finally:
+            signal.signal(signal.SIGINT, handler)
         captured = capsys.readouterr()
         assert isinstance(exit_.value.code, int)
         return Answer(exit_.value.code, captured.out, captured.err)

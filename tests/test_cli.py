@@ -134,6 +134,25 @@ def test_a_fault_of_the_system_is_told_in_one_line(run: Run, monkeypatch: pytest
     assert run("info") == (2, "", f"hhsim: error: {os.strerror(errno.ENOSPC)}: /cache/kernel.nbi\n")
 
 
+def test_a_full_cache_is_told_with_its_place(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def fail() -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(entry, "_run", fail)
+    monkeypatch.setenv("HHSIM_CACHE_DIR", str(tmp_path))
+    answer = run("info")
+    assert answer.code == 2
+    assert f"perhaps the cache in {tmp_path}; HHSIM_CACHE_DIR names another folder" in answer.err
+
+
+def test_too_little_memory_is_told_in_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> int:
+        raise MemoryError("Unable to allocate 7.28 TiB for an array")
+
+    monkeypatch.setattr(entry, "_run", fail)
+    assert run("info") == (2, "", "hhsim: error: not enough memory: Unable to allocate 7.28 TiB for an array\n")
+
+
 def test_an_interrupt_exits_130_and_says_what_it_left(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def stop() -> int:
         interrupt = KeyboardInterrupt()
@@ -161,6 +180,50 @@ def test_a_reader_that_leaves_is_no_error() -> None:
     process.stderr.close()
     assert process.wait() == 128 + signal.SIGPIPE
     assert told == b""
+
+
+@pytest.mark.parametrize(
+    ("redirection", "code", "out", "err"),
+    [
+        (">&-", 0, "", ""),
+        ("2>&-", 0, "name", ""),
+        ("<&- >&- 2>&-", 0, "", ""),
+        ("> /dev/full", 2, "", "hhsim: error: No space left on device: stdout\n"),
+    ],
+)
+def test_a_stream_that_is_closed_or_full_is_no_crash(redirection: str, code: int, out: str, err: str) -> None:
+    if "/dev/full" in redirection and not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    command = ["sh", "-c", f'"$@" {redirection}', "sh", *HHSIM, "objects"]
+    answer = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert answer.returncode == code, answer.stderr
+    assert answer.stdout.startswith(out) and bool(answer.stdout) == bool(out)
+    assert err in answer.stderr and len(answer.stderr.splitlines()) == bool(err)
+
+
+def test_an_error_never_goes_to_stdout_where_stderr_is_closed() -> None:
+    command = ["sh", "-c", '"$@" 2>&-', "sh", *HHSIM, "relpay"]
+    answer = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert (answer.returncode, answer.stdout) == (2, "")
+
+
+def test_a_reader_that_leaves_before_an_error_is_told_is_no_crash() -> None:
+    process = subprocess.Popen([*HHSIM, "relpay", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    told = process.stderr.read()
+    process.stderr.close()
+    assert process.wait() == 128 + signal.SIGPIPE
+    assert told == "hhsim: error: unknown command 'relpay': did you mean replay?\n"
+
+
+def test_an_encoding_without_our_letters_is_no_crash() -> None:
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    table = subprocess.run([*HHSIM, "objects"], capture_output=True, text=True, env=environment)
+    assert (table.returncode, table.stderr) == (0, "")
+    assert " ? " in table.stdout
+    document = subprocess.run([*HHSIM, "objects", "--json"], capture_output=True, text=True, env=environment)
+    assert len(json.loads(document.stdout)["objects"]) == 10
 
 
 def test_info_tells_people_and_machines_the_same(run: Run) -> None:
