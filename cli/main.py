@@ -133,13 +133,9 @@ def _place(error: OSError) -> str:
     """What an error of the system is about, which it does not say where stdout or the compiler's cache is full."""
     if error.filename:
         return str(error.filename)
-    try:
-        sys.stdout.flush()
-    except OSError:
-        return "stdout"
     from hhsim.kernels.jit import cache_root
 
-    return f"perhaps the cache in {cache_root()}; HHSIM_CACHE_DIR names another folder"
+    return f"stdout, or the cache in {cache_root()}, for which HHSIM_CACHE_DIR names another folder"
 
 
 def _with_notes(message: str, error: BaseException) -> str:

@@ -142,7 +142,7 @@ def test_a_full_cache_is_told_with_its_place(run: Run, monkeypatch: pytest.Monke
     monkeypatch.setenv("HHSIM_CACHE_DIR", str(tmp_path))
     answer = run("info")
     assert answer.code == 2
-    assert f"perhaps the cache in {tmp_path}; HHSIM_CACHE_DIR names another folder" in answer.err
+    assert f"stdout, or the cache in {tmp_path}, for which HHSIM_CACHE_DIR names another folder" in answer.err
 
 
 def test_too_little_memory_is_told_in_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,7 +188,7 @@ def test_a_reader_that_leaves_is_no_error() -> None:
         (">&-", 0, "", ""),
         ("2>&-", 0, "name", ""),
         ("<&- >&- 2>&-", 0, "", ""),
-        ("> /dev/full", 2, "", "hhsim: error: No space left on device: stdout\n"),
+        ("> /dev/full", 2, "", "hhsim: error: No space left on device: stdout, or the cache in "),
     ],
 )
 def test_a_stream_that_is_closed_or_full_is_no_crash(redirection: str, code: int, out: str, err: str) -> None:
