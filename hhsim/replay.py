@@ -117,7 +117,7 @@ def modelled(scene: Scene) -> dict[str, Any]:
         "phalanges": 15,
         "palm_spheres": palm,
         "object_spheres": leaves,
-        "brute_force_pairs": (15 + palm) * leaves,
+        "all_pairs": scene.all_pairs,
         "not_modelled": ["friction", "dynamics", "deformation", "finger-to-finger contact"],
     }
 

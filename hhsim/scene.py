@@ -30,6 +30,14 @@ class Scene:
     trajectory: Trajectory
     ticks: TickInput
 
+    @property
+    def all_pairs(self) -> int:
+        """Pairs of a hand body (phalanx or palm sphere) and an object sphere.
+
+        What a model without trees tests every tick.
+        """
+        return (self.hand.radius[:, 1:].size + self.hand.palm_tree.leaf_count) * self.tree.leaf_count
+
 
 def make_scene(
     mesh: Mesh,

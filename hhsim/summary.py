@@ -121,6 +121,7 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
         )
         trembling = _repeated_with_tremor(scene, options, haptic, graphic, series["graphic/abduction"], holds[0])
     ripple = max((metrics.force_ripple(force[a : b + 1], scene.ticks.rate) for a, b in holds), default=float("nan"))
+    tests = series["work/node_tests"] + series["work/pair_tests"]
     status = series["status"]
     stuck, lagging = int(np.sum(status & STATUS_STUCK > 0)), int(np.sum(status & STATUS_LAG > 0))
     size = np.linalg.norm(force, axis=1)
@@ -157,6 +158,8 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
             "",
             1e-3,
         ),
+        _row("tests_mean", "distances computed a tick, mean", tests.mean(), 0),
+        _row("tests_share", "share of all pairs of body and sphere", 100.0 * tests.mean() / scene.all_pairs, 3, "%"),
         _row("stuck_ticks", "stuck ticks", stuck, 0),
         _row("lag_ticks", "ticks with lag", lagging, 0),
         _row("lag_max", "lag, max", 1e3 * series.lag.max(initial=0.0), 2, "mm", "", 1e-3),
