@@ -56,6 +56,7 @@ def command(
     from hhsim.destination import check_destination, dated_destination
     from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
+    announce_compilation(quiet=quiet)
     mesh, usual_level = read_object(object_, unit, size)
     wanted = TreeOptions(level=level or usual_level or 4, branching=branching, leaves=leaves, seed=seed)
     path = out or dated_destination(f"{mesh.name}-tree-{wanted.level}")
@@ -63,7 +64,6 @@ def command(
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
     check_destination(path)
     _check_replaceable(path)
-    announce_compilation(quiet=quiet)
     start = time.perf_counter()
     with progress(quiet=quiet) as report:
         tree = cached_sphere_tree(mesh, wanted, report)
@@ -130,9 +130,9 @@ def _check_replaceable(path: Path) -> None:
     from hhsim.errors import InputError, OutputError
     from hhsim.sphere_tree import SphereTree
 
-    if path.suffix == ".h5" and path.exists():
+    if path.exists():
         try:
-            SphereTree.load(path)
+            SphereTree.load_sph(path) if path.suffix == ".sph" else SphereTree.load(path)
         except InputError as error:
             raise OutputError(
                 f"{path} exists and is no sphere tree, so it is not replaced: name another file"

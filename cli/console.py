@@ -64,11 +64,25 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 
 def announce_compilation(*, quiet: bool) -> None:
-    """Say on stderr that the first run compiles, so that nobody takes it for a fault."""
-    from hhsim.kernels import jit
+    """From here to the end of the command, say on stderr when a kernel has to be compiled, once.
 
-    if not quiet and jit.JIT_ENABLED and not jit.is_cached():
-        print("hhsim: compiling the kernels: this happens once, and again after an upgrade", file=sys.stderr)
+    So that nobody takes the wait for a fault. Kernels that lie in the cache are loaded without a word.
+    """
+    if quiet:
+        return
+    import click
+    from numba.core import event
+
+    told: list[str] = []
+
+    def tell(listener: object, details: object) -> None:
+        if not told:
+            told.append("hhsim: compiling the kernels: this happens once, and again after an upgrade")
+            print(told[0], file=sys.stderr)
+
+    listener = type("FirstCompilation", (event.Listener,), {"on_start": tell, "on_end": lambda *_: None})()
+    event.register("numba:compile", listener)
+    click.get_current_context().call_on_close(lambda: event.unregister("numba:compile", listener))
 
 
 def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:

@@ -144,12 +144,12 @@ def command(
 
     solver = _solver_options(method, qp, force, stiffness, margin, linearisations)
     motion = _motion(trajectory, tremor)
+    announce_compilation(quiet=quiet)
     mesh, usual_level = read_object(object_, unit, size)
     tree_level = level or usual_level or 4
     destination = out or dated_destination(f"{mesh.name}-{motion.name}")
     check_result_destination(destination)
     print_notes(mesh.warnings, prefix="warning")
-    announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         model = _hand(hand, hand_file)
         tree = cached_sphere_tree(mesh, TreeOptions(level=tree_level), report)

@@ -292,6 +292,33 @@ def test_a_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: Path) 
     assert (tmp_path / "notes.h5").read_text() == "not a tree"
 
 
+def test_a_text_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "notes.sph").write_text("not a tree")
+    assert run("build-tree", "cube", "--level", "1", "--out", "notes.sph").code == 2
+    assert (tmp_path / "notes.sph").read_text() == "not a tree"
+    for _ in range(2):
+        assert run("build-tree", "cube", "--level", "1", "--out", "cube.sph", "--quiet") == (0, "", "")
+
+
+def test_compilation_is_announced_where_and_when_it_happens(tmp_path: Path) -> None:
+    script = (
+        "import click, numba, sys\n"
+        "from hhsim.cli.console import announce_compilation\n"
+        "@click.command()\n"
+        "@click.option('--quiet', is_flag=True)\n"
+        "def command(quiet):\n"
+        "    announce_compilation(quiet=quiet)\n"
+        "    print('begun', file=sys.stderr)\n"
+        "    numba.njit(lambda: 1)(), numba.njit(lambda: 2)()\n"
+        "command(standalone_mode=False)\n"
+        "numba.njit(lambda: 3)()\n"
+    )
+    said = "hhsim: compiling the kernels: this happens once, and again after an upgrade"
+    for arguments, lines in (([], ["begun", said]), (["--quiet"], ["begun"])):
+        answer = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True)
+        assert answer.stderr.splitlines() == lines
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_scripts_call_hhsim(run: Run, shell: str) -> None:
     answer = run("completion", shell)
