@@ -20,6 +20,10 @@ METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 SMALLEST_USUAL_EXTENT = 0.01
 LARGEST_USUAL_EXTENT = 1.0
 
+SMALLEST_EXTENT = 1e-6
+LARGEST_EXTENT = 1e6
+"""Outside of this [m] a mesh is refused: no hand has use for it, and squares and cubes of it lose their digits."""
+
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
@@ -128,7 +132,7 @@ def load_mesh(path: str | Path, unit: str = "m", size: float | None = None, repa
 
     Raises:
         InputError: No such file, an unknown unit, or a size that is not positive.
-        MeshError: Unreadable, empty, not finite, or no inside that could be repaired.
+        MeshError: Unreadable, empty, not finite, of absurd size, or no inside that could be repaired.
     """
     # The checks bring the compiler; who only reads the catalogue does without it.
     from hhsim.mesh_repair import closed_surface
@@ -145,6 +149,13 @@ def load_mesh(path: str | Path, unit: str = "m", size: float | None = None, repa
     if longest == 0.0:
         raise MeshError(f"{path}: all vertices lie in one point; expected a surface mesh")
     unit_length = METRES_PER_UNIT[unit] if size is None else size / longest
+    for extent in (longest, longest * unit_length):
+        if not SMALLEST_EXTENT <= extent <= LARGEST_EXTENT:
+            raise MeshError(
+                f"{path}: longest extent {extent:.3g}{'' if extent == longest else ' m'}: expected "
+                f"{SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g}, both in the file and in metres; is a vertex damaged, "
+                "or --unit or --size wrong?"
+            )
     surface = closed_surface(mesh.vertices, mesh.faces, str(path), unit_length, repair)
     mesh = replace(
         mesh,

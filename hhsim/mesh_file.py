@@ -29,7 +29,8 @@ def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     kind = path.suffix.lower().removeprefix(".")
     known = sorted(trimesh.available_formats())
     if kind not in known:
-        raise MeshError(f"{path}: unknown mesh format '.{kind}'; known: {', '.join(known)}")
+        what = f"unknown mesh format '.{kind}'" if kind else "no suffix that says which mesh format it is"
+        raise MeshError(f"{path}: {what}; known: {', '.join(known)}")
     try:
         # What numpy warns of inside the readers (NaN in a normal, say) is found and told by the checks that follow.
         with warnings.catch_warnings():
@@ -43,8 +44,10 @@ def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         raise MeshError(f"{path}: cannot be read as .{kind}: damaged, or needs a missing package: {error}") from error
     except Exception as error:
         # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise MeshError(f"{path}: cannot be read as .{kind}: {reason[:200]}") from error
+        reason = " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split())
+        raise MeshError(
+            f"{path}: cannot be read as .{kind}, so it is damaged or no such file ({reason[:200]})"
+        ) from error
     if not parts:
         raise MeshError(f"{path}: no triangles; expected a surface mesh")
     starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])

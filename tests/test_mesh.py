@@ -152,11 +152,21 @@ def obj(mesh: Mesh) -> str:
         ("empty.stl", b"", "no triangles"),
         ("empty.obj", b"", "no triangles"),
         ("empty.off", b"", "cannot be read as .off"),
-        ("noise.ply", b"\x00\x01noise" * 20, "cannot be read as .ply: Not a ply file"),
+        (
+            "noise.ply",
+            b"\x00\x01noise" * 20,
+            r"cannot be read as .ply, so it is damaged or no such file \(ValueError: Not a ply file",
+        ),
         ("noise.glb", b"\x00\x01noise" * 20, "cannot be read as .glb"),
         ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no triangles"),
         ("mesh.doc", b"words", "unknown mesh format '.doc'; known: .*obj.*ply.*stl"),
-        ("mesh", b"words", "unknown mesh format"),
+        ("mesh", b"words", "no suffix that says which mesh format it is; known: .*obj.*ply.*stl"),
+        (
+            "huge.obj",
+            obj(cube()).replace("0.035", "1e200", 1).encode(),
+            "longest extent 1e\\+200: expected 1e-06 to 1e",
+        ),
+        ("far.obj", obj(cube().scaled(1e8)).encode(), "longest extent 7e\\+06: expected 1e-06 to 1e"),
         (
             "nan.obj",
             obj(cube()).replace("0.035", "nan", 1).encode(),
@@ -174,6 +184,13 @@ def test_files_that_are_no_solid_get_one_clear_line(tmp_path: Path, file: str, c
         load_mesh(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("size", [1e300, 1e-300])
+def test_a_size_that_nothing_has_is_refused(tmp_path: Path, size: float) -> None:
+    path = save(tmp_path / "cube.stl", cube())
+    with pytest.raises(MeshError, match=r"longest extent 1e.*300 m: expected 1e-06 to 1e"):
+        load_mesh(path, size=size)
 
 
 def test_nan_in_stl_is_named(tmp_path: Path) -> None:
