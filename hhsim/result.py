@@ -85,6 +85,7 @@ class ResultWriter:
     ) -> None:
         if self._complete:
             return
+        self._drop_half_a_block()
         self._close()
         if self.ticks == 0:
             self.path.unlink(missing_ok=True)
@@ -202,6 +203,14 @@ class ResultWriter:
             os.posix_fallocate(descriptor, self._file.id.get_filesize(), size)
         finally:
             os.close(descriptor)
+
+    def _drop_half_a_block(self) -> None:
+        # An interrupt may have come between two datasets, or between the growth of one and its values.
+        with contextlib.suppress(OSError, RuntimeError, KeyError):
+            for column in TICK_COLUMNS:
+                dataset = self._file["tick"][column.name]
+                if len(dataset) > self.ticks:
+                    dataset.resize(self.ticks, axis=0)
 
     def _close(self) -> None:
         with contextlib.suppress(OSError, RuntimeError):

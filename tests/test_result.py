@@ -178,6 +178,31 @@ def test_an_exception_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:
     assert loaded.phase("approach") == slice(0, 30)
 
 
+@pytest.mark.parametrize("written", [0, 5, len(TICK_COLUMNS) - 1])
+def test_an_interrupt_within_a_block_leaves_whole_ticks_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int
+) -> None:
+    path = tmp_path / "run.h5"
+    count = 0
+    original = h5py.Dataset.__setitem__
+
+    def interrupted(dataset: h5py.Dataset, where: Any, values: Any) -> None:
+        nonlocal count
+        count += 1
+        if count > len(TICK_COLUMNS) + written:
+            raise KeyboardInterrupt
+        original(dataset, where, values)
+
+    with pytest.raises(KeyboardInterrupt), ResultWriter(path, scene=SCENE, static=static()) as writer:
+        monkeypatch.setattr(h5py.Dataset, "__setitem__", interrupted)
+        writer.append(block(30))
+        writer.append(block(20))
+    monkeypatch.undo()
+    assert load_result(path).ticks == 30
+    with h5py.File(path, "r") as file:
+        assert {len(file["tick"][column.name]) for column in TICK_COLUMNS} == {30}
+
+
 def test_an_exception_before_the_first_tick_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError), ResultWriter(tmp_path / "run.h5", scene=SCENE, static=static()):
         raise RuntimeError
