@@ -35,6 +35,9 @@ MAX_ANGLE = 2.0 * np.pi
 MAX_POSITION = 100.0
 """A palm farther than this from the origin [m] is a recording in millimetres."""
 
+MOST_TICKS = 36_000_000
+"""A replay of more ticks, 10 hours at 1 kHz, is a stamp in another unit or one that went wrong."""
+
 
 @dataclass(frozen=True)
 class Phase:
@@ -203,11 +206,17 @@ class Trajectory:
 
         Raises:
             InputError: a rate that is not positive, or an unknown mode.
+            TrajectoryError: more ticks than `MOST_TICKS`.
         """
         if not (np.isfinite(rate) and rate > 0.0):
             raise InputError(f"tick rate {rate} Hz; expected a positive number")
         if mode not in get_args(ResampleMode):
             raise InputError(f"resampling mode '{mode}'; expected {' or '.join(get_args(ResampleMode))}")
+        if self.duration * rate > MOST_TICKS:
+            raise TrajectoryError(
+                f"{self.name or 'motion'} lasts {self.duration:.6g} s, which is more than {MOST_TICKS:,} ticks at "
+                f"{rate:g} Hz: is a stamp wrong, or not in seconds?"
+            )
         # Stamps may be seconds since 1970: subtract first, so that the arithmetic keeps its nanoseconds.
         stamps = self.time - self.time[0]
         ticks = tick_times(self.duration, rate)

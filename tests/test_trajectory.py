@@ -154,6 +154,13 @@ def test_a_rate_that_is_no_rate_is_refused(rate: float) -> None:
         motion().resampled(rate)
 
 
+def test_a_stamp_far_off_is_refused_before_it_takes_all_memory() -> None:
+    stamps = np.arange(20) / 100.0
+    stamps[-1] = 1e9
+    with pytest.raises(TrajectoryError, match="lasts 1e\\+09 s, which is more than 36,000,000 ticks at 1000 Hz"):
+        motion(time=stamps, name="late").resampled(1000.0)
+
+
 def test_an_unknown_mode_is_refused() -> None:
     unknown: Any = "linear"
     with pytest.raises(HhsimError, match="'linear'; expected interpolate or hold"):
