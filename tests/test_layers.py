@@ -21,7 +21,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts"),
         *("shapes", "cup", "rock", "shamrock", "object_catalogue", "object_sources"),
         *("sphere_tree", "tree_file", "sph_format", "tree_error", "tree_builder", "mesh_cover"),
-        *("hand", "hand_figure", "palm"),
+        *("hand", "hand_figure", "palm", "surface", "rendering"),
         *("trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
         *("script", "disturbance", "closing", "closing_search", "slide", "synthesis", "trajectory_catalogue"),
         "scene",
@@ -30,6 +30,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics"),
     # Runs and their files.
     ("replay", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
+    # Pictures of them.
+    ("replay_figure", "cost_figure"),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
 

@@ -1,0 +1,230 @@
+"""A picture of a replay in its hold: `python -m hhsim.replay_figure RESULT docs/grasp.png [AZIMUTH,ELEVATION]`.
+
+On the left what a user sees: the graphic hand on the object. On the right why: the haptic hand, where the user's hand
+is, goes into the object, and the difference becomes forces on the phalanges. Everything is drawn from the result file:
+the bodies that collided, at the configurations that were computed.
+"""
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.destination import check_destination
+from hhsim.errors import InputError, OutputError
+from hhsim.hand import FINGERS, HandModel
+from hhsim.mesh import Mesh
+from hhsim.metrics import FORCE_FLOOR
+from hhsim.rendering import Camera, Layer, blend, frame, look_from, save_figure, shade
+from hhsim.result import Result, load_result
+from hhsim.summary import HOLD
+from hhsim.surface import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FloatArray = NDArray[np.float64]
+
+POSE = ("position", "orientation", "flexion", "abduction")
+"""Datasets of a hand's configuration."""
+
+VIEW = (125.0, 12.0)
+"""Azimuth from x to y, and elevation [degrees], of the viewer."""
+PANEL = (580, 620)
+"""Rows and columns of a panel [pixels]."""
+
+STONE = np.array([0.80, 0.80, 0.78])
+GHOST = np.array([0.25, 0.52, 0.95])
+RED = np.array([0.85, 0.10, 0.08])
+
+ARROW_RADIUS = 1.3e-3
+"""Of an arrow's shaft [m]."""
+ARROW_LENGTH = 0.02
+"""Of the arrow of 1 N [m].
+
+Longer by the square root of the force, so that small forces can be seen beside large ones.
+"""
+
+
+@dataclass(frozen=True)
+class PhalanxForce:
+    """The contact force on one phalanx.
+
+    Attributes:
+        name: Finger and phalanx.
+        contact: Where the phalanx is nearest to the object [m], shape (3,), world.
+        force: [N], shape (3,), world.
+    """
+
+    name: str
+    contact: FloatArray
+    force: FloatArray
+
+
+def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) -> None:
+    """Draw the last tick of the hold, or of the replay where nothing is held.
+
+    Args:
+        result: A replay.
+        path: Picture file; matplotlib chooses the format by its ending.
+        view: Azimuth and elevation of the viewer [degrees].
+
+    Raises:
+        InputError: The result holds no tick, or its hand file has changed; matplotlib has no such picture format.
+        OutputError: The picture cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    check_destination(path)
+    tick = shown_tick(result)
+    hand = hand_of(result)
+    surfaces = [
+        hand_surface(hand, *(result[f"{whose}/{name}"][tick] for name in POSE)) for whose in ("graphic", "haptic")
+    ]
+    graphic, haptic = surfaces[0], painted(surfaces[1], GHOST)
+    mesh = Mesh(result.static["object/vertices"], result.static["object/faces"], "object", str(result.path))
+    body = mesh_surface(mesh, STONE)
+    forces = phalanx_forces(result, tick)
+    azimuth, elevation = np.radians(view)
+    towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    camera = frame(joined([graphic, haptic, body]).points, look_from(towards), PANEL)
+
+    rows, columns = PANEL
+    figure = Figure(figsize=(2 * columns / 100, (rows + 60) / 100), dpi=100, facecolor="white")
+    FigureCanvasAgg(figure)
+    titles = (
+        "What the user sees: the graphic hand stays outside",
+        "The user's own hand (blue) goes in: that makes the forces",
+    )
+    pictures = (
+        blend([(shade(joined([graphic, body]), camera), 1.0)]),
+        seen_through(graphic, haptic, body, forces, camera),
+    )
+    for column, (title, picture) in enumerate(zip(titles, pictures)):
+        axes = figure.add_axes((0.5 * column, 0.0, 0.5, rows / (rows + 60)))
+        axes.imshow(picture, interpolation="none")
+        axes.set_axis_off()
+        axes.set_title(title, fontsize=15, color="0.2", pad=12)
+        if column == 1:
+            label(axes, forces, camera)
+    save_figure(figure, path)
+
+
+def shown_tick(result: Result) -> int:
+    """The last tick of the first hold; without a hold, the last tick.
+
+    Raises:
+        InputError: The result holds no tick.
+    """
+    if result.ticks == 0:
+        raise InputError(f"{result.path} holds no tick")
+    held = any(phase.name == HOLD for phase in result.phases)
+    return (result.phase(HOLD).stop if held else result.ticks) - 1
+
+
+def hand_of(result: Result) -> HandModel:
+    """The hand model of the run.
+
+    Raises:
+        InputError: The hand file is gone, or it is no longer the one that the run used.
+    """
+    side, file = result.scene["hand"]["side"], result.scene["hand_file"]
+    hand = HandModel.default(side) if file is None else HandModel.from_toml(file, side)
+    if not np.array_equal(hand.radius, result.static["hand/phalanx_radius"]):
+        raise InputError(f"{result.path} was made with another hand than {file or 'the default one'} is now")
+    return hand
+
+
+def phalanx_forces(result: Result, tick: int) -> list[PhalanxForce]:
+    """The forces of a tick that can be felt, each at the point of the phalanx that is nearest to an object sphere."""
+    static = result.static
+    level = static["object/tree/level"]
+    leaves = level == level.max()
+    center, radius = static["object/tree/center"][leaves], static["object/tree/radius"][leaves]
+    found = []
+    for f, finger in enumerate(FINGERS):
+        for k, phalanx in enumerate(("proximal", "middle", "distal")):
+            force = result["force/phalanx"][tick, f, k]
+            size = float(np.linalg.norm(force))
+            if size < FORCE_FLOOR:
+                continue
+            a, b = result["graphic/joints"][tick, f, k : k + 2]
+            thick, thin = static["hand/phalanx_radius"][f, k : k + 2]
+            # To a drawing's accuracy the cone is narrow: the foot of the perpendicular stands for the nearest point.
+            along = np.clip((center - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+            thickness = thick + along * (thin - thick)
+            axis = a + along[:, None] * (b - a)
+            nearest = int(np.argmin(np.linalg.norm(center - axis, axis=1) - radius - thickness))
+            contact = axis[nearest] - thickness[nearest] * force / size
+            found.append(PhalanxForce(f"{finger}, {phalanx}", contact, force))
+    return found
+
+
+def arrow(force: PhalanxForce) -> FloatArray:
+    """The arrow of a force [m], shape (3,)."""
+    return np.asarray(ARROW_LENGTH * force.force / np.sqrt(np.linalg.norm(force.force)))
+
+
+def seen_through(
+    graphic: Surface, haptic: Surface, body: Surface, forces: list[PhalanxForce], camera: Camera
+) -> FloatArray:
+    """The picture with a see-through object, the haptic hand in and around it, and the forces over everything."""
+    hand, ghost = shade(graphic, camera), shade(haptic, camera)
+    # The haptic hand is drawn behind the graphic one: where both are, the skin stays clean.
+    ghost = replace(ghost, depth=np.where(hand.seen(), np.minimum(ghost.depth, hand.depth - 1e-6), ghost.depth))
+    # Glass is clearest where one looks straight at it.
+    glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
+    layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (shade(body, camera), 0.5), (ghost, glass)]
+    if forces:
+        arrows = [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in forces]
+        layer = shade(joined(arrows), camera)
+        layers.append((replace(layer, depth=layer.depth + 10.0), 1.0))
+    return blend(layers)
+
+
+def label(axes: "Axes", forces: list[PhalanxForce], camera: Camera) -> None:
+    """Write the size of each force at the head of its arrow, or a line lower where another one stands."""
+    from matplotlib.patheffects import withStroke
+
+    rows, columns = camera.shape
+    scale = rows / camera.height
+    placed: list[FloatArray] = []
+    for force in forces:
+        along = camera.rotation @ arrow(force)
+        tip = camera.rotation @ (force.contact - camera.center) + along
+        away = along[:2] / max(float(np.linalg.norm(along[:2])), 1e-9)
+        place = np.array([0.5 * columns + scale * tip[0] + 20 * away[0], 0.5 * rows - scale * tip[1] - 12 * away[1]])
+        while any((np.abs(place - other) < (40.0, 15.0)).all() for other in placed):
+            place[1] += 3.0
+        placed.append(place)
+        axes.annotate(
+            f"{np.linalg.norm(force.force):.1f} N",
+            (place[0], place[1]),
+            ha="center",
+            va="center",
+            fontsize=11,
+            color=tuple(0.8 * RED),
+            path_effects=[withStroke(linewidth=3, foreground="white")],
+        )
+
+
+def main(arguments: list[str]) -> None:
+    """Run the command."""
+    if len(arguments) not in (2, 3):
+        raise SystemExit("usage: python -m hhsim.replay_figure RESULT PICTURE [AZIMUTH,ELEVATION]")
+    try:
+        azimuth, elevation = map(float, arguments[2].split(",")) if len(arguments) == 3 else VIEW
+    except ValueError:
+        raise SystemExit(f"'{arguments[2]}': expected AZIMUTH,ELEVATION in degrees, such as 125,12") from None
+    try:
+        draw_replay(load_result(Path(arguments[0])), Path(arguments[1]), (azimuth, elevation))
+    except (InputError, OutputError) as error:
+        raise SystemExit(str(error)) from error
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,149 @@
+"""Surfaces for pictures: round cones, meshes, the hand and arrows, as triangles with normals and colours."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.hand import FINGERS, HandModel
+from hhsim.kernels.hand import forward_kinematics
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+SKIN = np.array([0.91, 0.70, 0.58])
+NAIL = np.array([0.97, 0.83, 0.77])
+SPHERE = np.array([0.42, 0.62, 0.78])
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles with a normal and a colour a vertex; [m], shapes (n, 3), (n, 3), (n, 3), (m, 3)."""
+
+    points: FloatArray
+    normals: FloatArray
+    colors: FloatArray
+    faces: IntArray
+
+
+def joined(parts: Sequence[Surface]) -> Surface:
+    """All parts as one surface."""
+    offsets = np.cumsum([0] + [len(part.points) for part in parts])
+    return Surface(
+        np.concatenate([part.points for part in parts]),
+        np.concatenate([part.normals for part in parts]),
+        np.concatenate([part.colors for part in parts]),
+        np.concatenate([part.faces + offset for part, offset in zip(parts, offsets)]),
+    )
+
+
+def painted(surface: Surface, color: FloatArray) -> Surface:
+    """The same surface in one colour."""
+    return replace(surface, colors=np.tile(color, (len(surface.points), 1)))
+
+
+def hand_surface(
+    hand: HandModel,
+    position: ArrayLike,
+    orientation: ArrayLike,
+    flexion: ArrayLike,
+    abduction: ArrayLike,
+    hybrid: bool = False,
+) -> Surface:
+    """The hand's surface in the world frame; arguments as in `HandModel.joints`.
+
+    `hybrid` shows the palm as its leaf spheres.
+    """
+    origin = np.array(position, dtype=np.float64)
+    rotation = np.empty((3, 3))
+    quaternion_to_matrix(np.array(orientation, dtype=np.float64), rotation)
+    joints, direction = np.empty((5, 4, 3)), np.empty((5, 3, 3))
+    flexion_axis, abduction_axis = np.empty((5, 3)), np.empty((5, 3))
+    angles = np.array(flexion, dtype=np.float64), np.array(abduction, dtype=np.float64)
+    forward_kinematics(hand.arrays(), origin, rotation, *angles, joints, direction, flexion_axis, abduction_axis)
+    parts = []
+    if hybrid:
+        for center, radius in zip(hand.palm_tree.leaf_center @ rotation.T + origin, hand.palm_tree.leaf_radius):
+            parts.append(round_cone_surface(center, center, radius, radius, SPHERE, rings=14, sides=44))
+    else:
+        palm = mesh_surface(hand.palm_mesh, SKIN)
+        parts.append(replace(palm, points=palm.points @ rotation.T + origin, normals=palm.normals @ rotation.T))
+    for finger in range(len(FINGERS)):
+        for k in range(3):
+            radius_a, radius_b = hand.radius[finger, k : k + 2]
+            parts.append(round_cone_surface(joints[finger, k], joints[finger, k + 1], radius_a, radius_b, SKIN))
+        back = np.cross(direction[finger, 2], flexion_axis[finger])
+        parts[-1] = with_nail(parts[-1], joints[finger], back)
+    return joined(parts)
+
+
+def arrow_surface(start: FloatArray, vector: FloatArray, radius: float, color: FloatArray) -> Surface:
+    """An arrow from `start` along `vector` [m], its shaft of `radius` [m]; a short one is all head."""
+    length = float(np.linalg.norm(vector))
+    tip = start + vector
+    neck = start + vector * max(0.0, 1.0 - 7.0 * radius / length)
+    wide = min(2.5 * radius, 0.4 * length)
+    head = round_cone_surface(neck, tip, wide, 0.1 * wide, color, rings=14, sides=32)
+    return joined([round_cone_surface(start, neck, radius, radius, color, rings=14, sides=32), head])
+
+
+def round_cone_surface(
+    a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, color: FloatArray, rings: int = 28, sides: int = 48
+) -> Surface:
+    """Surface of revolution of the hull of two spheres [m]; one sphere where a and b coincide."""
+    length = float(np.linalg.norm(b - a))
+    axis = (b - a) / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+    tangent = float(np.arcsin(min((radius_a - radius_b) / length, 1.0))) if length > 0.0 else 0.0
+    rear, front = np.linspace(-0.5 * np.pi, tangent, rings), np.linspace(tangent, 0.5 * np.pi, rings)
+    latitude = np.concatenate([rear, front])
+    radius = np.repeat([radius_a, radius_b], rings)
+    across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    across /= np.linalg.norm(across)
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    radial = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * np.cross(axis, across)
+    normals = np.sin(latitude)[:, None, None] * axis + np.cos(latitude)[:, None, None] * radial
+    points = np.repeat([a, b], rings, axis=0)[:, None] + radius[:, None, None] * normals
+    ring, side = np.meshgrid(np.arange(2 * rings - 1), np.arange(sides), indexing="ij")
+    p, q = (ring * sides + side).ravel(), (ring * sides + (side + 1) % sides).ravel()
+    faces = np.concatenate([np.stack([p, q, q + sides], axis=1), np.stack([p, q + sides, p + sides], axis=1)])
+    normals = normals.reshape(-1, 3)
+    return Surface(points.reshape(-1, 3), normals, np.tile(color, (len(normals), 1)), faces.astype(np.int64))
+
+
+def mesh_surface(mesh: Mesh, color: FloatArray, crease: float = 55.0) -> Surface:
+    """A mesh that is smooth across edges of less than `crease` [degrees] and sharp at the others."""
+    a, b, c = mesh.triangles.transpose(1, 0, 2)
+    area = np.cross(b - a, c - a)
+    unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)
+    corners = mesh.faces.ravel()
+    face = np.arange(len(corners)) // 3
+    normals = np.empty((len(corners), 3))
+    order = np.argsort(corners, kind="stable")
+    for around in np.split(order, np.flatnonzero(np.diff(corners[order])) + 1):
+        smooth = unit[face[around]] @ unit[face[around]].T > np.cos(np.radians(crease))
+        normals[around] = smooth @ area[face[around]]
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    return Surface(mesh.vertices[corners], normals, np.tile(color, (len(corners), 1)), faces)
+
+
+def with_nail(distal: Surface, joints: FloatArray, back: FloatArray) -> Surface:
+    """Colour the nail on the back of a distal phalanx.
+
+    Args:
+        distal: Its surface.
+        joints: Of its finger [m], shape (4, 3).
+        back: Unit normal out of the back, shape (3,).
+    """
+    axis = joints[3] - joints[2]
+    length = float(np.linalg.norm(axis))
+    axis = axis / length
+    side = np.cross(axis, back)
+    offset = distal.points - joints[3]
+    along = offset @ axis / (0.55 * length)
+    across = offset @ side / (0.4 * length)
+    nail = ((np.abs(along + 0.1) ** 3 + np.abs(across) ** 3) < 1.0) & (distal.normals @ back > 0.3)
+    return Surface(distal.points, distal.normals, np.where(nail[:, None], NAIL, distal.colors), distal.faces)

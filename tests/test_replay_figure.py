@@ -1,0 +1,112 @@
+"""The picture of a replay: drawn from the result file, at the hold, with the forces at the contacts."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hhsim.errors import InputError
+from hhsim.hand import HandModel
+from hhsim.kernels.distance import sphere_round_cone_distance
+from hhsim.object_catalogue import load_object
+from hhsim.replay import replay
+from hhsim.replay_figure import arrow, draw_replay, hand_of, main, phalanx_forces, shown_tick
+from hhsim.result import Result, load_result
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.solver_options import SolverOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+MOTION = """
+title = "short"
+palm_gap = 0.005
+depth = 0.015
+[[phase]]
+name = "approach"
+duration = 0.05
+[[phase]]
+name = "grasp"
+duration = 0.1
+[[phase]]
+name = "hold"
+duration = 0.05
+[[phase]]
+name = "release"
+duration = 0.05
+"""
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    mesh = load_object("cylinder").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    path = tmp_path_factory.mktemp("replay") / "short.h5"
+    replay(scene, SolverOptions(), path, description={"hand_file": None})
+    return load_result(path)
+
+
+def test_the_picture_is_of_the_end_of_the_hold(result: Result) -> None:
+    assert shown_tick(result) == 199
+
+
+def test_each_force_begins_where_its_phalanx_touches(result: Result) -> None:
+    forces = phalanx_forces(result, shown_tick(result))
+    assert len(forces) >= 3
+    level = result.static["object/tree/level"]
+    leaves = level == level.max()
+    spheres = list(zip(result.static["object/tree/center"][leaves], result.static["object/tree/radius"][leaves]))
+    joints = result["graphic/joints"][shown_tick(result)]
+    for force in forces:
+        finger = ("thumb", "index", "middle", "ring", "little").index(force.name.split(",")[0])
+        k = ("proximal", "middle", "distal").index(force.name.split(", ")[1])
+        ends, radii = joints[finger, k : k + 2], result.static["hand/phalanx_radius"][finger, k : k + 2]
+        on_phalanx, _ = sphere_round_cone_distance(force.contact, 0.0, ends[0], ends[1], radii[0], radii[1])
+        assert abs(on_phalanx) < 1e-3
+        assert min(np.linalg.norm(force.contact - center) - radius for center, radius in spheres) < 2e-3
+    total = np.sum([force.force for force in forces], axis=0)
+    np.testing.assert_allclose(total, result["force/phalanx"][shown_tick(result)].sum(axis=(0, 1)), atol=0.15)
+
+
+def test_arrows_grow_with_the_root_of_the_force(result: Result) -> None:
+    force = phalanx_forces(result, shown_tick(result))[0]
+    size = np.linalg.norm(force.force)
+    assert np.linalg.norm(arrow(force)) == pytest.approx(0.02 * np.sqrt(size))
+    assert arrow(force) @ force.force > 0.0
+
+
+def test_the_hand_is_that_of_the_run(result: Result, tmp_path: Path) -> None:
+    assert hand_of(result).side == "right"
+    other = tmp_path / "other.toml"
+    other.write_text("hand_length = 0.17\n")
+    scene = {**result.scene, "hand_file": str(other)}
+    changed = Result(**{**{name: getattr(result, name) for name in result.__dataclass_fields__}, "scene": scene})
+    with pytest.raises(InputError, match="another hand than"):
+        hand_of(changed)
+
+
+def test_writes_the_picture(result: Result, tmp_path: Path) -> None:
+    import matplotlib.image
+
+    draw_replay(result, tmp_path / "replay.png", (60.0, 20.0))
+    picture = matplotlib.image.imread(tmp_path / "replay.png")[:, :, :3]
+    assert picture.shape[:2] == (640, 1240)
+    half = picture.shape[1] // 2
+    red = (picture[:, :, 0] > 0.6) & (picture[:, :, 1] < 0.25) & (picture[:, :, 2] < 0.25)
+    blue = picture[:, :, 2] - picture[:, :, 0] > 0.2
+    for mark in (red, blue):
+        assert not mark[:, :half].any()
+        assert mark[:, half:].sum() > 50
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "usage"),
+        (["none.h5", "picture.png"], "there is no file none.h5"),
+        (["none.h5", "picture.png", "north"], "expected AZIMUTH,ELEVATION"),
+    ],
+)
+def test_bad_arguments_are_one_line(arguments: list[str], says: str) -> None:
+    with pytest.raises(SystemExit, match=says):
+        main(arguments)
