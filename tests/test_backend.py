@@ -1,0 +1,79 @@
+"""Other QP solvers behind the same tick: the same graphic hand."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
+
+from hhsim.errors import UnknownNameError
+from hhsim.hand import HandModel
+from hhsim.kernels.tick import STATUS_HELD, TickRecord
+from hhsim.qp import available_backends
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+
+Array = NDArray[np.float64]
+
+HAND = HandModel.default("right")
+BALL = bumpy_ball(150)
+METHODS = ("coupled", "progressive")
+BACKENDS = ("quadprog", "clarabel")
+SAME = 1e-6
+"""Points of two graphic hands closer than this [m] are the same."""
+
+
+def grasp(ticks: int = 90) -> Motion:
+    """Fingers close around the ball, then hold."""
+    curl = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
+    opened = still(1, [0.0, -0.045, 0.056], flexion=0.4 * curl)
+    closed = still(1, [0.0, -0.045, 0.054], flexion=curl)
+    return straight_line(opened, closed, ticks).then(still(30, *(values[0] for values in closed)))
+
+
+def run(motion: Motion, method: str, qp: str) -> TickRecord:
+    return HandSolver(HAND, BALL.arrays(), SolverOptions(method=method, qp=qp)).run(*motion)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_another_solver_gives_the_same_graphic_hand_over_a_grasp(backend: str, method: str) -> None:
+    motion = grasp()
+    ours, theirs = run(motion, method, "active-set"), run(motion, method, backend)
+    assert record_clearance(HAND, BALL, theirs).min() >= 0.0
+    size = float(np.linalg.norm(ours.total[-1]))
+    assert size > 1.0
+    apart = np.linalg.norm(ours.joints - theirs.joints, axis=3).max(axis=(1, 2))
+    # In the hold, where both have converged; on the way a tick may end one linearisation sooner or later.
+    assert apart[-10:].max() < SAME
+    assert apart.max() < 20.0 * SAME
+    np.testing.assert_allclose(theirs.total[-1], ours.total[-1], atol=2e-3 * size)
+    np.testing.assert_allclose(theirs.phalanx[-1], ours.phalanx[-1], atol=2e-2 * size)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_another_solver_never_penetrates_either(method: str) -> None:
+    record = run(random_targets(HAND, 200, 0, hold=20), method, "quadprog")
+    assert record_clearance(HAND, BALL, record).min() >= -1e-6
+    assert np.isfinite(record.joints).all()
+
+
+def test_bad_input_is_held_here_too() -> None:
+    motion = still(4, [0.0, 0.0, 0.3])
+    motion.position[2] = np.nan
+    record = run(motion, "coupled", "quadprog")
+    np.testing.assert_array_equal(record.status & STATUS_HELD > 0, [False, False, True, False])
+    np.testing.assert_array_equal(record.position[2], record.position[1])
+
+
+def test_the_work_and_the_times_are_counted_here_too() -> None:
+    record = run(grasp(20), "progressive", "quadprog")
+    ours = run(grasp(20), "progressive", "active-set")
+    assert (record.duration_total > 0).all()
+    assert (record.duration_total >= record.duration.sum(axis=1) // 2).all()
+    np.testing.assert_array_equal(record.work[:5, :2], ours.work[:5, :2])
+
+
+def test_an_unknown_solver_is_named() -> None:
+    assert set(BACKENDS) <= set(available_backends())
+    with pytest.raises(UnknownNameError, match="quadprog"):
+        run(grasp(5), "coupled", "quadprogg")
