@@ -1,0 +1,82 @@
+"""The correction for curvature against the dense solution of the same equations, and what it does for convergence."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sphere_scenes import bumpy_ball, random_targets, solve_prepared, still, straight_line
+from test_kernel_coupled import HAND, TICKS, harvest, multipliers, optimum
+
+from hhsim.contact_problem import coupled_problem
+from hhsim.kernels.active_set import OPTIMAL
+from hhsim.kernels.curvature import curvature_product
+from hhsim.kernels.hand import DOF
+from hhsim.kernels.second_order import STRETCH
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions, Stiffness
+
+Array = NDArray[np.float64]
+
+ROOT = np.sqrt(Stiffness().diagonal())
+
+
+def lagrangian_curvature(state: Any) -> Array:
+    """Σ λ_i √G⁻¹ ∇²d_i √G⁻¹ of the proposed step's multipliers, shape (21, 21)."""
+    step = state.step
+    columns = np.empty((DOF, DOF))
+    for j, direction in enumerate(np.eye(DOF)):
+        curvature_product(
+            state.pose, state.contacts, step.row, step.multiplier, 0, int(step.count), direction, columns[j]
+        )
+    return columns / ROOT / ROOT[:, None]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_correction_is_newtons_on_the_loaded_rows(seed: int) -> None:
+    compared, shortened = 0, 0
+    for solver in harvest("coupled", random_targets(HAND, TICKS, seed), 4):
+        state, longest = solver.states[0], solver.tick_options.longest_correction
+        assert solve_prepared(solver) == OPTIMAL
+        problem, rows = coupled_problem(state)
+        multiplier = multipliers(solver, rows)
+        x = ROOT * optimum(problem, multiplier)
+        correction = ROOT * state.step.delta - x
+        assert np.linalg.norm(correction) <= longest * (1.0 + 1e-9)
+        loaded = multiplier > 0.0
+        if not loaded.any():
+            np.testing.assert_allclose(correction, 0.0, atol=1e-9)
+            continue
+        normals = problem.matrix[loaded] / ROOT
+        np.testing.assert_allclose(normals @ correction, 0.0, atol=1e-9 * np.abs(normals).max())
+        # An orthonormal basis of the directions that keep all loaded rows.
+        _, size, basis = np.linalg.svd(normals)
+        free = basis[int(np.sum(size > 1e-9 * size[0])) :]
+        curvature = lagrangian_curvature(state)
+        reduced = free @ (np.eye(DOF) - curvature) @ free.T
+        if np.linalg.eigvalsh(reduced).min() < 2.0 / STRETCH:
+            continue
+        newton = free.T @ np.linalg.solve(reduced, free @ curvature @ x)
+        slack = (problem.matrix @ ((x + newton) / ROOT) - problem.rhs)[~loaded]
+        if np.linalg.norm(newton) > longest or (slack < 0.0).any():
+            shortened += 1
+            assert np.linalg.norm(correction) <= np.linalg.norm(newton) * 1.1
+            continue
+        # Conjugate gradients stop at a hundredth of the residual.
+        apart = float(np.linalg.norm(correction - newton))
+        assert apart <= 0.05 * float(np.linalg.norm(newton)) + solver.tick_options.tolerance * STRETCH
+        compared += 1
+    assert compared > 5
+    assert shortened > 0
+
+
+def test_a_pressed_hold_settles_in_a_few_ticks() -> None:
+    # Without the correction it would approach its optimum by a constant factor a linearisation.
+    curl = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
+    goal = still(1, [0.0, -0.045, 0.048], flexion=curl)
+    for leaves in (200, 2000):
+        solver = HandSolver(HAND, bumpy_ball(leaves).arrays(), SolverOptions())
+        solver.run(*straight_line(still(1, [0.0, -0.045, 0.15]), goal, 250))
+        record = solver.run(*still(40, *(values[0] for values in goal)))
+        moved = np.linalg.norm(np.diff(record.joints, axis=0), axis=3).max(axis=(1, 2))
+        assert moved[20:].max() < 1e-9
