@@ -1,0 +1,174 @@
+"""One tick: what it takes, what it does without contact, what it never does, and the bits that it reports."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from sphere_scenes import Motion, bumpy_ball, record_clearance, sphere_tree, still, straight_line
+
+from hhsim.hand import HandModel
+from hhsim.kernels.tick import (
+    STATUS_HELD,
+    STATUS_LAG,
+    STATUS_START_INSIDE,
+    STATUS_STUCK,
+    TOUCH,
+    WORK_CANDIDATES,
+    WORK_LINEARISATIONS,
+    WORK_TOUCHING,
+    set_haptic,
+)
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+
+Array = NDArray[np.float64]
+
+HAND = HandModel.default("right")
+BALL = bumpy_ball(300)
+METHODS = ("coupled", "progressive")
+FREE = [0.0, 0.0, 0.4]
+
+
+def solver_at(tree: SphereTree, start: Motion, **options: Any) -> HandSolver:
+    """A solver whose graphic hand is at the first configuration of a motion, free of the object."""
+    solver = HandSolver(HAND, tree.arrays(), SolverOptions(**options))
+    record = solver.run(*start.part(0, 1))
+    assert record.status[0] == 0
+    return solver
+
+
+@pytest.mark.parametrize("scale", [1.0, -1.0, 3.0, 1e-3])
+def test_a_quaternion_counts_by_its_direction(scale: float) -> None:
+    turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_quat(scalar_first=True)
+    record = solver_at(BALL, still(1, FREE)).run(*still(1, FREE, orientation=scale * turn))
+    assert abs(record.orientation[0] @ turn) == pytest.approx(1.0, abs=1e-14)
+    assert record.status[0] == 0
+
+
+BAD = {
+    "NaN position": ("position", (1,), np.nan),
+    "infinite position": ("position", (2,), np.inf),
+    "NaN quaternion": ("orientation", (0,), np.nan),
+    "zero quaternion": ("orientation", (slice(None),), 0.0),
+    "NaN flexion": ("flexion", (3, 1), np.nan),
+    "infinite flexion": ("flexion", (4, 2), -np.inf),
+    "NaN abduction": ("abduction", (2,), np.nan),
+    "two infinities that cancel": ("flexion", (0, slice(0, 2)), np.array([np.inf, -np.inf])),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", BAD)
+def test_input_that_is_not_finite_is_held(name: str, method: str) -> None:
+    channel, index, value = BAD[name]
+    motion = still(6, [0.0, -0.045, 0.052], flexion=np.full((5, 3), 0.4))
+    motion = still(1, FREE).then(motion)
+    bad = motion._replace(**{channel: getattr(motion, channel).copy()})
+    getattr(bad, channel)[(slice(2, 4), *index)] = value
+    fine, found = (HandSolver(HAND, BALL.arrays(), SolverOptions(method=method)).run(*moved) for moved in (motion, bad))
+    np.testing.assert_array_equal(found.status & STATUS_HELD > 0, [False, False, True, True, False, False, False])
+    for kept in ("position", "orientation", "flexion", "abduction", "joints", "total"):
+        np.testing.assert_array_equal(getattr(found, kept), getattr(fine, kept))
+
+
+def test_a_first_input_that_is_not_finite_is_held_too() -> None:
+    # The graphic hand is then where hands begin, at the origin.
+    solver = HandSolver(HAND, BALL.transformed(np.eye(3), [0.0, 0.0, 0.4]).arrays(), SolverOptions())
+    record = solver.run(*still(1, [np.nan, 0.0, 0.0]).then(still(1, [0.0, 0.0, -0.1])))
+    assert record.status[0] & STATUS_HELD
+    assert np.isfinite(record.joints).all()
+    np.testing.assert_allclose(record.position[1], [0.0, 0.0, -0.1], atol=1e-12)
+
+
+def test_set_haptic_reports_what_it_refuses() -> None:
+    solver = HandSolver(HAND, BALL.arrays(), SolverOptions())
+    position, orientation, flexion, abduction = (values[0] for values in still(1, FREE))
+    nowhere = np.full(3, np.nan)
+    assert set_haptic(solver.hand, position, orientation, flexion, abduction, solver.states[0]) == 0
+    assert set_haptic(solver.hand, nowhere, orientation, flexion, abduction, solver.states[0]) == STATUS_HELD
+    np.testing.assert_array_equal(solver.states[0].haptic.position, FREE)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_starting_inside_begins_at_a_free_place(method: str) -> None:
+    motion = still(300, [0.0, -0.02, 0.02], flexion=np.full((5, 3), 0.5))
+    solver = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method))
+    record = solver.run(*motion)
+    inside = record.status & STATUS_START_INSIDE > 0
+    assert inside[0]
+    assert not inside[1:].any()
+    assert record_clearance(HAND, BALL, record).min() >= 0.0
+    # As near as it can come: it ends in contact, and no further away than the ball is wide.
+    assert record.work[-1, WORK_TOUCHING] > 0
+    assert np.linalg.norm(record.position[-1] - motion.position[-1]) < 0.08
+
+
+def test_a_joint_beyond_its_limit_is_shown_at_the_limit() -> None:
+    wild = np.where(np.arange(15).reshape(5, 3) % 2 == 0, 9.0, -9.0)
+    for position in (FREE, [0.0, -0.045, 0.052]):
+        motion = still(1, FREE).then(still(60, position, flexion=wild))
+        record = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*motion)
+        assert (record.flexion >= HAND.flexion_min - 1e-9).all()
+        assert (record.flexion <= HAND.flexion_max + 1e-9).all()
+    free = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*still(2, FREE, flexion=wild))
+    np.testing.assert_allclose(free.flexion[1], np.where(wild > 0.0, HAND.flexion_max, HAND.flexion_min), atol=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_a_tick_counts(method: str) -> None:
+    goal = still(1, [0.0, -0.045, 0.052], flexion=np.full((5, 3), 0.5))
+    motion = straight_line(still(1, FREE), goal, 200).then(still(50, *(v[0] for v in goal)))
+    record = solver_at(BALL, motion, method=method).run(*motion)
+    clearance = record_clearance(HAND, BALL, record)
+    touched = clearance.min(axis=1) <= TOUCH
+    np.testing.assert_array_equal(record.work[:, WORK_TOUCHING] > 0, touched)
+    assert touched[-1]
+    assert record.work[-1, WORK_CANDIDATES] >= record.work[-1, WORK_TOUCHING]
+    assert (record.work[:, WORK_LINEARISATIONS] <= SolverOptions().linearisations).all()
+    lag = record.status & STATUS_LAG > 0
+    np.testing.assert_array_equal(record.lag[lag] > 0.0, True)
+    assert not record.status[-1]
+
+
+def wall(spacing: float = 3e-3, radius: float = 2.3e-3) -> SphereTree:
+    """A leaf of spheres in the plane z = 0, 0.36 m wide, without a hole; thinner than a finger."""
+    ticks = np.arange(-0.18, 0.18, spacing)
+    x, y = (axis.ravel() for axis in np.meshgrid(ticks, ticks))
+    return sphere_tree(np.stack([x, y, np.zeros_like(x)], axis=1), np.full(x.size, radius))
+
+
+@pytest.fixture(scope="module")
+def leaf() -> SphereTree:
+    return wall()
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("ticks", "depth"), [(1, 0.25), (80, 0.2), (40, 0.2), (2, 0.5)])
+def test_no_speed_carries_the_hand_through_a_thin_leaf(leaf: SphereTree, method: str, ticks: int, depth: float) -> None:
+    # A jump of half a metre across it, and swipes of 5 and 10 m/s.
+    turn = Rotation.from_rotvec([0.4, 0.3, 0.1]).as_quat(scalar_first=True)
+    flexion = np.full((5, 3), 0.3)
+    start = still(1, [0.0, 0.0, 0.25], orientation=turn, flexion=flexion)
+    end = still(1, [0.0, 0.0, -depth], orientation=turn, flexion=flexion)
+    motion = straight_line(start, end, ticks + 1).then(still(20, *(v[0] for v in end)))
+    record = solver_at(leaf, start, method=method).run(*motion)
+    assert record_clearance(HAND, leaf, record).min() >= -1e-6
+    assert (record.joints[..., 2] > 0.0).all()
+    assert (record.position[:, 2] > 0.0).all()
+    assert record.position[-1, 2] < 0.15, "it comes up to the leaf"
+
+
+def test_a_hand_that_is_where_it_should_be_is_not_stuck() -> None:
+    joints = HAND.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
+    ahead = (joints[1, 3] - joints[1, 2]) / np.linalg.norm(joints[1, 3] - joints[1, 2])
+    for gap in (0.0, 1e-9, 1e-7, 1e-6):
+        reach = 0.005 + HAND.radius[1, 3] + gap
+        tree = sphere_tree((joints[1, 3] + reach * ahead)[None], np.array([0.005]))
+        solver = HandSolver(HAND, tree.arrays(), SolverOptions())
+        solver.run(*still(1, -0.1 * ahead))
+        record = solver.run(*still(40, np.zeros(3)))
+        assert not (record.status[5:] & (STATUS_STUCK | STATUS_LAG)).any()
+        assert record_clearance(HAND, tree, record).min() >= 0.0
