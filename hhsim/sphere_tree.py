@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
-from hhsim.kernels.tree import TreeArrays
+from hhsim.kernels.tree import STACK_SIZE, TreeArrays
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -148,8 +148,19 @@ class SphereTree:
         return self.radius[self.leaf_start :]
 
     def arrays(self) -> TreeArrays:
-        """Return the tree as the kernels read it, copied."""
+        """Return the tree as the kernels read it, copied.
+
+        Raises:
+            InputError: Too wide and deep for a walk of the kernels, which check no bounds.
+        """
         child_count = np.bincount(self.parent[1:], minlength=len(self.radius)).astype(np.int64)
+        widest = int(child_count.max())
+        waiting = max(widest - 1, 0) * self.depth + 1
+        if waiting > STACK_SIZE:
+            raise InputError(
+                f"sphere tree: {self.depth} levels of up to {widest:,} children need {waiting:,} places in a walk of "
+                f"{STACK_SIZE:,}: build it with a smaller branching"
+            )
         first_child = np.searchsorted(self.parent, np.arange(len(self.radius))).astype(np.int64)
         first_child[child_count == 0] = -1
         x, y, z = (np.ascontiguousarray(self.center[:, k]).copy() for k in range(3))

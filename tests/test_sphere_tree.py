@@ -29,6 +29,16 @@ def assert_equal(one: SphereTree, other: SphereTree) -> None:
     assert (one.errors, one.mesh_sha256, dict(one.options)) == (other.errors, other.mesh_sha256, dict(other.options))
 
 
+def test_a_tree_too_wide_for_the_walk_never_reaches_the_kernels() -> None:
+    def star(leaves: int) -> SphereTree:
+        level = np.concatenate([[0], np.ones(leaves, dtype=np.int64)])
+        return SphereTree(np.zeros((leaves + 1, 3)), np.ones(leaves + 1), level, level - 1)
+
+    assert star(1024).arrays().child_count[0] == 1024
+    with pytest.raises(InputError, match="1 levels of up to 1,025 children need 1,025 places in a walk of 1,024"):
+        star(1025).arrays()
+
+
 def test_views() -> None:
     tree = random_tree()
     assert (tree.depth, tree.leaf_count) == (2, 30)
