@@ -4,12 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, bumpy_ball, record_clearance, sphere_tree, still, straight_line
+from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, sphere_tree, still, straight_line
 
 from hhsim.hand import HandModel
+from hhsim.kernels.contact import COUNT_PAIR_TESTS
 from hhsim.kernels.tick import (
+    STATUS_FULL,
     STATUS_HELD,
     STATUS_LAG,
     STATUS_START_INSIDE,
@@ -17,12 +21,15 @@ from hhsim.kernels.tick import (
     TOUCH,
     WORK_CANDIDATES,
     WORK_LINEARISATIONS,
+    WORK_QP_ITERATIONS,
     WORK_TOUCHING,
+    run_block,
     set_haptic,
 )
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions
 from hhsim.sphere_tree import SphereTree
+from hhsim.workspace import tick_record
 
 Array = NDArray[np.float64]
 
@@ -38,6 +45,36 @@ def solver_at(tree: SphereTree, start: Motion, **options: Any) -> HandSolver:
     record = solver.run(*start.part(0, 1))
     assert record.status[0] == 0
     return solver
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(METHODS))
+@settings(max_examples=30)
+def test_in_free_space_the_hand_goes_all_the_way(seed: int, method: str) -> None:
+    random = np.random.default_rng(seed)
+    target = random_targets(HAND, 1, seed, sweep=True)
+    target = target._replace(position=random.normal(0.0, 0.02, (1, 3)) + [[0.0, 0.0, 0.5]])
+    solver = solver_at(BALL, still(1, FREE), method=method)
+    record = solver.run(*target)
+    assert record.status[0] == 0
+    assert record.lag[0] == 0.0
+    np.testing.assert_allclose(record.position, target.position, atol=1e-15)
+    np.testing.assert_allclose(record.flexion, target.flexion, atol=1e-12)
+    np.testing.assert_allclose(record.abduction, target.abduction, atol=1e-12)
+    same = np.abs(np.sum(record.orientation * target.orientation, axis=1))
+    np.testing.assert_allclose(same, 1.0, atol=1e-12)
+    np.testing.assert_allclose(record.joints[0], HAND.joints(*(values[0] for values in target)), atol=1e-12)
+
+
+def test_a_hand_that_never_touches_tests_no_pair() -> None:
+    random = np.random.default_rng(0)
+    motion = still(500, FREE)
+    motion.position[:] += np.cumsum(random.normal(0.0, 1e-3, (500, 3)), axis=0) * [1.0, 1.0, 0.0]
+    record = solver_at(BALL, motion).run(*motion)
+    assert not record.work[:, COUNT_PAIR_TESTS].any()
+    assert not record.work[:, [WORK_CANDIDATES, WORK_TOUCHING, WORK_QP_ITERATIONS]].any()
+    assert (record.work[:, WORK_LINEARISATIONS] == 1).all()
+    assert not record.status.any()
+    np.testing.assert_allclose(record.position, motion.position, atol=1e-15)
 
 
 @pytest.mark.parametrize("scale", [1.0, -1.0, 3.0, 1e-3])
@@ -159,6 +196,29 @@ def test_no_speed_carries_the_hand_through_a_thin_leaf(leaf: SphereTree, method:
     assert (record.joints[..., 2] > 0.0).all()
     assert (record.position[:, 2] > 0.0).all()
     assert record.position[-1, 2] < 0.15, "it comes up to the leaf"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_jump_through_empty_air_takes_one_tick(method: str) -> None:
+    solver = solver_at(BALL, still(1, FREE), method=method)
+    record = solver.run(*still(1, [0.5, 0.0, 0.4]))
+    np.testing.assert_allclose(record.position[0], [0.5, 0.0, 0.4], atol=1e-12)
+    # Past the ball, with the ball in the way of the straight line: free in the end, however many ticks it takes.
+    record = solver.run(*still(200, [-0.2, 0.0, 0.0]))
+    assert record_clearance(HAND, BALL, record).min() >= -1e-6
+
+
+def test_more_contacts_than_there_is_room_for_end_the_block() -> None:
+    tip = HAND.joints(FREE, [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
+    crowd = sphere_tree(np.repeat((tip - [0.0, 0.0, 0.05])[None], 5000, axis=0), np.full(5000, 1e-3))
+    solver = HandSolver(HAND, crowd.arrays(), SolverOptions())
+    motion = straight_line(still(1, FREE), still(1, np.array(FREE) - [0.0, 0.0, 0.06]), 60)
+    solver.run(*motion.part(0, 1))
+    record = tick_record(60)
+    done = run_block(solver.hand, solver.tree, solver.tick_options, solver.states, solver.qp, *motion, record)
+    assert done < 60
+    assert record.status[done - 1] & STATUS_FULL
+    assert not (record.status[: done - 1] & STATUS_FULL).any()
 
 
 def test_a_hand_that_is_where_it_should_be_is_not_stuck() -> None:

@@ -18,7 +18,7 @@ from sphere_scenes import (
     straight_line,
 )
 
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import HhsimError, InputError, UnknownNameError
 from hhsim.hand import HandModel
 from hhsim.kernels.tick import STATUS_STUCK, TickRecord
 from hhsim.solver import HandSolver
@@ -217,6 +217,15 @@ def test_spheres_in_one_place_and_of_no_size_are_sound() -> None:
     for method in METHODS:
         record = HandSolver(RIGHT, tree.arrays(), SolverOptions(method=method)).run(*random_targets(RIGHT, 300, 9))
         assert_sound(RIGHT, tree, record)
+
+
+def test_too_many_contacts_are_an_error_that_says_what_to_do() -> None:
+    tip = RIGHT.joints([0.0, 0.0, 0.4], [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
+    crowd = sphere_tree(np.repeat((tip - [0.0, 0.0, 0.05])[None], 5000, axis=0), np.full(5000, 1e-3))
+    solver = HandSolver(RIGHT, crowd.arrays(), SolverOptions())
+    motion = straight_line(still(1, [0.0, 0.0, 0.4]), still(1, [0.0, 0.0, 0.34]), 60)
+    with pytest.raises(HhsimError, match=r"margin.*coarser"):
+        solver.run(*motion)
 
 
 def test_place_puts_the_graphic_hand_where_it_is_told() -> None:

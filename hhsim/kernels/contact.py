@@ -63,6 +63,7 @@ CANDIDATES = np.dtype(
         ("palm_distance", np.float64, (PALM_PAIRS,)),
         ("count", np.int64, (BODY_COUNT,)),
         ("slack", np.float64, (BODY_COUNT,)),
+        ("fresh", np.float64, (BODY_COUNT,)),
         ("nearest", np.float64, (BODY_COUNT,)),
         ("scratch", np.int64, (PHALANX_PAIRS,)),
         ("stack", np.int64, (STACK_SIZE,)),
@@ -82,6 +83,7 @@ CANDIDATES = np.dtype(
 | palm_distance | signed distance [m] |
 | count | pairs of each body |
 | slack | least distance that any leaf left out can still have [m]; negative infinity: to be gathered |
+| fresh | slack when the body was gathered [m] |
 | nearest | least signed distance of each body, infinite where it has no pair [m] |
 | scratch, stack | of a walk |
 """
@@ -222,6 +224,10 @@ def count_within(distance: Array, count: int, limit: float) -> int:
     return within
 
 
+FAR = 4.0
+"""A body whose clearance is this many times the reach of a walk has no lists to lose by another walk."""
+
+
 @jit
 def evaluate(
     hand: HandArrays,
@@ -249,7 +255,9 @@ def evaluate(
         0, or FULL.
     """
     for body in range(BODY_COUNT):
-        if candidates.slack[body] >= margin:
+        # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
+        spent = candidates.fresh[body] > FAR * (margin + skin) and candidates.slack[body] < 0.5 * candidates.fresh[body]
+        if candidates.slack[body] >= margin and not spent:
             continue
         work[COUNT_GATHERS] += 1
         gathered = False
@@ -260,6 +268,7 @@ def evaluate(
                 gathered = _gather_palm(hand, pose, tree, reach, candidates, work)
         if not gathered:
             return FULL
+        candidates.fresh[body] = candidates.slack[body]
     for body in range(PALM_BODY):
         count = candidates.count[body]
         if count == 0:

@@ -115,6 +115,7 @@ TICK_STATE = np.dtype(
         ("hold_abduction", np.bool_),
         ("together", np.bool_),
         ("accepted", np.bool_),
+        ("full", np.bool_),
         ("bad_steps", np.int64),
         ("work", np.int64, (WORK_COUNTERS,)),
         ("stiffness", np.float64, (DOF,)),
@@ -142,6 +143,7 @@ TICK_STATE = np.dtype(
 | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
 | together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
 | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
+| full | this tick met more pairs than the arrays hold |
 | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
 | work | counters of this tick |
 | stiffness | G |
@@ -198,6 +200,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.hold_abduction = False
     state.together = False
     state.accepted = False
+    state.full = False
     state.bad_steps = 0
     state.work[:] = 0
     state.step.duration[:] = 0
@@ -343,6 +346,7 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
     state.lag = max(state.unclipped_motion if state.clipped else longest, longest) - fraction * longest
     done = False
     if status != 0:
+        state.full = True
         done = True
     elif least_distance(candidates) >= 0.0:
         copy_configuration(state.pose, state.safe)
@@ -377,6 +381,8 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
         _take_back(state)
         if evaluate_pose(hand, tree, options, state) != 0:
             status |= STATUS_FULL
+    if state.full:
+        status |= STATUS_FULL
     if not state.accepted:
         status |= STATUS_STUCK
     elif state.lag > 0.0:
