@@ -85,7 +85,7 @@ def _tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Any, 
             break
         if advance(hand, tree, options, state):
             break
-    return int(status | finish_tick(hand, tree, options, state))
+    return int(status | finish_tick(hand, tree, options, state, qp))
 
 
 def _solve_coupled(state: Any, backend: str) -> bool:
@@ -122,6 +122,8 @@ def _solve_progressive(options: TickOptions, state: Any, qp: QpWork, backend: st
     for finger in range(FINGER_COUNT):
         if not solved:
             break
+        if state.contacts.start[finger + 1] == state.contacts.start[finger + 2]:
+            continue
         problem, rows = finger_problem(state, finger, state.step.delta[:6])
         first = 6 + PHALANX_COUNT * finger
         solved = _take(state, problem, rows, slice(first, first + PHALANX_COUNT), backend)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.errors import HhsimError
 from hhsim.kernels.contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.kernels.tick import (
@@ -85,8 +86,7 @@ def replay(
         "hand/palm_center": palm_center,
         "hand/palm_radius": arrays.palm_radius,
     }
-    written: dict[str, list[Array]] = {}
-    lag = []
+    series = TickSeries(total)
     carry = _Carry(np.full((1, 3), np.nan), np.full((1, 5, 3), np.nan))
     with ResultWriter(destination, scene=described, static=static, phases=ticks.phases) as writer:
         for first in range(0, total, CHUNK_TICKS):
@@ -96,14 +96,15 @@ def replay(
             record = solver.run(
                 ticks.position[part], ticks.orientation[part], ticks.flexion[part], ticks.abduction[part]
             )
+            if not np.isfinite(record.joints).all():
+                raise HhsimError(
+                    f"the graphic hand is not finite after tick {first}: please report this with the command"
+                )
             block, carry = _block(scene, part, record, tree, palm_center, arrays.palm_radius, carry)
             writer.append(block)
-            for name, values in block.items():
-                written.setdefault(name, []).append(values)
-            lag.append(record.lag)
+            series.keep(part, block, record.lag)
         if progress is not None:
             progress("ticks", total, total)
-        series = TickSeries({name: np.concatenate(values) for name, values in written.items()}, np.concatenate(lag))
         summary = summarise(scene, options, series, prepared)
         path = writer.finish(summary.attributes())
     return summary.at(path)

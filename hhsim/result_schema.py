@@ -37,7 +37,13 @@ def _hand(of: str, whose: str) -> tuple[Column, ...]:
 TICK_COLUMNS: tuple[Column, ...] = (
     Column("time", (), "<f8", "s", "time of the tick since the start of the trajectory"),
     Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0"),
-    Column("status", (), "<i4", "1", "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full"),
+    Column(
+        "status",
+        (),
+        "<i4",
+        "1",
+        "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held",
+    ),
     *_hand("haptic", "haptic (measured)"),
     *_hand("graphic", "graphic (shown)"),
     Column(
@@ -48,7 +54,13 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("penetration_finger", (5,), "<f8", "m", "deepest penetration of each finger"),
     Column("force/phalanx", (5, 3, 3), "<f8", "N", "contact force on each phalanx, finger by phalanx, world"),
     Column("force/fingertip_normal", (5, 3), "<f8", "N", "normal force at each fingertip, world"),
-    Column("force/palm_wrench", (6,), "<f8", "N,N·m", "force (first three) and moment about the palm centre, world"),
+    Column(
+        "force/palm_wrench",
+        (6,),
+        "<f8",
+        "N,N·m",
+        "coupling force (first three) and moment about the palm centre (Eq. 1), world",
+    ),
     Column("force/total", (3,), "<f8", "N", "sum of all contact forces on the hand, world"),
     Column("force_variation_rate", (), "<f8", "%", "one-tick change of the total force's size; NaN below 0.01 N"),
     Column("force_variation_finger", (5,), "<f8", "%", "one-tick change of each finger's force size; NaN below 0.01 N"),

@@ -6,15 +6,19 @@ from numpy.typing import NDArray
 from hhsim.errors import HhsimError
 from hhsim.hand import HandModel
 from hhsim.kernels.active_set import new_work
-from hhsim.kernels.contact import CONTACT_ROWS
-from hhsim.kernels.hand import DOF
+from hhsim.kernels.contact import CONTACT_ROWS, PALM_PAIRS
+from hhsim.kernels.hand import DOF, FINGER_COUNT
 from hhsim.kernels.linearise import ROW_CAPACITY
-from hhsim.kernels.tick import STATUS_FULL, STATUS_START_INSIDE, TickOptions, TickRecord, clearance_at, run_block
+from hhsim.kernels.penetration import clearances
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.kernels.tick import STATUS_FULL, STATUS_START_INSIDE, TickOptions, TickRecord, gather_anew, run_block
 from hhsim.kernels.tree import TreeArrays
 from hhsim.solver_options import SolverOptions
 from hhsim.workspace import tick_record, tick_state
 
 FloatArray = NDArray[np.float64]
+
+CONFIGURATION = ("position", "orientation", "flexion", "abduction")
 
 START_LINEARISATIONS = 4000
 """Budget for the way from a free place back to an object that the haptic hand is inside of at the first tick."""
@@ -32,6 +36,7 @@ class HandSolver:
     def __init__(self, hand: HandModel, tree: TreeArrays, options: SolverOptions) -> None:
         """Allocate the workspaces; nothing is computed yet."""
         self.options = options
+        self.model = hand
         self.hand = hand.arrays()
         self.tree = tree
         self.tick_options = options.tick_options()
@@ -74,7 +79,7 @@ class HandSolver:
         pose.flexion[:] = flexion
         pose.abduction[:] = abduction
         self.states[0].warm.count = 0
-        self._clearance()
+        self._settle()
         self._started = True
 
     def _run(self, options: TickOptions, haptic: list[FloatArray], record: TickRecord) -> None:
@@ -90,35 +95,76 @@ class HandSolver:
                 self.hand, self.tree, options, self.states[0], self.qp, self.options.qp, haptic, record
             )
         if record.status[done - 1] & STATUS_FULL:
-            raise HhsimError(
-                f"more than {CONTACT_ROWS} contacts lie within the margin of {self.options.margin * 1e3:g} mm: "
-                "use a smaller --margin or a coarser sphere tree"
-            )
+            raise self._full()
 
     def _clearance(self) -> float:
-        """Signed distance [m] between the graphic hand and the object, or a lower bound of it where that is large."""
-        self.states[0].candidates.slack[:] = -np.inf
-        return float(clearance_at(self.hand, self.tree, self.tick_options, self.states))
+        """Signed distance [m] between the graphic hand and the object's leaves, up to ten times the margin.
+
+        Without the tick's own lists, which are not made for a hand deep inside.
+        """
+        pose = self.states[0].pose
+        joints = self.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
+        rotation = np.empty((3, 3))
+        quaternion_to_matrix(np.array(pose.orientation), rotation)
+        hand, palm, finger = self.hand, np.empty(1), np.empty((1, FINGER_COUNT))
+        clearances(
+            hand.radius,
+            hand.palm_x,
+            hand.palm_y,
+            hand.palm_z,
+            hand.palm_radius,
+            self.tree,
+            np.ascontiguousarray(joints)[None],
+            np.array(pose.position)[None],
+            rotation[None],
+            10.0 * self.options.margin,
+            palm,
+            finger,
+        )
+        return float(min(palm[0], finger.min()))
+
+    def _settle(self) -> None:
+        """Let the tick's lists follow a configuration that was set from outside.
+
+        Raises:
+            HhsimError: More pairs are near than the arrays hold.
+        """
+        if gather_anew(self.hand, self.tree, self.tick_options, self.states) != 0:
+            raise self._full()
+
+    def _full(self) -> HhsimError:
+        return HhsimError(
+            f"more than {CONTACT_ROWS:,} contacts, or {PALM_PAIRS:,} pairs of palm and object spheres, lie within the "
+            f"margin of {self.options.margin * 1e3:g} mm: use a smaller --margin or a coarser sphere tree"
+        )
 
     def _start(self, haptic: list[FloatArray]) -> int:
-        """Put the graphic hand on the haptic one.
+        """Put the graphic hand on the first haptic one that is finite.
 
         Where that is inside the object, start at a free place nearby and come as near as possible.
         """
         self._started = True
-        first = [a[:1] for a in haptic]
+        finite = np.linalg.norm(haptic[1], axis=1) > 1e-6
+        for values in haptic:
+            finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
         pose = self.states[0].pose
-        if all(np.isfinite(a).all() for a in first) and np.linalg.norm(first[1]) > 1e-6:
-            pose.position[:] = first[0][0]
-            pose.orientation[:] = first[1][0] / np.linalg.norm(first[1])
-            pose.flexion[:] = np.clip(first[2][0], self.hand.flexion_min, self.hand.flexion_max)
-            pose.abduction[:] = first[3][0]
-        for name in ("position", "orientation", "flexion", "abduction"):
-            self.states[0].haptic[name][:] = pose[name]
-        if self._clearance() >= 0.0:
+        if finite.any():
+            first = [values[int(np.argmax(finite))] for values in haptic]
+            pose.position[:] = first[0]
+            pose.orientation[:] = first[1] / np.linalg.norm(first[1])
+            pose.flexion[:] = np.clip(first[2], self.hand.flexion_min, self.hand.flexion_max)
+            pose.abduction[:] = first[3]
+        haptic_pose = self.states[0].haptic
+        for name in CONFIGURATION:
+            haptic_pose[name][:] = pose[name]
+        inside = self._clearance() < 0.0
+        if inside:
+            self._retreat()
+        self._settle()
+        if not inside:
             return 0
-        self._retreat()
-        self._run(self.tick_options._replace(linearisations=START_LINEARISATIONS), first, tick_record(1))
+        options = self.tick_options._replace(linearisations=START_LINEARISATIONS)
+        self._run(options, [np.array(haptic_pose[name])[None] for name in CONFIGURATION], tick_record(1))
         return STATUS_START_INSIDE
 
     def _retreat(self) -> None:
@@ -126,7 +172,8 @@ class HandSolver:
         pose = self.states[0].pose
         origin = pose.position.copy()
         directions = [np.array(d) - 1.0 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
-        away = pose.joints.reshape(-1, 3).mean(axis=0) - np.array([self.tree.x[0], self.tree.y[0], self.tree.z[0]])
+        joints = self.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
+        away = joints.reshape(-1, 3).mean(axis=0) - np.array([self.tree.x[0], self.tree.y[0], self.tree.z[0]])
         if np.linalg.norm(away) > 0.0:
             directions.insert(0, away)
         step = self.options.margin
@@ -143,4 +190,3 @@ class HandSolver:
                     break
                 shift += max(step, -clearance)
         pose.position[:] = nearest
-        self._clearance()

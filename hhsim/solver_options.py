@@ -84,9 +84,8 @@ class SolverOptions:
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} is {value:g} m: it must be positive and finite")
         if self.offset * 10.0 > self.margin:
-            raise InputError(
-                f"offset {self.offset:g} m is too near the margin {self.margin:g} m: at most a tenth of it"
-            )
+            least = 1e4 * self.offset
+            raise InputError(f"a margin of {1e3 * self.margin:g} mm is too small: at least {least:g} mm, ten offsets")
 
     def tick_options(self) -> TickOptions:
         """The kernels' form. QP tolerances are 1e-8 of the margin, and what may be given up 1e-6 of it, times √k_t."""

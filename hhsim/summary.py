@@ -20,19 +20,47 @@ Array = NDArray[Any]
 
 HOLD = "hold"
 """Phases of this name are held; the others move."""
+PAPER_RATE = 1000.0
+"""Ticks per second of the paper's haptic loop [Hz]."""
 REFERENCE_TICKS = 16
 """Ticks of the hold at which the reference optimum is computed."""
 
 
-@dataclass(frozen=True)
-class TickSeries:
-    """All ticks of a replay: the result file's datasets by name, and the distance still to go [m], shape (T,)."""
+SERIES = (
+    *("status", "force/total", "force_variation_rate", "penetration_depth", "duration/total", "duration/total_cpu"),
+    *("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction"),
+    *("contacts/candidates", "contacts/touching", "work/node_tests", "work/pair_tests"),
+)
+"""Datasets of the result file that the table is made from."""
 
-    columns: dict[str, Array]
+
+class TickSeries:
+    """What the table needs of every tick: some of the result file's datasets, and the distance still to go [m].
+
+    Args:
+        ticks: How many there will be.
+    """
+
     lag: Array
+    """Distance still to go [m], shape (T,)."""
+
+    def __init__(self, ticks: int) -> None:
+        """Nothing is kept yet."""
+        self.ticks = ticks
+        self.lag = np.zeros(ticks)
+        self._columns: dict[str, Array] = {}
+
+    def keep(self, part: slice, block: dict[str, Array], lag: Array) -> None:
+        """Keep the ticks of a block, a slice of all ticks."""
+        for name in SERIES:
+            values = block[name]
+            if name not in self._columns:
+                self._columns[name] = np.zeros((self.ticks, *values.shape[1:]), values.dtype)
+            self._columns[name][part] = values
+        self.lag[part] = lag
 
     def __getitem__(self, name: str) -> Array:
-        return self.columns[name]
+        return self._columns[name]
 
 
 @dataclass(frozen=True)
@@ -95,7 +123,7 @@ class ReplaySummary:
 
 def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared: WarmUp) -> ReplaySummary:
     """Compute the table."""
-    ticks = len(series["time"])
+    ticks = series.ticks
     holds = [(p.first_tick, p.last_tick) for p in scene.ticks.phases if p.name == HOLD]
     hold = np.zeros(ticks, bool)
     for first, last in holds:
@@ -107,7 +135,7 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
     wall = metrics.tick_statistics(series["duration/total"])
     busy_wall = metrics.tick_statistics(series["duration/total"][contact])
     variation = metrics.statistics(series["force_variation_rate"], hold)
-    haptic = HandPoses(series["haptic/position"], series["haptic/orientation"], series["haptic/flexion"])
+    haptic = HandPoses(scene.ticks.position, scene.ticks.orientation, scene.ticks.flexion)
     graphic = HandPoses(series["graphic/position"], series["graphic/orientation"], series["graphic/flexion"])
     off = metrics.tracking_error(haptic, graphic)
     excess = np.full(1, np.nan)
@@ -143,11 +171,11 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
             1e-6,
         ),
         _row("force_hold_mean", "force in the hold, mean", metrics.statistics(size, hold).mean, 2, "N"),
-        *_variation_rows(variation, trembling),
+        *_variation_rows(variation, trembling, scene.ticks.rate),
         _row("force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", ripple, 5, "N"),
         _row("force_step", "largest force step while moving", metrics.force_step(force, ~hold, hold), 1, "% of hold"),
         _row(
-            "tracking_excess", "coupling energy over the optimum, mean", 100.0 * metrics.statistics(excess).mean, 3, "%"
+            "tracking_excess", "coupling energy over the local optimum", 100.0 * metrics.statistics(excess).mean, 3, "%"
         ),
         _row(
             "tracking_palm",
@@ -178,18 +206,20 @@ def _repeated_with_tremor(
     return tremor_variation(scene.hand, scene.tree.arrays(), options, held, shown, abduction[part], scene.ticks.rate)
 
 
-def _variation_rows(variation: Statistics, trembling: Statistics | None) -> tuple[SummaryRow, ...]:
+def _variation_rows(variation: Statistics, trembling: Statistics | None, rate: float) -> tuple[SummaryRow, ...]:
     """Of a hold with frozen input and its repetition with tremor; of a live hold where the input is not frozen."""
+    # A change per tick depends on how long a tick is: the paper's figure is one of 1 kHz.
+    mean, spread = ("0.18", "0.32") if rate == PAPER_RATE else ("", "")
     if trembling is None:
         return (
-            _row("force_variation_hold", "force variation in the hold, mean", variation.mean, 4, "%", "0.18"),
-            _row("force_variation_hold_std", "force variation in the hold, std", variation.std, 4, "%", "0.32"),
+            _row("force_variation_hold", "force variation in the hold, mean", variation.mean, 4, "%", mean),
+            _row("force_variation_hold_std", "force variation in the hold, std", variation.std, 4, "%", spread),
         )
     label = "force variation in the hold, trembling hand"
     return (
         _row("force_variation_hold", "force variation in the hold, frozen input", variation.mean, 6, "%"),
-        _row("force_variation_tremor", f"{label}, mean", trembling.mean, 4, "%", "0.18"),
-        _row("force_variation_tremor_std", f"{label}, std", trembling.std, 4, "%", "0.32"),
+        _row("force_variation_tremor", f"{label}, mean", trembling.mean, 4, "%", mean),
+        _row("force_variation_tremor_std", f"{label}, std", trembling.std, 4, "%", spread),
     )
 
 
@@ -197,7 +227,8 @@ def _row(
     name: str, label: str, value: float, digits: int, unit: str = "", paper: str = "", scale: float = 1.0
 ) -> SummaryRow:
     number = float(value)
-    shown = "—" if np.isnan(number) else f"{number:,.{digits}f}"
+    # Rounded first: what rounds to nothing has no sign.
+    shown = "—" if np.isnan(number) else f"{round(number, digits) + 0.0:,.{digits}f}"
     return SummaryRow(name, label, number * scale, shown, unit, paper)
 
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hhsim.hand import HandModel
-from hhsim.kernels.penetration import clearances, penetration_depths
+from hhsim.kernels.hand import HandArrays
+from hhsim.kernels.penetration import clearances
 from hhsim.kernels.tree import TreeArrays
 
 Array = NDArray[np.float64]
@@ -140,6 +141,15 @@ def random_hands(hand: HandModel, ticks: int, seed: int) -> tuple[Array, Array]:
         pose[t, :, :3] = Rotation.from_quat([x, y, z, w]).as_matrix()
         joints[t] = hand.joints(pose[t, :, 3].copy(), np.array([w, x, y, z]), flexion, abduction)
     return joints, pose
+
+
+def penetration_depths(
+    hand: HandArrays, tree: TreeArrays, joints: Array, position: Array, rotation: Array, palm: Array, finger: Array
+) -> None:
+    """Clearances of a whole hand, none looked for beyond 0, as depths; written to palm (T,) and finger (T, 5)."""
+    spheres = (hand.palm_x, hand.palm_y, hand.palm_z, hand.palm_radius)
+    clearances(hand.radius, *spheres, tree, joints, position, rotation, 0.0, palm, finger)
+    palm[:], finger[:] = 0.0 - palm, 0.0 - finger
 
 
 def test_depths_of_the_real_hand_equal_brute_force(hand: HandModel) -> None:

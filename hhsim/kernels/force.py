@@ -1,12 +1,15 @@
 """Forces of the object on the hand.
 
-`kkt`: the multipliers of the quadratic program, f = Σ λ_i n_i. They balance the coupling of Eq. 1 exactly (G (q_g -
-q_h) = Jᵀ λ) and vary continuously, because a contact enters and leaves with λ = 0.
+`kkt`: the multipliers of the quadratic program, f = Σ λ_i n_i. They vary continuously, because a contact enters and
+leaves with λ = 0. With `coupled` they balance the coupling of Eq. 1 exactly at rest, G (q_g - q_h) = Jᵀ λ. With
+`progressive` each program balances its own variables: finger contacts hold the joints' torques and do not push the
+palm, whose wrench balances the palm's contacts alone; totals of the two methods are therefore not the same quantity.
 
 `paper`: Eq. 14, f_i = k |p_g - p_h| n_i over the spheres in touch, p_g the contact point on the graphic phalanx and p_h
 the same point of the haptic phalanx. It jumps whenever a sphere joins or leaves that set.
 
-Both: the fingertip's normal force of Fig. 9, perpendicular to the distal phalanx, and the palm's wrench of Eq. 1.
+Both: the fingertip's normal force of Fig. 9, perpendicular to the distal phalanx, and the palm's wrench of Eq. 1, which
+is the coupling's whether anything touches or not: while the graphic hand lags behind in free air it is not zero.
 """
 
 import math

@@ -7,6 +7,7 @@ the CPU, and set before the first decorator runs.
 
 import hashlib
 import os
+import stat
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -46,6 +47,10 @@ def cache_root() -> Path:
         pass
     fallback = Path(tempfile.gettempdir()) / f"hhsim-{os.getuid()}"
     fallback.mkdir(mode=0o700, parents=True, exist_ok=True)
+    state = fallback.lstat()
+    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o077:
+        # Compiled kernels are run as they are found: never take them from a folder that another user can write.
+        return Path(tempfile.mkdtemp(prefix="hhsim-"))
     return fallback
 
 
@@ -68,7 +73,16 @@ def _host_cpu() -> str:
 KERNEL_CACHE: Path = cache_root() / "kernels" / _digest()
 """Where the compiled kernels of exactly these sources lie."""
 
-numba.config.CACHE_DIR = str(KERNEL_CACHE)
+
+def _compile(function: F, **options: Any) -> F:
+    # Only while the decorator runs: other packages of the process keep their own cache folder.
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(KERNEL_CACHE)
+    try:
+        compiled: F = numba.njit(cache=True, error_model="numpy", nogil=True, **options)(function)
+    finally:
+        numba.config.CACHE_DIR = before
+    return compiled
 
 
 def is_cached() -> bool:
@@ -82,12 +96,12 @@ def jit(function: F) -> F:
     numba compiles a callee once more for every literal integer it is given, and for every shape of a structured array's
     field. Callers therefore wrap literals in `as_int64` and pass such fields as `field[:]`, where the callee is large.
     """
-    return numba.njit(cache=True, error_model="numpy", nogil=True)(function)
+    return _compile(function)
 
 
 def jit_inline(function: F) -> F:
     """Compile a small function that callers should absorb."""
-    return numba.njit(cache=True, error_model="numpy", nogil=True, inline="never", forceinline=True)(function)
+    return _compile(function, inline="never", forceinline=True)
 
 
 def jit_vector(function: F) -> F:
@@ -96,5 +110,4 @@ def jit_vector(function: F) -> F:
     Only for plain loops over arrays: NaN, infinities and signed zeros keep their meaning, and no tolerance is tested
     inside.
     """
-    flags = {"reassoc", "contract", "arcp"}
-    return numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=flags)(function)
+    return _compile(function, fastmath={"reassoc", "contract", "arcp"})

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .distance import cone_slope
-from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays
+from .hand import FINGER_COUNT, PHALANX_COUNT
 from .jit import jit
 from .tree import STACK_SIZE, TreeArrays, nearest_leaf_round_cone
 
@@ -91,38 +91,3 @@ def clearances(
                     stack,
                 )[0]
             finger_out[tick, f] = best
-
-
-@jit
-def penetration_depths(
-    hand: HandArrays,
-    tree: TreeArrays,
-    joints: Array,
-    position: Array,
-    rotation: Array,
-    palm_out: Array,
-    finger_out: Array,
-) -> None:
-    """Penetration depth [m], max(0, -signed distance), of the palm, shape (T,), and of each finger, shape (T, 5).
-
-    Arguments as `clearances`. NaN stays NaN: a hand that is nowhere is not a hand that is free.
-    """
-    clearances(
-        hand.radius,
-        hand.palm_x,
-        hand.palm_y,
-        hand.palm_z,
-        hand.palm_radius,
-        tree,
-        joints,
-        position,
-        rotation,
-        0.0,
-        palm_out,
-        finger_out,
-    )
-    for tick in range(joints.shape[0]):
-        # 0.0 - x and not -x: a free body has depth 0, not minus 0.
-        palm_out[tick] = 0.0 - palm_out[tick]
-        for f in range(FINGER_COUNT):
-            finger_out[tick, f] = 0.0 - finger_out[tick, f]

@@ -4,8 +4,6 @@ What lives from tick to tick is kept in one structured array: a kernel gets a si
 pass, and count references to, every array in it on every call.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -84,17 +82,21 @@ def move(pose: Record, step: Array, abduction_step: Array, fraction: float) -> N
             pose.flexion[f, k] += fraction * step[6 + 3 * f + k]
 
 
+LARGEST = 1e6
+"""Metres and radians beyond this are no reading of a hand: their squares would not stay finite for long."""
+
+
 @jit
 def is_finite_configuration(position: Array, orientation: Array, flexion: Array, abduction: Array) -> bool:
-    """Whether every number is finite and the quaternion is not zero."""
+    """Whether every number is one that a hand can have: finite, not absurdly large, and no zero quaternion."""
     square = 0.0
     total = 0.0
     for i in range(3):
-        total += position[i]
+        total += abs(position[i])
     for i in range(4):
         square += orientation[i] * orientation[i]
     for f in range(FINGER_COUNT):
-        total += abduction[f]
+        total += abs(abduction[f])
         for k in range(PHALANX_COUNT):
-            total += flexion[f, k]
-    return math.isfinite(total) and math.isfinite(square) and square > 1e-12
+            total += abs(flexion[f, k])
+    return total < LARGEST and 1e-12 < square < LARGEST

@@ -2,11 +2,12 @@
 
 A tick is a short sequence of linearisations. Each one finds the contacts within the margin, builds the quadratic
 program, solves it by the chosen method and takes the step, shortened so that no point of the hand moves further than
-the pairs at hand can vouch for: no feature of the object can be jumped over. After each step the *true* distances
-decide. A configuration without penetration becomes the last feasible one; from a penetrating one (the second order of a
-rotation) the next linearisation corrects; if it does not come free, the step is taken back and tried shorter. A program
-that fails is never followed. Since the tick starts from a feasible configuration and ends at the last feasible one, the
-graphic hand never penetrates.
+the pairs at hand can vouch for: no feature of the object can be jumped over. (Between the ends of a step a rotation can
+graze a sphere to second order in the step: about a micrometre at the default margin, and in proportion to its square.)
+After each step the *true* distances decide. A configuration without penetration becomes the last feasible one; from a
+penetrating one (the second order of a rotation) the next linearisation corrects; if it does not come free, the step is
+taken back and tried shorter. A program that fails is never followed. Since the tick starts from a feasible
+configuration and ends at the last feasible one, the graphic hand never penetrates.
 """
 
 import math
@@ -46,6 +47,8 @@ STATUS_START_INSIDE = 8
 """The haptic hand began inside the object; the graphic hand began at a free place nearby."""
 STATUS_FULL = 16
 """More pairs were near than the arrays hold."""
+STATUS_ABDUCTION_HELD = 32
+"""The abduction of the haptic hand was not followed, since that left no feasible step."""
 
 TOUCH = 1e-5
 """Pairs nearer than this [m] count as touching."""
@@ -100,7 +103,6 @@ TICK_STATE = np.dtype(
         ("step", STEP),
         ("warm", ACTIVE_CONTACTS),
         ("active", ACTIVE_CONTACTS),
-        ("unclipped", ACTIVE_CONTACTS),
         ("unclipped_motion", np.float64),
         ("clipped", np.bool_),
         ("coupled", COUPLED_WORK),
@@ -134,7 +136,7 @@ TICK_STATE = np.dtype(
 | problem, step | the program and the step that solves it |
 | warm | contacts active in the last program, to start the next one from |
 | active | contacts active at the last accepted step: they carry the forces |
-| unclipped, unclipped_motion | those of the program with the true target, and how far its step would go [m] |
+| unclipped_motion | how far the step of the program with the true target would go [m] |
 | clipped | the program at hand has a nearer target, see `clip_target` |
 | coupled, progressive, correction | workspaces of the methods |
 | forces | of this tick |
@@ -199,6 +201,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.relaxed = False
     state.hold_abduction = False
     state.together = False
+    state.progressive.variables = 6
     state.accepted = False
     state.full = False
     state.bad_steps = 0
@@ -274,7 +277,8 @@ def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
     if moved > 0.0:
         _take_back(state)
         state.trust *= 0.25
-        return evaluate_pose(hand, tree, options, state) == 0
+        state.full = evaluate_pose(hand, tree, options, state) != 0
+        return not state.full
     if not state.hold_abduction:
         state.hold_abduction = True
         return True
@@ -308,14 +312,13 @@ def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> bool:
     True where the program is to be solved anew.
 
     Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
-    target mends all of it. The forces stay those of the true target.
+    target mends all of it. A tick that ends like this lags; `finish_tick` computes its forces from what touches.
     """
     if state.clipped:
         return False
     fraction, longest = _shortening(hand, options, state)
     if fraction >= 0.5:
         return False
-    keep_active(state.contacts, state.step, state.unclipped)
     state.clipped = True
     state.unclipped_motion = longest
     problem = state.problem
@@ -343,7 +346,8 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
         candidates.slack[body] -= moved
         state.since_safe[body] += moved
     status = evaluate_pose(hand, tree, options, state)
-    state.lag = max(state.unclipped_motion if state.clipped else longest, longest) - fraction * longest
+    wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
+    state.lag = wanted - fraction * longest
     done = False
     if status != 0:
         state.full = True
@@ -352,68 +356,27 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
         copy_configuration(state.pose, state.safe)
         for body in range(BODY_COUNT):
             state.since_safe[body] = 0.0
-        copy_active(state.unclipped if state.clipped else state.warm, state.active)
+        copy_active(state.warm, state.active)
         state.accepted = True
         state.bad_steps = 0
         unhindered = state.contacts.start[FINGER_COUNT + 1] == 0
         done = fraction == 1.0 and not state.clipped and (unhindered or longest <= options.settled)
+        if not done and state.lag == 0.0:
+            # A whole step, but not a short one: were this the budget's last, up to as much could still be to go.
+            state.lag = longest
+        elif done:
+            state.lag = 0.0
     else:
         state.bad_steps += 1
         if state.bad_steps > 3:
             state.together = True
             _take_back(state)
+            state.lag = wanted
             state.trust *= 0.25
-            done = evaluate_pose(hand, tree, options, state) != 0
+            state.full = evaluate_pose(hand, tree, options, state) != 0
+            done = state.full
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
-
-
-@jit
-def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
-    """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
-    began = monotonic_ns()
-    status = 0
-    candidates = state.candidates
-    unsafe = 0.0
-    for body in range(BODY_COUNT):
-        unsafe += state.since_safe[body]
-    if unsafe > 0.0:
-        _take_back(state)
-        if evaluate_pose(hand, tree, options, state) != 0:
-            status |= STATUS_FULL
-    if state.full:
-        status |= STATUS_FULL
-    if not state.accepted:
-        status |= STATUS_STUCK
-    elif state.lag > 0.0:
-        status |= STATUS_LAG
-    touching = 0
-    for body in range(PALM_BODY):
-        if candidates.nearest[body] <= TOUCH:
-            touching += count_within(candidates.distance[body], candidates.count[body], TOUCH)
-    if candidates.nearest[PALM_BODY] <= TOUCH:
-        touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], TOUCH)
-    state.work[WORK_TOUCHING] = touching
-    state.work[WORK_QP_ITERATIONS] = state.step.iterations
-    detected = monotonic_ns()
-    if options.force_model == FORCE_PAPER:
-        find_contacts(hand, state.pose, candidates, TOUCH, tree.radius.shape[0], state.contacts)
-    hand_forces(
-        hand,
-        state.pose,
-        state.haptic,
-        state.active,
-        state.contacts,
-        options.force_model,
-        TOUCH,
-        options.contact_stiffness,
-        state.stiffness,
-        state.scratch,
-        state.forces,
-    )
-    state.step.duration[DURATION_DETECT] += detected - began
-    state.step.duration[DURATION_FORCE] += monotonic_ns() - detected
-    return status
 
 
 @jit
@@ -448,6 +411,102 @@ def _solve(options: TickOptions, state: Record, qp: QpWork) -> int:
 
 
 @jit
+def _cap_lag(state: Record) -> None:
+    # A program's step can be longer than any way that is left, where a soft direction is all but free: no point of the
+    # hand has further to go than from where it is shown to where the user has it.
+    far = 0.0
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            square = 0.0
+            for i in range(3):
+                square += (state.pose.joints[f, k, i] - state.haptic.joints[f, k, i]) ** 2
+            far = max(far, square)
+    state.lag = min(state.lag, math.sqrt(far))
+
+
+@jit
+def _settle_forces(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> None:
+    # A tick that ends on its way shows a configuration that is no optimum, and the multipliers of its last program
+    # belong to another one. What touches at the configuration shown bears the coupling as far as it can: one more
+    # program, of the touching contacts only, that standing still satisfies, so that the forces stay within the
+    # coupling's own. The same where the palm has yielded to a finger: it stands at the edge of what the finger's own
+    # program allows, and there that program's multipliers grow without bound.
+    contacts = find_contacts(hand, state.pose, state.candidates, TOUCH, tree.radius.shape[0], state.contacts)
+    state.active.count = 0
+    if contacts != 0 or state.contacts.start[FINGER_COUNT + 1] == 0:
+        return
+    _aim(state)
+    for f in range(FINGER_COUNT):
+        state.problem.abduction_step[f] = 0.0
+    build_rows(hand, state.pose, state.contacts, options.offset, True, state.problem)
+    for j in range(DOF):
+        state.problem.target[j] /= state.problem.inverse_root[j]
+    for f in range(FINGER_COUNT):
+        if state.contacts.start[f + 2] == state.contacts.start[f + 1]:
+            clamp_to_limits(hand, state.pose, f, state.problem.target[:])
+    together = state.together
+    state.together = True
+    if _solve(options, state, qp) == OPTIMAL:
+        keep_active(state.contacts, state.step, state.active)
+    state.together = together
+
+
+@jit
+def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> int:
+    """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
+    began = monotonic_ns()
+    status = 0
+    candidates = state.candidates
+    unsafe = 0.0
+    for body in range(BODY_COUNT):
+        unsafe += state.since_safe[body]
+    if unsafe > 0.0:
+        _take_back(state)
+        if evaluate_pose(hand, tree, options, state) != 0:
+            status |= STATUS_FULL
+    if state.full:
+        status |= STATUS_FULL
+    if not state.accepted:
+        status |= STATUS_STUCK
+    elif state.lag > 0.0:
+        status |= STATUS_LAG
+    if state.accepted and state.hold_abduction:
+        status |= STATUS_ABDUCTION_HELD
+    if status & (STATUS_STUCK | STATUS_LAG):
+        _cap_lag(state)
+    touching = 0
+    for body in range(PALM_BODY):
+        if candidates.nearest[body] <= TOUCH:
+            touching += count_within(candidates.distance[body], candidates.count[body], TOUCH)
+    if candidates.nearest[PALM_BODY] <= TOUCH:
+        touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], TOUCH)
+    state.work[WORK_TOUCHING] = touching
+    detected = monotonic_ns()
+    strained = state.progressive.variables > 6 and options.method == METHOD_PROGRESSIVE
+    if (status & STATUS_LAG or strained) and options.force_model != FORCE_PAPER:
+        _settle_forces(hand, tree, options, state, qp)
+    if options.force_model == FORCE_PAPER:
+        find_contacts(hand, state.pose, candidates, TOUCH, tree.radius.shape[0], state.contacts)
+    hand_forces(
+        hand,
+        state.pose,
+        state.haptic,
+        state.active,
+        state.contacts,
+        options.force_model,
+        TOUCH,
+        options.contact_stiffness,
+        state.stiffness,
+        state.scratch,
+        state.forces,
+    )
+    state.step.duration[DURATION_DETECT] += detected - began
+    state.work[WORK_QP_ITERATIONS] = state.step.iterations
+    state.step.duration[DURATION_FORCE] += monotonic_ns() - detected
+    return status
+
+
+@jit
 def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> int:
     """Bring the graphic hand as near to the haptic hand (`set_haptic`) as the object allows; returns status bits."""
     begin_tick(options, state)
@@ -468,18 +527,17 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record
             break
         if advance(hand, tree, options, state):
             break
-    return status | finish_tick(hand, tree, options, state)
+    return status | finish_tick(hand, tree, options, state, qp)
 
 
 @jit
-def clearance_at(hand: HandArrays, tree: TreeArrays, options: TickOptions, states: NDArray[np.void]) -> float:
-    """Least signed distance [m] at the present configuration, or a lower bound of it where no pair is near."""
+def gather_anew(hand: HandArrays, tree: TreeArrays, options: TickOptions, states: NDArray[np.void]) -> int:
+    """Take the graphic hand's configuration as it now stands: kinematics, near pairs, distances; returns 0 or FULL."""
     state = states[0]
-    evaluate_pose(hand, tree, options, state)
-    clearance = least_distance(state.candidates)
     for body in range(BODY_COUNT):
-        clearance = min(clearance, state.candidates.slack[body])
-    return clearance
+        state.candidates.slack[body] = -np.inf
+        state.candidates.fresh[body] = 0.0
+    return evaluate_pose(hand, tree, options, state)
 
 
 class TickRecord(NamedTuple):
