@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import textwrap
 from pathlib import Path
 
@@ -121,3 +122,23 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature() -> None:
     signatures = {line.split()[0]: int(line.split()[1]) for line in found.splitlines()}
     assert signatures["tick.run_block"] == 1
     assert {name: count for name, count in signatures.items() if count > 1} == {}
+
+
+def test_a_temporary_cache_that_others_can_write_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    in_the_way = tmp_path / "file"
+    in_the_way.touch()
+    monkeypatch.setenv("HHSIM_CACHE_DIR", str(in_the_way / "below"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    usual = tmp_path / f"hhsim-{os.getuid()}"
+    usual.mkdir()
+    usual.chmod(0o777)
+    found = cache_root()
+    assert found != usual
+    assert found.stat().st_mode & 0o077 == 0
+    usual.chmod(0o700)
+    assert cache_root() == usual
+
+
+def test_other_packages_keep_their_own_numba_cache_folder() -> None:
+    code = "import numba as n; old = n.config.CACHE_DIR; import hhsim.kernels.tick; print(n.config.CACHE_DIR == old)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "True\n"

@@ -1,0 +1,88 @@
+"""Ticks that end on their way, and hands that begin where they cannot be: bounded forces, honest lag, finite poses."""
+
+import math
+
+import numpy as np
+import pytest
+from sphere_scenes import bumpy_ball, random_targets, record_clearance, still
+
+from hhsim.hand import HandModel
+from hhsim.kernels.tick import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.object_catalogue import load_object
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+HAND = HandModel.default()
+METHODS = ("coupled", "progressive")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_hand_that_begins_in_the_middle_comes_to_the_surface(method: str) -> None:
+    # Thousands of palm pairs overlap there: more than the tick's lists are made for.
+    tree = cached_sphere_tree(load_object("sphere").mesh, TreeOptions(level=3))
+    solver = HandSolver(HAND, tree.arrays(), SolverOptions(method=method))
+    record = solver.run(*still(5, np.zeros(3)))
+    assert record.status[0] & STATUS_START_INSIDE
+    assert np.isfinite(record.joints).all()
+    assert record_clearance(HAND, tree, record).min() >= 0.0
+    assert record_clearance(HAND, tree, record).min() < 1e-5
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_forces_never_exceed_what_the_coupling_can_pull(method: str, seed: int) -> None:
+    tree = bumpy_ball(1200)
+    options = SolverOptions(method=method)
+    motion = random_targets(HAND, 2400, seed)
+    record = HandSolver(HAND, tree.arrays(), options).run(*motion)
+    assert (record.status & STATUS_LAG > 0).any(), "the scene hardly provokes"
+    # Each joint's torque acts on contacts that are at least a sixth of a phalanx away from it, or on several at once.
+    palm = np.linalg.norm(record.palm_wrench[:, :3], axis=1) + np.linalg.norm(record.palm_wrench[:, 3:], axis=1) / 0.02
+    torque = options.stiffness.flexion * np.abs(motion[2] - record.flexion).sum(axis=(1, 2))
+    assert (np.linalg.norm(record.total, axis=1) <= palm + torque / 0.005).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_lag_is_no_farther_than_the_users_hand(method: str) -> None:
+    tree = bumpy_ball(300)
+    motion = random_targets(HAND, 1200, 4)
+    record = HandSolver(HAND, tree.arrays(), SolverOptions(method=method)).run(*motion)
+    haptic = np.array([HAND.joints(*(part[t] for part in motion)) for t in range(1200)])
+    far = np.linalg.norm(haptic - record.joints, axis=3).max(axis=(1, 2))
+    lagging = record.status & (STATUS_LAG | STATUS_STUCK) > 0
+    assert lagging.any()
+    assert (record.lag[lagging] > 0.0).all()
+    assert (record.lag[lagging] <= far[lagging] + 1e-9).all()
+    assert (record.lag[~lagging] == 0.0).all()
+
+
+def test_what_does_not_touch_bears_no_force_on_the_way() -> None:
+    tree = bumpy_ball(300)
+    record = HandSolver(HAND, tree.arrays(), SolverOptions()).run(*random_targets(HAND, 2400, 7))
+    clearance = record_clearance(HAND, tree, record).min(axis=1)
+    free = (record.status & STATUS_LAG > 0) & (clearance > 2e-5)
+    assert free.any()
+    assert (np.linalg.norm(record.total[free], axis=1) == 0.0).all()
+
+
+@pytest.mark.parametrize("value", [1e200, -1e7, math.inf, math.nan])
+def test_absurd_input_is_held(value: float) -> None:
+    tree = bumpy_ball(300)
+    motion = still(10, np.array([0.0, 0.0, 0.3]))
+    motion[0][4:6, 1] = value
+    record = HandSolver(HAND, tree.arrays(), SolverOptions()).run(*motion)
+    assert (record.status[4:6] & STATUS_HELD > 0).all()
+    assert np.isfinite(record.joints).all()
+    np.testing.assert_array_equal(record.joints[5], record.joints[3])
+
+
+def test_a_hand_waits_for_its_first_finite_sample_where_that_is() -> None:
+    tree = bumpy_ball(300)
+    motion = still(6, np.array([0.0, 0.0, 0.3]))
+    motion[0][:2] = np.nan
+    record = HandSolver(HAND, tree.arrays(), SolverOptions()).run(*motion)
+    assert (record.status[:2] & STATUS_HELD > 0).all()
+    assert not (record.status & STATUS_START_INSIDE).any()
+    np.testing.assert_allclose(record.position, np.tile([0.0, 0.0, 0.3], (6, 1)), atol=1e-12)
+    assert record_clearance(HAND, tree, record).min() > 0.0
