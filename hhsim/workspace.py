@@ -13,7 +13,10 @@ def tick_state(stiffness: NDArray[np.float64]) -> Any:
 
     All bodies still to be gathered.
     """
-    states = np.zeros(1, TICK_STATE).view(np.recarray)
+    # Written, and not only asked for: the system would else hand out the pages one by one, in the ticks that are timed.
+    memory = np.empty(1, TICK_STATE)
+    memory.view(np.uint8)[:] = 0
+    states = memory.view(np.recarray)
     state = states[0]
     for pose in (state.pose, state.safe, state.haptic):
         pose.orientation[0] = 1.0
