@@ -54,7 +54,7 @@ def command(
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
     """
     from hhsim.destination import check_destination, dated_destination
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+    from hhsim.tree_builder import TreeOptions, cache_path, cached_sphere_tree
 
     announce_compilation(quiet=quiet)
     mesh, usual_level = read_object(object_, unit, size)
@@ -64,6 +64,7 @@ def command(
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
     check_destination(path)
     _check_replaceable(path)
+    cached = cache_path(mesh, wanted).exists()
     start = time.perf_counter()
     with progress(quiet=quiet) as report:
         tree = cached_sphere_tree(mesh, wanted, report)
@@ -84,6 +85,7 @@ def command(
                 "leaves": tree.leaf_count,
                 "levels": [vars(error) for error in tree.errors],
                 "seconds": seconds,
+                "cached": cached,
                 "path": str(path),
             }
         )
@@ -91,7 +93,9 @@ def command(
         print_table(COLUMNS, _rows(tree), title=f"{mesh.name}: {len(mesh.faces):,} triangles", numbers=COLUMNS)
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
-        print(f"{tree.leaf_count:,} leaves in {seconds:.1f} s, written to {path}")
+        print("the levels above the leaves hold what is below them; for a coarser model build one with --level")
+        how = "read from the cache" if cached else f"built in {seconds:.1f} s"
+        print(f"{tree.leaf_count:,} leaves, {how}, written to {path}")
 
 
 COLUMNS = (
