@@ -12,24 +12,13 @@ from numpy.typing import NDArray
 
 from hhsim.contact_problem import coupled_problem, finger_problem, palm_problem
 from hhsim.kernels.active_set import OPTIMAL, QpWork
+from hhsim.kernels.block import TickRecord, record_tick
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.hand import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.progressive import solve_progressive
 from hhsim.kernels.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
-from hhsim.kernels.tick import (
-    METHOD_COUPLED,
-    STATUS_FULL,
-    TickOptions,
-    TickRecord,
-    advance,
-    begin_tick,
-    clip_target,
-    finish_tick,
-    prepare,
-    record_tick,
-    recover,
-    set_haptic,
-)
+from hhsim.kernels.tick import advance, begin_tick, clip_target, finish_tick, prepare, recover, set_haptic
+from hhsim.kernels.tick_state import METHOD_COUPLED, STATUS_FULL, TickOptions
 from hhsim.kernels.tree import TreeArrays
 from hhsim.qp import QpProblem, QpStatus, solve
 
@@ -50,7 +39,7 @@ def run_block_with_backend(
     haptic: list[FloatArray],
     record: TickRecord,
 ) -> int:
-    """Run one tick for each haptic configuration with `backend`; as `kernels.tick.run_block`."""
+    """Run one tick for each haptic configuration with `backend`; as `kernels.block.run_block`."""
     position, orientation, flexion, abduction = haptic
     for i in range(len(position)):
         cpu, wall = thread_cpu_ns(), monotonic_ns()

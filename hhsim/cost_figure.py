@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
 from hhsim.hand import HandModel
-from hhsim.kernels.tick import WORK_CANDIDATES
+from hhsim.kernels.tick_state import WORK_CANDIDATES
 from hhsim.object_catalogue import load_object
 from hhsim.rendering import save_figure
 from hhsim.scene import Scene, make_scene

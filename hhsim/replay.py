@@ -12,15 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
+from hhsim.interrupt import interruptible_between
+from hhsim.kernels.block import TickRecord
 from hhsim.kernels.contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick import (
-    WORK_CANDIDATES,
-    WORK_LINEARISATIONS,
-    WORK_QP_ITERATIONS,
-    WORK_TOUCHING,
-    TickRecord,
-)
+from hhsim.kernels.tick_state import WORK_CANDIDATES, WORK_LINEARISATIONS, WORK_QP_ITERATIONS, WORK_TOUCHING
 from hhsim.kernels.tree import TreeArrays
 from hhsim.metrics import force_variation_rate, penetration
 from hhsim.result import CHUNK_TICKS, ResultWriter
@@ -89,20 +85,22 @@ def replay(
     series = TickSeries(total)
     carry = _Carry(np.full((1, 3), np.nan), np.full((1, 5, 3), np.nan))
     with ResultWriter(destination, scene=described, static=static, phases=ticks.phases) as writer:
-        for first in range(0, total, CHUNK_TICKS):
-            if progress is not None:
-                progress("ticks", first, total)
-            part = slice(first, min(first + CHUNK_TICKS, total))
-            record = solver.run(
-                ticks.position[part], ticks.orientation[part], ticks.flexion[part], ticks.abduction[part]
-            )
-            if not np.isfinite(record.joints).all():
-                raise HhsimError(
-                    f"the graphic hand is not finite after tick {first}: please report this with the command"
+        with interruptible_between() as check_interrupt:
+            for first in range(0, total, CHUNK_TICKS):
+                if progress is not None:
+                    progress("ticks", first, total)
+                part = slice(first, min(first + CHUNK_TICKS, total))
+                record = solver.run(
+                    ticks.position[part], ticks.orientation[part], ticks.flexion[part], ticks.abduction[part]
                 )
-            block, carry = _block(scene, part, record, tree, palm_center, arrays.palm_radius, carry)
-            writer.append(block)
-            series.keep(part, block, record.lag)
+                if not np.isfinite(record.joints).all():
+                    raise HhsimError(
+                        f"the graphic hand is not finite after tick {first}: please report this with the command"
+                    )
+                block, carry = _block(scene, part, record, tree, palm_center, arrays.palm_radius, carry)
+                writer.append(block)
+                series.keep(part, block, record.lag)
+                check_interrupt()
         if progress is not None:
             progress("ticks", total, total)
         summary = summarise(scene, options, series, prepared)

@@ -6,12 +6,14 @@ from numpy.typing import NDArray
 from hhsim.errors import HhsimError
 from hhsim.hand import HandModel
 from hhsim.kernels.active_set import new_work
+from hhsim.kernels.block import TickRecord, run_block
 from hhsim.kernels.contact import CONTACT_ROWS, PALM_PAIRS
 from hhsim.kernels.hand import DOF, FINGER_COUNT
 from hhsim.kernels.linearise import ROW_CAPACITY
 from hhsim.kernels.penetration import clearances
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.tick import STATUS_FULL, STATUS_START_INSIDE, TickOptions, TickRecord, gather_anew, run_block
+from hhsim.kernels.tick import gather_anew
+from hhsim.kernels.tick_state import STATUS_FULL, STATUS_START_INSIDE, TickOptions
 from hhsim.kernels.tree import TreeArrays
 from hhsim.solver_options import SolverOptions
 from hhsim.workspace import tick_record, tick_state

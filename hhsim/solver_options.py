@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.force import FORCE_KKT, FORCE_PAPER
-from hhsim.kernels.tick import METHOD_COUPLED, METHOD_PROGRESSIVE, TickOptions
+from hhsim.kernels.tick_state import METHOD_COUPLED, METHOD_PROGRESSIVE, TickOptions
 
 METHODS = {"coupled": METHOD_COUPLED, "progressive": METHOD_PROGRESSIVE}
 FORCES = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}

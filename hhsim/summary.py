@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim import metrics
-from hhsim.kernels.tick import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.kernels.tick_state import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.metrics import HandPoses, Statistics
 from hhsim.scene import Scene
 from hhsim.solver_options import SolverOptions

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.tick import TICK_STATE, WORK_COUNTERS, TickRecord
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import TICK_STATE, WORK_COUNTERS
 
 
 def tick_state(stiffness: NDArray[np.float64]) -> Any:

@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.hand import HandModel
 from hhsim.kernels import tick as kernel
+from hhsim.kernels.block import TickRecord
 from hhsim.kernels.contact import evaluate
 from hhsim.kernels.coupled import solve_coupled
 from hhsim.kernels.pose import update_kinematics
 from hhsim.kernels.progressive import solve_progressive
-from hhsim.kernels.tick import METHOD_COUPLED, TickRecord
+from hhsim.kernels.tick_state import METHOD_COUPLED
 from hhsim.solver import HandSolver
 from hhsim.sphere_tree import SphereTree, enclosing_radius
 

@@ -7,7 +7,8 @@ from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, 
 
 from hhsim.errors import UnknownNameError
 from hhsim.hand import HandModel
-from hhsim.kernels.tick import STATUS_HELD, TickRecord
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_HELD
 from hhsim.qp import available_backends
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions

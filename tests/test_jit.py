@@ -120,7 +120,7 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature() -> None:
     )
     found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     signatures = {line.split()[0]: int(line.split()[1]) for line in found.splitlines()}
-    assert signatures["tick.run_block"] == 1
+    assert signatures["block.run_block"] == 1
     assert {name: count for name, count in signatures.items() if count > 1} == {}
 
 

@@ -18,7 +18,7 @@ from sphere_scenes import Motion, bumpy_ball, still, straight_line
 
 from hhsim.hand import HandModel
 from hhsim.kernels.jit import cache_root
-from hhsim.kernels.tick import STATUS_START_INSIDE
+from hhsim.kernels.tick_state import STATUS_START_INSIDE
 from hhsim.sphere_tree import SphereTree
 
 Array = NDArray[Any]

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, palm_spheres, still, straight_line
 
 from hhsim.hand import HandModel
-from hhsim.kernels.tick import TOUCH, TickRecord
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import TOUCH
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions
 from hhsim.sphere_tree import SphereTree

@@ -11,8 +11,10 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, sphere_tree, still, straight_line
 
 from hhsim.hand import HandModel
+from hhsim.kernels.block import run_block
 from hhsim.kernels.contact import COUNT_PAIR_TESTS
-from hhsim.kernels.tick import (
+from hhsim.kernels.tick import set_haptic
+from hhsim.kernels.tick_state import (
     STATUS_FULL,
     STATUS_HELD,
     STATUS_LAG,
@@ -23,8 +25,6 @@ from hhsim.kernels.tick import (
     WORK_LINEARISATIONS,
     WORK_QP_ITERATIONS,
     WORK_TOUCHING,
-    run_block,
-    set_haptic,
 )
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions

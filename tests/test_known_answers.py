@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, brute_pairs, sphere_tree, still, straight_line
 
 from hhsim.hand import HandModel
-from hhsim.kernels.tick import TickRecord
+from hhsim.kernels.block import TickRecord
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions, Stiffness
 from hhsim.sphere_tree import SphereTree

@@ -7,7 +7,7 @@ import pytest
 from sphere_scenes import bumpy_ball, random_targets, record_clearance, still
 
 from hhsim.hand import HandModel
-from hhsim.kernels.tick import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.kernels.tick_state import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.object_catalogue import load_object
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions

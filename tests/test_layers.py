@@ -29,7 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # One tick of it, and what is measured.
     ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics"),
     # Runs and their files.
-    ("replay", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
+    ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
     # Pictures of them.
     ("replay_figure", "cost_figure"),
 )

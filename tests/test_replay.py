@@ -13,7 +13,7 @@ from sphere_scenes import brute_clearance, bumpy_ball
 
 from hhsim import metrics
 from hhsim.hand import HandModel
-from hhsim.kernels.tick import STATUS_LAG, STATUS_STUCK
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
 from hhsim.replay import modelled, replay
 from hhsim.result import CHUNK_TICKS, Result, load_result
 from hhsim.result_schema import TICK_COLUMNS

@@ -12,7 +12,7 @@ import pytest
 from sphere_scenes import brute_clearance
 
 from hhsim.hand import HandModel
-from hhsim.kernels.tick import STATUS_FULL, STATUS_STUCK
+from hhsim.kernels.tick_state import STATUS_FULL, STATUS_STUCK
 from hhsim.object_catalogue import load_object, object_names
 from hhsim.replay import replay
 from hhsim.result import Result, load_result

@@ -20,7 +20,8 @@ from sphere_scenes import (
 
 from hhsim.errors import HhsimError, InputError, UnknownNameError
 from hhsim.hand import HandModel
-from hhsim.kernels.tick import STATUS_STUCK, TickRecord
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_STUCK
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions, Stiffness
 from hhsim.sphere_tree import SphereTree

@@ -11,145 +11,41 @@ configuration and ends at the last feasible one, the graphic hand never penetrat
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .active_set import OPTIMAL, QpWork
-from .clock import monotonic_ns, thread_cpu_ns
-from .contact import CANDIDATES, CONTACTS, count_within, evaluate, find_contacts
-from .coupled import COUPLED_WORK, solve_coupled
-from .force import FORCE_PAPER, FORCES, hand_forces
+from .clock import monotonic_ns
+from .contact import count_within, evaluate, find_contacts
+from .coupled import solve_coupled
+from .force import FORCE_PAPER, hand_forces
 from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
 from .jit import Record, jit
-from .linearise import PROBLEM, build_rows, clamp_to_limits
-from .pose import HAND_POSE, copy_configuration, is_finite_configuration, move, update_kinematics
-from .progressive import PROGRESSIVE_WORK, solve_progressive
+from .linearise import build_rows, clamp_to_limits
+from .pose import copy_configuration, is_finite_configuration, move, update_kinematics
+from .progressive import solve_progressive
 from .rotation import rotation_vector_between
-from .second_order import CORRECTION_WORK
-from .step import ACTIVE_CONTACTS, DURATION_DETECT, DURATION_FORCE, STEP, copy_active, keep_active
+from .step import DURATION_DETECT, DURATION_FORCE, copy_active, keep_active
+from .tick_state import (
+    METHOD_COUPLED,
+    METHOD_PROGRESSIVE,
+    STATUS_ABDUCTION_HELD,
+    STATUS_FULL,
+    STATUS_HELD,
+    STATUS_LAG,
+    STATUS_STUCK,
+    TOUCH,
+    WORK_CANDIDATES,
+    WORK_LINEARISATIONS,
+    WORK_QP_ITERATIONS,
+    WORK_TOUCHING,
+    TickOptions,
+)
 from .tree import TreeArrays
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-METHOD_COUPLED = 0
-METHOD_PROGRESSIVE = 1
-
-STATUS_STUCK = 1
-"""The tick kept the last feasible configuration although the haptic hand asked for a motion."""
-STATUS_LAG = 2
-"""The work budget ended with a shortened step: there is distance still to go."""
-STATUS_HELD = 4
-"""The input was not finite; the last good one was used."""
-STATUS_START_INSIDE = 8
-"""The haptic hand began inside the object; the graphic hand began at a free place nearby."""
-STATUS_FULL = 16
-"""More pairs were near than the arrays hold."""
-STATUS_ABDUCTION_HELD = 32
-"""The abduction of the haptic hand was not followed, since that left no feasible step."""
-
-TOUCH = 1e-5
-"""Pairs nearer than this [m] count as touching."""
-
-WORK_LINEARISATIONS = 3
-WORK_QP_ITERATIONS = 4
-WORK_CANDIDATES = 5
-WORK_TOUCHING = 6
-"""Places in the work counters, behind those of `kernels.contact`."""
-
-WORK_COUNTERS = 7
-
-
-class TickOptions(NamedTuple):
-    """How a tick works; lengths in metres.
-
-    | field | meaning |
-    |---|---|
-    | method | METHOD_COUPLED or METHOD_PROGRESSIVE |
-    | force_model | FORCE_KKT or FORCE_PAPER |
-    | linearisations | the tick's budget |
-    | margin | pairs up to this far enter the program; the longest step near the object |
-    | skin | pairs up to this much farther are kept at hand between ticks |
-    | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
-    | settled | a step shorter than this ends the tick |
-    | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
-    | longest_correction | for curvature, in units of √G δ, see `kernels.second_order` |
-    | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
-    """
-
-    method: int
-    force_model: int
-    linearisations: int
-    margin: float
-    skin: float
-    offset: float
-    settled: float
-    tolerance: float
-    relaxation: float
-    longest_correction: float
-    contact_stiffness: float
-
-
-TICK_STATE = np.dtype(
-    [
-        ("pose", HAND_POSE),
-        ("safe", HAND_POSE),
-        ("haptic", HAND_POSE),
-        ("candidates", CANDIDATES),
-        ("contacts", CONTACTS),
-        ("problem", PROBLEM),
-        ("step", STEP),
-        ("warm", ACTIVE_CONTACTS),
-        ("active", ACTIVE_CONTACTS),
-        ("unclipped_motion", np.float64),
-        ("clipped", np.bool_),
-        ("coupled", COUPLED_WORK),
-        ("progressive", PROGRESSIVE_WORK),
-        ("correction", CORRECTION_WORK),
-        ("forces", FORCES),
-        ("motion", np.float64, (BODY_COUNT,)),
-        ("since_safe", np.float64, (BODY_COUNT,)),
-        ("trust", np.float64),
-        ("lag", np.float64),
-        ("relaxed", np.bool_),
-        ("hold_abduction", np.bool_),
-        ("together", np.bool_),
-        ("accepted", np.bool_),
-        ("full", np.bool_),
-        ("bad_steps", np.int64),
-        ("work", np.int64, (WORK_COUNTERS,)),
-        ("stiffness", np.float64, (DOF,)),
-        ("scratch", np.float64, (3,)),
-    ],
-    align=True,
-)
-"""Everything that lives from tick to tick, and the workspaces.
-
-| field | meaning |
-|---|---|
-| pose | the graphic hand |
-| safe | the last configuration without penetration |
-| haptic | the haptic hand: the last good input |
-| candidates, contacts | near pairs and contact records |
-| problem, step | the program and the step that solves it |
-| warm | contacts active in the last program, to start the next one from |
-| active | contacts active at the last accepted step: they carry the forces |
-| unclipped_motion | how far the step of the program with the true target would go [m] |
-| clipped | the program at hand has a nearer target, see `clip_target` |
-| coupled, progressive, correction | workspaces of the methods |
-| forces | of this tick |
-| motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
-| trust, lag | longest step near the object, distance still to go [m] |
-| relaxed | this tick asks contacts nearer than the offset only not to come nearer |
-| together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
-| hold_abduction | this tick keeps the abduction, since following it left no feasible step |
-| full | this tick met more pairs than the arrays hold |
-| accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
-| work | counters of this tick |
-| stiffness | G |
-"""
 
 
 @jit
@@ -538,77 +434,3 @@ def gather_anew(hand: HandArrays, tree: TreeArrays, options: TickOptions, states
         state.candidates.slack[body] = -np.inf
         state.candidates.fresh[body] = 0.0
     return evaluate_pose(hand, tree, options, state)
-
-
-class TickRecord(NamedTuple):
-    """Where a block of ticks writes its results; names, units and shapes as in the result file, first axis the tick."""
-
-    status: Indices
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
-    joints: Array
-    phalanx: Array
-    fingertip_normal: Array
-    palm_wrench: Array
-    total: Array
-    duration: Indices
-    duration_total: Indices
-    duration_cpu: Indices
-    work: Indices
-    lag: Array
-
-
-@jit
-def record_tick(state: Record, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
-    """Copy the outcome of the last tick to row i of the record; wall and CPU time in ns."""
-    pose, forces = state.pose, state.forces
-    record.status[i] = status
-    record.position[i, :] = pose.position
-    record.orientation[i, :] = pose.orientation
-    record.flexion[i, :, :] = pose.flexion
-    record.abduction[i, :] = pose.abduction
-    record.joints[i, :, :, :] = pose.joints
-    record.phalanx[i, :, :, :] = forces.phalanx
-    record.fingertip_normal[i, :, :] = forces.fingertip_normal
-    record.palm_wrench[i, :] = forces.palm_wrench
-    record.total[i, :] = forces.total
-    record.duration[i, :] = state.step.duration
-    record.duration_total[i] = wall
-    record.duration_cpu[i] = cpu
-    record.work[i, :] = state.work
-    record.lag[i] = state.lag
-
-
-@jit
-def run_block(
-    hand: HandArrays,
-    tree: TreeArrays,
-    options: TickOptions,
-    states: NDArray[np.void],
-    qp: QpWork,
-    position: Array,
-    orientation: Array,
-    flexion: Array,
-    abduction: Array,
-    record: TickRecord,
-) -> int:
-    """Run one tick for each row of the haptic input, shapes (B, 3), (B, 4), (B, 5, 3), (B, 5); returns the ticks done.
-
-    Fewer than B only where the pairs did not fit (STATUS_FULL in the last row). What is timed is all that a haptic loop
-    would do with a sample: taking the input, detection, programs and forces; copying to the record is not part of a
-    tick.
-    """
-    state = states[0]
-    for i in range(position.shape[0]):
-        cpu = thread_cpu_ns()
-        wall = monotonic_ns()
-        status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
-        status |= tick(hand, tree, options, state, qp)
-        wall = monotonic_ns() - wall
-        cpu = thread_cpu_ns() - cpu
-        record_tick(state, status, wall, cpu, i, record)
-        if status & STATUS_FULL:
-            return i + 1
-    return position.shape[0]

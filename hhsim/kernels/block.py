@@ -1,0 +1,91 @@
+"""Blocks of ticks: many in one compiled call, each of them timed and recorded."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active_set import QpWork
+from .clock import monotonic_ns, thread_cpu_ns
+from .hand import HandArrays
+from .jit import Record, jit
+from .tick import set_haptic, tick
+from .tick_state import STATUS_FULL, TickOptions
+from .tree import TreeArrays
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+class TickRecord(NamedTuple):
+    """Where a block of ticks writes its results; names, units and shapes as in the result file, first axis the tick."""
+
+    status: Indices
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
+    joints: Array
+    phalanx: Array
+    fingertip_normal: Array
+    palm_wrench: Array
+    total: Array
+    duration: Indices
+    duration_total: Indices
+    duration_cpu: Indices
+    work: Indices
+    lag: Array
+
+
+@jit
+def record_tick(state: Record, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
+    """Copy the outcome of the last tick to row i of the record; wall and CPU time in ns."""
+    pose, forces = state.pose, state.forces
+    record.status[i] = status
+    record.position[i, :] = pose.position
+    record.orientation[i, :] = pose.orientation
+    record.flexion[i, :, :] = pose.flexion
+    record.abduction[i, :] = pose.abduction
+    record.joints[i, :, :, :] = pose.joints
+    record.phalanx[i, :, :, :] = forces.phalanx
+    record.fingertip_normal[i, :, :] = forces.fingertip_normal
+    record.palm_wrench[i, :] = forces.palm_wrench
+    record.total[i, :] = forces.total
+    record.duration[i, :] = state.step.duration
+    record.duration_total[i] = wall
+    record.duration_cpu[i] = cpu
+    record.work[i, :] = state.work
+    record.lag[i] = state.lag
+
+
+@jit
+def run_block(
+    hand: HandArrays,
+    tree: TreeArrays,
+    options: TickOptions,
+    states: NDArray[np.void],
+    qp: QpWork,
+    position: Array,
+    orientation: Array,
+    flexion: Array,
+    abduction: Array,
+    record: TickRecord,
+) -> int:
+    """Run one tick for each row of the haptic input, shapes (B, 3), (B, 4), (B, 5, 3), (B, 5); returns the ticks done.
+
+    Fewer than B only where the pairs did not fit (STATUS_FULL in the last row). What is timed is all that a haptic loop
+    would do with a sample: taking the input, detection, programs and forces; copying to the record is not part of a
+    tick.
+    """
+    state = states[0]
+    for i in range(position.shape[0]):
+        cpu = thread_cpu_ns()
+        wall = monotonic_ns()
+        status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
+        status |= tick(hand, tree, options, state, qp)
+        wall = monotonic_ns() - wall
+        cpu = thread_cpu_ns() - cpu
+        record_tick(state, status, wall, cpu, i, record)
+        if status & STATUS_FULL:
+            return i + 1
+    return position.shape[0]

@@ -1,0 +1,132 @@
+"""What a tick keeps and is told: its state from tick to tick, its options, its status bits and work counters."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .contact import CANDIDATES, CONTACTS
+from .coupled import COUPLED_WORK
+from .force import FORCES
+from .hand import BODY_COUNT, DOF
+from .linearise import PROBLEM
+from .pose import HAND_POSE
+from .progressive import PROGRESSIVE_WORK
+from .second_order import CORRECTION_WORK
+from .step import ACTIVE_CONTACTS, STEP
+
+METHOD_COUPLED = 0
+METHOD_PROGRESSIVE = 1
+
+STATUS_STUCK = 1
+"""The tick kept the last feasible configuration although the haptic hand asked for a motion."""
+STATUS_LAG = 2
+"""The work budget ended with a shortened step: there is distance still to go."""
+STATUS_HELD = 4
+"""The input was not finite; the last good one was used."""
+STATUS_START_INSIDE = 8
+"""The haptic hand began inside the object; the graphic hand began at a free place nearby."""
+STATUS_FULL = 16
+"""More pairs were near than the arrays hold."""
+STATUS_ABDUCTION_HELD = 32
+"""The abduction of the haptic hand was not followed, since that left no feasible step."""
+
+TOUCH = 1e-5
+"""Pairs nearer than this [m] count as touching."""
+
+WORK_LINEARISATIONS = 3
+WORK_QP_ITERATIONS = 4
+WORK_CANDIDATES = 5
+WORK_TOUCHING = 6
+"""Places in the work counters, behind those of `kernels.contact`."""
+
+WORK_COUNTERS = 7
+
+
+class TickOptions(NamedTuple):
+    """How a tick works; lengths in metres.
+
+    | field | meaning |
+    |---|---|
+    | method | METHOD_COUPLED or METHOD_PROGRESSIVE |
+    | force_model | FORCE_KKT or FORCE_PAPER |
+    | linearisations | the tick's budget |
+    | margin | pairs up to this far enter the program; the longest step near the object |
+    | skin | pairs up to this much farther are kept at hand between ticks |
+    | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
+    | settled | a step shorter than this ends the tick |
+    | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
+    | longest_correction | for curvature, in units of √G δ, see `kernels.second_order` |
+    | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
+    """
+
+    method: int
+    force_model: int
+    linearisations: int
+    margin: float
+    skin: float
+    offset: float
+    settled: float
+    tolerance: float
+    relaxation: float
+    longest_correction: float
+    contact_stiffness: float
+
+
+TICK_STATE = np.dtype(
+    [
+        ("pose", HAND_POSE),
+        ("safe", HAND_POSE),
+        ("haptic", HAND_POSE),
+        ("candidates", CANDIDATES),
+        ("contacts", CONTACTS),
+        ("problem", PROBLEM),
+        ("step", STEP),
+        ("warm", ACTIVE_CONTACTS),
+        ("active", ACTIVE_CONTACTS),
+        ("unclipped_motion", np.float64),
+        ("clipped", np.bool_),
+        ("coupled", COUPLED_WORK),
+        ("progressive", PROGRESSIVE_WORK),
+        ("correction", CORRECTION_WORK),
+        ("forces", FORCES),
+        ("motion", np.float64, (BODY_COUNT,)),
+        ("since_safe", np.float64, (BODY_COUNT,)),
+        ("trust", np.float64),
+        ("lag", np.float64),
+        ("relaxed", np.bool_),
+        ("hold_abduction", np.bool_),
+        ("together", np.bool_),
+        ("accepted", np.bool_),
+        ("full", np.bool_),
+        ("bad_steps", np.int64),
+        ("work", np.int64, (WORK_COUNTERS,)),
+        ("stiffness", np.float64, (DOF,)),
+        ("scratch", np.float64, (3,)),
+    ],
+    align=True,
+)
+"""Everything that lives from tick to tick, and the workspaces.
+
+| field | meaning |
+|---|---|
+| pose | the graphic hand |
+| safe | the last configuration without penetration |
+| haptic | the haptic hand: the last good input |
+| candidates, contacts | near pairs and contact records |
+| problem, step | the program and the step that solves it |
+| warm | contacts active in the last program, to start the next one from |
+| active | contacts active at the last accepted step: they carry the forces |
+| unclipped_motion | how far the step of the program with the true target would go [m] |
+| clipped | the program at hand has a nearer target, see `clip_target` |
+| coupled, progressive, correction | workspaces of the methods |
+| forces | of this tick |
+| motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
+| trust, lag | longest step near the object, distance still to go [m] |
+| relaxed | this tick asks contacts nearer than the offset only not to come nearer |
+| together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
+| hold_abduction | this tick keeps the abduction, since following it left no feasible step |
+| full | this tick met more pairs than the arrays hold |
+| accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
+| work | counters of this tick |
+| stiffness | G |
+"""
