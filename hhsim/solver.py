@@ -11,6 +11,7 @@ from hhsim.kernels.contact import CONTACT_ROWS, PALM_PAIRS
 from hhsim.kernels.hand import DOF, FINGER_COUNT
 from hhsim.kernels.linearise import ROW_CAPACITY
 from hhsim.kernels.penetration import clearances
+from hhsim.kernels.pose import is_finite_configuration
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick import gather_anew
 from hhsim.kernels.tick_state import STATUS_FULL, STATUS_START_INSIDE, TickOptions
@@ -146,12 +147,10 @@ class HandSolver:
         Where that is inside the object, start at a free place nearby and come as near as possible.
         """
         self._started = True
-        finite = np.linalg.norm(haptic[1], axis=1) > 1e-6
-        for values in haptic:
-            finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+        samples = zip(*haptic)
+        first = next((sample for sample in samples if is_finite_configuration(*sample)), None)
         pose = self.states[0].pose
-        if finite.any():
-            first = [values[int(np.argmax(finite))] for values in haptic]
+        if first is not None:
             pose.position[:] = first[0]
             pose.orientation[:] = first[1] / np.linalg.norm(first[1])
             pose.flexion[:] = np.clip(first[2], self.hand.flexion_min, self.hand.flexion_max)

@@ -77,10 +77,11 @@ def test_absurd_input_is_held(value: float) -> None:
     np.testing.assert_array_equal(record.joints[5], record.joints[3])
 
 
-def test_a_hand_waits_for_its_first_finite_sample_where_that_is() -> None:
+@pytest.mark.parametrize("value", [math.nan, 1e7])
+def test_a_hand_waits_for_its_first_sound_sample_where_that_is(value: float) -> None:
     tree = bumpy_ball(300)
     motion = still(6, np.array([0.0, 0.0, 0.3]))
-    motion[0][:2] = np.nan
+    motion[0][:2] = value
     record = HandSolver(HAND, tree.arrays(), SolverOptions()).run(*motion)
     assert (record.status[:2] & STATUS_HELD > 0).all()
     assert not (record.status & STATUS_START_INSIDE).any()

@@ -334,12 +334,11 @@ def _settle_forces(hand: HandArrays, tree: TreeArrays, options: TickOptions, sta
     _aim(state)
     for f in range(FINGER_COUNT):
         state.problem.abduction_step[f] = 0.0
+        if state.contacts.start[f + 2] == state.contacts.start[f + 1]:
+            clamp_to_limits(hand, state.pose, f, state.problem.target[:])
     build_rows(hand, state.pose, state.contacts, options.offset, True, state.problem)
     for j in range(DOF):
         state.problem.target[j] /= state.problem.inverse_root[j]
-    for f in range(FINGER_COUNT):
-        if state.contacts.start[f + 2] == state.contacts.start[f + 1]:
-            clamp_to_limits(hand, state.pose, f, state.problem.target[:])
     together = state.together
     state.together = True
     if _solve(options, state, qp) == OPTIMAL:
@@ -364,6 +363,7 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
         status |= STATUS_FULL
     if not state.accepted:
         status |= STATUS_STUCK
+        state.lag = np.inf
     elif state.lag > 0.0:
         status |= STATUS_LAG
     if state.accepted and state.hold_abduction:
