@@ -1,6 +1,5 @@
 """The `hhsim` command: a group that imports a command only when it is run, and the one place where errors are told."""
 
-import importlib
 import json
 import os
 import signal
@@ -9,14 +8,16 @@ import sys
 import click
 
 from hhsim import __version__
-from hhsim.errors import HhsimError, UnknownNameError
+from hhsim.errors import HhsimError
 
 from .console import prepare_streams
+from .lazy_group import LazyGroup
 
 COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
     "objects": "List the objects that come with hhsim.",
     "trajectories": "List the trajectories that come with hhsim.",
+    "bench": "Measure the methods against each other: speed, error, stress.",
     "build-tree": "Build the sphere tree of an object and measure its error.",
     "info": "Show versions, processor, clock and what is missing.",
     "completion": "Print the script that completes hhsim commands in a shell.",
@@ -28,36 +29,12 @@ INTERRUPTED = 130
 BROKEN_PIPE = 141
 
 
-class LazyGroup(click.Group):
-    """A group whose help needs none of its commands' modules."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the table."""
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import the command."""
-        if cmd_name not in COMMANDS:
-            return None
-        module = importlib.import_module(f".{cmd_name.replace('-', '_')}", __package__)
-        command: click.Command = module.command
-        return command
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command, or name the near ones."""
-        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
-            raise UnknownNameError("command", args[0], COMMANDS)
-        return super().resolve_command(ctx, args)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the table of commands."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
-
-
-@click.group(cls=LazyGroup, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=LazyGroup,
+    lines=COMMANDS,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(__version__, message="hhsim %(version)s")
 @click.pass_context
 def hhsim(context: click.Context) -> None:

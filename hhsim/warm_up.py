@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhsim.hand import HandModel
-from hhsim.kernels.jit import JIT_ENABLED, KERNEL_CACHE, is_cached
+from hhsim.kernels.jit import JIT_ENABLED, cached_kernels
 from hhsim.kernels.tree import TreeArrays
 from hhsim.metrics import penetration
 from hhsim.solver import HandSolver
@@ -24,7 +24,7 @@ class WarmUp:
 def warm_up(hand: HandModel, options: SolverOptions) -> WarmUp:
     """Run one tick of a hand far from a single sphere with every kernel of a replay."""
     began = time.perf_counter()
-    before = _cache_files()
+    before = cached_kernels()
     far = np.array([100.0])
     tree = TreeArrays(far, far, far, np.array([0.01]), np.array([-1]), np.array([0]), 0)
     solver = HandSolver(hand, tree, options)
@@ -33,8 +33,4 @@ def warm_up(hand: HandModel, options: SolverOptions) -> WarmUp:
     arrays = hand.arrays()
     palm = np.stack([arrays.palm_x, arrays.palm_y, arrays.palm_z], axis=1)
     penetration(tree, hand.radius, palm, arrays.palm_radius, block.joints, block.position, block.orientation)
-    return WarmUp(time.perf_counter() - began, JIT_ENABLED and _cache_files() > before)
-
-
-def _cache_files() -> int:
-    return sum(1 for _ in KERNEL_CACHE.rglob("*.nbc")) if is_cached() else 0
+    return WarmUp(time.perf_counter() - began, JIT_ENABLED and cached_kernels() > before)

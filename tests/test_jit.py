@@ -1,5 +1,6 @@
 """The jit factory: where compiled kernels go, what makes them stale, and that each is compiled once."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -16,9 +17,9 @@ from hhsim.kernels.jit import cache_root
 PACKAGE = Path(hhsim.__file__).parent
 
 
-def kernel_cache(root: Path, **environment: str) -> str:
-    """Folder that a copy of the package under `root` would keep its kernels in."""
-    script = "import hhsim.kernels.jit as jit; print(jit.__file__); print(jit.KERNEL_CACHE.name)"
+def kernel_cache(root: Path, module: str = "block", **environment: str) -> str:
+    """Folder that a copy of the package under `root` would keep the kernels of a module in."""
+    script = f"import hhsim.kernels.jit as jit; print(jit.__file__); print(jit.module_cache({module!r}).name)"
     found = subprocess.run(
         [sys.executable, "-c", script],
         cwd=root,
@@ -37,7 +38,7 @@ def copy(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_any_edit_of_a_kernel_makes_all_compiled_kernels_stale(copy: Path) -> None:
+def test_an_edit_of_a_kernel_makes_all_that_call_it_stale(copy: Path) -> None:
     before = kernel_cache(copy)
     assert kernel_cache(copy) == before
     for name in ("distance.py", "tick.py"):
@@ -46,6 +47,22 @@ def test_any_edit_of_a_kernel_makes_all_compiled_kernels_stale(copy: Path) -> No
         after = kernel_cache(copy)
         assert after != before
         before = after
+
+
+def test_an_edit_of_a_kernel_keeps_those_that_do_not_call_it(copy: Path) -> None:
+    before = {module: kernel_cache(copy, module) for module in ("distance", "contact", "cover", "tick")}
+    source = copy / "hhsim" / "kernels" / "contact.py"
+    source.write_text(source.read_text() + "\n# one more line\n")
+    stale = {module for module, folder in before.items() if kernel_cache(copy, module) != folder}
+    assert stale == {"contact", "tick"}
+
+
+def test_kernels_import_each_other_in_the_one_way_that_the_digest_follows() -> None:
+    for source in (PACKAGE / "kernels").glob("*.py"):
+        for node in ast.walk(ast.parse(source.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.level or (node.module or "").startswith("hhsim")):
+                assert node.level == 1 and node.module and "." not in node.module, f"{source.name}:{node.lineno}"
+                assert node.col_offset == 0, f"{source.name}:{node.lineno}"
 
 
 def test_an_edit_elsewhere_keeps_the_compiled_kernels(copy: Path) -> None:

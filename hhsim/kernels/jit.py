@@ -1,12 +1,14 @@
 """The one jit factory of the kernels.
 
 numba's file cache sees edits of the file that holds a function but not of the functions it calls, and would then return
-yesterday's callee. The cache folder is therefore named by a digest of all kernel sources, the numba version and
-the CPU, and set before the first decorator runs.
+yesterday's callee. The kernels of a module therefore lie in a folder named by a digest of that module's source, of the
+sources of all kernel modules that it imports, directly or not, of the numba version and of the CPU.
 """
 
+import functools
 import hashlib
 import os
+import re
 import stat
 import tempfile
 from collections.abc import Callable
@@ -23,6 +25,8 @@ as_int64 = cast(Callable[[int], int], np.int64)
 """Takes an integer literal to a plain integer, so that numba does not compile a callee once more for it."""
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+SOURCES = Path(__file__).parent
 
 JIT_ENABLED = not numba.config.DISABLE_JIT
 
@@ -54,30 +58,56 @@ def cache_root() -> Path:
     return fallback
 
 
-def _digest() -> str:
+@functools.cache
+def _imports(module: str) -> tuple[str, ...]:
+    """Kernel modules that a kernel module imports; all of them do it by `from .name import …`."""
+    found = re.findall(r"^from \.(\w+) import ", (SOURCES / f"{module}.py").read_text(), re.MULTILINE)
+    return tuple(dict.fromkeys(found))
+
+
+@functools.cache
+def module_digest(module: str) -> str:
+    """Digest of all that the compiled kernels of a module depend on."""
+    closure: set[str] = set()
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        if name not in closure:
+            closure.add(name)
+            waiting.extend(_imports(name))
     digest = hashlib.sha256(numba.__version__.encode())
     digest.update(str(numba.config.CPU_NAME or _host_cpu()).encode())
     digest.update(str(numba.config.BOUNDSCHECK).encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(source.name.encode())
-        digest.update(source.read_bytes())
+    for name in sorted(closure):
+        digest.update(name.encode())
+        digest.update((SOURCES / f"{name}.py").read_bytes())
     return digest.hexdigest()[:16]
 
 
+@functools.cache
 def _host_cpu() -> str:
     from llvmlite import binding
 
     return f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
 
 
-KERNEL_CACHE: Path = cache_root() / "kernels" / _digest()
-"""Where the compiled kernels of exactly these sources lie."""
+KERNEL_CACHE: Path = cache_root() / "kernels"
+"""Where compiled kernels lie, each module's in its own folder."""
+
+_folders: set[Path] = set()
+
+
+def module_cache(module: str) -> Path:
+    """Folder of the compiled kernels of exactly this source of a module."""
+    return KERNEL_CACHE / f"{module}-{module_digest(module)}"
 
 
 def _compile(function: F, **options: Any) -> F:
+    folder = module_cache(function.__module__.rpartition(".")[2])
+    _folders.add(folder)
     # Only while the decorator runs: other packages of the process keep their own cache folder.
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(KERNEL_CACHE)
+    numba.config.CACHE_DIR = str(folder)
     try:
         compiled: F = numba.njit(cache=True, error_model="numpy", nogil=True, **options)(function)
     finally:
@@ -85,9 +115,15 @@ def _compile(function: F, **options: Any) -> F:
     return compiled
 
 
+def cached_kernels() -> int:
+    """How many compiled kernels of the modules imported so far lie in the cache."""
+    return sum(1 for folder in _folders for _ in folder.rglob("*.nbc"))
+
+
 def is_cached() -> bool:
-    """Whether any compiled kernel of these sources lies in the cache; if not, the first run compiles."""
-    return KERNEL_CACHE.is_dir() and any(KERNEL_CACHE.rglob("*.nbi"))
+    """Whether compiled ticks of exactly these sources lie in the cache; if not, the first run compiles."""
+    folder = module_cache("tick")
+    return folder.is_dir() and any(folder.rglob("*.nbi"))
 
 
 def jit(function: F) -> F:

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
+from .jit import jit
 
 SMALL = 1.0e-100
 

@@ -1,0 +1,33 @@
+"""`hhsim bench`: one subcommand a suite, imported when it is run."""
+
+from .lazy_group import LazyGroup, show_help
+
+SUITES = {
+    "speed-error": "Methods, tree levels, linearisations and QP solvers: what a tick costs against how far off it is.",
+    "hard": "Every hard case, for every method: pass or fail, and the figure.",
+    "stress": "Random targets on any object, as long as you like; a failing motion is kept, shrunk to a few ticks.",
+    "qp": "The programs of real ticks and degenerate ones, solved by every solver at hand.",
+    "threads": "One thread or several: detection, response and total, by how much of the hand is in contact.",
+}
+"""Every suite with its one line."""
+
+command = LazyGroup(
+    "bench",
+    SUITES,
+    module=lambda name: f"bench_{name.replace('-', '_')}",
+    kind="suite",
+    short_help="Measure the methods against each other: speed, error, stress.",
+    invoke_without_command=True,
+    subcommand_metavar="SUITE [ARGS]...",
+    help="""Measure the methods against each other, on the same scenes, in one run.
+
+    Every suite takes --json and --out, as a replay does. Times are CPU times of a thread unless a heading says
+    otherwise; compare them within one run, not between machines.
+
+    \b
+    Examples:
+      hhsim bench hard
+      hhsim bench speed-error --out tradeoff.h5
+    """,
+    callback=show_help,
+)

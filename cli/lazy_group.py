@@ -1,0 +1,65 @@
+"""A click group whose help imports none of its commands."""
+
+import importlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import click
+
+from hhsim.errors import UnknownNameError
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command when it is run.
+
+    Args:
+        name: of the group.
+        lines: every command with its one line, in the order of the help.
+        module: name of the module, in this package, that holds a command as `command`.
+        kind: what an unknown name is told to be none of.
+        options: as for click.Group.
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        lines: Mapping[str, str] | None = None,
+        module: Callable[[str], str] = lambda name: name.replace("-", "_"),
+        kind: str = "command",
+        **options: Any,
+    ) -> None:
+        super().__init__(name, **options)
+        self.lines = lines or {}
+        self.module = module
+        self.kind = kind
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order of the table."""
+        return list(self.lines)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the command."""
+        if cmd_name not in self.lines:
+            return None
+        found: click.Command = importlib.import_module(f".{self.module(cmd_name)}", __package__).command
+        return found
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command, or name the near ones."""
+        if args and args[0] not in self.lines and not args[0].startswith("-"):
+            raise UnknownNameError(self.kind, args[0], self.lines)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the table of commands."""
+        with formatter.section(f"{self.kind.capitalize()}s"):
+            formatter.write_dl(list(self.lines.items()))
+
+
+@click.pass_context
+def show_help(context: click.Context) -> None:
+    """Show a group's help where no command was named."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
