@@ -5,12 +5,14 @@ Every result carries it, and `hhsim info` prints it. Nothing here names the user
 
 import importlib.metadata
 import itertools
+import json
 import os
 import platform
 import re
 import subprocess
 import time
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +93,19 @@ def collect() -> Info:
         packages=package_versions(),
         missing=_missing_packages(),
     )
+
+
+def file_attributes() -> dict[str, str | bool]:
+    """What every file of figures says of its origin: version, revision, time, machine and packages (as JSON)."""
+    source = revision()
+    return {
+        "hhsim_version": __version__,
+        "git_revision": source.commit,
+        "git_dirty": source.dirty,
+        "created_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+        "machine": json.dumps(asdict(machine())),
+        "packages": json.dumps(package_versions()),
+    }
 
 
 def machine() -> Machine:

@@ -12,8 +12,7 @@ import contextlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeAlias
@@ -22,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import __version__, info
+from hhsim import info
 from hhsim.destination import check_destination, free_name
 from hhsim.errors import InputError, OutputError
 from hhsim.result_schema import FORMAT, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column
@@ -150,18 +149,12 @@ class ResultWriter:
         arrays = _checked(static, STATIC_COLUMNS)
         scene_json = json.dumps(scene, sort_keys=True)
         self._claim(sum(array.nbytes for array in arrays.values()) + len(scene_json) + 2 * _OVERHEAD)
-        revision = info.revision()
         self._file.attrs.update(
             {
                 "format": FORMAT,
                 "schema_version": SCHEMA_VERSION,
                 "complete": 0,
-                "hhsim_version": __version__,
-                "git_revision": revision.commit,
-                "git_dirty": revision.dirty,
-                "created_utc": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
-                "machine": json.dumps(asdict(info.machine())),
-                "packages": json.dumps(info.package_versions()),
+                **info.file_attributes(),
                 "scene": scene_json,
             }
         )

@@ -30,6 +30,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics"),
     # Runs and their files.
     ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
+    # Many runs, side by side.
+    ("bench_file",),
     # Pictures of them.
     ("replay_figure", "cost_figure"),
 )

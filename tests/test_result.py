@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim import result
+from hhsim import info
 from hhsim.errors import InputError, OutputError
 from hhsim.result import CHUNK_TICKS, ResultWriter, load_result
 from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS
@@ -122,7 +122,7 @@ def test_two_runs_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monkey
 
             return datetime(2026, 1, 2, tzinfo=UTC)
 
-    monkeypatch.setattr(result, "datetime", Clock)
+    monkeypatch.setattr(info, "datetime", Clock)
     first = write(tmp_path / "a.h5", [block(300, 5), block(300, 6)])
     second = write(tmp_path / "b.h5", [block(300, 5), block(300, 6)])
     assert first.read_bytes() == second.read_bytes()

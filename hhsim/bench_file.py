@@ -1,0 +1,217 @@
+"""Tables of `hhsim bench`: HDF5 of format `hhsim-bench`, and the same as CSV beside it; SI units.
+
+The HDF5 file has one dataset a column, with its `units` and `long_name`; its root says what was run, on what and from
+what. The CSV file has one line a row; its header names each column and, in brackets, its unit. A number that is missing
+is NaN in the one and an empty cell in the other.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim import info
+from hhsim.destination import check_destination
+from hhsim.errors import InputError, OutputError
+from hhsim.whole_file import hdf5_image, write_whole_file
+
+FORMAT = "hhsim-bench"
+SCHEMA_VERSION = 1
+
+Cell: TypeAlias = str | bool | int | float
+Row: TypeAlias = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table.
+
+    Attributes:
+        name: Of the dataset and, with the unit, of the CSV column: letters, digits and "_".
+        long_name: What it says, for people.
+        unit: SI; "1" for counts, ratios, names and truths, "%" for what the contract states in percent.
+    """
+
+    name: str
+    long_name: str
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that was read back.
+
+    Attributes:
+        suite: That wrote it.
+        columns: In order.
+        rows: One dictionary a row, by column name: str, bool, int or float.
+        options: Of the run.
+        attributes: The other attributes of the file: versions, machine, revision, time.
+    """
+
+    suite: str
+    columns: tuple[Column, ...]
+    rows: tuple[dict[str, Cell], ...]
+    options: dict[str, Any]
+    attributes: dict[str, Any]
+
+
+def csv_path(destination: Path) -> Path:
+    """Where the CSV file of a table goes that `destination` is the HDF5 file of."""
+    return destination.with_suffix(".csv")
+
+
+def check_table_destination(destination: Path) -> None:
+    """Look, before the work, for what would keep a table from being written.
+
+    Raises:
+        OutputError: As `hhsim.destination.check_destination`, for either of the two files; a name that does not end in
+            .h5; or a file is there that is no table, which a slip of the pen must not destroy.
+    """
+    if destination.suffix != ".h5":
+        raise OutputError(f"{destination} must end in .h5: the CSV file of the same name goes beside it")
+    check_destination(destination)
+    if destination.exists():
+        try:
+            with h5py.File(destination, "r") as file:
+                is_table = file.attrs.get("format") == FORMAT
+        except OSError:
+            is_table = False
+        if not is_table:
+            raise OutputError(
+                f"{destination} exists and is no table of hhsim bench, so it is not replaced: name another with --out"
+            )
+    elif csv_path(destination).exists():
+        raise OutputError(f"{csv_path(destination)} exists and is not of hhsim bench: name another file with --out")
+    check_destination(csv_path(destination))
+
+
+def write_table(
+    destination: Path, suite: str, columns: Sequence[Column], rows: Sequence[Row], options: Mapping[str, Any]
+) -> None:
+    """Write a table as `destination` (.h5) and as CSV beside it; files of those names are replaced in one step each.
+
+    Args:
+        destination: The HDF5 file; its name ends in .h5.
+        suite: Name of the suite, as after `hhsim bench`.
+        columns: Of the table.
+        rows: A value for every column by its name, no more and no less. A column's values are of one kind: str, bool,
+            int or float; None is a missing number (NaN), or a missing word (empty) in a column of words.
+        options: Of the run, as JSON-able values.
+
+    Raises:
+        OutputError: As `check_table_destination`; or a full disk. What was there before still is.
+    """
+    names = [column.name for column in columns]
+    if len(set(names)) != len(names):
+        raise ValueError(f"two columns have one name: {names}")
+    for number, row in enumerate(rows):
+        if row.keys() != set(names):
+            raise ValueError(f"row {number}: missing {set(names) - row.keys()}, not a column {row.keys() - set(names)}")
+    check_table_destination(destination)
+    arrays = {name: _array(name, [row[name] for row in rows]) for name in names}
+    attributes = {
+        "format": FORMAT,
+        "schema_version": SCHEMA_VERSION,
+        "suite": suite,
+        "columns": json.dumps(names),
+        "options": json.dumps(dict(options), sort_keys=True),
+        **info.file_attributes(),
+    }
+
+    def fill(file: h5py.File) -> None:
+        file.attrs.update(attributes)
+        for column in columns:
+            values = arrays[column.name]
+            kind = h5py.string_dtype() if values.dtype == object else values.dtype
+            dataset = file.create_dataset(column.name, data=values, dtype=kind, track_times=False)
+            dataset.attrs["units"], dataset.attrs["long_name"] = column.unit, column.long_name
+        file.attrs["complete"] = 1
+
+    image = hdf5_image(fill)
+    write_whole_file(csv_path(destination), _csv_text(columns, arrays).encode())
+    write_whole_file(destination, image)
+
+
+def load_table(path: Path) -> Table:
+    """Read a table back from its HDF5 file.
+
+    Raises:
+        InputError: No such file, no HDF5, no table of hhsim bench, a newer schema, or a damaged file.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected a table of hhsim bench (.h5)")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read(file, path)
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"{path} is no readable table of hhsim bench: {reason}") from error
+
+
+def _read(file: h5py.File, path: Path) -> Table:
+    attributes = {name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()}
+    if attributes.get("format") != FORMAT:
+        raise InputError(f"{path} is no table of hhsim bench: its format is {attributes.get('format')!r}")
+    if not 1 <= attributes["schema_version"] <= SCHEMA_VERSION:
+        raise InputError(
+            f"{path}: schema version {attributes['schema_version']}, this hhsim reads 1 to {SCHEMA_VERSION}"
+        )
+    columns, values = [], []
+    for name in json.loads(attributes.pop("columns")):
+        dataset = file[name]
+        columns.append(Column(name, str(dataset.attrs["long_name"]), str(dataset.attrs["units"])))
+        is_text = h5py.check_string_dtype(dataset.dtype) is not None
+        values.append((dataset.asstr()[...] if is_text else dataset[...]).tolist())
+    if len({len(column) for column in values}) > 1:
+        raise InputError(f"{path} is damaged: its columns have different lengths")
+    names = [column.name for column in columns]
+    return Table(
+        suite=str(attributes.pop("suite")),
+        columns=tuple(columns),
+        rows=tuple(dict(zip(names, row)) for row in zip(*values)),
+        options=json.loads(attributes.pop("options")),
+        attributes=attributes,
+    )
+
+
+def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
+    """The values of a column as one array: object (of str), bool, int64 or float64."""
+    plain = [value.item() if isinstance(value, np.generic) else value for value in values]
+    kinds = {type(value) for value in plain if value is not None}
+    missing = None in plain
+    if kinds == {str}:
+        return np.array(["" if value is None else value for value in plain], dtype=object)
+    if kinds == {bool} and not missing:
+        return np.array(plain, dtype=bool)
+    if kinds == {int} and not missing:
+        return np.array(plain, dtype=np.int64)
+    if kinds <= {int, float}:
+        return np.array([np.nan if value is None else value for value in plain], dtype=np.float64)
+    mixed = sorted(kind.__name__ for kind in kinds | ({type(None)} if missing else set()))
+    raise ValueError(f"column {name} mixes {' and '.join(mixed)}: give it values of one kind")
+
+
+def _csv_text(columns: Sequence[Column], arrays: Mapping[str, NDArray[Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([column.name if column.unit == "1" else f"{column.name} [{column.unit}]" for column in columns])
+    for row in zip(*(arrays[column.name].tolist() for column in columns)):
+        writer.writerow([_spelled(value) for value in row])
+    return text.getvalue()
+
+
+def _spelled(value: Cell) -> str:
+    """A cell of the CSV file; numbers in full precision, so that they come back bit for bit."""
+    if isinstance(value, bool):
+        return str(int(value))
+    if isinstance(value, float):
+        return "" if value != value else repr(value)
+    return str(value)
