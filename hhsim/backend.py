@@ -17,7 +17,7 @@ from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.hand import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.progressive import solve_progressive
 from hhsim.kernels.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
-from hhsim.kernels.tick import advance, begin_tick, clip_target, finish_tick, prepare, recover, set_haptic
+from hhsim.kernels.tick import advance, begin_tick, clip_target, finish_tick, prepare, recover, set_haptic, spent_units
 from hhsim.kernels.tick_state import METHOD_COUPLED, STATUS_FULL, TickOptions
 from hhsim.kernels.tree import TreeArrays
 from hhsim.qp import QpProblem, QpStatus, solve
@@ -55,7 +55,9 @@ def run_block_with_backend(
 def _tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Any, qp: QpWork, backend: str) -> int:
     begin_tick(options, state)
     status = 0
-    for _ in range(options.linearisations):
+    for i in range(options.linearisations):
+        if i > 0 and spent_units(state) >= options.budget:
+            break
         contacts = prepare(hand, tree, options, state)
         if contacts < 0:
             status |= STATUS_FULL

@@ -102,6 +102,7 @@ def penetration(
     joints: ArrayLike,
     position: ArrayLike,
     orientation: ArrayLike,
+    fingers: ArrayLike | None = None,
 ) -> Penetration:
     """Penetration depths [m] of the stored graphic hand in the object's leaf spheres, tick by tick.
 
@@ -116,13 +117,17 @@ def penetration(
         joints: of the graphic hand [m], world, shape (T, 5, 4, 3).
         position: palm of the graphic hand [m], world, shape (T, 3).
         orientation: the same, unit quaternions (w, x, y, z), shape (T, 4).
+        fingers: which fingers count, shape (5,), all where it is not given; the others, which go through the object on
+            purpose, are NaN.
     """
     palm, finger = hand_clearance(
         tree, phalanx_radius, palm_center, palm_radius, joints, position, orientation, limit=0.0
     )
     # 0 - x and not -x: a free body has depth 0, not minus 0.
     palm, finger = 0.0 - palm, 0.0 - finger
-    return Penetration(np.maximum(palm, finger.max(axis=1)), palm, finger)
+    counts = np.ones(finger.shape[1], bool) if fingers is None else np.asarray(fingers, dtype=bool)
+    finger[:, ~counts] = np.nan
+    return Penetration(np.maximum(palm, finger[:, counts].max(axis=1, initial=0.0)), palm, finger)
 
 
 def hand_clearance(

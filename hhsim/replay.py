@@ -15,14 +15,23 @@ from hhsim.errors import HhsimError
 from hhsim.interrupt import interruptible_between
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
+from hhsim.kernels.hand import PALM_BODY
 from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick_state import WORK_CANDIDATES, WORK_LINEARISATIONS, WORK_QP_ITERATIONS, WORK_TOUCHING
+from hhsim.kernels.tick_state import (
+    WORK_BODIES,
+    WORK_CANDIDATES,
+    WORK_LINEARISATIONS,
+    WORK_QP_ITERATIONS,
+    WORK_ROWS,
+    WORK_TOUCHING,
+    WORK_UNITS,
+)
 from hhsim.kernels.tree import TreeArrays
 from hhsim.metrics import force_variation_rate, penetration
 from hhsim.result import CHUNK_TICKS, ResultWriter
 from hhsim.scene import Scene
 from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.solver_options import FINGERS, SolverOptions
 from hhsim.summary import ReplaySummary, TickSeries, summarise
 from hhsim.warm_up import warm_up
 
@@ -58,6 +67,7 @@ def replay(
     arrays = scene.hand.arrays()
     palm_center = np.stack([arrays.palm_x, arrays.palm_y, arrays.palm_z], axis=1)
     tree = scene.tree.arrays()
+    fingers = np.array([finger in options.fingers for finger in FINGERS])
     solver = HandSolver(scene.hand, tree, options)
     ticks, total = scene.ticks, scene.ticks.tick_count
     described = {
@@ -68,7 +78,7 @@ def replay(
         "motion_source": scene.trajectory.source,
         "hand": {"side": scene.hand.side, "length": scene.hand.hand_length, "palm_spheres": len(palm_center)},
         "object_spheres": scene.tree.leaf_count,
-        "modelled": modelled(scene),
+        "modelled": modelled(scene, options),
     }
     static = {
         "object/vertices": scene.mesh.vertices,
@@ -97,9 +107,9 @@ def replay(
                     raise HhsimError(
                         f"the graphic hand is not finite after tick {first}: please report this with the command"
                     )
-                block, carry = _block(scene, part, record, tree, palm_center, arrays.palm_radius, carry)
+                block, carry = _block(scene, part, record, tree, palm_center, arrays.palm_radius, fingers, carry)
                 writer.append(block)
-                series.keep(part, block, record.lag)
+                series.keep(part, block)
                 check_interrupt()
         if progress is not None:
             progress("ticks", total, total)
@@ -108,12 +118,13 @@ def replay(
     return summary.at(path)
 
 
-def modelled(scene: Scene) -> dict[str, Any]:
+def modelled(scene: Scene, options: SolverOptions) -> dict[str, Any]:
     """What the scene models: bodies, spheres and pairs that a model without trees would test every tick."""
     leaves = scene.tree.leaf_count
     palm = len(scene.hand.arrays().palm_radius)
     return {
-        "phalanges": 15,
+        "fingers": list(options.fingers),
+        "phalanges": int(options.modelled()[:PALM_BODY].sum()),
         "palm_spheres": palm,
         "object_spheres": leaves,
         "all_pairs": scene.all_pairs,
@@ -135,11 +146,19 @@ def _block(
     tree: TreeArrays,
     palm_center: Array,
     palm_radius: Array,
+    fingers: Array,
     carry: _Carry,
 ) -> tuple[dict[str, Array], _Carry]:
     ticks = scene.ticks
     depth = penetration(
-        tree, scene.hand.radius, palm_center, palm_radius, record.joints, record.position, record.orientation
+        tree,
+        scene.hand.radius,
+        palm_center,
+        palm_radius,
+        record.joints,
+        record.position,
+        record.orientation,
+        fingers,
     )
     finger = record.phalanx.sum(axis=2)
     total_carried = np.concatenate([carry.total, record.total])
@@ -148,6 +167,7 @@ def _block(
         "time": ticks.time[part],
         "input_seq": ticks.input_seq[part],
         "status": record.status.astype(np.int32),
+        "lag": record.lag,
         "haptic/position": ticks.position[part],
         "haptic/orientation": ticks.orientation[part],
         "haptic/flexion": ticks.flexion[part],
@@ -178,5 +198,8 @@ def _block(
         "work/pair_tests": record.work[:, COUNT_PAIR_TESTS],
         "work/qp_iterations": record.work[:, WORK_QP_ITERATIONS],
         "work/linearisations": record.work[:, WORK_LINEARISATIONS],
+        "work/rows": record.work[:, WORK_ROWS],
+        "work/bodies": record.work[:, WORK_BODIES],
+        "work/units": record.work[:, WORK_UNITS],
     }
     return block, _Carry(total_carried[-1:], finger_carried[-1:])

@@ -238,6 +238,9 @@ class Result:
 
     def __getitem__(self, name: str) -> Array:
         if name not in self._loaded:
+            since = {column.name: column.since for column in TICK_COLUMNS}.get(name, 1)
+            if since > self.schema_version:
+                raise InputError(f"{self.path} has no dataset {name}: its schema is {self.schema_version}, not {since}")
             with _opened(self.path) as file:
                 self._loaded[name] = _frozen(file["tick"][name][: self.ticks])
         return self._loaded[name]
@@ -264,11 +267,12 @@ def load_result(path: Path) -> Result:
     with _opened(path) as file:
         _check_format(file, path)
         tick = file.get("tick", {})
-        for column in TICK_COLUMNS:
+        stored = [column for column in TICK_COLUMNS if column.since <= file.attrs["schema_version"]]
+        for column in stored:
             _check_dataset(tick, column, (-1, *column.shape), path)
         for column in STATIC_COLUMNS:
             _check_dataset(file, column, column.shape, path)
-        ticks = min(len(tick[column.name]) for column in TICK_COLUMNS)
+        ticks = min(len(tick[column.name]) for column in stored)
         attributes = file.attrs
         return Result(
             path=path,

@@ -1,19 +1,20 @@
 """What a result file holds: the one table that the writer, the reader and the checks go by.
 
-Format `hhsim-result`, schema_version 1. A change here raises `SCHEMA_VERSION`; the reader keeps reading the older ones.
+Format `hhsim-result`. A change here raises `SCHEMA_VERSION`; the reader keeps reading the older ones. Schema 2 added
+`lag`, `work/rows`, `work/bodies` and `work/units`.
 """
 
 from dataclasses import dataclass
 
 FORMAT = "hhsim-result"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True)
 class Column:
     """One dataset: `shape` is that of a tick's value, or of the whole array where it does not change with time.
 
-    A size of -1 is any size.
+    A size of -1 is any size. `since` is the first schema that has it.
     """
 
     name: str
@@ -21,6 +22,7 @@ class Column:
     dtype: str
     units: str
     long_name: str
+    since: int = 1
 
 
 def _hand(of: str, whose: str) -> tuple[Column, ...]:
@@ -44,6 +46,7 @@ TICK_COLUMNS: tuple[Column, ...] = (
         "1",
         "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held",
     ),
+    Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended", since=2),
     *_hand("haptic", "haptic (measured)"),
     *_hand("graphic", "graphic (shown)"),
     Column(
@@ -51,7 +54,7 @@ TICK_COLUMNS: tuple[Column, ...] = (
     ),
     Column("penetration_depth", (), "<f8", "m", "deepest penetration of any hand body into any object leaf sphere"),
     Column("penetration_palm", (), "<f8", "m", "deepest penetration of the palm"),
-    Column("penetration_finger", (5,), "<f8", "m", "deepest penetration of each finger"),
+    Column("penetration_finger", (5,), "<f8", "m", "deepest penetration of each finger; NaN: not modelled"),
     Column("force/phalanx", (5, 3, 3), "<f8", "N", "contact force on each phalanx, finger by phalanx, world"),
     Column("force/fingertip_normal", (5, 3), "<f8", "N", "normal force at each fingertip, world"),
     Column(
@@ -70,12 +73,15 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("duration/force", (), "<i8", "ns", "wall time of the forces"),
     Column("duration/total", (), "<i8", "ns", "wall time of the whole tick"),
     Column("duration/total_cpu", (), "<i8", "ns", "thread CPU time of the whole tick"),
-    Column("contacts/candidates", (), "<i8", "1", "candidate pairs that entered the optimisation"),
+    Column("contacts/candidates", (), "<i8", "1", "candidate pairs: within the margin"),
     Column("contacts/touching", (), "<i8", "1", "pairs within 10 µm of each other after the tick"),
     Column("work/node_tests", (), "<i8", "1", "sphere-tree nodes tested"),
     Column("work/pair_tests", (), "<i8", "1", "exact distances between a hand body and a leaf sphere"),
     Column("work/qp_iterations", (), "<i8", "1", "active-set changes, all problems of the tick"),
     Column("work/linearisations", (), "<i8", "1", "times that the contacts were linearised"),
+    Column("work/rows", (), "<i8", "1", "most contacts in a program, those that others imply left out", since=2),
+    Column("work/bodies", (), "<i8", "1", "most hand bodies, of 16, within the margin of the object", since=2),
+    Column("work/units", (), "<i8", "1", "work of the tick, weighted; about a nanosecond each", since=2),
 )
 """Datasets under /tick, one row a tick; `name` is relative to /tick."""
 

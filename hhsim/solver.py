@@ -8,7 +8,7 @@ from hhsim.hand import HandModel
 from hhsim.kernels.active_set import new_work
 from hhsim.kernels.block import TickRecord, run_block
 from hhsim.kernels.contact import CONTACT_ROWS, PALM_PAIRS
-from hhsim.kernels.hand import DOF, FINGER_COUNT
+from hhsim.kernels.hand import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.linearise import ROW_CAPACITY
 from hhsim.kernels.penetration import clearances
 from hhsim.kernels.pose import is_finite_configuration
@@ -43,7 +43,7 @@ class HandSolver:
         self.hand = hand.arrays()
         self.tree = tree
         self.tick_options = options.tick_options()
-        self.states = tick_state(options.stiffness.diagonal())
+        self.states = tick_state(options.stiffness.diagonal(), options.modelled())
         self.qp = new_work(DOF, ROW_CAPACITY)
         self._started = False
 
@@ -124,7 +124,8 @@ class HandSolver:
             palm,
             finger,
         )
-        return float(min(palm[0], finger.min()))
+        used = self.options.modelled()[:PALM_BODY:PHALANX_COUNT]
+        return float(min(palm[0], finger[0, used].min(initial=np.inf)))
 
     def _settle(self) -> None:
         """Let the tick's lists follow a configuration that was set from outside.

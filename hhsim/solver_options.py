@@ -1,7 +1,7 @@
 """How the graphic hand is solved for: method, backend, stiffness, and the lengths that steer a tick."""
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,10 +9,18 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.force import FORCE_KKT, FORCE_PAPER
-from hhsim.kernels.tick_state import METHOD_COUPLED, METHOD_PROGRESSIVE, TickOptions
+from hhsim.kernels.hand import BODY_COUNT, PHALANX_COUNT
+from hhsim.kernels.tick_state import METHOD_COUPLED, METHOD_PROGRESSIVE, TOUCH, TickOptions
 
 METHODS = {"coupled": METHOD_COUPLED, "progressive": METHOD_PROGRESSIVE}
 FORCES = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+
+LEAST_TOLERANCE, GREATEST_TOLERANCE = 1e-12, 1e-6
+RELAXATION = 100.0
+"""How many tolerances rows that contradict each other are moved back by."""
+UNLIMITED = 2**62
+"""A budget of work units that no tick uses up."""
 
 
 @dataclass(frozen=True)
@@ -53,22 +61,32 @@ class SolverOptions:
         method: `coupled` or `progressive`.
         qp: `active-set`, or a backend that qpsolvers offers.
         force: `kkt` (the QP's multipliers) or `paper` (Eq. 14).
-        linearisations: Budget of a tick.
+        fingers: Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand
+            without looking for contact, and the palm is always looked after.
+        linearisations: Most of them in a tick.
+        budget: Work units (`hhsim.kernels.tick_state`) after which a tick begins no further linearisation; the way
+            that is left is lag. None: only `linearisations` bounds a tick.
         margin: Pairs up to this far enter the QP; near the object no step is longer. The paper's Δr is 0.5 mm.
         skin: Pairs up to this much farther are kept at hand between ticks.
         offset: Clearance that contacts keep, so that second-order errors of small steps do not penetrate.
         settled: A step shorter than this ends the tick.
+        tolerance: Largest violation of a program's row that counts as satisfied, as a share of the margin.
+        touch: Pairs nearer than this count as touching.
         stiffness: The virtual coupling.
     """
 
     method: str = "coupled"
     qp: str = "active-set"
     force: str = "kkt"
+    fingers: tuple[str, ...] = FINGERS
     linearisations: int = 12
+    budget: int | None = None
     margin: float = 1e-3
     skin: float = 3e-3
     offset: float = 5e-7
     settled: float = 1e-4
+    tolerance: float = 1e-8
+    touch: float = TOUCH
     stiffness: Stiffness = field(default_factory=Stiffness)
 
     def __post_init__(self) -> None:
@@ -79,29 +97,62 @@ class SolverOptions:
             raise UnknownNameError("force model", self.force, FORCES)
         if self.linearisations < 1:
             raise InputError(f"linearisations is {self.linearisations}: a tick needs at least 1")
-        for name in ("margin", "skin", "offset", "settled"):
+        for finger in self.fingers:
+            if finger not in FINGERS:
+                raise UnknownNameError("finger", finger, FINGERS)
+        if self.budget is not None and self.budget < 1:
+            raise InputError(f"the budget is {self.budget} work units: a tick needs at least 1")
+        for name in ("margin", "skin", "offset", "settled", "touch"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} is {value:g} m: it must be positive and finite")
+        if not LEAST_TOLERANCE <= self.tolerance <= GREATEST_TOLERANCE:
+            raise InputError(
+                f"the tolerance is {self.tolerance:g} of the margin: between {LEAST_TOLERANCE:g}, where rounding "
+                f"begins, and {GREATEST_TOLERANCE:g}, above which steps end inside"
+            )
         if self.offset * 10.0 > self.margin:
             least = 1e4 * self.offset
             raise InputError(f"a margin of {1e3 * self.margin:g} mm is too small: at least {least:g} mm, ten offsets")
 
+    def scaled(self, factor: float) -> "SolverOptions":
+        """The same options for a hand and an object `factor` times as large, which then move alike.
+
+        Lengths grow by the factor; rotational stiffness by its square, so that forces and the share of each joint stay
+        what they are to each other. Forces are then `factor` times as large.
+        """
+        stiffness = replace(
+            self.stiffness,
+            rotation=self.stiffness.rotation * factor**2,
+            flexion=self.stiffness.flexion * factor**2,
+        )
+        lengths = {name: getattr(self, name) * factor for name in ("margin", "skin", "offset", "settled", "touch")}
+        return replace(self, stiffness=stiffness, **lengths)
+
+    def modelled(self) -> NDArray[np.bool_]:
+        """Which bodies the scene uses, shape (16,): the phalanges of its fingers, and the palm."""
+        bodies = np.ones(BODY_COUNT, bool)
+        for f, finger in enumerate(FINGERS):
+            bodies[PHALANX_COUNT * f : PHALANX_COUNT * (f + 1)] = finger in self.fingers
+        return bodies
+
     def tick_options(self) -> TickOptions:
-        """The kernels' form. QP tolerances are 1e-8 of the margin, and what may be given up 1e-6 of it, times √k_t."""
+        """The kernels' form. The relaxation, what contradicting rows may be given up, is 100 tolerances."""
         root = math.sqrt(self.stiffness.translation)
         return TickOptions(
             method=METHODS[self.method],
             force_model=FORCES[self.force],
             linearisations=self.linearisations,
+            budget=UNLIMITED if self.budget is None else self.budget,
             margin=self.margin,
             skin=self.skin,
             offset=self.offset,
             settled=self.settled,
-            tolerance=1e-8 * self.margin * root,
-            relaxation=1e-6 * self.margin * root,
+            tolerance=self.tolerance * self.margin * root,
+            relaxation=RELAXATION * self.tolerance * self.margin * root,
             longest_correction=self.margin * root,
             contact_stiffness=self.stiffness.contact,
+            touch=self.touch,
         )
 
     def to_json(self) -> dict[str, Any]:

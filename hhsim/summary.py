@@ -27,37 +27,34 @@ REFERENCE_TICKS = 16
 
 
 SERIES = (
-    *("status", "force/total", "force_variation_rate", "penetration_depth", "duration/total", "duration/total_cpu"),
+    *("status", "lag", "force/total", "force_variation_rate", "penetration_depth"),
+    *("duration/total", "duration/total_cpu"),
     *("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction"),
     *("contacts/candidates", "contacts/touching", "work/node_tests", "work/pair_tests"),
+    *("work/rows", "work/bodies", "work/units"),
 )
 """Datasets of the result file that the table is made from."""
 
 
 class TickSeries:
-    """What the table needs of every tick: some of the result file's datasets, and the distance still to go [m].
+    """What the table needs of every tick: some of the result file's datasets.
 
     Args:
         ticks: How many there will be.
     """
 
-    lag: Array
-    """Distance still to go [m], shape (T,)."""
-
     def __init__(self, ticks: int) -> None:
         """Nothing is kept yet."""
         self.ticks = ticks
-        self.lag = np.zeros(ticks)
         self._columns: dict[str, Array] = {}
 
-    def keep(self, part: slice, block: dict[str, Array], lag: Array) -> None:
+    def keep(self, part: slice, block: dict[str, Array]) -> None:
         """Keep the ticks of a block, a slice of all ticks."""
         for name in SERIES:
             values = block[name]
             if name not in self._columns:
                 self._columns[name] = np.zeros((self.ticks, *values.shape[1:]), values.dtype)
             self._columns[name][part] = values
-        self.lag[part] = lag
 
     def __getitem__(self, name: str) -> Array:
         return self._columns[name]
@@ -186,11 +183,25 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
             "",
             1e-3,
         ),
+        _row("fingers_modelled", "fingers modelled, of 5", len(options.fingers), 0),
+        _row(
+            "bodies_near",
+            "bodies near the object in contact, of 16",
+            _mean(series["work/bodies"], contact),
+            1,
+        ),
+        _row(
+            "rows_max",
+            "contacts in a program, most",
+            series["work/rows"].max(initial=0),
+            0,
+        ),
         _row("tests_mean", "distances computed a tick, mean", tests.mean(), 0),
         _row("tests_share", "share of all pairs of body and sphere", 100.0 * tests.mean() / scene.all_pairs, 3, "%"),
+        _row("work_mean", "work a tick, mean", series["work/units"].mean(), 0, "units"),
         _row("stuck_ticks", "stuck ticks", stuck, 0),
         _row("lag_ticks", "ticks with lag", lagging, 0),
-        _row("lag_max", "lag, max", 1e3 * series.lag.max(initial=0.0), 2, "mm", "", 1e-3),
+        _row("lag_max", "lag, max", 1e3 * series["lag"].max(initial=0.0), 2, "mm", "", 1e-3),
     )
     return ReplaySummary(rows, _notes(scene, status, prepared), ticks, prepared)
 
@@ -230,6 +241,10 @@ def _row(
     # Rounded first: what rounds to nothing has no sign.
     shown = "—" if np.isnan(number) else f"{round(number, digits) + 0.0:,.{digits}f}"
     return SummaryRow(name, label, number * scale, shown, unit, paper)
+
+
+def _mean(values: Array, where: Array) -> float:
+    return float(values[where].mean()) if where.any() else float("nan")
 
 
 def _notes(scene: Scene, status: Array, prepared: WarmUp) -> tuple[str, ...]:

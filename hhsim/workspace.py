@@ -9,10 +9,12 @@ from hhsim.kernels.block import TickRecord
 from hhsim.kernels.tick_state import TICK_STATE, WORK_COUNTERS
 
 
-def tick_state(stiffness: NDArray[np.float64]) -> Any:
-    """A fresh state, a record array of shape (1,), for coupling stiffness G of shape (21,).
+def tick_state(stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | None = None) -> Any:
+    """A fresh state, a record array of shape (1,): all modelled bodies still to be gathered.
 
-    All bodies still to be gathered.
+    Args:
+        stiffness: The coupling's G, shape (21,).
+        modelled: Which bodies the scene uses, shape (16,); all where it is not given.
     """
     # Written, and not only asked for: the system would else hand out the pages one by one, in the ticks that are timed.
     memory = np.empty(1, TICK_STATE)
@@ -22,7 +24,8 @@ def tick_state(stiffness: NDArray[np.float64]) -> Any:
     for pose in (state.pose, state.safe, state.haptic):
         pose.orientation[0] = 1.0
         pose.rotation[:] = np.eye(3)
-    state.candidates.slack[:] = -np.inf
+    state.modelled[:] = True if modelled is None else modelled
+    state.candidates.slack[:] = np.where(state.modelled == 1, -np.inf, np.inf)
     state.candidates.nearest[:] = np.inf
     state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)
     state.stiffness[:] = stiffness

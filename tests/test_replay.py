@@ -75,7 +75,7 @@ def test_the_file_is_complete_and_says_what_was_done(run: tuple[Result, ReplaySu
     assert result.scene["seed"] == 0
     assert result.scene["motion"] == "grasp"
     assert result.scene["object_spheres"] == 400
-    assert result.scene["modelled"] == modelled(scene)
+    assert result.scene["modelled"] == modelled(scene, SolverOptions())
     for name in ("position", "orientation", "flexion", "abduction"):
         np.testing.assert_array_equal(result[f"haptic/{name}"], getattr(scene.ticks, name))
     np.testing.assert_array_equal(result["time"], scene.ticks.time)

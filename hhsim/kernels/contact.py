@@ -214,13 +214,12 @@ def _least(values: Array, count: int) -> float:
     return least
 
 
-@jit
+@jit_vector
 def count_within(distance: Array, count: int, limit: float) -> int:
     """How many of the first `count` distances are at most `limit`."""
     within = 0
     for i in range(count):
-        if distance[i] <= limit:
-            within += 1
+        within += 1 if distance[i] <= limit else 0
     return within
 
 

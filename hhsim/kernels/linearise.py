@@ -28,8 +28,8 @@ LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 """Rows behind the contacts: a lower and an upper joint limit for each of 15 joints."""
 
 
-LEVER_FLOOR = 1e-6
-"""A joint that moves a contact by less than this [m] per radian does not move it.
+LEVER_FLOOR = 2e-5
+"""A joint that moves a contact by less than this share of the finger's first phalanx per radian does not move it.
 
 What the arithmetic leaves at a joint's own contacts is noise, and normalising such a row would ask the finger for any
 angle whatever.
@@ -98,9 +98,10 @@ def finger_columns(
     joints: Array,
     axis: Array,
     inverse_root: Array,
+    floor: float,
     block: Array,
 ) -> None:
-    """Columns of one finger's contacts start … stop - 1 in its three joints, scaled.
+    """Columns of one finger's contacts start … stop - 1 in its three joints, scaled; levers up to `floor` [m] are none.
 
     `phalanx_end` (3,) is where the contacts of each phalanx end: a joint does not move the phalanges before it. joints
     (4, 3), axis (3,), inverse_root (3,) are the finger's.
@@ -117,7 +118,7 @@ def finger_columns(
             nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
             rx, ry, rz = point[0, i] - jx, point[1, i] - jy, point[2, i] - jz
             lever = rx * (ny * az - nz * ay) + ry * (nz * ax - nx * az) + rz * (nx * ay - ny * ax)
-            block[k, i] = lever * scale if abs(lever) > LEVER_FLOOR else 0.0
+            block[k, i] = lever * scale if abs(lever) > floor else 0.0
 
 
 @jit_vector
@@ -187,7 +188,8 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
         scale = weight[6 + 3 * f : 9 + 3 * f]
         if last > first:
             ends = contacts.phalanx_end[f]
-            finger_columns(first, last, ends, point, normal, pose.joints[f], pose.axis[f], scale, block)
+            floor = LEVER_FLOOR * hand.length[f, 0]
+            finger_columns(first, last, ends, point, normal, pose.joints[f], pose.axis[f], scale, floor, block)
             step = problem.abduction_step[f]
             if step != 0.0:
                 follow_abduction(first, last, point, normal, pose.joints[f, 0], pose.abduction_axis[f], step, rhs)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .active_set import OPTIMAL, QpWork
 from .clock import monotonic_ns
-from .contact import count_within, evaluate, find_contacts
+from .contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, count_within, evaluate, find_contacts
 from .coupled import solve_coupled
 from .force import FORCE_PAPER, hand_forces
 from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
@@ -35,17 +35,32 @@ from .tick_state import (
     STATUS_HELD,
     STATUS_LAG,
     STATUS_STUCK,
-    TOUCH,
+    UNITS_LINEARISATION,
+    UNITS_NODE_TEST,
+    UNITS_PAIR_TEST,
+    UNITS_QP_ITERATION,
+    UNITS_ROW,
+    WORK_BODIES,
     WORK_CANDIDATES,
     WORK_LINEARISATIONS,
     WORK_QP_ITERATIONS,
+    WORK_ROWS,
     WORK_TOUCHING,
+    WORK_UNITS,
     TickOptions,
 )
 from .tree import TreeArrays
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+REACH_PACE = 2.0
+REACH_FLOOR = 2.0
+REACH_GROWTH = 4.0
+"""A tick's first program reaches as far as this many motions of the last tick, and this many settled steps.
+
+A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin.
+"""
 
 
 @jit
@@ -105,7 +120,18 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.step.duration[:] = 0
     state.step.iterations = 0
     state.trust = options.margin
+    # What moves as fast as in the last tick, or stands still, needs no more; what does not, gains reach as it goes.
+    state.reach = min(options.margin, max(REACH_FLOOR * options.settled, REACH_PACE * state.moved))
+    state.moved = 0.0
     state.lag = 0.0
+
+
+@jit
+def spent_units(state: Record) -> int:
+    """Work units of the tick so far; `work[WORK_UNITS]` itself counts linearisations and rows until the tick ends."""
+    work = state.work
+    units = work[WORK_UNITS] + UNITS_QP_ITERATION * state.step.iterations
+    return units + UNITS_NODE_TEST * work[COUNT_NODE_TESTS] + UNITS_PAIR_TEST * work[COUNT_PAIR_TESTS]
 
 
 @jit
@@ -123,17 +149,36 @@ def _aim(state: Record) -> None:
 
 
 @jit
+def _count_near(margin: float, candidates: Record) -> tuple[int, int]:
+    bodies, pairs = 0, 0
+    for body in range(BODY_COUNT):
+        if candidates.nearest[body] <= margin:
+            bodies += 1
+            if body < PALM_BODY:
+                pairs += count_within(candidates.distance[body], candidates.count[body], margin)
+            else:
+                pairs += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], margin)
+    return bodies, pairs
+
+
+@jit
 def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
     """Contacts and program at the present configuration; returns the number of contacts, -1 where they do not fit."""
     began = monotonic_ns()
-    status = find_contacts(hand, state.pose, state.candidates, options.margin, tree.radius.shape[0], state.contacts)
+    candidates = state.candidates
+    reach = min(state.reach, state.trust)
+    status = find_contacts(hand, state.pose, candidates, reach, tree.radius.shape[0], state.contacts)
     if status != 0:
         return -1
     _aim(state)
     state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]
+    bodies, pairs = _count_near(options.margin, candidates)
+    state.work[WORK_BODIES] = max(state.work[WORK_BODIES], bodies)
     state.work[WORK_LINEARISATIONS] += 1
-    state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], contacts)
+    state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], pairs)
+    state.work[WORK_ROWS] = max(state.work[WORK_ROWS], contacts)
+    state.work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_ROW * contacts
     if contacts == 0:
         for j in range(DOF):
             state.step.delta[j] = state.problem.target[j]
@@ -185,15 +230,18 @@ def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
 def _shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
     # The share of the step that the pairs at hand vouch for, and how far it would move the farthest point of the hand.
     candidates = state.candidates
+    reach = min(state.reach, state.trust)
     motion_bounds(hand, state.step.delta, state.problem.abduction_step, state.motion)
     fraction = 1.0
     longest = 0.0
     for body in range(BODY_COUNT):
+        if state.modelled[body] == 0:
+            continue
         motion = state.motion[body]
         longest = max(longest, motion)
         near = candidates.nearest[body]
-        if near <= options.margin:
-            allowed = min(candidates.slack[body], state.trust)
+        if near <= reach:
+            allowed = min(candidates.slack[body], reach)
         else:
             allowed = min(candidates.slack[body], near)
         if motion * fraction > allowed:
@@ -243,6 +291,9 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
         state.since_safe[body] += moved
     status = evaluate_pose(hand, tree, options, state)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
+    state.moved += fraction * longest
+    if fraction < 1.0 or state.clipped:
+        state.reach = min(options.margin, REACH_GROWTH * state.reach)
     state.lag = wanted - fraction * longest
     done = False
     if status != 0:
@@ -327,7 +378,7 @@ def _settle_forces(hand: HandArrays, tree: TreeArrays, options: TickOptions, sta
     # program, of the touching contacts only, that standing still satisfies, so that the forces stay within the
     # coupling's own. The same where the palm has yielded to a finger: it stands at the edge of what the finger's own
     # program allows, and there that program's multipliers grow without bound.
-    contacts = find_contacts(hand, state.pose, state.candidates, TOUCH, tree.radius.shape[0], state.contacts)
+    contacts = find_contacts(hand, state.pose, state.candidates, options.touch, tree.radius.shape[0], state.contacts)
     state.active.count = 0
     if contacts != 0 or state.contacts.start[FINGER_COUNT + 1] == 0:
         return
@@ -372,17 +423,17 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
         _cap_lag(state)
     touching = 0
     for body in range(PALM_BODY):
-        if candidates.nearest[body] <= TOUCH:
-            touching += count_within(candidates.distance[body], candidates.count[body], TOUCH)
-    if candidates.nearest[PALM_BODY] <= TOUCH:
-        touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], TOUCH)
+        if candidates.nearest[body] <= options.touch:
+            touching += count_within(candidates.distance[body], candidates.count[body], options.touch)
+    if candidates.nearest[PALM_BODY] <= options.touch:
+        touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
     strained = state.progressive.variables > 6 and options.method == METHOD_PROGRESSIVE
     if (status & STATUS_LAG or strained) and options.force_model != FORCE_PAPER:
         _settle_forces(hand, tree, options, state, qp)
     if options.force_model == FORCE_PAPER:
-        find_contacts(hand, state.pose, candidates, TOUCH, tree.radius.shape[0], state.contacts)
+        find_contacts(hand, state.pose, candidates, options.touch, tree.radius.shape[0], state.contacts)
     hand_forces(
         hand,
         state.pose,
@@ -390,13 +441,14 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
         state.active,
         state.contacts,
         options.force_model,
-        TOUCH,
+        options.touch,
         options.contact_stiffness,
         state.stiffness,
         state.scratch,
         state.forces,
     )
     state.step.duration[DURATION_DETECT] += detected - began
+    state.work[WORK_UNITS] = spent_units(state)
     state.work[WORK_QP_ITERATIONS] = state.step.iterations
     state.step.duration[DURATION_FORCE] += monotonic_ns() - detected
     return status
@@ -407,7 +459,9 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record
     """Bring the graphic hand as near to the haptic hand (`set_haptic`) as the object allows; returns status bits."""
     begin_tick(options, state)
     status = 0
-    for _ in range(options.linearisations):
+    for i in range(options.linearisations):
+        if i > 0 and spent_units(state) >= options.budget:
+            break
         contacts = prepare(hand, tree, options, state)
         if contacts < 0:
             status |= STATUS_FULL
@@ -431,6 +485,8 @@ def gather_anew(hand: HandArrays, tree: TreeArrays, options: TickOptions, states
     """Take the graphic hand's configuration as it now stands: kinematics, near pairs, distances; returns 0 or FULL."""
     state = states[0]
     for body in range(BODY_COUNT):
-        state.candidates.slack[body] = -np.inf
+        # A body that the scene does not use is never due for a walk and never near.
+        state.candidates.slack[body] = -np.inf if state.modelled[body] == 1 else np.inf
+        state.candidates.count[body] = 0
         state.candidates.fresh[body] = 0.0
     return evaluate_pose(hand, tree, options, state)

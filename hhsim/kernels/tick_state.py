@@ -31,15 +31,28 @@ STATUS_ABDUCTION_HELD = 32
 """The abduction of the haptic hand was not followed, since that left no feasible step."""
 
 TOUCH = 1e-5
-"""Pairs nearer than this [m] count as touching."""
+"""Pairs nearer than this [m] count as touching, for a hand of the usual size."""
 
 WORK_LINEARISATIONS = 3
 WORK_QP_ITERATIONS = 4
 WORK_CANDIDATES = 5
 WORK_TOUCHING = 6
+WORK_ROWS = 7
+WORK_BODIES = 8
+WORK_UNITS = 9
 """Places in the work counters, behind those of `kernels.contact`."""
 
-WORK_COUNTERS = 7
+WORK_COUNTERS = 10
+
+UNITS_LINEARISATION = 4000
+UNITS_NODE_TEST = 10
+UNITS_PAIR_TEST = 2
+UNITS_ROW = 30
+UNITS_QP_ITERATION = 1500
+"""What each piece of work counts in work units: about a nanosecond each on a 2.6 GHz core with AVX-512.
+
+Only their ratios matter: the same input takes the same units on any machine.
+"""
 
 
 class TickOptions(NamedTuple):
@@ -49,7 +62,8 @@ class TickOptions(NamedTuple):
     |---|---|
     | method | METHOD_COUPLED or METHOD_PROGRESSIVE |
     | force_model | FORCE_KKT or FORCE_PAPER |
-    | linearisations | the tick's budget |
+    | linearisations | most of them in a tick |
+    | budget | work units after which no further linearisation begins |
     | margin | pairs up to this far enter the program; the longest step near the object |
     | skin | pairs up to this much farther are kept at hand between ticks |
     | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
@@ -57,11 +71,13 @@ class TickOptions(NamedTuple):
     | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
     | longest_correction | for curvature, in units of √G δ, see `kernels.second_order` |
     | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
+    | touch | pairs nearer than this count as touching |
     """
 
     method: int
     force_model: int
     linearisations: int
+    budget: int
     margin: float
     skin: float
     offset: float
@@ -70,6 +86,7 @@ class TickOptions(NamedTuple):
     relaxation: float
     longest_correction: float
     contact_stiffness: float
+    touch: float
 
 
 TICK_STATE = np.dtype(
@@ -91,7 +108,10 @@ TICK_STATE = np.dtype(
         ("forces", FORCES),
         ("motion", np.float64, (BODY_COUNT,)),
         ("since_safe", np.float64, (BODY_COUNT,)),
+        ("modelled", np.int8, (BODY_COUNT,)),
         ("trust", np.float64),
+        ("reach", np.float64),
+        ("moved", np.float64),
         ("lag", np.float64),
         ("relaxed", np.bool_),
         ("hold_abduction", np.bool_),
@@ -121,7 +141,10 @@ TICK_STATE = np.dtype(
 | coupled, progressive, correction | workspaces of the methods |
 | forces | of this tick |
 | motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
+| modelled | 1 for bodies that the scene uses; the others follow the haptic hand through the object |
 | trust, lag | longest step near the object, distance still to go [m] |
+| reach | pairs up to this far enter the program, and no step near the object is longer [m]; at most the margin |
+| moved | how far the farthest point of the hand can have moved in this tick [m] |
 | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
 | together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
 | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
