@@ -19,6 +19,7 @@ from .active_set import OPTIMAL, QpWork
 from .clock import monotonic_ns
 from .contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, count_within, evaluate, find_contacts
 from .coupled import solve_coupled
+from .dominance import drop_dominated
 from .force import FORCE_PAPER, hand_forces
 from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
 from .jit import Record, jit
@@ -170,6 +171,7 @@ def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
     status = find_contacts(hand, state.pose, candidates, reach, tree.radius.shape[0], state.contacts)
     if status != 0:
         return -1
+    drop_dominated(hand, reach, state.contacts, state.excess[:])
     _aim(state)
     state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .contact import CANDIDATES, CONTACTS
+from .contact import CANDIDATES, CONTACT_ROWS, CONTACTS
 from .coupled import COUPLED_WORK
 from .force import FORCES
 from .hand import BODY_COUNT, DOF
@@ -120,6 +120,7 @@ TICK_STATE = np.dtype(
         ("full", np.bool_),
         ("bad_steps", np.int64),
         ("work", np.int64, (WORK_COUNTERS,)),
+        ("excess", np.float64, (CONTACT_ROWS,)),
         ("stiffness", np.float64, (DOF,)),
         ("scratch", np.float64, (3,)),
     ],
@@ -151,5 +152,6 @@ TICK_STATE = np.dtype(
 | full | this tick met more pairs than the arrays hold |
 | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
 | work | counters of this tick |
+| excess | workspace of `kernels.dominance` |
 | stiffness | G |
 """

@@ -1,0 +1,145 @@
+"""Contacts that follow from another one and need no row of their own.
+
+A patch of a sphere tree brings many contacts with nearly the same normal, one above the other. Let contact j be on the
+same rigid body as contact i, x the points of the body's axis (or of the palm's sphere) that are nearest to the two
+spheres, n their normals, d their distances. A step turns the body by a rotation vector w, and moves x_j by v_j, so that
+v_i = v_j + w × (x_i - x_j). If the program holds row j, d_j + n_j · v_j >= ε, then
+
+    d_i + n_i · v_i = d_i + n_j · v_j + n_i · (w × (x_i - x_j)) + (n_i - n_j) · v_j
+                   >= ε + (d_i - d_j) - |w| |x_i - x_j| - |n_i - n_j| |v_j|,
+
+and no step is longer than `reach` at any axis point of a body that has contacts: |v_j| <= reach, and |w| <= reach over
+the shortest lever by which `kernels.hand.motion_bounds` counts rotations. Hence row i follows from row j where
+
+    d_i - d_j >= reach · (|x_i - x_j| / lever + |n_i - n_j|).
+
+The first row of a body to be held against is its nearest contact's, which a step is most likely to meet; then the
+nearest of those that do not follow from it, and so on.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays
+from .jit import Record, jit, jit_vector
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+REFERENCES = 3
+"""Contacts of a body that the others are held against: most that can follow from any do so from the first ones."""
+FEWEST = 8
+"""A body with fewer contacts is left alone: its rows cost less than looking."""
+KEPT = 2.0
+"""Marks a contact that others are held against."""
+
+
+@jit_vector
+def _excess(
+    start: int,
+    stop: int,
+    reference: int,
+    per_metre: float,
+    reach: float,
+    point: Array,
+    normal: Array,
+    distance: Array,
+    hand_radius: Array,
+    excess_out: Array,
+) -> None:
+    # How far d_i is from following, negative where it follows.
+    r = hand_radius[reference]
+    ax, ay, az = normal[0, reference], normal[1, reference], normal[2, reference]
+    bx, by, bz = point[0, reference] + r * ax, point[1, reference] + r * ay, point[2, reference] + r * az
+    d = distance[reference]
+    for i in range(start, stop):
+        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
+        ri = hand_radius[i]
+        x, y, z = point[0, i] + ri * nx - bx, point[1, i] + ri * ny - by, point[2, i] + ri * nz - bz
+        nx, ny, nz = nx - ax, ny - ay, nz - az
+        apart = math.sqrt(x * x + y * y + z * z)
+        turned = math.sqrt(nx * nx + ny * ny + nz * nz)
+        needed = per_metre * apart + reach * turned - (distance[i] - d)
+        before = excess_out[i]
+        excess_out[i] = needed if needed < before < KEPT else before
+
+
+@jit
+def _move(contacts: Record, source: int, target: int) -> None:
+    contacts.body[target] = contacts.body[source]
+    contacts.key[target] = contacts.key[source]
+    for j in range(3):
+        contacts.point[j, target] = contacts.point[j, source]
+        contacts.normal[j, target] = contacts.normal[j, source]
+    contacts.distance[target] = contacts.distance[source]
+    contacts.hand_radius[target] = contacts.hand_radius[source]
+    contacts.object_radius[target] = contacts.object_radius[source]
+    contacts.slides[target] = contacts.slides[source]
+
+
+@jit
+def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts: Record, excess: Array) -> int:
+    # Keep what does not follow of the contacts [start, stop), moved to `row` and on; returns the row behind them.
+    if stop - start >= FEWEST:
+        distance = contacts.distance
+        for i in range(start, stop):
+            excess[i] = 1.0
+        for _ in range(REFERENCES):
+            nearest = -1
+            for i in range(start, stop):
+                if 0.0 < excess[i] < KEPT and (nearest < 0 or distance[i] < distance[nearest]):
+                    nearest = i
+            if nearest < 0:
+                break
+            _excess(
+                start,
+                stop,
+                nearest,
+                reach / lever,
+                reach,
+                contacts.point,
+                contacts.normal,
+                distance,
+                contacts.hand_radius,
+                excess,
+            )
+            excess[nearest] = KEPT
+        for i in range(start, stop):
+            if excess[i] > 0.0:
+                if row < i:
+                    _move(contacts, i, row)
+                row += 1
+        return row
+    for i in range(start, stop):
+        if row < i:
+            _move(contacts, i, row)
+        row += 1
+    return row
+
+
+@jit
+def drop_dominated(hand: HandArrays, reach: float, contacts: Record, excess: Array) -> None:
+    """Leave only the contacts that do not follow from others of their body.
+
+    Args:
+        hand: the hand.
+        reach: no axis point of a body with contacts moves farther in the step [m].
+        contacts: records as `kernels.contact.find_contacts` leaves them; thinned, in their order.
+        excess: workspace, shape (CONTACT_ROWS,).
+    """
+    start = contacts.start[0]
+    stop = contacts.start[1]
+    row = _thin(start, stop, start, hand.palm_reach[0], reach, contacts, excess)
+    contacts.start[1] = row
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            start = stop
+            stop = contacts.phalanx_end[f, k]
+            lever = hand.reach[f, k]
+            for i in range(k + 1):
+                lever = min(lever, hand.lever[f, k, i])
+            row = _thin(start, stop, row, lever, reach, contacts, excess)
+            contacts.phalanx_end[f, k] = row
+        contacts.start[f + 2] = row
