@@ -3,12 +3,12 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.shell_completion import CompletionItem
 
-from . import options
+from . import options, tree_level
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 from .number_list import number_list
 from .object_argument import complete_object, read_object
@@ -16,7 +16,7 @@ from .object_argument import complete_object, read_object
 if TYPE_CHECKING:
     from hhsim.hand import HandModel
     from hhsim.script import Script
-    from hhsim.solver_options import SolverOptions
+    from hhsim.solver_options import SolverOptions, Stiffness
     from hhsim.trajectory import Trajectory
 
 
@@ -26,6 +26,20 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
 
     names = [CompletionItem(name) for name in trajectory_names() if name.startswith(incomplete)]
     return names or [CompletionItem(incomplete, type="file")]
+
+
+def read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
+    """Read names of fingers with commas between, in any order; they come back in the hand's."""
+    from hhsim.errors import UnknownNameError
+    from hhsim.solver_options import FINGERS
+
+    if value is None:
+        return None
+    names = [name.strip() for name in value.split(",")]
+    for name in names:
+        if name not in FINGERS:
+            raise UnknownNameError("finger", name, FINGERS)
+    return tuple(name for name in FINGERS if name in names)
 
 
 @click.command()
@@ -48,10 +62,14 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
     show_default=True,
     help="Forces from the program's multipliers, or from the paper's Eq. 14.",
 )
+@tree_level.level
+@tree_level.max_error
 @click.option(
-    "--level",
-    type=click.IntRange(1, 5),
-    help="Level of the sphere tree's leaves. Default: 3 or 4, as the catalogue says; 4 for a mesh file.",
+    "--fingers",
+    callback=read_fingers,
+    metavar="NAMES",
+    help="Fingers that the scene uses, such as thumb,index; the others follow the user's through the object. "
+    "Default: all five.",
 )
 @click.option(
     "--rate",
@@ -91,6 +109,19 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
 )
 @click.option("--linearisations", type=click.IntRange(1), metavar="N", help="Most linearisations in a tick.")
 @click.option(
+    "--budget",
+    type=click.IntRange(1),
+    metavar="UNITS",
+    help="Work after which a tick begins no further linearisation, about 1 ns a unit; what is left is lag. "
+    "Default: no such bound.",
+)
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="SHARE",
+    help="Largest violation of a contact's row, as a share of the margin. Default: 1e-8.",
+)
+@click.option(
     "--tremor",
     callback=number_list("mm", "degrees"),
     metavar="MM,DEG",
@@ -109,6 +140,8 @@ def command(
     qp: str,
     force: str,
     level: int | None,
+    max_error: float | None,
+    fingers: tuple[str, ...] | None,
     rate: float,
     samples: Literal["interpolate", "hold"],
     hand: Literal["right", "left"],
@@ -116,6 +149,8 @@ def command(
     stiffness: tuple[float, ...] | None,
     margin: float | None,
     linearisations: int | None,
+    budget: int | None,
+    tolerance: float | None,
     tremor: tuple[float, ...] | None,
     unit: str | None,
     size: float | None,
@@ -140,26 +175,33 @@ def command(
     from hhsim.replay import replay as run
     from hhsim.result import check_result_destination
     from hhsim.scene import make_scene
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
-    solver = _solver_options(method, qp, force, stiffness, margin, linearisations)
+    changed = {
+        "stiffness": _stiffness(stiffness),
+        "margin": None if margin is None else 1e-3 * margin,
+        "linearisations": linearisations,
+        "budget": budget,
+        "tolerance": tolerance,
+        "fingers": fingers,
+    }
+    solver = _solver_options(method, qp, force, {name: value for name, value in changed.items() if value is not None})
     motion = _motion(trajectory, tremor)
     announce_compilation(quiet=quiet)
     mesh, usual_level = read_object(object_, unit, size)
-    tree_level = level or usual_level or 4
     destination = out or dated_destination(f"{mesh.name}-{motion.name}")
     check_result_destination(destination)
     print_notes(mesh.warnings, prefix="warning")
     with progress(quiet=quiet) as report:
         model = _hand(hand, hand_file)
-        tree = cached_sphere_tree(mesh, TreeOptions(level=tree_level), report)
-        scene = make_scene(mesh, tree, model, motion, rate=rate, mode=samples, seed=seed)
+        chosen = tree_level.choose_tree(mesh, level, usual_level, max_error, report)
+        scene = make_scene(mesh, chosen.tree, model, motion, rate=rate, mode=samples, seed=seed)
         description = {
             "object": object_,
             "object_mesh": mesh.sha256,
             "unit": unit,
             "size_mm": size,
-            "level": tree_level,
+            "level": chosen.level,
+            "max_error": max_error,
             "trajectory": trajectory,
             "samples": samples,
             "hand_file": str(hand_file) if hand_file else None,
@@ -173,7 +215,7 @@ def command(
         title = f"{mesh.name}, {motion.name}, {method}: {summary.ticks:,} ticks"
         rows = [(row.label, row.shown, row.unit, row.paper) for row in summary.rows]
         print_table(("", "hhsim", "unit", "paper"), rows, title=title, numbers=("hhsim", "paper"))
-        for note in summary.notes:
+        for note in (*chosen.notes, *summary.notes):
             if note not in mesh.warnings:
                 print(f"note: {note}")
         print(f"every tick is in {summary.path}")
@@ -183,25 +225,24 @@ def _solver_options(
     method: str,
     qp: str,
     force: str,
-    stiffness: tuple[float, ...] | None,
-    margin: float | None,
-    linearisations: int | None,
+    changed: "dict[str, Any]",
 ) -> "SolverOptions":
     from hhsim.errors import UnknownNameError
     from hhsim.qp import ACTIVE_SET, available_backends
-    from hhsim.solver_options import SolverOptions, Stiffness
+    from hhsim.solver_options import SolverOptions
 
     if qp != ACTIVE_SET and qp not in available_backends():
         raise UnknownNameError("QP solver", qp, available_backends())
-    solver = SolverOptions(method=method, qp=qp, force=force)
-    if stiffness is not None:
-        translation, rotation, flexion = stiffness
-        solver = replace(solver, stiffness=Stiffness(translation=translation, rotation=rotation, flexion=flexion))
-    if margin is not None:
-        solver = replace(solver, margin=1e-3 * margin)
-    if linearisations is not None:
-        solver = replace(solver, linearisations=linearisations)
-    return solver
+    return SolverOptions(method=method, qp=qp, force=force, **changed)
+
+
+def _stiffness(numbers: tuple[float, ...] | None) -> "Stiffness | None":
+    from hhsim.solver_options import Stiffness
+
+    if numbers is None:
+        return None
+    translation, rotation, flexion = numbers
+    return Stiffness(translation=translation, rotation=rotation, flexion=flexion)
 
 
 def _motion(trajectory: str, tremor: tuple[float, ...] | None) -> "Script | Trajectory":

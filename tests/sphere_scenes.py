@@ -145,6 +145,7 @@ def prepared(solver: HandSolver, motion: Motion, tick: int, relaxed: bool = Fals
     position, orientation, flexion, abduction = (values[tick] for values in motion)
     assert kernel.set_haptic(solver.hand, position, orientation, flexion, abduction, state) == 0
     kernel.begin_tick(options, state)
+    state.reach = options.margin
     state.relaxed = relaxed
     evaluate(solver.hand, state.pose, solver.tree, options.margin, options.skin, state.candidates, state.work)
     return int(kernel.prepare(solver.hand, solver.tree, options, state))

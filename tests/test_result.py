@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hhsim import info
 from hhsim.errors import InputError, OutputError
 from hhsim.result import CHUNK_TICKS, ResultWriter, load_result
-from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.result_schema import SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS
 from hhsim.trajectory import TickPhase
 
 Arrays = dict[str, NDArray[Any]]
@@ -101,6 +101,20 @@ def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
     }
 
 
+def test_a_result_of_the_first_schema_is_still_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.h5", [block(50)])
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema_version"] = 1
+        for column in TICK_COLUMNS:
+            if column.since > 1:
+                del file["tick"][column.name]
+    loaded = load_result(path)
+    assert (loaded.ticks, loaded.schema_version) == (50, 1)
+    assert loaded["force/total"].shape == (50, 3)
+    with pytest.raises(InputError, match="has no dataset lag: its schema is 1, not 2"):
+        loaded["lag"]
+
+
 def test_the_schema_is_the_documented_one() -> None:
     shapes = {column.name: column.shape for column in TICK_COLUMNS}
     assert len(shapes) == len(TICK_COLUMNS), "a name stands twice"
@@ -108,7 +122,7 @@ def test_the_schema_is_the_documented_one() -> None:
     assert shapes["force/phalanx"] == (5, 3, 3)
     assert shapes["force/palm_wrench"] == (6,)
     assert {name.split("/")[0] for name in shapes} == {
-        *("time", "input_seq", "status", "haptic", "graphic", "force", "duration", "contacts", "work"),
+        *("time", "input_seq", "status", "lag", "haptic", "graphic", "force", "duration", "contacts", "work"),
         *("penetration_depth", "penetration_palm", "penetration_finger"),
         *("force_variation_rate", "force_variation_finger"),
     }
@@ -356,7 +370,7 @@ def spoil_empty(path: Path) -> None:
 
 def spoil_newer(path: Path) -> None:
     with h5py.File(path, "r+") as file:
-        file.attrs["schema_version"] = 2
+        file.attrs["schema_version"] = SCHEMA_VERSION + 1
 
 
 def spoil_format(path: Path) -> None:
@@ -405,7 +419,7 @@ def spoil_folder(path: Path) -> None:
         (spoil_text, "is no HDF5 file"),
         (spoil_cut, "cut short or damaged"),
         (spoil_empty, "is no HDF5 file"),
-        (spoil_newer, r"newer hhsim \(schema 2; this one reads up to 1\): upgrade hhsim"),
+        (spoil_newer, r"newer hhsim \(schema 3; this one reads up to 2\): upgrade hhsim"),
         (spoil_format, "its format is 'hhsim-tree', not 'hhsim-result'"),
         (spoil_no_format, "states no format"),
         (spoil_lacking, "lacks the dataset force/total"),

@@ -1,0 +1,86 @@
+"""How fine the sphere tree of a replay is: a level, or the coarsest one within an error budget."""
+
+import re
+from typing import TYPE_CHECKING, NamedTuple
+
+import click
+
+from .console import Report
+
+if TYPE_CHECKING:
+    from hhsim.mesh import Mesh
+    from hhsim.sphere_tree import SphereTree
+
+AUTO = 0
+"""Stands for `--level auto`."""
+METRES = {"": 1e-3, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
+
+
+class ChosenTree(NamedTuple):
+    """A sphere tree, its level, and what to tell of the choice."""
+
+    tree: "SphereTree"
+    level: int
+    notes: tuple[str, ...]
+
+
+def read_level(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
+    """Read 1 to 5, or auto."""
+    if value is None:
+        return None
+    if value == "auto":
+        return AUTO
+    if value not in ("1", "2", "3", "4", "5"):
+        raise click.BadParameter(f"'{value}', expected 1 to 5, or auto", context, parameter)
+    return int(value)
+
+
+def read_length(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
+    """Read a length such as 0.3mm or 300um; a bare number is in mm. Returns metres."""
+    if value is None:
+        return None
+    found = re.fullmatch(r"([0-9.]+(?:e-?[0-9]+)?) ?(|mm|um|µm|m)", value)
+    try:
+        length = float(found[1]) * METRES[found[2]] if found else 0.0
+    except ValueError:
+        length = 0.0
+    if not 0.0 < length < 1.0:
+        raise click.BadParameter(f"'{value}', expected a length such as 0.3mm", context, parameter)
+    return length
+
+
+level = click.option(
+    "--level",
+    callback=read_level,
+    metavar="N|auto",
+    help="Level of the sphere tree's leaves, 1 to 5; auto: the coarsest one within --max-error. Default: 3 or 4, as "
+    "the catalogue says; 4 for a mesh file.",
+)
+max_error = click.option(
+    "--max-error",
+    callback=read_length,
+    metavar="LENGTH",
+    help="For --level auto: how far the spheres may reach out of the mesh, such as 0.3mm.",
+)
+
+
+def choose_tree(
+    mesh: "Mesh", wanted: int | None, usual: int | None, budget: float | None, report: Report | None
+) -> ChosenTree:
+    """Build or load the tree that the options ask for."""
+    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+    from hhsim.tree_choice import coarsest_sphere_tree
+
+    if wanted == AUTO and budget is None:
+        raise click.UsageError("--level auto needs --max-error, such as --max-error 0.3mm")
+    if budget is not None and wanted not in (None, AUTO):
+        raise click.UsageError(f"--max-error chooses the level itself: leave --level {wanted} out")
+    if budget is None:
+        at = wanted or usual or 4
+        return ChosenTree(cached_sphere_tree(mesh, TreeOptions(level=at), report), at, ())
+    choice = coarsest_sphere_tree(mesh, budget, report)
+    told = (
+        f"level {choice.level} is the coarsest within {1e3 * budget:g} mm: {choice.tree.leaf_count:,} spheres, which "
+        f"reach out of the mesh by {1e3 * choice.bound:.3f} mm at most"
+    )
+    return ChosenTree(choice.tree, choice.level, (told,))

@@ -1,0 +1,136 @@
+"""What is dropped follows from what is kept: held against random steps, within the bound that the proof asks for."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, set_pose, sphere_tree, still
+from test_kernel_linearise import RIGHT, ROOT, row_matrix
+
+from hhsim.kernels.contact import CONTACT_ROWS, evaluate, find_contacts
+from hhsim.kernels.dominance import FEWEST, drop_dominated
+from hhsim.kernels.hand import motion_bounds
+from hhsim.kernels.linearise import build_rows
+from hhsim.sphere_tree import SphereTree
+from hhsim.workspace import tick_state
+
+Array = NDArray[np.float64]
+
+REACH = 1e-3
+OFFSET = 5e-7
+FIELDS = ("body", "key", "distance", "hand_radius", "object_radius", "slides")
+
+
+def in_contact(tree: SphereTree, at: Motion, reach: float) -> Any:
+    state = tick_state(ROOT**2)[0]
+    set_pose(RIGHT, state.pose, at)
+    arrays = RIGHT.arrays()
+    assert evaluate(arrays, state.pose, tree.arrays(), reach, 0.0, state.candidates, state.work) == 0
+    assert find_contacts(arrays, state.pose, state.candidates, reach, len(tree.radius), state.contacts) == 0
+    return state
+
+
+def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, Motion]:
+    """A hand that lies on a ball of overlapping spheres, less than half a millimetre off it."""
+    random = np.random.default_rng(seed)
+    tree = bumpy_ball(leaves)
+    flexion = random.uniform(0.0, 0.6, (5, 3))
+    gap, along = random.uniform(0.0, 5e-4), random.uniform(-0.08, 0.0)
+    low, high = 0.0, 0.2
+    for _ in range(40):
+        height = 0.5 * (low + high)
+        at = still(1, [0.0, along, height], flexion=flexion)
+        if brute_pairs(RIGHT, tree.leaf_center, tree.leaf_radius, at).min() > gap:
+            high = height
+        else:
+            low = height
+    return tree, still(1, [0.0, along, high], flexion=flexion)
+
+
+def rows(state: Any) -> tuple[Array, Array, list[int]]:
+    build_rows(RIGHT.arrays(), state.pose, state.contacts, OFFSET, False, state.problem)
+    count = int(state.contacts.start[-1])
+    return row_matrix(state), np.array(state.problem.rhs[:count]), [int(key) for key in state.contacts.key[:count]]
+
+
+def bounded_step(random: np.random.Generator, bodies: set[int], reach: float) -> Array:
+    """A random step in which no point of these bodies moves farther than `reach`, and one moves just so far."""
+    step = random.normal(size=21) / ROOT * 10.0 ** random.uniform(-1.0, 1.0, 21)
+    motion = np.zeros(16)
+    motion_bounds(RIGHT.arrays(), step, np.zeros(5), motion)
+    return np.asarray(step * reach / motion[sorted(bodies)].max())
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([300, 1000, 3000]), st.sampled_from([REACH, 0.2 * REACH]))
+def test_every_dropped_row_follows_from_the_kept_ones(seed: int, leaves: int, reach: float) -> None:
+    tree, at = on_a_patch(seed, leaves)
+    state = in_contact(tree, at, reach)
+    matrix, rhs, keys = rows(state)
+    drop_dominated(RIGHT.arrays(), reach, state.contacts, np.zeros(CONTACT_ROWS))
+    _, _, kept = rows(state)
+    keeps = np.isin(keys, kept)
+    assert set(kept) <= set(keys)
+    bodies = {key // len(tree.radius) for key in keys}
+    bodies = {min(body, PALM) for body in bodies}
+    if not bodies:
+        return
+    random = np.random.default_rng(seed)
+    for _ in range(200):
+        step = bounded_step(random, bodies, reach)
+        change = matrix @ step
+        # To the edge of what the kept rows allow, where a dropped one would show first.
+        towards = change[keeps] < 0.0
+        share = np.min(rhs[keeps][towards] / change[keeps][towards], initial=1.0)
+        if share >= 0.0 and (share * change >= rhs)[keeps & (change > 0.0)].all():
+            assert (share * change - rhs)[~keeps].min(initial=0.0) >= -1e-15
+
+
+def test_patches_of_many_spheres_lose_most_of_their_rows_and_keep_their_nearest() -> None:
+    dropped = total = 0
+    for seed in range(20):
+        tree, at = on_a_patch(seed, 3000)
+        state = in_contact(tree, at, REACH)
+        before = int(state.contacts.start[-1])
+        records = {name: np.array(state.contacts[name][:before]) for name in FIELDS}
+        points, normals = np.array(state.contacts.point[:, :before]), np.array(state.contacts.normal[:, :before])
+        drop_dominated(RIGHT.arrays(), REACH, state.contacts, np.zeros(CONTACT_ROWS))
+        after = int(state.contacts.start[-1])
+        place = {key: i for i, key in enumerate(records["key"])}
+        chosen = [place[key] for key in state.contacts.key[:after]]
+        assert chosen == sorted(chosen), "the order has changed"
+        for name in FIELDS:
+            np.testing.assert_array_equal(state.contacts[name][:after], records[name][chosen])
+        np.testing.assert_array_equal(state.contacts.point[:, :after], points[:, chosen])
+        np.testing.assert_array_equal(state.contacts.normal[:, :after], normals[:, chosen])
+        for body in np.unique(records["body"]):
+            own = records["body"] == body
+            kept = np.isin(np.flatnonzero(own), chosen)
+            assert kept[np.argmin(records["distance"][own])]
+            assert own.sum() >= FEWEST or kept.all()
+        groups = np.array([np.searchsorted(state.contacts.body[:after], 0), *state.contacts.start[1:]])
+        for f in range(5):
+            bodies = state.contacts.body[groups[f + 1] : groups[f + 2]]
+            assert ((bodies // 3 == f) & (bodies < PALM)).all()
+            for k in range(3):
+                first = groups[f + 1] if k == 0 else state.contacts.phalanx_end[f, k - 1]
+                assert (state.contacts.body[first : state.contacts.phalanx_end[f, k]] == 3 * f + k).all()
+        assert (state.contacts.body[: state.contacts.start[1]] == PALM).all()
+        dropped, total = dropped + before - after, total + before
+    assert dropped > 0.5 * total
+
+
+@pytest.mark.parametrize("copies", [FEWEST, 500])
+def test_of_duplicates_one_is_left(copies: int) -> None:
+    at = still(1, [0.0, 0.0, 0.0])
+    joints = RIGHT.joints(*(values[0] for values in at))
+    below = joints[1, 3] - [0.0, 0.0, RIGHT.radius[1, 3] + 5e-3 + 1e-4]
+    tree = sphere_tree(np.repeat(below[None], copies, axis=0), np.full(copies, 5e-3))
+    state = in_contact(tree, at, REACH)
+    tips = state.contacts.body[: state.contacts.start[-1]] == 5
+    assert tips.sum() == copies
+    drop_dominated(RIGHT.arrays(), REACH, state.contacts, np.zeros(CONTACT_ROWS))
+    assert (state.contacts.body[: state.contacts.start[-1]] == 5).sum() == 1
