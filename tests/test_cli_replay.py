@@ -90,6 +90,25 @@ def test_the_same_input_gives_the_same_bytes_but_for_the_timings(tmp_path: Path,
     assert first.scene == second.scene
 
 
+def test_what_the_scene_does_not_need_is_left_out_and_told(run: Run, tmp_path: Path, short: Path) -> None:
+    options = ["--fingers", "index,thumb", "--max-error", "2mm", "--budget", "50000", "--json", "--out", "run.h5"]
+    answer = run("replay", "cube", short.name, *options)
+    assert answer.code == 0, answer.err
+    table = json.loads(answer.out)
+    assert table["fingers_modelled"] == 2
+    assert 0.0 < table["bodies_near"] <= 7.0
+    assert table["rows_max"] <= table["candidates_max"]
+    result = load_result(tmp_path / "run.h5")
+    assert result.scene["solver"]["fingers"] == result.scene["modelled"]["fingers"] == ["thumb", "index"]
+    assert result.scene["modelled"]["phalanges"] == 6
+    assert (result.scene["level"], result.scene["max_error"]) == (3, 2e-3)
+    assert result.scene["solver"]["budget"] == 50_000
+    assert np.isnan(result["penetration_finger"][:, 2:]).all()
+    assert result["penetration_finger"][:, :2].max() == 0.0
+    told = run("replay", "cube", short.name, *options[:4], "--out", "run.h5").out
+    assert "note: level 3 is the coarsest within 2 mm: 512 spheres, which reach out of the mesh by 1." in told
+
+
 def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path, short: Path) -> None:
     for rate, ticks in (("1000", 200), ("500", 100)):
         answer = run("replay", "cube", short.name, "--level", "2", "--rate", rate, "--out", "run.h5", "--quiet")
@@ -117,6 +136,12 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
         (["cube", "--out", "short.toml/run.h5"], "short.toml is a file, not a folder"),
         (["cube", "motion.csv", "--tremor", "0.1,0.2"], "--tremor is for scripts; 'motion.csv' is a recording"),
         (["empty.stl"], "empty.stl"),
+        (["cube", "--fingers", "thmb"], "unknown finger 'thmb': did you mean thumb?"),
+        (["cube", "--level", "6"], "'6', expected 1 to 5, or auto"),
+        (["cube", "--level", "auto"], "--level auto needs --max-error, such as --max-error 0.3mm"),
+        (["cube", "--level", "3", "--max-error", "1mm"], "--max-error chooses the level itself: leave --level 3 out"),
+        (["cube", "--max-error", "fine"], "'fine', expected a length such as 0.3mm"),
+        (["cube", "--tolerance", "0.1"], "the tolerance is 0.1 of the margin"),
     ],
 )
 def test_bad_input_is_told_in_one_line_and_leaves_nothing(

@@ -1,0 +1,182 @@
+"""Only what a scene needs: fingers, work and tree level that a scene asks for, and what is told of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
+from hhsim.kernels.tick_state import (
+    STATUS_LAG,
+    UNITS_LINEARISATION,
+    UNITS_NODE_TEST,
+    UNITS_PAIR_TEST,
+    UNITS_QP_ITERATION,
+    UNITS_ROW,
+    WORK_BODIES,
+    WORK_CANDIDATES,
+    WORK_LINEARISATIONS,
+    WORK_QP_ITERATIONS,
+    WORK_ROWS,
+    WORK_UNITS,
+)
+from hhsim.metrics import penetration
+from hhsim.object_catalogue import load_object
+from hhsim.scene import make_scene
+from hhsim.solver import HandSolver
+from hhsim.solver_options import FINGERS, SolverOptions
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory_catalogue import resolve_trajectory
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.tree_choice import coarsest_sphere_tree
+
+HAND = HandModel.default()
+BALL = bumpy_ball(1200)
+METHODS = ("coupled", "progressive")
+PALM = 15
+
+
+def closing(ticks: int = 400, depth: float = 0.02) -> Motion:
+    """The hand comes down on the ball with curled fingers, deeper than it can; `depth` is where it ends [m]."""
+    curled = np.full((5, 3), 0.6)
+    start, end = still(1, [0.0, -0.06, 0.16], flexion=curled), still(1, [0.0, -0.06, depth], flexion=curled)
+    return straight_line(start, end, ticks)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("fingers", [("index",), ("thumb", "middle"), ()])
+def test_fingers_that_a_scene_does_not_use_follow_the_users_hand(method: str, fingers: tuple[str, ...]) -> None:
+    motion = closing()
+    options = SolverOptions(method=method, fingers=fingers)
+    record = HandSolver(HAND, BALL.arrays(), options).run(*motion)
+    clearance = record_clearance(HAND, BALL, record)
+    used = options.modelled()
+    assert used.sum() == 3 * len(fingers) + 1
+    assert clearance[:, used].min() >= 0.0
+    assert clearance[:, ~used].min() < -1e-3, "the others go through"
+    unused = [f for f, finger in enumerate(FINGERS) if finger not in fingers]
+    np.testing.assert_allclose(record.flexion[:, unused], motion.flexion[:, unused], atol=1e-12)
+    palm = HAND.palm_tree
+    depth = penetration(
+        BALL.arrays(),
+        HAND.radius,
+        palm.leaf_center,
+        palm.leaf_radius,
+        record.joints,
+        record.position,
+        record.orientation,
+        [finger in fingers for finger in FINGERS],
+    )
+    assert depth.depth.max() == 0.0
+    assert np.isnan(depth.finger[:, unused]).all()
+    assert not np.isnan(depth.finger[:, [f for f in range(5) if f not in unused]]).any()
+    whole = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method)).run(*motion)
+    assert record.work[:, COUNT_PAIR_TESTS].sum() < whole.work[:, COUNT_PAIR_TESTS].sum()
+    assert record.work[:, WORK_BODIES].max() <= 3 * len(fingers) + 1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_budget_ends_the_tick_and_leaves_lag_and_nothing_worse(method: str) -> None:
+    motion = random_targets(HAND, 1500, 4)
+    free = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method)).run(*motion)
+    assert free.work[:, WORK_UNITS].max() > 200_000
+    before = np.inf
+    for budget in (100_000, 30_000, 1):
+        record = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method, budget=budget)).run(*motion)
+        again = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method, budget=budget)).run(*motion)
+        np.testing.assert_array_equal(record.joints, again.joints)
+        assert record_clearance(HAND, BALL, record).min() >= 0.0
+        units = record.work[:, WORK_UNITS]
+        # A tick overshoots by the linearisation that it is in.
+        assert units.max() < free.work[:, WORK_UNITS].max()
+        assert units.sum() < before
+        before = units.sum()
+        if budget == 1:
+            assert record.work[:, WORK_LINEARISATIONS].max() == 1
+    assert (record.status & STATUS_LAG > 0).sum() > (free.status & STATUS_LAG > 0).sum()
+
+
+def test_work_units_are_the_counters_weighted() -> None:
+    record = HandSolver(HAND, BALL.arrays(), SolverOptions(linearisations=1)).run(*closing())
+    work = record.work
+    expected = (
+        UNITS_LINEARISATION * work[:, WORK_LINEARISATIONS]
+        + UNITS_ROW * work[:, WORK_ROWS]
+        + UNITS_QP_ITERATION * work[:, WORK_QP_ITERATIONS]
+        + UNITS_NODE_TEST * work[:, COUNT_NODE_TESTS]
+        + UNITS_PAIR_TEST * work[:, COUNT_PAIR_TESTS]
+    )
+    # The tick in which the list is walked anew for the first time has its walk before the count begins.
+    np.testing.assert_array_equal(work[1:, WORK_UNITS], expected[1:])
+    assert (work[:, WORK_ROWS] <= work[:, WORK_CANDIDATES]).all()
+    assert work[:, WORK_ROWS].sum() < work[:, WORK_CANDIDATES].sum()
+
+
+def test_a_hand_far_away_is_a_hand_that_costs_next_to_nothing() -> None:
+    record = HandSolver(HAND, BALL.arrays(), SolverOptions()).run(*still(100, [0.0, 0.0, 0.4]))
+    for counter in (WORK_BODIES, WORK_ROWS, WORK_CANDIDATES, WORK_QP_ITERATIONS):
+        assert record.work[:, counter].max() == 0
+    assert record.work[1:, COUNT_NODE_TESTS].max() == 0
+    assert record.work[1:, WORK_UNITS].max() == UNITS_LINEARISATION
+
+
+def scaled_run(tree: SphereTree, motion: Motion, options: SolverOptions, factor: float) -> TickRecord:
+    """Hand, object and motion `factor` times as large."""
+    palm = replace(HAND.palm_tree, center=factor * HAND.palm_tree.center, radius=factor * HAND.palm_tree.radius)
+    hand = replace(
+        HAND, base=factor * HAND.base, length=factor * HAND.length, radius=factor * HAND.radius, palm_tree=palm
+    )
+    larger = replace(tree, center=factor * tree.center, radius=factor * tree.radius)
+    return HandSolver(hand, larger.arrays(), options.scaled(factor)).run(factor * motion.position, *motion[1:])
+
+
+@pytest.mark.parametrize("factor", [2.0**-7, 2.0**7])
+@pytest.mark.parametrize("method", METHODS)
+def test_another_unit_of_length_changes_no_digit(method: str, factor: float) -> None:
+    # A power of two: the same digits with another exponent, even where the hand snaps and every digit counts.
+    options, motion = SolverOptions(method=method), closing()
+    one, other = HandSolver(HAND, BALL.arrays(), options).run(*motion), scaled_run(BALL, motion, options, factor)
+    np.testing.assert_array_equal(other.joints / factor, one.joints)
+    np.testing.assert_array_equal(other.flexion, one.flexion)
+    np.testing.assert_array_equal(other.total / factor, one.total)
+    np.testing.assert_array_equal(other.work, one.work)
+
+
+@pytest.mark.parametrize("factor", [0.01, 100.0])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_hand_and_an_object_of_another_size_move_alike(method: str, factor: float) -> None:
+    cube = load_object("cube")
+    tree = cached_sphere_tree(cube.mesh, TreeOptions(level=3))
+    scene = make_scene(cube.mesh, tree, HAND, resolve_trajectory("grasp"))
+    ticks = scene.ticks
+    motion = Motion(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
+    options = SolverOptions(method=method)
+    one = HandSolver(HAND, scene.tree.arrays(), options).run(*motion)
+    other = scaled_run(scene.tree, motion, options, factor)
+    np.testing.assert_allclose(other.joints / factor, one.joints, rtol=0.0, atol=1e-6 * HAND.hand_length)
+    np.testing.assert_allclose(other.flexion, one.flexion, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(other.total / factor, one.total, rtol=0.0, atol=1e-6 * np.abs(one.total).max())
+
+
+def test_the_coarsest_level_within_the_budget_is_chosen() -> None:
+    mesh = load_object("cube").mesh
+    bound = {level: cached_sphere_tree(mesh, TreeOptions(level=level)).errors[-1].bound for level in (1, 2, 3)}
+    for level in (1, 2, 3):
+        choice = coarsest_sphere_tree(mesh, 1.001 * bound[level])
+        assert (choice.level, choice.bound) == (level, bound[level])
+        assert choice.tree.errors[-1].level == level
+    with pytest.raises(InputError, match="it must be positive and finite"):
+        coarsest_sphere_tree(mesh, 0.0)
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="unknown finger 'pinky'"):
+        SolverOptions(fingers=("pinky",))
+    with pytest.raises(InputError, match="the budget is 0 work units"):
+        SolverOptions(budget=0)
+    with pytest.raises(InputError, match=r"the tolerance is 0\.01 of the margin"):
+        SolverOptions(tolerance=0.01)
