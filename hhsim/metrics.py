@@ -260,6 +260,29 @@ def force_step(force: ArrayLike, moving: Mask, hold: Mask, floor: float = FORCE_
     return float(100.0 * change.max() / held.mean())
 
 
+def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> Array:
+    """How far the shown hand jumps in one tick beyond what the user's hand did [m], shape (T,).
+
+    The largest motion of any point of the graphic hand since the tick before, less that of any point of the haptic
+    hand, and 0 where the graphic hand moved no more: what a user would see as a jerk, and what a step of the force
+    comes from.
+
+    Args:
+        haptic: points of the haptic hand [m], world, shape (T, N, 3).
+        graphic: points of the graphic hand [m], world, shape (T, M, 3).
+
+    Returns:
+        [m]; NaN at the first tick.
+    """
+    jump: Array = np.full(np.shape(haptic)[0], np.nan)
+    theirs, ours = (
+        np.linalg.norm(np.diff(np.asarray(points, dtype=np.float64), axis=0), axis=2).max(axis=1)
+        for points in (haptic, graphic)
+    )
+    jump[1:] = np.maximum(0.0, ours - theirs)
+    return jump
+
+
 def frozen_decay(force: ArrayLike, limit: float = FROZEN_LIMIT, floor: float = FORCE_FLOOR) -> int | None:
     """Ticks that a force goes on changing after the input has frozen.
 

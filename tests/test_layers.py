@@ -21,19 +21,19 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts"),
         *("shapes", "cup", "rock", "shamrock", "object_catalogue", "object_sources"),
         *("sphere_tree", "tree_file", "sph_format", "tree_error", "tree_builder", "tree_choice", "mesh_cover"),
-        *("hand", "hand_figure", "palm", "surface", "rendering"),
+        *("hand", "hand_figure", "palm", "placed_hand", "surface", "rendering"),
         *("trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
         *("script", "disturbance", "closing", "closing_search", "slide", "synthesis", "trajectory_catalogue"),
         "scene",
     ),
     # One tick of it, and what is measured.
-    ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics"),
+    ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics", "mesh_penetration"),
     # Runs and their files.
     ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
     # Many runs, side by side.
-    ("bench_file",),
+    ("bench_file", "pareto", "run_errors", "speed_error", "speed_error_table"),
     # Pictures of them.
-    ("replay_figure", "cost_figure"),
+    ("replay_figure", "cost_figure", "speed_error_figure"),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
 

@@ -29,6 +29,25 @@ def poses(ticks: int) -> HandPoses:
     return HandPoses(np.zeros((ticks, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 5, 3)))
 
 
+class TestPostureJump:
+    def test_it_is_what_the_graphic_hand_moved_more(self) -> None:
+        haptic, graphic = np.zeros((4, 2, 3)), np.zeros((4, 3, 3))
+        haptic[1:, 0, 0] = 0.002
+        graphic[1:, 2, 1] = 0.005
+        graphic[2:, 1, 2] = -0.001
+        haptic[3:, 1, 0] = 0.01
+        graphic[3:, 0, 0] = 0.004
+        np.testing.assert_allclose(metrics.posture_jump(haptic, graphic), [np.nan, 0.003, 0.001, 0.0], atol=1e-15)
+
+    def test_a_hand_that_follows_does_not_jump(self) -> None:
+        points = np.random.default_rng(0).normal(size=(5, 4, 3))
+        np.testing.assert_allclose(metrics.posture_jump(points, points + 0.3)[1:], 0.0, atol=1e-12)
+
+    @pytest.mark.parametrize("ticks", [0, 1])
+    def test_no_tick_before_no_jump(self, ticks: int) -> None:
+        assert np.isnan(metrics.posture_jump(np.zeros((ticks, 2, 3)), np.zeros((ticks, 2, 3)))).sum() == ticks
+
+
 class TestForceVariation:
     def test_rate_is_the_relative_change_of_the_size_in_percent(self) -> None:
         force = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 5.5], [5.5, 0.0, 0.0], [0.0, 1.1, 0.0]])

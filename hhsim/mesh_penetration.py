@@ -1,0 +1,85 @@
+"""The graphic hand against the object's true mesh: what a sphere model does not say of itself.
+
+By hhsim's own distance kernels, not by an independent library. Exact but slow, so a run is looked at in some ticks.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.kernels.mesh_bvh import MeshBvh, mesh_signed_distance
+from hhsim.kernels.mesh_contact import hand_mesh_distances, touching_points
+from hhsim.kernels.tree import TreeArrays
+from hhsim.placed_hand import HandShape, PlacedHand, rotations
+
+FloatArray = NDArray[np.float64]
+
+RESOLUTION = 1e-4
+"""Length of the pieces that a phalanx's axis is cut into where it is nearest [m]."""
+FAR = 0.02
+"""Distances from here on are not looked for [m]."""
+
+
+class ContactError(NamedTuple):
+    """Distance of contact points from the mesh [m]: mean and maximum of all, NaN without any; and how many."""
+
+    mean: float
+    max: float
+    points: int
+
+
+def mesh_clearance(bvh: MeshBvh, shape: HandShape, placed: PlacedHand, limit: float = FAR) -> FloatArray:
+    """Least signed distance [m] of the hand to the mesh at each tick, shape (T,), negative inside.
+
+    Its negative is the design's mesh penetration: the depth of the deepest point of the hand's surface, as long as the
+    object is thicker than that, and beyond an upper bound of it. Above the true value by less than 1 µm where the axes
+    of the phalanges are outside, by no more than 0.05 mm where one is inside.
+
+    Args:
+        bvh: Of the object's closed mesh, world.
+        shape: Sizes of the hand.
+        placed: The ticks.
+        limit: Stands for everything from here on [m].
+    """
+    distance = np.empty(len(placed.joints))
+    hand_mesh_distances(
+        *shape,
+        bvh,
+        placed.joints,
+        placed.position,
+        rotations(placed.orientation),
+        float(limit),
+        RESOLUTION,
+        distance,
+    )
+    return distance
+
+
+def contact_points(tree: TreeArrays, shape: HandShape, placed: PlacedHand, touch: float) -> list[FloatArray]:
+    """Where the hand's surface touches the object's leaf spheres, or is inside of them: (n, 3) [m] for each tick.
+
+    One point for each pair of a hand body and a leaf no more than `touch` [m] apart: the body's nearest to the leaf.
+    """
+    rotation = rotations(placed.orientation)
+    room = np.empty((4096, 3))
+    found = []
+    for tick in range(len(rotation)):
+        count = -1
+        while count < 0:
+            count = touching_points(
+                *shape, tree, placed.joints[tick], placed.position[tick], rotation[tick], touch, room
+            )
+            if count < 0:
+                room = np.empty((4 * len(room), 3))
+        found.append(room[:count].copy())
+    return found
+
+
+def contact_error(bvh: MeshBvh, points: ArrayLike) -> ContactError:
+    """How far contact points, shape (n, 3) [m], are from the mesh."""
+    array = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
+    if len(array) == 0:
+        return ContactError(np.nan, np.nan, 0)
+    distance = np.abs(mesh_signed_distance(bvh, array))
+    return ContactError(float(distance.mean()), float(distance.max()), len(array))

@@ -1,0 +1,80 @@
+"""A hand in the world, tick by tick: where its joints are, whichever way it was posed."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.hand import HandModel
+from hhsim.kernels.hand import forward_kinematics
+from hhsim.kernels.rotation import quaternion_to_matrix
+
+FloatArray = NDArray[np.float64]
+
+
+class HandShape(NamedTuple):
+    """Sizes of a hand [m]: phalanx_radius (5, 4); palm_center (P, 3), palm frame, and palm_radius (P,)."""
+
+    phalanx_radius: FloatArray
+    palm_center: FloatArray
+    palm_radius: FloatArray
+
+
+class PlacedHand(NamedTuple):
+    """A hand, world: joints (T, 5, 4, 3) [m], palm position (T, 3) [m], palm orientation (T, 4) w x y z."""
+
+    joints: FloatArray
+    position: FloatArray
+    orientation: FloatArray
+
+    def at(self, ticks: slice | NDArray[np.int64] | Sequence[int]) -> "PlacedHand":
+        """The hand at some of the ticks."""
+        return PlacedHand(*(np.ascontiguousarray(values[ticks]) for values in self))
+
+    @property
+    def points(self) -> FloatArray:
+        """The twenty joint and tip centres and the palm's origin [m], shape (T, 21, 3)."""
+        joints = self.joints.reshape(-1, 20, 3)
+        return np.concatenate([joints, self.position[:, None]], axis=1)
+
+    @property
+    def ends(self) -> FloatArray:
+        """The five tip centres and the palm's origin [m], shape (T, 6, 3)."""
+        return np.concatenate([self.joints[:, :, 3], self.position[:, None]], axis=1)
+
+
+def hand_shape(hand: HandModel) -> HandShape:
+    """The sizes of a hand model."""
+    palm = hand.palm_tree
+    return HandShape(
+        np.ascontiguousarray(hand.radius, np.float64),
+        np.ascontiguousarray(palm.leaf_center, np.float64),
+        np.ascontiguousarray(palm.leaf_radius, np.float64),
+    )
+
+
+def placed_hand(
+    hand: HandModel, position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
+) -> PlacedHand:
+    """Place a hand by its configuration at each tick: shapes (T, 3), (T, 4), (T, 5, 3), (T, 5)."""
+    arrays = hand.arrays()
+    origin, quaternion, bend, spread = (
+        np.ascontiguousarray(values, np.float64) for values in (position, orientation, flexion, abduction)
+    )
+    rotation = rotations(quaternion)
+    joints = np.empty((len(origin), 5, 4, 3))
+    direction, flexion_axis, abduction_axis = np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3))
+    for t in range(len(origin)):
+        forward_kinematics(
+            arrays, origin[t], rotation[t], bend[t], spread[t], joints[t], direction, flexion_axis, abduction_axis
+        )
+    return PlacedHand(joints, origin, quaternion)
+
+
+def rotations(orientation: FloatArray) -> FloatArray:
+    """Rotation matrices, shape (T, 3, 3), of unit quaternions (w, x, y, z), shape (T, 4)."""
+    rotation = np.empty((len(orientation), 3, 3))
+    for t, quaternion in enumerate(np.ascontiguousarray(orientation, np.float64)):
+        quaternion_to_matrix(quaternion, rotation[t])
+    return rotation

@@ -1,0 +1,253 @@
+"""How far off one run of a method is: against the spheres, the true mesh, the optimum, and in how it feels.
+
+All figures come from the poses and forces that the run recorded, none from the solver's own tolerances.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim import metrics
+from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.mesh_bvh import MeshBvh
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
+from hhsim.kernels.tree import TreeArrays
+from hhsim.mesh_penetration import contact_error, contact_points, mesh_clearance
+from hhsim.metrics import HandPoses
+from hhsim.placed_hand import PlacedHand, hand_shape, placed_hand
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.tracking_reference import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED, reference_excess
+from hhsim.trajectory import TickInput
+from hhsim.tremor_hold import is_frozen, tremor_variation
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+HOLD = "hold"
+"""Phases of this name are held; in the others the hand moves."""
+TOUCH = 1e-5
+"""Spheres nearer than this [m] touch."""
+NEAR = 1e-3
+"""A tick is one in contact if the haptic hand is nearer than this to the finest spheres, or inside [m]."""
+SAMPLES = 40
+"""Ticks in contact at which the hand is held against the mesh."""
+REFERENCE_TICKS = 16
+"""Ticks of the first hold at which the optimum is computed."""
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """What one run got wrong; NaN where a figure is undefined. SI units, but for what the contract states in percent.
+
+    Attributes:
+        penetration_max: Deepest in the leaf spheres, all ticks [m].
+        mesh_depth_max, mesh_depth_p95: Deepest in the true mesh, of the sampled ticks in contact [m].
+        contact_error_mean, contact_error_max: From touching points to the true mesh, of the same ticks [m].
+        mesh_error: The larger of mesh_depth_max and contact_error_max [m].
+        tracking_excess: Coupling energy above the optimum on the same spheres, (E - E*) / E*, mean of the hold [-].
+        off_finest_mean, off_finest_max: Palm or fingertip from where the converged optimum on the finest spheres has
+            it, the farthest of the six, ticks in contact [m].
+        force_hold: Mean size of the total force in the holds [N].
+        force_variation_hold, force_variation_tremor: Mean one-tick change, input frozen and trembling [%].
+        force_ripple: 50 to 400 Hz, the worst hold [N].
+        force_step: Largest one-tick change while moving, of the hold's force [%].
+        posture_jump_max: Farthest that a point of the hand moved in a tick beyond the haptic hand [m].
+        stuck_ticks, lag_ticks: How many.
+        lag_max: Farthest still to go at the end of a tick [m].
+        samples: Ticks that were held against the mesh.
+    """
+
+    penetration_max: float
+    mesh_depth_max: float
+    mesh_depth_p95: float
+    contact_error_mean: float
+    contact_error_max: float
+    mesh_error: float
+    tracking_excess: float
+    off_finest_mean: float
+    off_finest_max: float
+    force_hold: float
+    force_variation_hold: float
+    force_variation_tremor: float
+    force_ripple: float
+    force_step: float
+    posture_jump_max: float
+    stuck_ticks: int
+    lag_ticks: int
+    lag_max: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class ErrorScene:
+    """What the errors of a run are measured against, the same for every method and tree level.
+
+    Attributes:
+        hand: The hand.
+        bvh: Of the true mesh, world.
+        haptic: The input.
+        haptic_placed: The haptic hand at every tick.
+        finest: The graphic hand of the converged optimum on the finest spheres, every tick.
+        contact: Ticks in contact, shape (T,); the haptic hand decides, so that they are the same for every method.
+        seed: Of the tremor.
+    """
+
+    hand: HandModel
+    bvh: MeshBvh
+    haptic: TickInput
+    haptic_placed: PlacedHand
+    finest: PlacedHand
+    contact: BoolArray
+    seed: int = 0
+
+    @property
+    def holds(self) -> list[slice]:
+        """The ticks of each hold."""
+        return [slice(p.first_tick, p.last_tick + 1) for p in self.haptic.phases if p.name == HOLD]
+
+
+def error_scene(
+    hand: HandModel, bvh: MeshBvh, haptic: TickInput, finest: TreeArrays, options: SolverOptions, seed: int = 0
+) -> ErrorScene:
+    """Prepare what runs on one motion and object are measured against.
+
+    Args:
+        hand: The hand.
+        bvh: Of the true mesh, world.
+        haptic: The input.
+        finest: The finest spheres, world.
+        options: Stiffness and lengths of the runs.
+        seed: Of the tremor.
+    """
+    converged = replace(
+        options, method="coupled", qp="active-set", linearisations=REFERENCE_LINEARISATIONS, settled=REFERENCE_SETTLED
+    )
+    best = HandSolver(hand, finest, converged).run(
+        haptic.position, haptic.orientation, haptic.flexion, haptic.abduction
+    )
+    placed = placed_hand(hand, haptic.position, haptic.orientation, haptic.flexion, haptic.abduction)
+    return ErrorScene(
+        hand=hand,
+        bvh=bvh,
+        haptic=haptic,
+        haptic_placed=placed,
+        finest=placed_of(best),
+        contact=sphere_clearance(hand, finest, placed, NEAR) < NEAR,
+        seed=seed,
+    )
+
+
+def placed_of(record: TickRecord) -> PlacedHand:
+    """The graphic hand of a run."""
+    return PlacedHand(record.joints, record.position, record.orientation)
+
+
+def sphere_clearance(hand: HandModel, tree: TreeArrays, placed: PlacedHand, limit: float) -> FloatArray:
+    """Least signed distance [m] of the hand to the leaf spheres at each tick, shape (T,); `limit` is the largest."""
+    palm, finger = metrics.hand_clearance(tree, *hand_shape(hand), *placed, limit=limit)
+    return np.asarray(np.minimum(palm, finger.min(axis=1)))
+
+
+def run_errors(
+    scene: ErrorScene, tree: TreeArrays, options: SolverOptions, record: TickRecord, window: slice = slice(None)
+) -> RunErrors:
+    """Measure a run.
+
+    Args:
+        scene: What to measure against.
+        tree: The spheres that the run had, world.
+        options: Those of the run.
+        record: Its ticks.
+        window: Ticks of the scene that the run did; figures of the holds need all of them and are NaN otherwise.
+    """
+    hand, placed = scene.hand, placed_of(record)
+    ticks = len(record.position)
+    contact = np.flatnonzero(scene.contact[window])
+    clearance = sphere_clearance(hand, tree, placed, 2.0 * TOUCH)
+    depth_max, depth_p95, error_mean, error_max, samples = _mesh_errors(scene, tree, placed, clearance, contact)
+    off = np.linalg.norm(placed.ends - scene.finest.at(window).ends, axis=2).max(axis=1)[contact]
+    jump = metrics.posture_jump(scene.haptic_placed.at(window).points, placed.points)
+    excess = variation = tremor = ripple = step = held_force = np.nan
+    whole = ticks == len(scene.contact)
+    if whole and scene.holds:
+        hold = np.zeros(ticks, bool)
+        for part in scene.holds:
+            hold[part] = True
+        held_force = metrics.statistics(np.linalg.norm(record.total, axis=1), hold).mean
+        variation = metrics.statistics(metrics.force_variation_rate(record.total), hold).mean
+        ripples = [metrics.force_ripple(record.total[part], scene.haptic.rate) for part in scene.holds]
+        ripple = metrics.statistics(ripples).max
+        step = metrics.force_step(record.total, ~hold, hold)
+        excess = _excess(scene, tree, options, record, clearance)
+        tremor = _tremor(scene, tree, options, record)
+    return RunErrors(
+        penetration_max=float(np.maximum(0.0, -clearance).max(initial=0.0)),
+        mesh_depth_max=depth_max,
+        mesh_depth_p95=depth_p95,
+        contact_error_mean=error_mean,
+        contact_error_max=error_max,
+        mesh_error=float(np.fmax(depth_max, error_max)),
+        tracking_excess=excess,
+        off_finest_mean=float(off.mean()) if off.size else np.nan,
+        off_finest_max=float(off.max()) if off.size else np.nan,
+        force_hold=held_force,
+        force_variation_hold=variation,
+        force_variation_tremor=tremor,
+        force_ripple=ripple,
+        force_step=step,
+        posture_jump_max=metrics.statistics(jump).max,
+        stuck_ticks=int(np.sum(record.status & STATUS_STUCK > 0)),
+        lag_ticks=int(np.sum(record.status & STATUS_LAG > 0)),
+        lag_max=float(record.lag.max(initial=0.0)),
+        samples=samples,
+    )
+
+
+def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
+    """`count` of some ticks, evenly spread with both ends, or all of them if there are fewer; and `also`."""
+    spread = ticks[np.linspace(0, ticks.size - 1, min(count, ticks.size)).astype(int)] if ticks.size else ticks
+    return np.unique(np.concatenate([spread, np.array(also, np.int64)]).astype(np.int64))
+
+
+def _mesh_errors(
+    scene: ErrorScene, tree: TreeArrays, placed: PlacedHand, clearance: FloatArray, contact: IntArray
+) -> tuple[float, float, float, float, int]:
+    """Depth (max, p95) and contact error (mean, max) [m] of sampled ticks and the one deepest in the spheres."""
+    if contact.size == 0:
+        return np.nan, np.nan, np.nan, np.nan, 0
+    chosen = sampled(contact, SAMPLES, [int(np.nanargmin(clearance))] if np.isfinite(clearance).any() else [])
+    shape, some = hand_shape(scene.hand), placed.at(chosen)
+    depth = np.maximum(0.0, -mesh_clearance(scene.bvh, shape, some))
+    error = contact_error(scene.bvh, np.concatenate(contact_points(tree, shape, some, TOUCH)))
+    return float(depth.max()), float(np.percentile(depth, 95)), error.mean, error.max, chosen.size
+
+
+def _excess(
+    scene: ErrorScene, tree: TreeArrays, options: SolverOptions, record: TickRecord, clearance: FloatArray
+) -> float:
+    """Mean energy above the optimum in the first hold; of ticks without penetration, since a hand inside cheats."""
+    hold = scene.holds[0]
+    held = np.arange(hold.start, hold.stop)
+    chosen = sampled(held[clearance[held] > -TOUCH], REFERENCE_TICKS)
+    if chosen.size == 0:
+        return np.nan
+    haptic = HandPoses(scene.haptic.position, scene.haptic.orientation, scene.haptic.flexion)
+    graphic = HandPoses(record.position, record.orientation, record.flexion)
+    excess = reference_excess(scene.hand, tree, options, haptic, graphic, record.abduction, chosen)
+    return metrics.statistics(excess).mean
+
+
+def _tremor(scene: ErrorScene, tree: TreeArrays, options: SolverOptions, record: TickRecord) -> float:
+    """Mean force variation [%] of the first hold, repeated by a hand that trembles."""
+    part, haptic = scene.holds[0], scene.haptic
+    held = HandPoses(haptic.position[part], haptic.orientation[part], haptic.flexion[part])
+    if not is_frozen(held):
+        return np.nan
+    shown = HandPoses(record.position[part], record.orientation[part], record.flexion[part])
+    found = tremor_variation(scene.hand, tree, options, held, shown, record.abduction[part], haptic.rate, scene.seed)
+    return found.mean

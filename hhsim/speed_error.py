@@ -1,0 +1,292 @@
+"""Speed against error: methods, tree levels, linearisations and QP solvers on the same scenes, in one run.
+
+A scene is one motion of the catalogue on one object; its haptic input is made once, on the finest spheres, and is the
+same for every configuration. The runs take turns: all configurations of all scenes once, then all again in the opposite
+order, so that what else the machine does falls on all of them; of each tick the median of the repetitions counts. The
+errors are those of the first repetition; the others must give the same poses.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand import HandModel
+from hhsim.interrupt import interruptible_between
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.mesh_bvh import build_mesh_bvh
+from hhsim.kernels.tick_state import WORK_CANDIDATES
+from hhsim.kernels.tree import TreeArrays
+from hhsim.object_catalogue import load_object, object_names
+from hhsim.qp import ACTIVE_SET, available_backends
+from hhsim.run_errors import ErrorScene, RunErrors, error_scene, run_errors
+from hhsim.scene import make_scene
+from hhsim.solver import HandSolver
+from hhsim.solver_options import METHODS, SolverOptions
+from hhsim.synthesis import synthesize
+from hhsim.trajectory_catalogue import load_script, trajectory_names
+from hhsim.tree_builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
+from hhsim.warm_up import warm_up
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+Progress = Callable[[str, int, int], None]
+
+DEFAULT_LEVEL = 4
+DEFAULT_LINEARISATIONS = SolverOptions().linearisations
+SINGLE = ("paper", "penalty")
+"""Methods that linearise once a tick, or not at all, whatever the option says."""
+REFERENCE_METHOD = "coupled"
+"""The method whose programs the other QP solvers solve."""
+STRETCH = (100, 50)
+"""Other QP solvers are driven from Python, at milliseconds a tick: they get this many ticks before the first hold
+begins and this many of it, and so does our own, beside them."""
+
+
+@dataclass(frozen=True)
+class SpeedErrorOptions:
+    """What is run.
+
+    Attributes:
+        objects: Of the catalogue.
+        motions: Scripts of the catalogue that touch the object.
+        methods: Of the solver; None for all.
+        levels: Of the sphere tree.
+        linearisations: Most in a tick.
+        backends: Besides our own QP solver; None for all that are installed.
+        repetitions: Of every run.
+        rate: Ticks per second [Hz].
+        seed: Of the tremor.
+    """
+
+    objects: tuple[str, ...] = ("bunny", "teapot", "cube")
+    motions: tuple[str, ...] = ("grasp", "pinch", "whole-hand", "slide")
+    methods: tuple[str, ...] | None = None
+    levels: tuple[int, ...] = (2, 3, 4, 5)
+    linearisations: tuple[int, ...] = (1, 2, 3, 12)
+    backends: tuple[str, ...] | None = None
+    repetitions: int = 3
+    rate: float = 1000.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Fill in what is installed, and refuse unknown names, empty lists and impossible numbers."""
+        if self.methods is None:
+            object.__setattr__(self, "methods", tuple(METHODS))
+        if self.backends is None:
+            object.__setattr__(self, "backends", tuple(name for name in available_backends() if name != ACTIVE_SET))
+        for kind, names, known in (
+            ("object", self.objects, object_names()),
+            ("trajectory", self.motions, trajectory_names()),
+            ("method", self.methods or (), list(METHODS)),
+            ("QP solver", self.backends or (), available_backends()),
+        ):
+            for name in names:
+                if name not in known:
+                    raise UnknownNameError(kind, name, known)
+        for item in ("objects", "motions", "methods", "levels", "linearisations"):
+            if not getattr(self, item):
+                raise InputError(f"{item}: name at least one")
+        for level in self.levels:
+            if not 1 <= level <= MOST_LEVEL:
+                raise InputError(f"tree level {level}, expected 1 to {MOST_LEVEL}")
+        if min(self.linearisations) < 1:
+            raise InputError(f"linearisations is {min(self.linearisations)}: a tick needs at least 1")
+        if self.repetitions < 1:
+            raise InputError(f"{self.repetitions} repetitions: at least 1 is needed")
+        for motion in self.motions:
+            if not load_script(motion).contact:
+                raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
+
+    @classmethod
+    def quick(cls) -> "SpeedErrorOptions":
+        """About a minute."""
+        return cls(
+            objects=("bunny",), motions=("grasp", "slide"), levels=(3, 4, 5), linearisations=(1, 12), backends=()
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """All options as plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """One way to solve the hand; `stretch` if it does part of a motion only, see `STRETCH`."""
+
+    method: str
+    level: int
+    linearisations: int
+    qp: str = ACTIVE_SET
+    stretch: bool = False
+
+    @property
+    def is_default(self) -> bool:
+        """Whether this is what the method does if nobody asks for anything else."""
+        usual = 1 if self.method in SINGLE else DEFAULT_LINEARISATIONS
+        return self.level == DEFAULT_LEVEL and self.linearisations == usual and not self.stretch
+
+    def solver_options(self) -> SolverOptions:
+        """For the solver."""
+        return SolverOptions(method=self.method, qp=self.qp, linearisations=self.linearisations)
+
+
+@dataclass
+class Run:
+    """One configuration on one scene; times of the ticks in contact, one row a repetition [s], shape (r, n)."""
+
+    object_name: str
+    motion: str
+    configuration: Configuration
+    cpu: list[FloatArray] = field(default_factory=list)
+    wall: list[FloatArray] = field(default_factory=list)
+    candidates: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    errors: RunErrors | None = None
+    digest: str = ""
+    repeatable: bool = True
+    ticks: int = 0
+
+    @property
+    def tick_cpu(self) -> FloatArray:
+        """CPU time of each tick in contact, the median of the repetitions [s], shape (n,)."""
+        return np.asarray(np.median(self.cpu, axis=0))
+
+    @property
+    def tick_wall(self) -> FloatArray:
+        """Wall time of each tick in contact, the median of the repetitions [s], shape (n,)."""
+        return np.asarray(np.median(self.wall, axis=0))
+
+
+@dataclass(frozen=True)
+class _Scene:
+    object_name: str
+    motion: str
+    errors: ErrorScene
+    trees: dict[int, TreeArrays]
+
+    def stretch(self) -> slice:
+        """The ticks that other QP solvers do."""
+        begin = self.errors.holds[0].start
+        return slice(max(0, begin - STRETCH[0]), min(len(self.errors.contact), begin + STRETCH[1]))
+
+
+def configurations(options: SpeedErrorOptions) -> list[Configuration]:
+    """What is run on every scene, the whole motion."""
+    found = []
+    for method in options.methods or ():
+        for level in options.levels:
+            budgets = (1,) if method in SINGLE else options.linearisations
+            found += [Configuration(method, level, budget) for budget in budgets]
+    return found
+
+
+def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
+    """What is run on a stretch of the first motion on every object: our QP solver beside the others."""
+    methods = options.methods or ()
+    if not options.backends or not methods:
+        return []
+    method = REFERENCE_METHOD if REFERENCE_METHOD in methods else methods[0]
+    level = min(options.levels, key=lambda level: abs(level - DEFAULT_LEVEL))
+    return [
+        Configuration(method, level, DEFAULT_LINEARISATIONS, qp, stretch=True) for qp in (ACTIVE_SET, *options.backends)
+    ]
+
+
+def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> list[Run]:
+    """Run everything.
+
+    Args:
+        options: What.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Returns:
+        The runs, scene by scene, configuration by configuration.
+
+    Raises:
+        HhsimError: A motion that cannot be done on an object, or more pairs than the solver holds.
+    """
+    hand = HandModel.default()
+    whole, part = configurations(options), backend_configurations(options)
+    for method in options.methods or ():
+        warm_up(hand, SolverOptions(method=method))
+    scenes = list(_scenes(hand, options, progress))
+    work = [
+        (scene, Run(scene.object_name, scene.motion, configuration))
+        for scene in scenes
+        for configuration in (*whole, *(part if scene.motion == options.motions[0] else ()))
+    ]
+    done, total = 0, len(work) * options.repetitions
+    with interruptible_between() as check_interrupt:
+        for repetition in range(options.repetitions):
+            for scene, run in work if repetition % 2 == 0 else reversed(work):
+                if progress is not None:
+                    progress(f"runs, repetition {repetition + 1} of {options.repetitions}", done, total)
+                _repeat(hand, scene, run)
+                done += 1
+                check_interrupt()
+    return [run for _, run in work]
+
+
+def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress | None) -> Iterator[_Scene]:
+    count = len(options.objects) * len(options.motions)
+    for i, name in enumerate(options.objects):
+        mesh = load_object(name).mesh
+        trees = {level: cached_sphere_tree(mesh, TreeOptions(level=level), progress) for level in options.levels}
+        finest = trees[max(trees)]
+        bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+        for j, motion in enumerate(options.motions):
+            if progress is not None:
+                progress("scenes, with their optima", i * len(options.motions) + j, count)
+            trajectory = synthesize(load_script(motion), hand, finest, options.seed)
+            ticks = make_scene(mesh, finest, hand, trajectory, rate=options.rate).ticks
+            arrays = {level: tree.arrays() for level, tree in trees.items()}
+            errors = error_scene(hand, bvh, ticks, arrays[max(trees)], SolverOptions(), options.seed)
+            yield _Scene(name, motion, errors, arrays)
+
+
+def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
+    configuration, haptic = run.configuration, scene.errors.haptic
+    window = scene.stretch() if configuration.stretch else slice(0, haptic.tick_count)
+    tree, options = scene.trees[configuration.level], configuration.solver_options()
+    solver = HandSolver(hand, tree, options)
+    if window.start > 0:
+        _begin_at(solver, hand, scene, configuration, window.start)
+    record = solver.run(
+        haptic.position[window], haptic.orientation[window], haptic.flexion[window], haptic.abduction[window]
+    )
+    contact = scene.errors.contact[window]
+    run.cpu.append(1e-9 * record.duration_cpu[contact].astype(np.float64))
+    run.wall.append(1e-9 * record.duration_total[contact].astype(np.float64))
+    digest = _digest(record)
+    if run.errors is None:
+        run.digest, run.ticks = digest, len(record.position)
+        run.candidates = record.work[contact, WORK_CANDIDATES]
+        run.errors = run_errors(scene.errors, tree, options, record, window)
+    run.repeatable = run.repeatable and digest == run.digest
+
+
+def _begin_at(solver: HandSolver, hand: HandModel, scene: _Scene, configuration: Configuration, tick: int) -> None:
+    """Put the hand where our own QP solver has it before a tick, so that all begin alike."""
+    haptic = scene.errors.haptic
+    own = HandSolver(
+        hand,
+        scene.trees[configuration.level],
+        SolverOptions(method=configuration.method, linearisations=configuration.linearisations),
+    )
+    before = slice(0, tick)
+    record = own.run(
+        haptic.position[before], haptic.orientation[before], haptic.flexion[before], haptic.abduction[before]
+    )
+    solver.place(record.position[-1], record.orientation[-1], record.flexion[-1], record.abduction[-1])
+
+
+def _digest(record: TickRecord) -> str:
+    digest = hashlib.sha256()
+    for values in (record.position, record.orientation, record.flexion, record.total):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,237 @@
+"""The Pareto picture of `hhsim bench speed-error`: what a tick costs against how far off it is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhsim.destination import check_destination
+from hhsim.errors import InputError
+from hhsim.rendering import save_figure
+from hhsim.speed_error_table import ALL, chosen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Row = dict[str, Any]
+
+BUDGET = 1e3
+"""Of a tick at 1 kHz [µs]."""
+COLORS = {"coupled": "#1b6ca8", "progressive": "#c8641a", "paper": "#7a3b8f", "penalty": "#4a7d2f"}
+OTHER_COLOR = "#8a6d1b"
+MARKERS = {1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
+SIZES = {1: 45.0, 2: 40.0, 3: 46.0, 4: 58.0, 5: 130.0}
+GREY = "0.45"
+PAPER_RANGE = (310.0, 1000.0)
+"""CPU time of a tick that the paper states for simple to complex objects, on a 6-core 3.7 GHz machine [µs]."""
+FLOOR = 1e-3
+"""Errors below this are drawn at it [mm]: a logarithm has no zero."""
+CORNER = 0.15
+"""Nobody kept both errors below this [mm] faster than PyBullet."""
+TIMES = (5, 10, 20, 50, 100, 200, 500, 1000, 5000)
+ERRORS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Another engine on the same scene, as measured in November 2026 on a 2-core AMD EPYC, one thread.
+
+    Attributes:
+        label: Engine and object model.
+        time: CPU time of a tick, median [µs].
+        depth: Deepest in the true mesh [mm].
+        contact: Contact points off the true surface, most [mm].
+        shift: Of the label from the point [pt]; the label ends there if it is shifted to the left.
+    """
+
+    label: str
+    time: float
+    depth: float
+    contact: float
+    shift: tuple[float, float] = (6.0, 0.0)
+
+    @property
+    def error(self) -> float:
+        """The larger of the two [mm]."""
+        return max(self.depth, self.contact)
+
+
+PEERS: dict[str, tuple[Peer, ...]] = {
+    "bunny": (
+        Peer("MuJoCo, 72 convex parts", 38.0, 0.31, 0.93, (2.0, 11.0)),
+        Peer("same, 4 sub-steps", 139.0, 0.053, 0.92, (-4.0, -10.0)),
+        Peer("MuJoCo, 3,986 spheres", 192.0, 0.47, 0.33),
+        Peer("MuJoCo, 494 spheres", 42.0, 1.8, 1.2),
+        Peer("MuJoCo, triangles", 104.0, 0.36, 0.10, (-5.0, -8.0)),
+        Peer("MuJoCo, distance field", 10263.0, 0.58, 0.26, (-6.0, 0.0)),
+        Peer("PyBullet, triangles", 511.0, 0.090, 0.15, (-6.0, -10.0)),
+        Peer("Drake, 72 parts", 262.0, 0.15, 0.94, (4.0, -10.0)),
+        Peer("Drake, hydroelastic", 1213.0, 1.06, 0.18, (6.0, 7.0)),
+    ),
+    "teapot": (
+        Peer("MuJoCo, 53 convex parts", 136.0, 0.16, 1.1),
+        Peer("MuJoCo, 3,960 spheres", 522.0, 0.51, 0.26),
+        Peer("PyBullet, triangles", 1468.0, 0.13, 0.11, (2.0, -12.0)),
+    ),
+    "cube": (Peer("MuJoCo, box", 15.0, 0.14, 0.01),),
+    "sphere": (Peer("MuJoCo, ball", 13.0, 0.60, 0.03),),
+}
+"""By object. Ratios carry over to other machines, times do not."""
+
+
+def check_picture(path: Path) -> None:
+    """Look, before the work, for what would keep the picture from being written.
+
+    Raises:
+        OutputError: As `hhsim.destination.check_destination`.
+        InputError: matplotlib has no such picture format.
+    """
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    check_destination(path)
+    kinds = sorted(FigureCanvasBase.filetypes)
+    if path.suffix.lower().removeprefix(".") not in kinds:
+        raise InputError(f"{path} is no picture by its ending: expected .{', .'.join(kinds)}")
+
+
+def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
+    """Draw the trade-off: a panel against the true mesh for up to two objects, one against the finest optimum.
+
+    Args:
+        path: The picture; matplotlib chooses the format by its ending.
+        rows: The table.
+
+    Raises:
+        OutputError: The picture cannot be written.
+        InputError: matplotlib has no such picture format.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    check_picture(path)
+    names = list(dict.fromkeys(row["object"] for row in rows if row["object"] != ALL))
+    # Objects that the peers were measured on say the most.
+    shown = sorted(names, key=lambda name: (len(PEERS.get(name, ())) < 2, names.index(name)))[:2]
+    figure = Figure(figsize=(6.4 * (len(shown) + 1), 8.4), dpi=100, facecolor="white")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, len(shown) + 1, squeeze=False)[0]
+    for axes, name in zip(panels, shown):
+        mine = chosen(rows, object=name, motion=ALL)
+        _draw_panel(axes, mine, "mesh_error", "mesh_frontier")
+        _draw_peers(axes, PEERS.get(name, ()))
+        axes.set_title(f"{name}: off the true mesh [mm]", fontsize=15, loc="left")
+    last = panels[-1]
+    _draw_panel(last, chosen(rows, object=ALL, motion=ALL), "off_finest_mean", "tracking_frontier")
+    last.set_title("all objects: off the best pose [mm]", fontsize=15, loc="left")
+    _draw_legend(figure, chosen(rows, object=ALL, motion=ALL))
+    figure.text(
+        0.012,
+        0.012,
+        "Off the true mesh: the larger of the deepest penetration and the farthest contact point. Off the best pose: "
+        "palm or fingertip, from where the converged optimum on the finest spheres has it, mean.\n"
+        "Grey: other engines on the same kind of scene, as measured in November 2026 on a 2-core AMD EPYC; "
+        "ratios carry over, times do not. The paper's times are those it states for its own machine.",
+        fontsize=11.5,
+        color="0.35",
+        va="bottom",
+    )
+    figure.subplots_adjust(left=0.042, right=0.992, top=0.86, bottom=0.145, wspace=0.13)
+    save_figure(figure, path)
+
+
+def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str) -> None:
+    axes.axvline(BUDGET, color="#b00020", linewidth=1.5)
+    axes.axvspan(*PAPER_RANGE, color=GREY, alpha=0.12, linewidth=0)
+    for row in sorted(rows, key=lambda row: row[flag]):
+        time, off = 1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row[error])
+        if np.isnan(time) or np.isnan(1e3 * row[error]):
+            continue
+        color = COLORS.get(row["method"], OTHER_COLOR)
+        axes.scatter(
+            time,
+            off,
+            s=SIZES[row["level"]],
+            marker=MARKERS[row["level"]],
+            facecolor=color if row["linearisations"] > 1 else "white",
+            edgecolor=color,
+            linewidth=1.3,
+            zorder=4 if row[flag] else 3,
+        )
+    best = sorted((1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row[error])) for row in rows if row[flag])
+    if best:
+        # Down at the fastest and on to the right at the best: left of it and below it nothing came.
+        times = [best[0][0], *(time for time, _ in best), 1e5]
+        heights = [1e3, *(off for _, off in best), best[-1][1]]
+        axes.plot(times, heights, color="0.15", linewidth=1.4, drawstyle="steps-post", zorder=2)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("CPU time of a tick in contact, median [µs]", fontsize=13)
+    axes.grid(color="0.92", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=12)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    errors = [max(FLOOR, 1e3 * row[error]) for row in rows if not np.isnan(row[error])]
+    low = min(0.55 * min(errors, default=0.05), 0.02)
+    high = 1.6 * max([*errors, 2.0])
+    axes.set_xlim(4.0, 16000.0)
+    axes.set_ylim(low, high)
+    axes.set_xticks(TIMES, [f"{value:,}" for value in TIMES])
+    axes.set_yticks([value for value in ERRORS if low <= value <= high])
+    axes.set_yticklabels([f"{value:g}" for value in ERRORS if low <= value <= high])
+    axes.minorticks_off()
+
+
+def _draw_peers(axes: "Axes", peers: Sequence[Peer]) -> None:
+    from matplotlib.patheffects import withStroke
+
+    if not peers:
+        return
+    axes.axhline(CORNER, color=GREY, linewidth=1.0, linestyle=":")
+    for peer in peers:
+        axes.plot(peer.time, peer.error, "x", color=GREY, markersize=8, markeredgewidth=2.0, zorder=3)
+        axes.annotate(
+            peer.label,
+            (peer.time, peer.error),
+            peer.shift,
+            textcoords="offset points",
+            ha="right" if peer.shift[0] < 0.0 else "left",
+            va="center",
+            fontsize=11,
+            color=GREY,
+            path_effects=[withStroke(linewidth=3.0, foreground="white")],
+        )
+
+
+def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    levels = sorted({row["level"] for row in rows})
+
+    def mark(label: str, marker: str, color: str, face: str | None = None, size: float = 8.0) -> Line2D:
+        return Line2D(
+            [],
+            [],
+            marker=marker,
+            color=color,
+            markerfacecolor=face or color,
+            linestyle="none",
+            markersize=size,
+            label=label,
+        )
+
+    handles: list[Any] = [mark(method, "o", COLORS.get(method, OTHER_COLOR)) for method in methods]
+    handles += [mark(f"tree level {n}", MARKERS[n], "0.2", size=11.0 if n == 5 else 7.0) for n in levels]
+    handles += [
+        mark("one linearisation", "o", "0.2", "white"),
+        Line2D([], [], color="0.15", linewidth=1.4, label="frontier"),
+        Line2D([], [], color="#b00020", linewidth=1.5, label="1 ms: the budget at 1 kHz"),
+        mark("other engines", "x", GREY),
+        Line2D([], [], color=GREY, linewidth=1.0, linestyle=":", label=f"{CORNER:g} mm"),
+        Patch(color=GREY, alpha=0.15, label="the paper's times; error not given"),
+    ]
+    figure.legend(handles=handles, loc="upper left", ncols=6, fontsize=12, frameon=False, bbox_to_anchor=(0.03, 0.995))

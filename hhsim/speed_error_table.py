@@ -1,0 +1,168 @@
+"""The table of `hhsim bench speed-error`: every run, and every configuration over its motions and objects."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim import metrics
+from hhsim.bench_file import Column
+from hhsim.pareto import frontier
+from hhsim.qp import ACTIVE_SET
+from hhsim.run_errors import SAMPLES, RunErrors
+from hhsim.speed_error import Configuration, Run
+
+Row = dict[str, Any]
+
+ALL = "all"
+"""Stands for every object or motion in a row that sums up."""
+
+GAIN = 0.05
+"""A slower configuration is on the frontier if it is nearer by more than this share."""
+
+WORST = (
+    *("penetration_max", "mesh_depth_max", "contact_error_max", "mesh_error", "off_finest_max", "force_ripple"),
+    *("force_step", "posture_jump_max", "lag_max"),
+)
+COUNTED = ("stuck_ticks", "lag_ticks", "samples")
+"""A row that sums up has the worst of the first, the sum of the second and the mean of all others."""
+
+COLUMNS: tuple[Column, ...] = (
+    Column("object", "object; 'all' sums up"),
+    Column("motion", "motion; 'all' sums up"),
+    Column("method", "method of the solver"),
+    Column("level", "level of the sphere tree"),
+    Column("linearisations", "most linearisations in a tick"),
+    Column("qp", "QP solver"),
+    Column("stretch", "whether only a stretch of the motion was run, to set QP solvers side by side"),
+    Column("is_default", "whether this is the method as it comes"),
+    Column("ticks", "ticks that were run, each repetition"),
+    Column("contact_ticks", "ticks with the haptic hand within 1 mm of the object or inside; times are of these"),
+    Column("candidates_max", "candidate pairs, most"),
+    Column("tick_cpu_p50", "CPU time of a tick in contact, median", "s"),
+    Column("tick_cpu_p99", "CPU time of a tick in contact, 99th percentile", "s"),
+    Column("tick_cpu_max", "CPU time of a tick in contact, most", "s"),
+    Column("tick_wall_p50", "wall time of a tick in contact, median", "s"),
+    Column("tick_wall_p99", "wall time of a tick in contact, 99th percentile", "s"),
+    Column("over_1ms", "share of ticks in contact over 1 ms, CPU"),
+    Column("penetration_max", "deepest penetration of the object's spheres", "m"),
+    Column("mesh_depth_max", "deepest penetration of the true mesh, sampled ticks", "m"),
+    Column("mesh_depth_p95", "95th percentile of the penetration of the true mesh, sampled ticks", "m"),
+    Column("contact_error_mean", "mean distance of contact points from the true mesh, sampled ticks", "m"),
+    Column("contact_error_max", "largest distance of contact points from the true mesh, sampled ticks", "m"),
+    Column("mesh_error", "the larger of mesh_depth_max and contact_error_max", "m"),
+    Column("tracking_excess", "coupling energy over the optimum on the same spheres, mean of the hold, (E - E*) / E*"),
+    Column("off_finest_mean", "farthest of palm and fingertips from the optimum on the finest spheres, mean", "m"),
+    Column("off_finest_max", "farthest of palm and fingertips from the optimum on the finest spheres, most", "m"),
+    Column("force_hold", "mean force in the hold", "N"),
+    Column("force_variation_hold", "one-tick force variation in the hold, input frozen, mean", "%"),
+    Column("force_variation_tremor", "one-tick force variation in the hold, hand trembling, mean", "%"),
+    Column("force_ripple", "force ripple in the hold, 50 to 400 Hz", "N"),
+    Column("force_step", "largest one-tick force step while moving, of the hold's force", "%"),
+    Column("posture_jump_max", "farthest that the graphic hand moved in a tick beyond the haptic hand", "m"),
+    Column("stuck_ticks", "ticks that kept the last feasible state"),
+    Column("lag_ticks", "ticks that ended with a way to go"),
+    Column("lag_max", "farthest that was left to go", "m"),
+    Column("samples", "ticks that were held against the mesh"),
+    Column("repeatable", "whether every repetition gave the same poses and forces"),
+    Column("mesh_frontier", "whether no configuration is both faster and nearer to the mesh: p50 and mesh_error"),
+    Column("tracking_frontier", "whether none is both faster and nearer to the optimum: p50 and off_finest_mean"),
+)
+
+
+def table_rows(runs: Sequence[Run]) -> list[Row]:
+    """One row a run; then one for each configuration and object, and one for each configuration over all objects.
+
+    Rows of a stretch are summed up over all objects only.
+    """
+    rows = [_row(run.object_name, run.motion, run.configuration, [run]) for run in runs]
+    by_object: dict[tuple[str, Configuration], list[Run]] = defaultdict(list)
+    by_configuration: dict[Configuration, list[Run]] = defaultdict(list)
+    for run in runs:
+        if not run.configuration.stretch:
+            by_object[run.object_name, run.configuration].append(run)
+        by_configuration[run.configuration].append(run)
+    rows += [_row(name, ALL, configuration, group) for (name, configuration), group in by_object.items()]
+    rows += [_row(ALL, ALL, configuration, group) for configuration, group in by_configuration.items()]
+    _mark_frontiers(rows)
+    return rows
+
+
+def chosen(rows: Iterable[Row], *, stretch: bool = False, **values: Any) -> list[Row]:
+    """The rows of whole motions, or of stretches, that have these values; such as object="all", motion="all"."""
+    return [row for row in rows if row["stretch"] == stretch and all(row[name] == v for name, v in values.items())]
+
+
+def remarks(runs: Sequence[Run]) -> list[str]:
+    """What a reader should know besides, a sentence each."""
+    found = [
+        f"the hand was held against the true mesh in about {SAMPLES} ticks of each run, spread over those in contact, "
+        "and in the one deepest in the spheres; penetration of the spheres is that of every tick",
+        "times are of the ticks with the haptic hand within 1 mm of the object, the median of the repetitions; compare "
+        "them within this run, not between machines",
+    ]
+    different = sorted({run.configuration.method for run in runs if not run.repeatable})
+    if different:
+        found.append(f"the poses of {', '.join(different)} differ between repetitions: they are not deterministic")
+    return found
+
+
+def _row(object_name: str, motion: str, configuration: Configuration, runs: Sequence[Run]) -> Row:
+    cpu, wall = (_joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_wall"))
+    candidates = _joined([run.candidates for run in runs])
+    errors = [run.errors for run in runs if run.errors is not None]
+    return {
+        "object": object_name,
+        "motion": motion,
+        "method": configuration.method,
+        "level": configuration.level,
+        "linearisations": configuration.linearisations,
+        "qp": configuration.qp,
+        "stretch": configuration.stretch,
+        "is_default": configuration.is_default and configuration.qp == ACTIVE_SET,
+        "ticks": sum(run.ticks for run in runs),
+        "contact_ticks": cpu.size,
+        "candidates_max": int(candidates.max(initial=0)),
+        "tick_cpu_p50": _percentile(cpu, 50.0),
+        "tick_cpu_p99": _percentile(cpu, 99.0),
+        "tick_cpu_max": _percentile(cpu, 100.0),
+        "tick_wall_p50": _percentile(wall, 50.0),
+        "tick_wall_p99": _percentile(wall, 99.0),
+        "over_1ms": float(np.mean(cpu > 1e-3)) if cpu.size else np.nan,
+        **{
+            item.name: _summed_up(item.name, [getattr(error, item.name) for error in errors])
+            for item in fields(RunErrors)
+        },
+        "repeatable": all(run.repeatable for run in runs),
+        "mesh_frontier": False,
+        "tracking_frontier": False,
+    }
+
+
+def _summed_up(name: str, values: Sequence[float]) -> float | int:
+    if name in COUNTED:
+        return int(sum(values))
+    found = metrics.statistics(values)
+    return found.max if name in WORST else found.mean
+
+
+def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _percentile(values: NDArray[Any], percent: float) -> float:
+    return float(np.percentile(values, percent)) if values.size else np.nan
+
+
+def _mark_frontiers(rows: Sequence[Row]) -> None:
+    groups = defaultdict(list)
+    for row in rows:
+        if not row["stretch"]:
+            groups[row["object"], row["motion"]].append(row)
+    for group in groups.values():
+        for flag, error in (("mesh_frontier", "mesh_error"), ("tracking_frontier", "off_finest_mean")):
+            for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
+                group[i][flag] = True

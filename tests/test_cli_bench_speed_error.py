@@ -1,0 +1,86 @@
+"""`hhsim bench speed-error` end to end, small."""
+
+import json
+from pathlib import Path
+
+import pytest
+from conftest import Run
+
+from hhsim.bench_file import load_table
+
+SMALL = (
+    *("bench", "speed-error", "--object", "cube", "--motion", "touch", "--method", "coupled,progressive"),
+    *("--level", "2", "--linearisations", "12", "--qp", "active-set", "--repetitions", "1", "--rate", "33"),
+)
+
+
+def test_it_prints_tables_and_writes_three_files(run: Run, tmp_path: Path) -> None:
+    answer = run(*SMALL, "--out", "a.h5")
+    assert answer.code == 0, answer.err
+    assert "Methods" in answer.out or "Nothing is both faster and better (cube: touch)" in answer.out
+    assert "the table is in a.h5 and a.csv, the picture in a.png" in answer.out
+    assert "compare them within this run, not between machines" in answer.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.h5", "a.png"]
+    table = load_table(tmp_path / "a.h5")
+    assert table.suite == "speed-error"
+    assert table.options["levels"] == [2]
+    assert [(row["object"], row["motion"], row["method"]) for row in table.rows] == [
+        (name, motion, method)
+        for name, motion in (("cube", "touch"), ("cube", "all"), ("all", "all"))
+        for method in ("coupled", "progressive")
+    ]
+    assert all(float(row["penetration_max"]) <= 1e-6 for row in table.rows)
+    assert "tick_cpu_p50 [s]" in (tmp_path / "a.csv").read_text().splitlines()[0]
+
+
+def test_json_is_one_document(run: Run, tmp_path: Path) -> None:
+    answer = run(*SMALL, "--json", "--out", "a.h5", "--plot", "b.svg")
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    assert (document["table"], document["csv"], document["plot"]) == ("a.h5", "a.csv", "b.svg")
+    assert [row["method"] for row in document["configurations"]] == ["coupled", "progressive"]
+    assert document["qp_solvers"] == []
+    assert document["units"]["tick_cpu_p50"] == "s"
+    first = document["configurations"][0]
+    assert 0.0 < first["tick_cpu_p50"] < 1.0
+    assert 0.0 < first["contact_error_max"] < 0.02
+    assert (tmp_path / "b.svg").is_file()
+
+
+def test_without_a_name_it_goes_to_results(run: Run, tmp_path: Path) -> None:
+    answer = run(*SMALL, "--quiet")
+    assert (answer.code, answer.out) == (0, "")
+    names = sorted(path.suffix for path in (tmp_path / "results").iterdir())
+    assert names == [".csv", ".h5", ".png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--object", "buny"), "unknown object 'buny': did you mean bunny"),
+        (("--motion", "never"), "touches nothing"),
+        (("--qp", "gurobi-like"), "unknown QP solver"),
+        (("--level", "0"), "expected whole numbers from 1 on"),
+        (("--level", "9"), "tree level 9"),
+        (("--method", "coupled,"), "expected names with commas between"),
+        (("--out", "a.txt"), "must end in .h5"),
+        (("--plot", "a.h5"), "no picture by its ending"),
+        (("--out", "none/a.h5"), "there is no folder"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    run: Run, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    answer = run("bench", "speed-error", *arguments)
+    assert answer.code == 2
+    assert message in answer.err
+    assert answer.out == ""
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_a_picture_of_yours_is_not_replaced(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("holiday")
+    answer = run(*SMALL, "--out", "a.h5")
+    assert answer.code == 2
+    assert "a.png exists" in answer.err
+    assert (tmp_path / "a.png").read_text() == "holiday"

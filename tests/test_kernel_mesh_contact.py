@@ -1,0 +1,195 @@
+"""Round cones against meshes: closed forms on a cube, trimesh on real objects; contact points against brute force."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from sphere_scenes import bumpy_ball
+
+from hhsim.hand import HandModel
+from hhsim.kernels.median_tree import STACK
+from hhsim.kernels.mesh_bvh import MeshBvh, build_mesh_bvh
+from hhsim.kernels.mesh_contact import (
+    DEEPEST_INTERVAL,
+    hand_mesh_distances,
+    round_cone_mesh_distance,
+    touching_points,
+)
+from hhsim.object_catalogue import load_object
+
+Array = NDArray[np.float64]
+
+RESOLUTION = 1e-4
+HALF = 0.05
+CUBE = trimesh.creation.box((2 * HALF,) * 3)
+
+
+def bvh_of(shape: trimesh.Trimesh) -> MeshBvh:
+    return build_mesh_bvh(np.array(shape.vertices, np.float64), np.array(shape.faces, np.int64))
+
+
+CUBE_BVH = bvh_of(CUBE)
+
+
+def distance(bvh: MeshBvh, a: Array, b: Array, radius_a: float, radius_b: float, limit: float = np.inf) -> float:
+    work = np.empty(STACK, np.int64), np.empty(STACK), np.empty((2, DEEPEST_INTERVAL))
+    return round_cone_mesh_distance(bvh, a, b, radius_a, radius_b, limit, RESOLUTION, *work)
+
+
+def cube_distance(points: Array) -> Array:
+    """Signed distance of points to the cube in closed form."""
+    over = np.abs(points) - HALF
+    outside = np.linalg.norm(np.maximum(over, 0.0), axis=1)
+    return np.asarray(np.where(over.max(axis=1) > 0.0, outside, over.max(axis=1)))
+
+
+def test_a_cone_along_a_face_is_as_deep_as_its_thick_end() -> None:
+    for depth in (-0.003, 0.0, 0.002):
+        a, b = np.array([0.0, 0.0, HALF + 0.01 - depth]), np.array([0.03, 0.0, HALF + 0.01 - depth])
+        assert distance(CUBE_BVH, a, b, 0.01, 0.008) == pytest.approx(-depth, abs=1e-15)
+
+
+def test_a_cylinder_across_an_edge() -> None:
+    # The middle of the axis is nearest to the edge x = z = HALF, at 45 degrees, between two samples of the first cut.
+    middle = np.array([HALF, 0.0, HALF]) + 0.009 * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0)
+    along = np.array([1.0, 0.0, -1.0]) / np.sqrt(2.0)
+    for share in (0.5, 0.37, 0.123):
+        a, b = middle - share * 0.04 * along, middle + (1.0 - share) * 0.04 * along
+        found = distance(CUBE_BVH, a, b, 0.01, 0.01)
+        assert -0.001 - 1e-15 <= found <= -0.001 + (0.5 * RESOLUTION) ** 2 / (2 * 0.009)
+
+
+def test_a_cone_whose_axis_is_inside() -> None:
+    a, b = np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, 0.08])
+    assert distance(CUBE_BVH, a, b, 0.01, 0.005) == pytest.approx(-0.03)
+    # Through the middle and out again: as deep as the cube's own middle.
+    assert distance(CUBE_BVH, -b, b, 0.01, 0.01) == pytest.approx(-HALF - 0.01, abs=0.5 * RESOLUTION)
+
+
+def test_a_cone_that_is_a_sphere() -> None:
+    for b in ([0.0, 0.0, 0.06], [0.0, 0.0, 0.061]):
+        assert distance(CUBE_BVH, np.array([0.0, 0.0, 0.06]), np.array(b), 0.012, 0.001) == pytest.approx(-0.002)
+
+
+def test_the_limit_stands_for_what_is_farther() -> None:
+    a, b = np.array([0.0, 0.0, 0.08]), np.array([0.02, 0.0, 0.08])
+    assert distance(CUBE_BVH, a, b, 0.01, 0.01, limit=0.005) == 0.005
+    assert distance(CUBE_BVH, a, b, 0.01, 0.01, limit=0.021) == pytest.approx(0.02)
+
+
+coordinate = st.floats(-0.09, 0.09)
+point = st.tuples(coordinate, coordinate, coordinate)
+
+
+@given(point, point, st.floats(0.004, 0.02), st.floats(0.0, 1.0))
+def test_any_cone_at_a_cube(start: tuple[float, ...], end: tuple[float, ...], radius: float, narrowing: float) -> None:
+    a, b = np.array(start), np.array(end)
+    drop = narrowing * min(0.5 * radius, 0.9 * float(np.linalg.norm(b - a)))
+    found = distance(CUBE_BVH, a, b, radius, radius - drop)
+    share = np.linspace(0.0, 1.0, 4001)[:, None]
+    values = cube_distance(a + share * (b - a)) - (radius - share[:, 0] * drop)
+    best = float(values.min())
+    step = float(np.linalg.norm(b - a)) / 4000
+    allowed = RESOLUTION if cube_distance(a + share * (b - a)).min() < 0.004 else 3.2e-7
+    assert found >= best - step - 1e-12, "below the true minimum"
+    assert found <= best + allowed
+
+
+@pytest.mark.parametrize("name", ["bunny", "teapot", "cup"])
+def test_trimesh_agrees_on_real_objects(name: str) -> None:
+    mesh = load_object(name).mesh
+    shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    rng = np.random.default_rng(3)
+    on_surface, face = trimesh.sample.sample_surface(shape, 12, seed=4)
+    signs = set()
+    for surface, normal in zip(np.asarray(on_surface), np.asarray(shape.face_normals)[face]):
+        radius = rng.uniform(0.005, 0.009)
+        a = surface + normal * (radius + rng.uniform(-0.002, 0.001))
+        b = a + 0.02 * np.cross(normal, rng.normal(size=3)) + 0.004 * normal
+        found = distance(bvh, a, b, radius, 0.9 * radius)
+        share = np.linspace(0.0, 1.0, 401)[:, None]
+        inside_positive = trimesh.proximity.signed_distance(shape, a + share * (b - a))  # type: ignore[no-untyped-call]
+        values = -inside_positive - radius * (1.0 - 0.1 * share[:, 0])
+        # trimesh at 401 points of the axis: its minimum is at most half a step of the slope above the true one.
+        step = float(np.linalg.norm(b - a) + 0.1 * radius) / 400
+        allowed = 0.6 * RESOLUTION if inside_positive.max() > 0.0 else 1e-6
+        assert values.min() - step <= found <= values.min() + allowed
+        signs.add(found < 0.0)
+    assert signs == {True, False}
+
+
+def hand_arrays(hand: HandModel) -> tuple[Array, Array, Array]:
+    palm = hand.palm_tree
+    return hand.radius.copy(), np.ascontiguousarray(palm.leaf_center), np.ascontiguousarray(palm.leaf_radius)
+
+
+def placed(hand: HandModel, height: float) -> tuple[Array, Array, Array]:
+    """Joints (1, 5, 4, 3), position (1, 3) and rotation (1, 3, 3) of an open hand over the origin."""
+    position = np.array([[0.0, -0.05, height]])
+    joints = hand.joints(position[0], [1.0, 0.0, 0.0, 0.0], np.full((5, 3), 0.1), np.zeros(5))
+    return joints[None], position, np.eye(3)[None]
+
+
+@pytest.mark.parametrize("height", [0.06, 0.072, 0.0])
+def test_the_hand_is_as_near_as_its_nearest_part(height: float) -> None:
+    hand = HandModel.default()
+    joints, position, rotation = placed(hand, height)
+    found = np.empty(1)
+    radius, center, palm_radius = hand_arrays(hand)
+    hand_mesh_distances(radius, center, palm_radius, CUBE_BVH, joints, position, rotation, np.inf, RESOLUTION, found)
+    parts = [cube_distance(center + position[0]) - palm_radius]
+    share = np.linspace(0.0, 1.0, 2001)[:, None]
+    for f in range(5):
+        for k in range(3):
+            axis = joints[0, f, k] + share * (joints[0, f, k + 1] - joints[0, f, k])
+            parts.append(cube_distance(axis) - radius[f, k] - share[:, 0] * (radius[f, k + 1] - radius[f, k]))
+    assert found[0] == pytest.approx(float(np.concatenate(parts).min()), abs=2e-5)
+
+
+def test_a_pose_that_is_not_finite_has_no_distance() -> None:
+    hand = HandModel.default()
+    joints, position, rotation = placed(hand, 0.06)
+    joints = np.repeat(joints, 2, axis=0)
+    joints[0, 3, 2, 1] = np.nan
+    found = np.empty(2)
+    two = np.repeat(position, 2, axis=0), np.repeat(rotation, 2, axis=0)
+    hand_mesh_distances(*hand_arrays(hand), CUBE_BVH, joints, *two, 0.05, RESOLUTION, found)
+    assert np.isnan(found[0])
+    assert np.isfinite(found[1])
+
+
+def test_contact_points_are_those_of_every_touching_pair() -> None:
+    hand, tree = HandModel.default(), bumpy_ball(500)
+    radius, center, palm_radius = hand_arrays(hand)
+    joints, position, rotation = placed(hand, 0.045)
+    touch = 1e-3
+    room = np.empty((5000, 3))
+    arrays = tree.arrays()
+    count = touching_points(radius, center, palm_radius, arrays, joints[0], position[0], rotation[0], touch, room)
+    expected = []
+    balls = [(c + position[0], r) for c, r in zip(center, palm_radius)]
+    for leaf, leaf_radius in zip(tree.leaf_center, tree.leaf_radius):
+        for ball, ball_radius in balls:
+            away = leaf - ball
+            if np.linalg.norm(away) - ball_radius - leaf_radius <= touch:
+                expected.append(ball + ball_radius * away / np.linalg.norm(away))
+        share = np.linspace(0.0, 1.0, 20001)[:, None]
+        for f in range(5):
+            for k in range(3):
+                axis = joints[0, f, k] + share * (joints[0, f, k + 1] - joints[0, f, k])
+                sizes = radius[f, k] + share[:, 0] * (radius[f, k + 1] - radius[f, k])
+                gaps = np.linalg.norm(leaf - axis, axis=1) - sizes - leaf_radius
+                best = int(gaps.argmin())
+                if gaps[best] <= touch:
+                    away = leaf - axis[best]
+                    expected.append(axis[best] + sizes[best] * away / np.linalg.norm(away))
+    assert count == len(expected) > 20
+    ours, theirs = room[:count], np.array(expected)
+    nearest = np.linalg.norm(ours[:, None] - theirs[None], axis=2)
+    assert nearest.min(axis=1).max() < 1e-5
+    assert nearest.min(axis=0).max() < 1e-5
+    small = np.empty((count - 1, 3))
+    assert touching_points(radius, center, palm_radius, arrays, joints[0], position[0], rotation[0], touch, small) == -1

@@ -1,0 +1,154 @@
+"""Errors of runs that were tampered with by known amounts."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.mesh_bvh import build_mesh_bvh
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
+from hhsim.kernels.tree import TreeArrays
+from hhsim.mesh_penetration import mesh_clearance
+from hhsim.object_catalogue import load_object
+from hhsim.placed_hand import hand_shape
+from hhsim.run_errors import (
+    NEAR,
+    SAMPLES,
+    ErrorScene,
+    error_scene,
+    placed_of,
+    run_errors,
+    sampled,
+    sphere_clearance,
+)
+from hhsim.scene import make_scene
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.trajectory_catalogue import load_script
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+OPTIONS = SolverOptions()
+
+
+@pytest.fixture(scope="module")
+def world() -> tuple[ErrorScene, TreeArrays, TickRecord]:
+    """One finger touches the cube, 200 ticks a second; and the run of the method as it comes."""
+    hand, mesh = HandModel.default(), load_object("cube").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=3))
+    scene = make_scene(mesh, tree, hand, load_script("touch"), rate=200.0)
+    errors = error_scene(hand, build_mesh_bvh(mesh.vertices, mesh.faces), scene.ticks, tree.arrays(), OPTIONS)
+    return errors, tree.arrays(), run(errors, tree.arrays())
+
+
+def run(scene: ErrorScene, tree: TreeArrays) -> TickRecord:
+    ticks = scene.haptic
+    return HandSolver(scene.hand, tree, OPTIONS).run(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
+
+
+def shifted(record: TickRecord, shift: np.ndarray) -> TickRecord:
+    """The same run with the graphic hand elsewhere; shift [m], shape (T, 3)."""
+    return record._replace(position=record.position + shift, joints=record.joints + shift[:, None, None, :])
+
+
+def test_ticks_in_contact_are_those_where_the_haptic_hand_is_near(
+    world: tuple[ErrorScene, TreeArrays, TickRecord],
+) -> None:
+    scene, tree, _ = world
+    clearance = sphere_clearance(scene.hand, tree, scene.haptic_placed, 1.0)
+    assert np.array_equal(scene.contact, clearance < NEAR)
+    assert 0 < scene.contact.sum() < scene.contact.size
+    hold = scene.holds[0]
+    assert scene.contact[hold].all()
+    assert [(hold.start, hold.stop)] == [
+        (p.first_tick, p.last_tick + 1) for p in scene.haptic.phases if p.name == "hold"
+    ]
+
+
+def test_a_good_run_is_good(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+    scene, tree, record = world
+    found = run_errors(scene, tree, OPTIONS, record)
+    assert found.penetration_max <= 1e-6
+    # Spheres cover the mesh, so a hand outside of them is outside of it.
+    assert found.mesh_depth_max <= found.mesh_depth_p95 + 1e-6 <= 2e-6
+    assert 0.0 < found.contact_error_mean <= found.contact_error_max == found.mesh_error
+    assert abs(found.tracking_excess) < 1e-3
+    assert found.off_finest_mean < 1e-4
+    assert found.force_hold > 0.1
+    assert found.force_variation_hold < 1e-3 < found.force_variation_tremor
+    assert (found.stuck_ticks, found.lag_max) == (0, 0.0)
+    assert SAMPLES <= found.samples <= SAMPLES + 1
+
+
+def test_a_hand_beside_the_optimum_is_off_by_that_much(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+    scene, tree, record = world
+    best = record._replace(joints=scene.finest.joints.copy(), position=scene.finest.position.copy())
+    shift = np.tile([0.001, 0.002, 0.002], (len(record.position), 1))
+    found = run_errors(scene, tree, OPTIONS, shifted(best, shift))
+    assert found.off_finest_mean == pytest.approx(0.003)
+    assert found.off_finest_max == pytest.approx(0.003)
+
+
+def test_a_hand_pushed_in_is_as_deep_as_mesh_and_spheres_say(
+    world: tuple[ErrorScene, TreeArrays, TickRecord],
+) -> None:
+    scene, tree, record = world
+    hold = scene.holds[0]
+    tick = hold.start + 20
+    tip = record.joints[tick, 1, 3]
+    inward = -tip / np.linalg.norm(tip)
+    shift = np.zeros((len(record.position), 3))
+    shift[tick] = 0.004 * inward
+    pushed = shifted(record, shift)
+    found = run_errors(scene, tree, OPTIONS, pushed)
+    placed = placed_of(pushed).at([tick])
+    assert found.penetration_max == pytest.approx(-sphere_clearance(scene.hand, tree, placed, 0.0)[0])
+    assert found.mesh_depth_max == pytest.approx(-mesh_clearance(scene.bvh, hand_shape(scene.hand), placed)[0])
+    assert found.mesh_depth_max > 5e-4
+    assert found.mesh_depth_p95 == 0.0
+    assert found.posture_jump_max == pytest.approx(0.004, rel=0.02)
+    assert np.isfinite(found.tracking_excess)
+
+
+def test_a_hand_that_penetrates_all_the_time_has_no_excess(
+    world: tuple[ErrorScene, TreeArrays, TickRecord],
+) -> None:
+    scene, tree, record = world
+    inside = record._replace(joints=scene.haptic_placed.joints, position=scene.haptic_placed.position)
+    found = run_errors(scene, tree, OPTIONS, inside)
+    assert np.isnan(found.tracking_excess)
+    assert found.penetration_max > 0.005
+
+
+def test_status_is_counted(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+    scene, tree, record = world
+    status, lag = record.status.copy(), record.lag.copy()
+    status[3:5] |= STATUS_STUCK
+    status[4:9] |= STATUS_LAG
+    lag[7] = 0.25
+    found = run_errors(scene, tree, OPTIONS, record._replace(status=status, lag=lag))
+    assert (found.stuck_ticks, found.lag_ticks, found.lag_max) == (2, 5, 0.25)
+
+
+def test_a_stretch_has_no_figures_of_the_hold(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
+    scene, tree, record = world
+    window = slice(scene.holds[0].start - 10, scene.holds[0].start + 10)
+    part = TickRecord(*(values[window] for values in record))  # type: ignore[arg-type]
+    found = asdict(run_errors(scene, tree, OPTIONS, part, window))
+    missing = {name for name, value in found.items() if np.isnan(value)}
+    assert missing == {
+        *("tracking_excess", "force_hold", "force_variation_hold", "force_variation_tremor"),
+        *("force_ripple", "force_step"),
+    }
+    whole = asdict(run_errors(scene, tree, OPTIONS, record))
+    assert found["off_finest_max"] <= whole["off_finest_max"]
+
+
+def test_samples_are_spread_over_the_ticks() -> None:
+    ticks = np.arange(100, 300, 2)
+    chosen = sampled(ticks, 5)
+    assert chosen.tolist() == [100, 148, 198, 248, 298]
+    assert sampled(ticks, 3, [7]).tolist() == [7, 100, 198, 298]
+    assert sampled(ticks[:2], 5).tolist() == [100, 102]
+    assert sampled(np.zeros(0, np.int64), 5).tolist() == []

@@ -1,0 +1,233 @@
+"""Speed against error: what is run, that the figures of the table are those of the runs, and the picture."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.qp import ACTIVE_SET, available_backends
+from hhsim.run_errors import RunErrors
+from hhsim.solver_options import METHODS
+from hhsim.speed_error import (
+    SINGLE,
+    Configuration,
+    Run,
+    SpeedErrorOptions,
+    backend_configurations,
+    configurations,
+    measure,
+)
+from hhsim.speed_error_figure import PEERS, check_picture, draw_speed_error
+from hhsim.speed_error_table import ALL, COLUMNS, COUNTED, WORST, chosen, remarks, table_rows
+
+SMALL = SpeedErrorOptions(
+    objects=("cube",),
+    motions=("touch",),
+    methods=("coupled", "progressive"),
+    levels=(1, 2),
+    linearisations=(12,),
+    backends=("clarabel",),
+    repetitions=2,
+    rate=50.0,
+)
+
+
+@pytest.fixture(scope="module")
+def small() -> list[Run]:
+    return measure(SMALL)
+
+
+def test_by_default_all_that_is_there_is_run() -> None:
+    options = SpeedErrorOptions()
+    assert options.methods == tuple(METHODS)
+    assert options.backends == tuple(name for name in available_backends() if name != ACTIVE_SET)
+    assert {c.method for c in configurations(options)} == set(METHODS)
+
+
+def test_methods_that_linearise_once_are_run_once() -> None:
+    options = replace(SMALL, methods=tuple(METHODS), levels=(3, 4), linearisations=(1, 2, 12))
+    found = configurations(options)
+    assert len(found) == len(set(found))
+    for method in METHODS:
+        count = sum(c.method == method for c in found)
+        assert count == (2 if method in SINGLE else 6)
+        assert sum(c.method == method and c.is_default for c in found) == 1
+
+
+def test_qp_solvers_stand_beside_ours() -> None:
+    found = backend_configurations(replace(SMALL, levels=(2, 3)))
+    assert [c.qp for c in found] == [ACTIVE_SET, "clarabel"]
+    assert {(c.method, c.level, c.stretch) for c in found} == {("coupled", 3, True)}
+    assert backend_configurations(replace(SMALL, backends=())) == []
+    only = backend_configurations(replace(SMALL, methods=("progressive",)))
+    assert {c.method for c in only} == {"progressive"}
+
+
+def test_what_cannot_be_run_is_refused() -> None:
+    for change, message in (
+        ({"objects": ("buny",)}, "unknown object 'buny': did you mean bunny"),
+        ({"motions": ("grip",)}, "unknown trajectory 'grip'"),
+        ({"methods": ("couple",)}, "unknown method 'couple': did you mean coupled"),
+        ({"backends": ("quadprg",)}, "unknown QP solver 'quadprg'"),
+    ):
+        with pytest.raises(UnknownNameError, match=message):
+            replace(SMALL, **change)  # type: ignore[arg-type]
+    for wrong, message in (
+        ({"motions": ("never",)}, "'never' touches nothing"),
+        ({"levels": (6,)}, "tree level 6, expected 1 to 5"),
+        ({"levels": ()}, "levels: name at least one"),
+        ({"linearisations": (0,)}, "at least 1"),
+        ({"repetitions": 0}, "at least 1"),
+    ):
+        with pytest.raises(InputError, match=message):
+            replace(SMALL, **wrong)
+
+
+def test_every_configuration_runs_on_every_scene(small: list[Run]) -> None:
+    whole = [run for run in small if not run.configuration.stretch]
+    assert [run.configuration for run in whole] == configurations(SMALL)
+    part = [run for run in small if run.configuration.stretch]
+    assert [run.configuration for run in part] == backend_configurations(SMALL)
+    for run in small:
+        assert (run.object_name, run.motion) == ("cube", "touch")
+        assert np.shape(run.cpu) == np.shape(run.wall) == (2, run.candidates.size)
+        assert np.array_equal(run.tick_cpu, np.mean(run.cpu, axis=0))
+        assert np.array_equal(run.tick_wall, np.mean(run.wall, axis=0))
+        assert (run.tick_cpu > 0.0).all()
+        assert run.repeatable
+        assert run.errors is not None
+        assert run.errors.penetration_max <= 1e-6
+    assert len({run.candidates.size for run in whole}) == 1, "the ticks in contact are the scene's, not the method's"
+    ours, other = part
+    assert ours.ticks == other.ticks < whole[0].ticks
+    assert ours.errors is not None
+    assert other.errors is not None
+    assert other.errors.off_finest_max == pytest.approx(ours.errors.off_finest_max, abs=1e-4)
+
+
+def test_finer_spheres_are_nearer_to_the_mesh_and_to_the_optimum(small: list[Run]) -> None:
+    coarse, fine = (run.errors for run in small[:2])
+    assert coarse is not None
+    assert fine is not None
+    assert fine.contact_error_max < 0.5 * coarse.contact_error_max
+    assert fine.off_finest_mean < 0.1 * coarse.off_finest_mean
+
+
+def test_progress_counts_every_run() -> None:
+    said: list[tuple[str, int, int]] = []
+    measure(
+        replace(SMALL, levels=(1,), backends=(), methods=("coupled",)),
+        lambda what, done, total: said.append((what, done, total)),
+    )
+    assert [entry for entry in said if entry[0].startswith("runs")] == [
+        ("runs, repetition 1 of 2", 0, 2),
+        ("runs, repetition 2 of 2", 1, 2),
+    ]
+
+
+ZEROS = RunErrors(**dict.fromkeys(RunErrors.__dataclass_fields__, 0))
+
+
+def made_up(object_name: str, motion: str, configuration: Configuration, cost: float, **errors: float) -> Run:
+    return Run(
+        object_name,
+        motion,
+        configuration,
+        cpu=[np.full(4, cost)],
+        wall=[np.full(4, 2.0 * cost)],
+        candidates=np.arange(4),
+        errors=replace(ZEROS, **errors),  # type: ignore[arg-type]
+        ticks=10,
+    )
+
+
+def test_rows_sum_up_by_worst_mean_and_count() -> None:
+    one, two = Configuration("coupled", 4, 12), Configuration("coupled", 4, 12, "clarabel", stretch=True)
+    runs = [
+        made_up(
+            "cube", "touch", one, 1e-5, mesh_error=1e-4, off_finest_mean=2e-3, lag_ticks=3, force_variation_hold=np.nan
+        ),
+        made_up(
+            "cube", "grasp", one, 3e-5, mesh_error=3e-4, off_finest_mean=4e-3, lag_ticks=4, force_variation_hold=0.5
+        ),
+        made_up(
+            "cup", "grasp", one, 9e-3, mesh_error=2e-4, off_finest_mean=9e-3, lag_ticks=5, force_variation_hold=0.7
+        ),
+        made_up("cup", "grasp", two, 1e-6),
+    ]
+    rows = table_rows(runs)
+    assert [(row["object"], row["motion"], row["stretch"]) for row in rows] == [
+        ("cube", "touch", False),
+        ("cube", "grasp", False),
+        ("cup", "grasp", False),
+        ("cup", "grasp", True),
+        ("cube", ALL, False),
+        ("cup", ALL, False),
+        (ALL, ALL, False),
+        (ALL, ALL, True),
+    ]
+    (cube,) = chosen(rows, object="cube", motion=ALL)
+    assert (cube["mesh_error"], cube["lag_ticks"], cube["ticks"], cube["contact_ticks"]) == (3e-4, 7, 20, 8)
+    assert cube["off_finest_mean"] == pytest.approx(3e-3)
+    assert cube["force_variation_hold"] == 0.5
+    assert (cube["tick_cpu_p50"], cube["tick_cpu_max"]) == pytest.approx((2e-5, 3e-5))
+    assert cube["tick_wall_p50"] == pytest.approx(4e-5)
+    (everything,) = chosen(rows, object=ALL, motion=ALL)
+    assert everything["over_1ms"] == pytest.approx(1 / 3)
+    assert everything["is_default"]
+    assert everything["mesh_frontier"]
+    (part,) = chosen(rows, object=ALL, motion=ALL, stretch=True)
+    assert not part["mesh_frontier"], "a stretch competes with nobody"
+    assert all(set(row) == {column.name for column in COLUMNS} for row in rows)
+    assert {*WORST, *COUNTED} <= set(RunErrors.__dataclass_fields__)
+
+
+def test_the_frontier_is_among_equals() -> None:
+    fast, good, poor = (Configuration("coupled", level, 12) for level in (2, 4, 3))
+    rows = table_rows(
+        [
+            made_up("cube", "touch", fast, 1e-5, mesh_error=1e-3, off_finest_mean=1e-3),
+            made_up("cube", "touch", good, 3e-5, mesh_error=1e-4, off_finest_mean=2e-3),
+            made_up("cube", "touch", poor, 4e-5, mesh_error=9.9e-5, off_finest_mean=1e-2),
+        ]
+    )
+    best = chosen(rows, object="cube", motion="touch")
+    assert [row["mesh_frontier"] for row in best] == [True, True, False]
+    assert [row["tracking_frontier"] for row in best] == [True, False, False]
+
+
+def test_poses_that_differ_are_told() -> None:
+    run = made_up("cube", "touch", Configuration("coupled", 4, 12), 1e-5)
+    assert not any("determin" in line for line in remarks([run]))
+    run.repeatable = False
+    assert any("coupled differ between repetitions" in line for line in remarks([run]))
+
+
+def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) -> None:
+    import matplotlib.image
+
+    rows = table_rows(small)
+    draw_speed_error(tmp_path / "small.png", rows)
+    assert matplotlib.image.imread(tmp_path / "small.png").shape[:2] == (840, 1280)
+    for row in rows:
+        row["mesh_error"] = np.nan
+        row["off_finest_mean"] = 0.0
+        row["method"] = "unheard-of"
+    draw_speed_error(tmp_path / "odd.png", rows)
+    assert (tmp_path / "odd.png").stat().st_size > 10_000
+
+
+def test_a_picture_that_cannot_be_is_told_before_the_work(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no picture by its ending"):
+        check_picture(tmp_path / "a.h5")
+    check_picture(tmp_path / "a.png")
+    check_picture(tmp_path / "a.svg")
+
+
+def test_peers_are_those_of_the_reference() -> None:
+    bunny = {peer.label: peer for peer in PEERS["bunny"]}
+    assert (bunny["PyBullet, triangles"].time, bunny["PyBullet, triangles"].error) == (511.0, 0.15)
+    assert PEERS["teapot"][-1].error == 0.13
+    assert bunny["MuJoCo, 3,986 spheres"].error == 0.47
