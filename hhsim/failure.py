@@ -1,0 +1,222 @@
+"""What counts as a failure of a tick, how a motion is tried for it, and the file that a failure is kept in.
+
+The file is an ordinary trajectory, so that `hhsim replay OBJECT failing.h5` shows the failure; its `source` says, as
+JSON, where it comes from and which command replays it.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand import HandModel
+from hhsim.hand_motion import HandMotion
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_STUCK
+from hhsim.kernels.tree import TreeArrays
+from hhsim.metrics import Penetration, penetration
+from hhsim.shrink import Shrunk, Trace, Trial
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions, Stiffness
+from hhsim.sphere_tree import SphereTree
+from hhsim.stuck import way_out
+from hhsim.trajectory import Trajectory
+from hhsim.trajectory_file import load_trajectory, save_trajectory
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Solver = Callable[[], HandSolver]
+Fails = Callable[[HandMotion, TickRecord, Penetration], Mask]
+"""Which ticks of a record fail, shape (T,), given the haptic motion and the penetration of the recorded hand."""
+
+SAFE_DEPTH = 1e-6
+"""Penetration [m] that a method which promises none may show: the acceptance figure."""
+MADE_BY = "hhsim failure "
+"""What the source of a kept trajectory begins with."""
+
+
+def recorded_penetration(hand: HandModel, tree: TreeArrays, record: TickRecord) -> Penetration:
+    """Depths [m] of the hand that a record holds, by `hhsim.metrics`; nothing is taken from the solver."""
+    palm = hand.palm_tree
+    return penetration(
+        tree, hand.radius, palm.leaf_center, palm.leaf_radius, record.joints, record.position, record.orientation
+    )
+
+
+def recorded_motion(record: TickRecord) -> HandMotion:
+    """The graphic hand of a record."""
+    return HandMotion(record.position, record.orientation, record.flexion, record.abduction)
+
+
+def not_finite(record: TickRecord) -> Mask:
+    """Ticks whose graphic hand or force is not finite, shape (T,)."""
+    bad = np.zeros(len(record.status), dtype=bool)
+    for name in ("position", "orientation", "flexion", "abduction", "joints", "phalanx", "palm_wrench", "total"):
+        values = getattr(record, name)
+        bad |= ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    return bad
+
+
+def penetrates(limit: float = SAFE_DEPTH) -> Fails:
+    """Fails where the hand is deeper than `limit` [m] in the object, or nowhere."""
+    return lambda motion, record, depth: ~(depth.depth <= limit)
+
+
+def is_not_finite() -> Fails:
+    """Fails where the graphic hand or a force is not finite."""
+    return lambda motion, record, depth: not_finite(record)
+
+
+def is_stuck(hand: HandModel, tree: SphereTree, options: SolverOptions) -> Fails:
+    """Fails where a tick kept the last hand although there was a way, by `hhsim.stuck`; finds only the first."""
+
+    def fails(motion: HandMotion, record: TickRecord, depth: Penetration) -> Mask:
+        found = np.zeros(motion.ticks, dtype=bool)
+        held, shown = motion.held(), recorded_motion(record)
+        for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
+            goal, here = held.part(tick, tick + 1), shown.part(tick, tick + 1)
+            if way_out(hand, tree, options, here, goal) > 0.0:
+                found[tick] = True
+                break
+        return found
+
+    return fails
+
+
+KINDS = ("penetration", "not finite", "stuck")
+"""The failures that have a name."""
+
+
+def failure_of(kind: str, hand: HandModel, tree: SphereTree, options: SolverOptions) -> Fails:
+    """The failure of a name.
+
+    Raises:
+        UnknownNameError: no such name.
+    """
+    if kind not in KINDS:
+        raise UnknownNameError("failure", kind, KINDS)
+    if kind == "penetration":
+        return penetrates()
+    return is_not_finite() if kind == "not finite" else is_stuck(hand, tree, options)
+
+
+def make_trial(hand: HandModel, tree: SphereTree, solver: Solver, fails: Fails) -> Trial:
+    """A trial for `hhsim.shrink`: a fresh solver runs the motion from its first sample on, as a replay does."""
+
+    arrays = tree.arrays()
+
+    def trial(motion: HandMotion) -> Trace:
+        record = solver().run(*motion)
+        depth = recorded_penetration(hand, arrays, record)
+        return Trace(fails(motion, record, depth), recorded_motion(record))
+
+    return trial
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where a kept motion comes from.
+
+    Attributes:
+        kind: of failure, see `KINDS`.
+        object: a name of the catalogue or a file.
+        object_options: what a replay must be told of the object, such as "--level 3"; empty for the catalogue's own.
+        method: that fails.
+        seed: of the random targets.
+        tick: of the long run at which it failed.
+        failing_tick: of the kept motion at which it fails.
+        depth: penetration there [m].
+        stress: options of the random targets.
+        solver: options of the solver.
+        hand: right or left.
+    """
+
+    kind: str
+    object: str
+    object_options: str
+    method: str
+    seed: int
+    tick: int
+    failing_tick: int = -1
+    depth: float = 0.0
+    stress: dict[str, Any] = field(default_factory=dict)
+    solver: dict[str, Any] = field(default_factory=dict)
+    hand: str = "right"
+
+    def command(self, path: Path) -> str:
+        """The command that replays the file."""
+        words = ["hhsim replay", self.object, str(path), f"--method {self.method}", "--samples hold"]
+        plain, used = SolverOptions(method=self.method).to_json(), self.solver
+        if self.object_options:
+            words.append(self.object_options)
+        if self.hand != "right":
+            words.append(f"--hand {self.hand}")
+        for name, scale in (("qp", None), ("force", None), ("linearisations", None), ("margin", 1e3)):
+            if name in used and used[name] != plain[name]:
+                words.append(f"--{name} {used[name] if scale is None else format(scale * used[name], '.15g')}")
+        stiffness = used.get("stiffness", plain["stiffness"])
+        if stiffness != plain["stiffness"]:
+            words.append("--stiffness " + ",".join(repr(stiffness[n]) for n in ("translation", "rotation", "flexion")))
+        return " ".join(words)
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> Self:
+        """Read it from a kept trajectory.
+
+        Raises:
+            InputError: the trajectory was not made by `keep_failure`.
+        """
+        if not trajectory.source.startswith(MADE_BY):
+            raise InputError(f"{trajectory.name or 'the trajectory'} was not kept by a stress test: no failure in it")
+        document = json.loads(trajectory.source.removeprefix(MADE_BY))
+        return cls(**{name: document[name] for name in cls.__dataclass_fields__})
+
+
+def keep_failure(path: Path, shrunk: Shrunk, provenance: Provenance) -> str:
+    """Write a shrunk failure as a trajectory; returns the command that replays it.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    command = provenance.command(path)
+    document = {**asdict(provenance), "ticks_before": shrunk.ticks_before, "replay": command}
+    trajectory = shrunk.motion.trajectory(name=path.stem, source=MADE_BY + json.dumps(document, sort_keys=True))
+    save_trajectory(trajectory, path)
+    return command
+
+
+def rerun_failure(path: Path, hand: HandModel, tree: SphereTree, solver: Solver | None = None) -> Trace:
+    """Run a kept failure as `hhsim replay` does, from the file; `failed` says whether it still fails.
+
+    Args:
+        path: a file of `keep_failure`.
+        hand: The hand.
+        tree: the object's sphere tree.
+        solver: makes the solver; None for one with the options that the file names.
+
+    Raises:
+        TrajectoryError, InputError: no such file, or one of another kind.
+    """
+    trajectory = load_trajectory(path)
+    provenance = Provenance.of(trajectory)
+    options, arrays = _solver_options(provenance.solver), tree.arrays()
+    if solver is None:
+
+        def solver() -> HandSolver:
+            return HandSolver(hand, arrays, options)
+
+    ticks = trajectory.resampled(1000.0, "hold")
+    motion = HandMotion(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
+    return make_trial(hand, tree, solver, failure_of(provenance.kind, hand, tree, options))(motion)
+
+
+def _solver_options(plain: Mapping[str, Any]) -> SolverOptions:
+    # The inverse of SolverOptions.to_json; JSON knows lists only.
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
+    values["stiffness"] = Stiffness(**plain["stiffness"])
+    return SolverOptions(**values)

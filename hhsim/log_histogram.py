@@ -1,0 +1,57 @@
+"""Percentiles of any number of values in memory that does not grow."""
+
+from collections.abc import Iterable
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+class LogHistogram:
+    """Counts positive values in bins of equal ratio.
+
+    A percentile is off by less than half a bin, 0.1 %; the maximum is exact. Histograms of parts of a run add up to
+    that of the run, in any order.
+    """
+
+    RATIO = 1.002
+    LEAST = 1.0
+    """Values below it count as this."""
+    BINS = 17_000
+    """Up to LEAST · RATIO ** BINS, about 6e14: days, in ns."""
+
+    def __init__(self) -> None:
+        """Hold nothing yet."""
+        self.counts: NDArray[np.int64] = np.zeros(self.BINS, dtype=np.int64)
+        self.largest = np.nan
+
+    def add(self, values: ArrayLike) -> None:
+        """Count values, of any shape."""
+        array = np.asarray(values, dtype=np.float64).ravel()
+        if array.size == 0:
+            return
+        place = np.log(np.maximum(array, self.LEAST) / self.LEAST) / np.log(self.RATIO)
+        np.add.at(self.counts, np.minimum(place.astype(np.int64), self.BINS - 1), 1)
+        self.largest = float(np.fmax(self.largest, array.max()))
+
+    @classmethod
+    def sum(cls, parts: Iterable[Self]) -> Self:
+        """The histogram of all values of all parts."""
+        whole = cls()
+        for part in parts:
+            whole.counts += part.counts
+            whole.largest = float(np.fmax(whole.largest, part.largest))
+        return whole
+
+    @property
+    def count(self) -> int:
+        """How many values were counted."""
+        return int(self.counts.sum())
+
+    def percentile(self, percent: float) -> float:
+        """The value that `percent` of all do not exceed, the nearest rank; NaN where none was counted."""
+        if self.count == 0:
+            return np.nan
+        rank = max(1, int(np.ceil(0.01 * percent * self.count)))
+        place = int(np.searchsorted(np.cumsum(self.counts), rank))
+        return float(min(self.LEAST * self.RATIO ** (place + 0.5), self.largest))

@@ -1,0 +1,211 @@
+"""Shrinking: from a long motion that fails to a few ticks that still fail, by delta debugging.
+
+Nothing is taken on trust: every candidate is run by a fresh solver, from its first sample, as `hhsim replay` would, and
+kept only where it fails too. (Zeller & Hildebrandt, "Simplifying and isolating failure-inducing input", 2002.)
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.hand_motion import HandMotion, joined
+
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+MOST_RUNS = 3000
+"""Candidates that are tried at most."""
+MOST_TICKS = 1_000_000
+"""Ticks that all candidates together may run."""
+FEW_TICKS = 30
+"""A motion of no more ticks is held tick by tick, channel by channel."""
+
+
+class Trace(NamedTuple):
+    """What a run of a motion gave: which ticks failed, shape (T,), and the graphic hand after each tick."""
+
+    failed: Mask
+    graphic: HandMotion
+
+
+Place = tuple[int | slice, ...]
+Trial = Callable[[HandMotion], Trace]
+"""Runs a motion from its first sample with a solver of its own; the same motion gives the same trace."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shrunk:
+    """A motion that fails.
+
+    Attributes:
+        motion: what is left; its first sample is where the graphic hand starts.
+        trace: of its run.
+        ticks_before: how many ticks the motion had.
+        runs: candidates that were tried.
+    """
+
+    motion: HandMotion
+    trace: Trace
+    ticks_before: int
+    runs: int
+
+    @property
+    def tick(self) -> int:
+        """The first tick that fails."""
+        return int(np.argmax(self.trace.failed))
+
+
+def shrink(
+    motion: HandMotion,
+    trial: Trial,
+    *,
+    graphic: HandMotion | None = None,
+    most_runs: int = MOST_RUNS,
+    most_ticks: int = MOST_TICKS,
+) -> Shrunk:
+    """Shrink a failing motion.
+
+    Cuts what follows the failure; starts later, at the graphic hand shown before it; drops ticks between; holds
+    fingers, abduction, rotation and position where they were; rounds numbers. Each as long as it still fails.
+
+    Args:
+        motion: haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
+        trial: runs a motion.
+        graphic: the graphic hand after each tick of a longer run that `motion` is the last stretch of, and whose last
+            tick fails. Needed where the motion alone does not fail from its first sample on.
+        most_runs: candidates that are tried at most.
+        most_ticks: ticks that all candidates together may run.
+
+    Raises:
+        InputError: neither the motion nor any end of it fails.
+    """
+    search = _Search(trial, most_runs, most_ticks)
+    whole = motion.replayed()
+    best = search.failing(whole)
+    if best is None and graphic is not None:
+        # The way that led there had the solver's memory too; without it a start close to the failure may fail as well.
+        best = search.first(_starts(whole, graphic, whole.ticks - 1))
+    if best is None:
+        raise InputError(f"the motion of {motion.ticks:,} ticks does not fail when it is run from its first sample on")
+    size = None
+    while size != _size(best.motion):
+        size = _size(best.motion)
+        best = search.first(_starts(best.motion, best.graphic, best.motion.ticks - 1)) or best
+        best = _drop(best, search)
+        best = _simplify(best, search)
+    best = _round(best, search)
+    return Shrunk(best.motion, Trace(best.failed, best.graphic), motion.ticks, search.runs)
+
+
+class _Failing(NamedTuple):
+    motion: HandMotion
+    failed: Mask
+    graphic: HandMotion
+
+
+class _Search:
+    """Runs candidates, counts them, and cuts off what follows the failure."""
+
+    def __init__(self, trial: Trial, most_runs: int, most_ticks: int) -> None:
+        self._trial = trial
+        self._most_runs = most_runs
+        self._most_ticks = most_ticks
+        self.runs = 0
+        self.ticks = 0
+
+    def failing(self, motion: HandMotion) -> _Failing | None:
+        """The motion up to its first failing tick; None where it does not fail, or nothing more is to be tried."""
+        if motion.ticks == 0 or self.runs >= self._most_runs or self.ticks >= self._most_ticks:
+            return None
+        motion = motion.replayed()
+        self.runs += 1
+        self.ticks += motion.ticks
+        trace = self._trial(motion)
+        if not trace.failed.any():
+            return None
+        end = int(np.argmax(trace.failed)) + 1
+        return _Failing(motion.part(0, end), trace.failed[:end], trace.graphic.part(0, end))
+
+    def first(self, candidates: Iterator[HandMotion]) -> _Failing | None:
+        """The first of the candidates that fails."""
+        return next((found for motion in candidates if (found := self.failing(motion)) is not None), None)
+
+
+def _size(motion: HandMotion) -> tuple[int, int]:
+    # Ticks, and numbers that change from one tick to the next.
+    return motion.ticks, sum(int(np.count_nonzero(np.diff(values, axis=0))) for values in motion)
+
+
+def _starts(motion: HandMotion, graphic: HandMotion, failed: int) -> Iterator[HandMotion]:
+    # The last 1, 2, 4, … samples up to the failing one, behind the graphic hand that was shown before them.
+    length = 1
+    while length < failed:
+        first = failed + 1 - length
+        yield joined([graphic.part(first - 1, first), motion.part(first, failed + 1)])
+        length *= 2
+
+
+def _drop(best: _Failing, search: _Search) -> _Failing:
+    # Zeller's ddmin over the samples behind the first one.
+    pieces = 2
+    while best.motion.ticks > 2:
+        middle = np.arange(1, best.motion.ticks)
+        pieces = min(pieces, len(middle))
+        cuts = np.array_split(middle, pieces)
+        found = search.first(
+            best.motion.chosen(np.setdiff1d(np.arange(best.motion.ticks), cut, assume_unique=True)) for cut in cuts
+        )
+        if found is not None:
+            best = found
+            pieces = max(pieces - 1, 2)
+        elif pieces == len(middle):
+            break
+        else:
+            pieces *= 2
+    return best
+
+
+def _simplify(best: _Failing, search: _Search) -> _Failing:
+    # Every channel by itself: as at the first sample throughout, else as at the sample before, tick by tick.
+    for field, place in _CHANNELS:
+        throughout: Place = (slice(None), *place)
+        best = _with(best, search, field, throughout, best.motion[field][:1].copy()[throughout])
+        tick = 1
+        while tick < best.motion.ticks <= FEW_TICKS:
+            best = _with(best, search, field, (tick, *place), best.motion[field][(tick - 1, *place)])
+            tick += 1
+    return best
+
+
+_CHANNELS: tuple[tuple[int, tuple[int, ...]], ...] = (
+    *((2, (finger,)) for finger in range(5)),
+    (3, ()),
+    (1, ()),
+    (0, ()),
+)
+"""Field of `HandMotion` and place in it: each finger's flexion, the abduction, the orientation, the position."""
+
+
+def _with(best: _Failing, search: _Search, field: int, place: Place, values: NDArray[np.float64]) -> _Failing:
+    changed = best.motion.copy()
+    changed[field][place] = values
+    if np.array_equal(changed[field], best.motion[field]):
+        return best
+    return search.failing(changed) or best
+
+
+def _round(best: _Failing, search: _Search) -> _Failing:
+    # Short numbers read better. The first sample stays: a rounded start can be inside the object.
+    for field in (0, 2, 3):
+        for digits in (2, 3, 4, 5):
+            changed = best.motion.copy()
+            changed[field][1:] = np.round(changed[field][1:], digits)
+            found = search.failing(changed)
+            if found is not None:
+                best = found
+                break
+    return best

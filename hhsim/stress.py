@@ -1,0 +1,283 @@
+"""Random targets: the motion that provokes a hand-rendering method most for its length.
+
+Every `hold` ticks the haptic hand gets a new random target around the object: position, rotation, flexion, abduction.
+It goes there on a straight way, at a bounded speed, whatever the object is in between: through it, into it with the
+palm, with the fingers closed around nothing. The palm then drags fingers into the object that three joint angles cannot
+free; a method that lets the palm ignore the fingers penetrates by centimetres.
+
+The wild mode adds what broken devices do: jumps, NaN and infinities, quaternions of length zero, of another length or
+sign, repeated samples, angles beyond every limit, a hand metres away.
+
+The n-th target depends on seed and n alone, and the motion does not depend on how it is cut into blocks, so that any
+stretch of a long run can be made again.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.hand import HandModel
+from hhsim.hand_motion import HandMotion, joined
+from hhsim.kernels.rotation import rotation_vector_between
+
+Array = NDArray[np.float64]
+Bound = Literal["palm", "hand", "none"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StressOptions:
+    """How the random targets are drawn and walked to.
+
+    Attributes:
+        hold: ticks from one target to the next.
+        position_spread: standard deviation of each coordinate of the palm's position [m].
+        rotation_spread: standard deviation of each component of the palm's rotation vector [rad].
+        flexion_range: share of each joint's range that is drawn from, 0 its lower and 1 its upper limit.
+        sweep: draw the abduction too, within its limits; else it stays 0.
+        longest_step: how far the hand goes in a tick [m].
+        bound: what `longest_step` bounds: the way of the palm's origin (the turning fingers go several times as far),
+            the way of every point of the hand (it seldom arrives within 60 ticks), or nothing: it jumps.
+        wild: what broken devices do, in about every other hold.
+    """
+
+    hold: int = 60
+    position_spread: float = 0.06
+    rotation_spread: float = 0.8
+    flexion_range: tuple[float, float] = (0.0, 1.0)
+    sweep: bool = True
+    longest_step: float = 2e-3
+    bound: Bound = "palm"
+    wild: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be walked."""
+        if self.hold < 1:
+            raise InputError(f"hold is {self.hold}: a target needs at least 1 tick")
+        if self.bound not in get_args(Bound):
+            raise InputError(f"bound is '{self.bound}': expected {', '.join(get_args(Bound))}")
+        for name in ("position_spread", "rotation_spread"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"{name} is {value:g}: it must be finite and not negative")
+        if not self.longest_step > 0.0:
+            raise InputError(f"longest_step is {self.longest_step:g} m: it must be positive")
+        low, high = self.flexion_range
+        if not 0.0 <= low <= high <= 1.0:
+            raise InputError(
+                f"flexion_range is {low:g} to {high:g}: expected shares of the range, 0 <= low <= high <= 1"
+            )
+
+    def to_json(self) -> dict[str, Any]:
+        """All options as plain values."""
+        return asdict(self)
+
+
+class RandomTargets:
+    """An endless motion towards random targets, handed out in pieces of any length.
+
+    Args:
+        hand: The hand, for its limits and its size.
+        seed: Of everything random.
+        options: How targets are drawn; None for the defaults.
+        center: What the targets lie around [m], world, shape (3,).
+        height: Of the first tick's hand above the centre [m], upright with straight fingers; its target too.
+    """
+
+    def __init__(
+        self,
+        hand: HandModel,
+        seed: int,
+        options: StressOptions | None = None,
+        *,
+        center: Array | None = None,
+        height: float = 0.25,
+    ) -> None:
+        """Stand at the start; nothing is drawn yet."""
+        self.hand = hand
+        self.options = StressOptions() if options is None else options
+        self.seed = seed
+        self.center = np.zeros(3) if center is None else np.asarray(center, dtype=np.float64)
+        arrays = hand.arrays()
+        self._reach = max(float((arrays.reach + hand.radius[:, 1:]).max()), float(arrays.palm_reach[0]))
+        # How far a turn of each joint moves the finger's farthest point; the abduction turns what the first joint does.
+        self._lever = arrays.lever[:, 2] + hand.radius[:, 1:].max(axis=1, keepdims=True)
+        self._here = (
+            self.center + [0.0, 0.0, height],
+            np.array([1.0, 0.0, 0.0, 0.0]),
+            np.clip(np.zeros((5, 3)), hand.flexion_min, hand.flexion_max),
+            np.zeros(5),
+        )
+        self._count = 0
+        self._left: HandMotion | None = None
+
+    def take(self, ticks: int) -> HandMotion:
+        """The next ticks of the motion."""
+        pieces = [] if self._left is None else [self._left]
+        have = sum(piece.ticks for piece in pieces)
+        while have < ticks:
+            pieces.append(self._hold())
+            have += pieces[-1].ticks
+        whole = joined(pieces) if pieces else self._hold().part(0, 0)
+        self._left = whole.part(ticks, have).copy()
+        return whole.part(0, ticks).copy()
+
+    def blocks(self, ticks: int, size: int) -> Iterator[HandMotion]:
+        """The next `ticks` ticks in blocks of `size`, the last one shorter; one block is in memory at a time."""
+        for first in range(0, ticks, size):
+            yield self.take(min(size, ticks - first))
+
+    def _hold(self) -> HandMotion:
+        # Seeded by the number of the target: what one draws does not shift the next.
+        random = np.random.default_rng([self.seed, self._count])
+        options = self.options
+        target = self._target(random) if self._count else tuple(np.array(part) for part in self._here)
+        jump = options.bound == "none"
+        trick: Callable[[np.random.Generator, HandMotion], None] | None = None
+        if options.wild and self._count and random.random() < 0.5:
+            trick = _TRICKS[int(random.integers(len(_TRICKS)))]
+            jump = jump or bool(random.random() < 0.5)
+        motion = self._walk(target, jump)
+        self._here = tuple(values[-1].copy() for values in motion)
+        self._count += 1
+        if trick is not None:
+            trick(random, motion)
+        return motion
+
+    def _target(self, random: np.random.Generator) -> tuple[Array, ...]:
+        hand, options = self.hand, self.options
+        low, high = options.flexion_range
+        position = self.center + random.normal(0.0, options.position_spread, 3)
+        turn = random.normal(0.0, options.rotation_spread, 3)
+        share = random.uniform(low, high, (5, 3))
+        spread = random.uniform(hand.abduction_min, hand.abduction_max)
+        flexion = hand.flexion_min + share * (hand.flexion_max - hand.flexion_min)
+        abduction = spread if options.sweep else np.zeros(5)
+        return position, _quaternion(turn[None])[0], flexion, abduction
+
+    def _walk(self, target: tuple[Array, ...], jump: bool) -> HandMotion:
+        start = self._here
+        turn = np.empty(3)
+        rotation_vector_between(start[1], target[1], turn)
+        change = [b - a for a, b in zip(start, target)]
+        way = float(np.linalg.norm(change[0]))
+        if self.options.bound == "hand":
+            # No point goes further than all of these together, by the triangle inequality.
+            bend = (self._lever * np.abs(change[2])).sum(axis=1) + self._lever[:, 0] * np.abs(change[3])
+            way += self._reach * float(np.linalg.norm(turn)) + float(bend.max())
+        ticks = np.arange(1, self.options.hold + 1)
+        share = np.minimum(1.0, ticks * (self.options.longest_step / way)) if way > 0.0 else np.ones(len(ticks))
+        if jump:
+            share = np.ones(len(ticks))
+        orientation = _product(_quaternion(share[:, None] * turn), start[1])
+        motion = HandMotion(
+            start[0] + share[:, None] * change[0],
+            orientation / np.linalg.norm(orientation, axis=1, keepdims=True),
+            start[2] + share[:, None, None] * change[2],
+            start[3] + share[:, None] * change[3],
+        )
+        # Where the way ends, it ends at the target and not a rounding beside it.
+        for values, end in zip(motion, target):
+            values[share == 1.0] = end
+        return motion
+
+
+def _quaternion(vector: Array) -> Array:
+    # Of rotation vectors, shape (T, 3).
+    angle = np.linalg.norm(vector, axis=1, keepdims=True)
+    return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * vector], axis=1)
+
+
+def _product(first: Array, second: Array) -> Array:
+    # Hamilton products of quaternions (T, 4) with one, shape (4,).
+    w, v = first[:, :1], first[:, 1:]
+    scalar = w * second[0] - v @ second[1:, None]
+    return np.concatenate([scalar, w * second[1:] + second[0] * v + np.cross(v, second[1:])], axis=1)
+
+
+def _not_finite(random: np.random.Generator, motion: HandMotion) -> None:
+    values = motion[int(random.integers(4))]
+    first = int(random.integers(motion.ticks))
+    flat = values.reshape(motion.ticks, -1)
+    bad = (np.nan, np.inf, -np.inf, 1e300)[int(random.integers(4))]
+    flat[first : first + int(random.integers(1, 20)), int(random.integers(flat.shape[1]))] = bad
+
+
+def _no_direction(random: np.random.Generator, motion: HandMotion) -> None:
+    motion.orientation[int(random.integers(motion.ticks)) :: int(random.integers(1, 8))] = 0.0
+
+
+def _other_length(random: np.random.Generator, motion: HandMotion) -> None:
+    motion.orientation[:] *= 10.0 ** random.uniform(-3.0, 2.0, (motion.ticks, 1))
+
+
+def _other_sign(random: np.random.Generator, motion: HandMotion) -> None:
+    motion.orientation[random.random(motion.ticks) < 0.5] *= -1.0
+
+
+def _repeated(random: np.random.Generator, motion: HandMotion) -> None:
+    # Samples that come late and all at once: the last one stays, then the hand is where it would have been.
+    every = int(random.integers(2, 30))
+    for values in motion:
+        values[:] = values[np.arange(motion.ticks) // every * every]
+
+
+def _teleport(random: np.random.Generator, motion: HandMotion) -> None:
+    # Half a metre away and back, often across the object.
+    shift = random.normal(0.0, 1.0, 3)
+    first, last = sorted(random.integers(0, motion.ticks + 1, 2))
+    motion.position[first:last] += 0.5 * shift / np.linalg.norm(shift)
+
+
+def _far_away(random: np.random.Generator, motion: HandMotion) -> None:
+    first = int(random.integers(motion.ticks))
+    motion.position[first : first + int(random.integers(1, 10))] += random.uniform(-50.0, 50.0, 3)
+
+
+def _beyond_limits(random: np.random.Generator, motion: HandMotion) -> None:
+    first = int(random.integers(motion.ticks))
+    last = first + int(random.integers(1, 30))
+    part = slice(first, last)
+    motion.flexion[part] = random.uniform(-6.0, 6.0, motion.flexion[part].shape)
+    motion.abduction[part] = random.uniform(-2.0, 2.0, motion.abduction[part].shape)
+
+
+def _spin(random: np.random.Generator, motion: HandMotion) -> None:
+    # Another orientation, any, at every tick.
+    wheel = random.normal(0.0, 1.0, (motion.ticks, 4))
+    motion.orientation[:] = wheel / np.linalg.norm(wheel, axis=1, keepdims=True)
+
+
+def _shake(random: np.random.Generator, motion: HandMotion) -> None:
+    motion.position[:] += random.normal(0.0, 10.0 ** random.uniform(-4.0, -1.0), (motion.ticks, 3))
+
+
+_TRICKS: tuple[Callable[[np.random.Generator, HandMotion], None], ...] = (
+    _not_finite,
+    _no_direction,
+    _other_length,
+    _other_sign,
+    _repeated,
+    _teleport,
+    _far_away,
+    _beyond_limits,
+    _spin,
+    _shake,
+)
+
+
+def random_targets(
+    hand: HandModel,
+    ticks: int,
+    seed: int,
+    options: StressOptions | None = None,
+    *,
+    center: Array | None = None,
+    height: float = 0.25,
+) -> HandMotion:
+    """The first `ticks` ticks of `RandomTargets`, for runs that fit into memory."""
+    return RandomTargets(hand, seed, options, center=center, height=height).take(ticks)

@@ -1,0 +1,241 @@
+"""The suite `stress`: its figures are those of the ticks, a planted fault is missed by no count, kept and shrunk."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sphere_scenes import bumpy_ball, record_clearance
+
+from hhsim.bench_file import load_table
+from hhsim.bench_stress import BLOCK, COLUMNS, StressCase, StressFigures, run_case, run_stress, table_row, total
+from hhsim.failure import rerun_failure
+from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
+from hhsim.solver import HandSolver
+from hhsim.solver_options import METHODS, SolverOptions
+from hhsim.stress import StressOptions
+
+Array = NDArray[np.float64]
+
+HAND = HandModel.default()
+BALL = bumpy_ball(300)
+TIMES = {"cpu_p50", "cpu_p99", "cpu_max"}
+TICKS = BLOCK + 700
+"""More than a block, so that what is carried from one to the next is carried."""
+
+
+def case(method: str = "coupled", ticks: int = TICKS, keep: Path | None = None, wild: bool = False) -> StressCase:
+    return StressCase(
+        object="ball",
+        tree=BALL,
+        hand=HAND,
+        solver=SolverOptions(method=method),
+        stress=StressOptions(wild=wild),
+        seed=4,
+        ticks=ticks,
+        keep=keep,
+    )
+
+
+class Planted(HandSolver):
+    """Faults at chosen ticks of a long run, and wherever a fresh solver meets the same input."""
+
+    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+        record = super().run(position, orientation, flexion, abduction)
+        right = (record.work[:, WORK_TOUCHING] > 0) & (position[:, 0] > 0.02)
+        inside = np.flatnonzero(right & (flexion[:, 1, 0] > 0.9))
+        center = np.array([self.tree.x[0], self.tree.y[0], self.tree.z[0]])
+        record.joints[inside, 1] += center - record.joints[inside, 1, 1:2]
+        record.position[inside] = center
+        record.total[right & (flexion[:, 4, 1] > 1.6), 1] = np.inf
+        return record
+
+
+class Lazy(HandSolver):
+    """A hand that stays where it was whenever the thumb is bent, and says that it is stuck."""
+
+    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+        record = super().run(position, orientation, flexion, abduction)
+        for tick in range(1, len(position)):
+            if flexion[tick, 0, 1] > 1.0:
+                for name in ("position", "orientation", "flexion", "abduction", "joints"):
+                    getattr(record, name)[tick] = getattr(record, name)[tick - 1]
+                record.status[tick] |= STATUS_STUCK
+        return record
+
+
+def without_times(figures: StressFigures) -> dict[str, Any]:
+    return {name: value for name, value in table_row(figures).items() if name not in TIMES}
+
+
+@pytest.mark.parametrize("method", ["coupled", "progressive"])
+def test_the_figures_are_those_of_the_ticks(method: str) -> None:
+    figures = run_case(case(method))
+    motion = case(method).targets().take(TICKS)
+    record = case(method).new_solver().run(*motion)
+    clearance = record_clearance(HAND, BALL, record)
+    assert clearance.min() > -1e-6
+    assert figures.penetration == max(0.0, -clearance.min())
+    assert figures.lag == (record.status & STATUS_LAG > 0).sum() > 100
+    assert figures.touching == (record.work[:, WORK_TOUCHING] > 0).sum() > 500
+    assert figures.ticks == figures.cpu.count == TICKS
+    size = np.linalg.norm(record.total, axis=1)
+    assert figures.force_max == size.max()
+    top = int(size.argmax())
+    bend = np.clip(motion.flexion[top], HAND.flexion_min, HAND.flexion_max) - record.flexion[top]
+    own = 1000.0 * np.linalg.norm(motion.position[top] - record.position[top])
+    own += (0.5 * np.abs(bend) / HAND.length).sum()
+    assert figures.coupling_force == pytest.approx(own, rel=1e-12)
+    assert figures.brute_ticks == len(range(0, TICKS, 997))
+    assert figures.brute_difference < 1e-15
+    assert figures.safe and not figures.missed
+    if method == "coupled":
+        # Its forces balance the coupling: at a tick that lags they are at most that.
+        assert figures.force_ratio < 1.1
+
+
+def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path) -> None:
+    def make(made: StressCase) -> HandSolver:
+        return Planted(made.hand, made.tree.arrays(), made.solver)
+
+    wanted = case(keep=tmp_path / "kept")
+    figures = run_case(wanted, make_solver=make)
+    record = make(wanted).run(*wanted.targets().take(TICKS))
+    deep = -record_clearance(HAND, BALL, record)
+    over = (deep > 1e-6).any(axis=1)
+    assert figures.penetrating == figures.penetrating_deep == over.sum() > 0
+    assert figures.penetration == pytest.approx(deep.max(), rel=1e-12)
+    assert figures.penetration_palm == pytest.approx(deep[:, 15].max(), rel=1e-12)
+    assert figures.penetration_finger == pytest.approx(deep[:, :15].max(), rel=1e-12)
+    assert figures.not_finite == np.isinf(record.total).any(axis=1).sum() > 0
+    assert not figures.safe and figures.missed
+    kinds = {failure.kind: failure for failure in figures.failures}
+    assert set(kinds) == {"penetration", "not finite"}
+    assert kinds["penetration"].tick == over.argmax()
+    for failure in figures.failures:
+        assert failure.reproduced
+        assert failure.ticks <= 4
+        assert failure.command == f"hhsim replay ball {failure.path} --method coupled --samples hold"
+        again = rerun_failure(Path(failure.path), HAND, BALL, lambda: make(wanted))
+        assert np.flatnonzero(again.failed).tolist() == [failure.failing_tick]
+        assert not rerun_failure(Path(failure.path), HAND, BALL).failed.any()
+
+
+def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path) -> None:
+    def make(made: StressCase) -> HandSolver:
+        return Lazy(made.hand, made.tree.arrays(), made.solver)
+
+    figures = run_case(case(ticks=900, keep=tmp_path), make_solver=make)
+    assert figures.stuck > figures.unexplained > 10
+    assert figures.longest_stuck > 10
+    assert figures.missed
+    (failure,) = figures.failures
+    assert failure.kind == "stuck" and failure.ticks <= 4
+    assert rerun_failure(Path(failure.path), HAND, BALL, lambda: make(case())).failed[failure.failing_tick]
+
+
+def test_a_failure_that_needs_all_that_came_before_is_kept_whole(tmp_path: Path) -> None:
+    class Late(HandSolver):
+        seen = 0
+
+        def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+            record = super().run(position, orientation, flexion, abduction)
+            first, self.seen = self.seen, self.seen + len(position)
+            if first <= 9000 < self.seen:
+                record.total[9000 - first] = np.nan
+            return record
+
+    figures = run_case(case(ticks=10_000, keep=tmp_path), make_solver=lambda c: Late(c.hand, c.tree.arrays(), c.solver))
+    (failure,) = figures.failures
+    assert (failure.kind, failure.tick, failure.ticks, failure.failing_tick) == ("not finite", 9000, 9001, 9000)
+    assert failure.reproduced
+
+
+def test_only_a_method_that_promises_can_miss() -> None:
+    fields = {**run_case(case(ticks=60)).__dict__, "penetration": 1.0}
+    assert StressFigures(**fields).missed
+    assert StressFigures(**{**fields, "method": "progressive"}).missed
+    assert not StressFigures(**{**fields, "method": "paper"}).missed
+    assert StressFigures(**{**fields, "penetration": 0.0, "brute_difference": 2e-6}).missed
+    assert StressFigures(**{**fields, "penetration": np.nan}).missed
+
+
+def test_processes_give_the_same_figures_in_the_same_order() -> None:
+    cases = [case(method, 900, wild=wild) for method in ("coupled", "progressive") for wild in (False, True)]
+    seen: list[tuple[str, int, int]] = []
+    alone = list(run_stress(cases, progress=lambda *said: seen.append(said)))
+    assert seen == [("cases", done, 4) for done in (1, 2, 3, 4)]
+    assert [without_times(row) for row in run_stress(cases, jobs=2)] == [without_times(row) for row in alone]
+    assert [row.held > 0 for row in alone] == [False, True, False, True]
+
+
+def test_a_total_adds_what_adds_up() -> None:
+    rows = [run_case(case(ticks=ticks)) for ticks in (900, 300)]
+    both = total(rows)
+    assert (both.object, both.ticks, both.lag) == ("all", 1200, rows[0].lag + rows[1].lag)
+    assert both.force_max == max(row.force_max for row in rows)
+    assert both.cpu.count == 1200
+    assert both.cpu_max == max(row.cpu_max for row in rows)
+    assert set(table_row(both)) == {column.name for column in COLUMNS}
+
+
+def test_the_command_writes_its_table_and_prints_it(run: Any, tmp_path: Path) -> None:
+    answer = run("bench", "stress", "cube", "--ticks", "300", "--seed", "3", "--out", "stress.h5")
+    assert (answer.code, answer.err) == (0, "")
+    table = load_table(tmp_path / "stress.h5")
+    assert [row["method"] for row in table.rows] == list(METHODS)
+    assert table.options["seed"] == 3
+    assert table.options["stress"]["hold"] == 60
+    lines = answer.out.splitlines()
+    assert sum(line.startswith("cube ") for line in lines) == len(METHODS)
+    assert "coupled: no limit missed" in lines
+    assert lines[-1] == "every figure is in stress.h5"
+    again = run("bench", "stress", "cube", "--ticks", "300", "--seed", "3", "--json", "--out", "again.h5")
+    document = json.loads(again.out)
+    assert (again.code, document["missed"], document["path"]) == (0, False, "again.h5")
+    for row, before in zip(document["rows"], table.rows):
+        assert row["failures"] == []
+        assert {n: v for n, v in row.items() if n not in {*TIMES, "failures"}} == {
+            n: v for n, v in before.items() if n not in TIMES
+        }
+
+
+def test_the_command_tells_a_missed_limit_and_how_to_see_it(
+    run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hhsim.bench_stress.HandSolver", Planted)
+    words = ("bench", "stress", "cube", "--method", "coupled", "--ticks", "3000", "--level", "2", "--margin", "1.5")
+    answer = run(*words, "--quiet")
+    assert (answer.code, answer.out, answer.err) == (1, "", "")
+    kept = sorted(path.name for path in (tmp_path / "results" / "failures").iterdir())
+    assert kept and all(name.startswith("cube-coupled-") and "-seed0-tick" in name for name in kept)
+    answer = run(*words, "--keep", "here", "--seed", "1")
+    assert answer.code == 1
+    assert "coupled: LIMIT MISSED" in answer.out
+    told = [line for line in answer.out.splitlines() if "shrunk to" in line]
+    assert len(told) == len(list((tmp_path / "here").iterdir())) > 0
+    assert all(line.endswith("--method coupled --samples hold --level 2 --margin 1.5") for line in told)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--method", "couple"], "hhsim: error: unknown method 'couple': did you mean coupled?"),
+        (["bunyn"], "hhsim: error: unknown object 'bunyn': did you mean bunny?"),
+        (["--out", "x.csv"], "hhsim: error: x.csv must end in .h5: the CSV file of the same name goes beside it"),
+    ],
+)
+def test_a_mistake_is_told_before_the_work(run: Any, arguments: list[str], line: str, tmp_path: Path) -> None:
+    answer = run("bench", "stress", *arguments)
+    assert (answer.code, answer.err) == (2, f"{line}\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_help_of_the_command(run: Any) -> None:
+    answer = run("bench", "stress", "--help")
+    assert answer.code == 0
+    assert "  hhsim bench stress" in answer.out

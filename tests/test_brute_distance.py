@@ -1,0 +1,65 @@
+"""Distances by brute force, against a dense sampling of the axis, the tests' own and the trees'."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sphere_scenes import brute_clearance as compiled_clearance
+from sphere_scenes import bumpy_ball, cloud
+
+from hhsim.brute_distance import brute_clearance, palm_spheres, round_cone_distance
+from hhsim.hand import HandModel
+from hhsim.metrics import hand_clearance
+from hhsim.stress import StressOptions, random_targets
+
+HAND = HandModel.default()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=60)
+def test_a_round_cone_is_the_union_of_the_spheres_on_its_axis(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    a, b = random.normal(0.0, 0.02, (2, 3))
+    length = float(np.linalg.norm(b - a))
+    radius_a = random.uniform(0.005, 0.02)
+    radius_b = radius_a - random.uniform(0.0, 0.95) * min(length, radius_a)
+    points = random.normal(0.0, 0.04, (30, 3))
+    s = np.linspace(0.0, 1.0, 20_001)
+    axis, radius = a + s[:, None] * (b - a), radius_a + s * (radius_b - radius_a)
+    sampled = np.array([(np.linalg.norm(axis - point, axis=1) - radius).min() for point in points])
+    exact = round_cone_distance(points, a, b, radius_a, radius_b)
+    outside = sampled > 0.0
+    assert (exact[outside] <= sampled[outside] + 1e-15).all()
+    np.testing.assert_allclose(exact[outside], sampled[outside], atol=2.0 * length / 20_000)
+    assert (exact[~outside] <= 1e-15).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_three_ways_to_the_same_clearance(seed: int) -> None:
+    tree = cloud(np.random.default_rng(seed), 200) if seed % 2 else bumpy_ball(1200)
+    palm = HAND.palm_tree
+    for sample in zip(*random_targets(HAND, 12, seed, StressOptions(hold=1, bound="none"))):
+        joints, (position, orientation) = HAND.joints(*sample), sample[:2]
+        shown = joints[None], position[None], orientation[None]
+        scene = tree.leaf_center, tree.leaf_radius, HAND.radius, palm.leaf_center, palm.leaf_radius
+        brute = brute_clearance(*scene, joints, position, orientation)
+        assert brute == pytest.approx(compiled_clearance(*scene, *shown).min(), abs=1e-15)
+        by_tree = hand_clearance(tree.arrays(), HAND.radius, palm.leaf_center, palm.leaf_radius, *shown, 1.0)
+        assert brute == pytest.approx(min(by_tree[0][0], by_tree[1].min()), abs=1e-15)
+
+
+def test_a_palm_turns_as_its_matrix_says() -> None:
+    center = HAND.palm_tree.leaf_center
+    half = np.sqrt(0.5)
+    turned = palm_spheres(center, np.array([0.1, 0.2, 0.3]), np.array([half, 0.0, 0.0, half]))
+    expected = np.stack([-center[:, 1], center[:, 0], center[:, 2]], axis=1) + [0.1, 0.2, 0.3]
+    np.testing.assert_allclose(turned, expected, atol=1e-15)
+
+
+def test_a_hand_that_is_nowhere_has_no_clearance() -> None:
+    tree, palm = bumpy_ball(300), HAND.palm_tree
+    (sample,) = zip(*random_targets(HAND, 1, 0))
+    joints = HAND.joints(*sample)
+    joints[2, 1, 0] = np.nan
+    scene = tree.leaf_center, tree.leaf_radius, HAND.radius, palm.leaf_center, palm.leaf_radius
+    assert np.isnan(brute_clearance(*scene, joints, *sample[:2]))

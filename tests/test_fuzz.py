@@ -1,0 +1,212 @@
+"""Fuzzing: random scenes, motions and options; what fails is shrunk to a few ticks and saved, ready to replay.
+
+By default the same few examples run every time. HHSIM_FUZZ=500 runs 500 new ones; HHSIM_FUZZ_KEEP names the folder that
+failures are saved in, by default hhsim-fuzz in the system's folder for temporary files.
+"""
+
+import os
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, note, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from sphere_scenes import bumpy_ball, cloud
+
+from hhsim.destination import free_name
+from hhsim.failure import (
+    Provenance,
+    Solver,
+    failure_of,
+    keep_failure,
+    make_trial,
+    recorded_motion,
+    recorded_penetration,
+    rerun_failure,
+)
+from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
+from hhsim.object_catalogue import load_object
+from hhsim.shrink import shrink
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions, Stiffness
+from hhsim.sphere_tree import SphereTree
+from hhsim.stress import RandomTargets, StressOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+Array = NDArray[np.float64]
+
+EXAMPLES = int(os.environ.get("HHSIM_FUZZ", "0"))
+TICKS = 240
+LEVEL = 2
+HANDS = {side: HandModel.default(side) for side in ("right", "left")}
+STUCK_IS_JUDGED_FROM = 8
+"""Linearisations: with fewer, a tick may end before it has tried every way that it knows."""
+
+
+def keep_folder() -> Path:
+    folder = os.environ.get("HHSIM_FUZZ_KEEP")
+    return Path(folder) if folder else Path(tempfile.gettempdir()) / "hhsim-fuzz"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is drawn: `object` is a name of the catalogue, or says how the spheres were made."""
+
+    object: str
+    seed: int
+    side: str
+    solver: SolverOptions
+    stress: StressOptions
+
+    def tree(self) -> SphereTree:
+        return object_tree(self.object)
+
+
+@cache
+def object_tree(name: str) -> SphereTree:
+    kind, _, number = name.partition(":")
+    if kind == "ball":
+        return bumpy_ball(int(number))
+    if kind == "cloud":
+        random = np.random.default_rng(int(number))
+        return cloud(random, int(random.integers(1, 250)), spread=float(random.uniform(0.02, 0.08)))
+    return cached_sphere_tree(load_object(name).mesh, TreeOptions(level=LEVEL))
+
+
+def logarithmic(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(np.log10(low), np.log10(high)).map(lambda power: float(10.0**power))
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> Scene:
+    objects = st.one_of(
+        st.sampled_from(["sphere", "cube", "triangular-prism", "cup", "shamrock", "bunny"]),
+        st.integers(20, 2000).map(lambda leaves: f"ball:{leaves}"),
+        st.integers(0, 10_000).map(lambda seed: f"cloud:{seed}"),
+    )
+    margin = draw(logarithmic(1e-4, 3e-3))
+    solver = SolverOptions(
+        method=draw(st.sampled_from(["coupled", "progressive"])),
+        force=draw(st.sampled_from(["kkt", "paper"])),
+        linearisations=draw(st.integers(1, 20)),
+        margin=margin,
+        skin=margin * draw(st.floats(0.5, 5.0)),
+        settled=margin * draw(logarithmic(1e-3, 1.0)),
+        stiffness=Stiffness(
+            translation=draw(logarithmic(1.0, 1e5)),
+            rotation=draw(logarithmic(1e-2, 1e3)),
+            flexion=draw(logarithmic(1e-3, 1e2)),
+        ),
+    )
+    stress = StressOptions(
+        hold=draw(st.integers(1, 80)),
+        position_spread=draw(st.floats(0.0, 0.1)),
+        rotation_spread=draw(st.floats(0.0, 2.0)),
+        sweep=draw(st.booleans()),
+        longest_step=draw(logarithmic(1e-4, 2e-2)),
+        bound=draw(st.sampled_from(["palm", "hand", "none"])),
+        wild=draw(st.booleans()),
+    )
+    return Scene(
+        object=draw(objects),
+        seed=draw(st.integers(0, 2**32 - 1)),
+        side=draw(st.sampled_from(["right", "left"])),
+        solver=solver,
+        stress=stress,
+    )
+
+
+def check(scene: Scene, make: type[HandSolver] = HandSolver, folder: Path | None = None) -> None:
+    """Run a scene; a failure is shrunk, saved, and told with the command or call that shows it again."""
+    hand, tree = HANDS[scene.side], scene.tree()
+    arrays = tree.arrays()
+
+    def solver() -> HandSolver:
+        return make(hand, arrays, scene.solver)
+
+    motion = RandomTargets(hand, scene.seed, scene.stress, height=0.3).take(TICKS)
+    record = solver().run(*motion)
+    depth = recorded_penetration(hand, arrays, record)
+    for kind in ("penetration", "not finite", "stuck"):
+        if kind == "stuck" and scene.solver.linearisations < STUCK_IS_JUDGED_FROM:
+            continue
+        fails = failure_of(kind, hand, tree, scene.solver)
+        failed = fails(motion, record, depth)
+        if not failed.any():
+            continue
+        tick = int(np.argmax(failed))
+        path = free_name((folder or keep_folder()) / f"fuzz-{scene.solver.method}-{kind.replace(' ', '-')}.h5")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        said = _kept(scene, kind, tick, path, solver, motion.part(0, tick + 1), record)
+        pytest.fail(f"{kind} at tick {tick} of {scene}: {said}")
+
+
+def _kept(scene: Scene, kind: str, tick: int, path: Path, solver: Solver, motion: Any, record: TickRecord) -> str:
+    hand, tree = HANDS[scene.side], scene.tree()
+    trial = make_trial(hand, tree, solver, failure_of(kind, hand, tree, scene.solver))
+    shrunk = shrink(motion, trial, graphic=recorded_motion(record).part(0, tick + 1))
+    in_catalogue = ":" not in scene.object
+    tree_path = path.with_name(f"{path.stem}-tree.h5")
+    provenance = Provenance(
+        kind=kind,
+        object=scene.object if in_catalogue else str(tree_path),
+        object_options=f"--level {LEVEL}" if in_catalogue else "",
+        method=scene.solver.method,
+        seed=scene.seed,
+        tick=tick,
+        failing_tick=shrunk.tick,
+        stress=scene.stress.to_json(),
+        solver=scene.solver.to_json(),
+        hand=scene.side,
+    )
+    command = keep_failure(path, shrunk, provenance)
+    if not in_catalogue:
+        tree.save(tree_path)
+        arguments = f"Path({str(path)!r}), HandModel.default({scene.side!r}), SphereTree.load({str(tree_path)!r})"
+        command = f"rerun_failure({arguments})"
+    return f"shrunk to {shrunk.motion.ticks} ticks; see it with: {command}"
+
+
+@given(scenes())
+@settings(
+    max_examples=EXAMPLES or 40,
+    derandomize=not EXAMPLES,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+def test_no_scene_makes_the_hand_penetrate_get_lost_or_stuck(scene: Scene) -> None:
+    note(str(scene))
+    check(scene)
+
+
+class Slipping(HandSolver):
+    """A planted fault, for the fuzz test's own test."""
+
+    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+        record = super().run(position, orientation, flexion, abduction)
+        bad = (record.total != 0.0).any(axis=1) & (flexion[:, 1, 1] > 0.7)
+        record.joints[bad] += (self.tree.x[0], self.tree.y[0], self.tree.z[0]) - record.joints[bad, 1:2, 1:2]
+        return record
+
+
+@pytest.mark.parametrize("name", ["cube", "ball:300"])
+def test_what_fails_is_saved_with_what_shows_it_again(name: str, tmp_path: Path) -> None:
+    scene = Scene(name, 3, "left", SolverOptions(method="progressive", margin=2e-3), StressOptions(hold=30))
+    check(scene)
+    with pytest.raises(pytest.fail.Exception, match=r"penetration at tick \d+ of .*shrunk to [23] ticks") as told:
+        check(scene, Slipping, tmp_path)
+    path = tmp_path / "fuzz-progressive-penetration.h5"
+    assert str(path) in str(told.value)
+    hand, tree = HANDS["left"], scene.tree()
+    if name == "cube":
+        assert f"hhsim replay cube {path} --method progressive --samples hold --level 2 --hand left" in str(told.value)
+    else:
+        tree = SphereTree.load(tmp_path / "fuzz-progressive-penetration-tree.h5")
+    failing = rerun_failure(path, hand, tree, lambda: Slipping(hand, tree.arrays(), scene.solver))
+    assert failing.failed.any()
+    assert not rerun_failure(path, hand, tree).failed.any()

@@ -1,0 +1,232 @@
+"""Shrinking: what is left fails, nothing of it can be left out, and the file shows the same failure."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from sphere_scenes import bumpy_ball
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.failure import (
+    KINDS,
+    Provenance,
+    failure_of,
+    keep_failure,
+    make_trial,
+    penetrates,
+    recorded_motion,
+    rerun_failure,
+)
+from hhsim.hand import HandModel
+from hhsim.hand_motion import HandMotion
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_STUCK, WORK_TOUCHING
+from hhsim.shrink import Trace, Trial, shrink
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions, Stiffness
+from hhsim.stress import StressOptions, random_targets
+from hhsim.trajectory_file import load_trajectory, save_trajectory
+
+Array = NDArray[np.float64]
+
+HAND = HandModel.default()
+BALL = bumpy_ball(300)
+JUMPS = StressOptions(hold=1, bound="none")
+
+
+class SlippingSolver(HandSolver):
+    """A planted fault: 5 mm into the object, where the hand touches it with the middle finger curled to the right."""
+
+    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+        record = super().run(position, orientation, flexion, abduction)
+        bad = (record.work[:, WORK_TOUCHING] > 0) & (position[:, 0] > 0.02) & (flexion[:, 2, 0] > 0.8)
+        record.joints[bad] -= 0.005 * record.position[bad, None, None] / 0.06
+        return record
+
+
+def in_order(*wanted: Callable[..., Any]) -> Trial:
+    """A trial without a solver: fails at the tick by which each condition has been met, one tick after the other."""
+
+    def trial(motion: HandMotion) -> Trace:
+        failed, met = np.zeros(motion.ticks, dtype=bool), 0
+        for tick, sample in enumerate(zip(*motion)):
+            if tick > 0 and met < len(wanted) and wanted[met](*sample):
+                met += 1
+            failed[tick] = met == len(wanted)
+        return Trace(failed, motion)
+
+    return trial
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(st.floats(-0.06, 0.06), min_size=1, max_size=4))
+@settings(max_examples=15)
+def test_only_the_samples_that_matter_are_left(seed: int, heights: list[float]) -> None:
+    conditions = [lambda p, q, f, a, h=h, i=i: (p[2] > h) == (i % 2 == 0) for i, h in enumerate(heights)]
+    trial = in_order(*conditions)
+    motion = random_targets(HAND, 200, seed, JUMPS)
+    if not trial(motion).failed.any():
+        with pytest.raises(InputError, match="200 ticks does not fail"):
+            shrink(motion, trial)
+        return
+    shrunk = shrink(motion, trial)
+    assert shrunk.motion.ticks == 1 + len(heights)
+    assert shrunk.tick == len(heights)
+    assert shrunk.ticks_before == 200
+    for drop in range(1, shrunk.motion.ticks):
+        kept = np.delete(np.arange(shrunk.motion.ticks), drop)
+        assert not trial(shrunk.motion.chosen(kept)).failed.any()
+
+
+def test_what_does_not_matter_is_held_still_and_rounded() -> None:
+    motion = random_targets(HAND, 300, 2, JUMPS)
+    shrunk = shrink(motion, in_order(lambda p, q, f, a: f[3, 1] > 1.2345678))
+    start, end = (tuple(values[tick] for values in shrunk.motion) for tick in (0, 1))
+    np.testing.assert_array_equal(start[1], end[1])
+    np.testing.assert_allclose(start[0], end[0], atol=5e-3)
+    moved = np.abs(end[2] - start[2]).max(axis=1) > 5e-3
+    np.testing.assert_array_equal(moved, [False, False, False, True, False])
+    assert end[2][3, 1] == pytest.approx(1.24, abs=0.4)
+    assert np.round(end[2][3], 5).tolist() == end[2][3].tolist()
+
+
+def test_the_start_is_brought_up_to_the_failure() -> None:
+    # Without the graphic hand shown before it, all of the way there would be needed.
+    def walk(motion: HandMotion) -> Trace:
+        graphic = motion.copy()
+        for tick in range(1, motion.ticks):
+            step = motion.position[tick] - graphic.position[tick - 1]
+            graphic.position[tick] = graphic.position[tick - 1] + 1e-3 * step / max(1e-3, float(np.linalg.norm(step)))
+        return Trace(graphic.position[:, 0] > 0.2, graphic)
+
+    motion = random_targets(HAND, 900, 4, JUMPS)
+    motion.position[:, 0] = 0.25
+    motion.position[0] = [0.0, 0.0, 0.25]
+    assert np.argmax(walk(motion).failed) > 200
+    assert shrink(motion, walk).motion.ticks == 2
+
+
+def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
+    solver = SlippingSolver(HAND, BALL.arrays(), SolverOptions())
+    motion = random_targets(HAND, 3000, 1)
+    record = solver.run(*motion)
+    trial = make_trial(HAND, BALL, lambda: SlippingSolver(HAND, BALL.arrays(), SolverOptions()), penetrates())
+    # The stretch begins inside the object, from where a fresh start retreats to another side of it.
+    failing = int(np.argmax(trial(motion).failed))
+    stretch, graphic = motion.part(failing - 40, failing + 1), recorded_motion(record).part(failing - 40, failing + 1)
+    assert shrink(stretch, trial, graphic=graphic).motion.ticks <= 3
+
+
+def test_a_budget_ends_the_search_with_what_fails() -> None:
+    calls: list[int] = []
+    inner = in_order(lambda p, q, f, a: p[0] > 0.02, lambda p, q, f, a: p[1] > 0.02)
+
+    def counted(motion: HandMotion) -> Trace:
+        calls.append(motion.ticks)
+        return inner(motion)
+
+    motion = random_targets(HAND, 400, 6, JUMPS)
+    shrunk = shrink(motion, counted, most_runs=5)
+    assert len(calls) == shrunk.runs == 5
+    assert inner(shrunk.motion).failed.any()
+    calls.clear()
+    shrunk = shrink(motion, counted, most_ticks=500)
+    assert sum(calls[:-1]) < 500
+    assert inner(shrunk.motion).failed.any()
+
+
+def provenance(solver: SolverOptions, kind: str = "penetration", **more: Any) -> Provenance:
+    return Provenance(
+        kind=kind,
+        object="cube",
+        object_options="",
+        method=solver.method,
+        seed=1,
+        tick=0,
+        solver=solver.to_json(),
+        **more,
+    )
+
+
+def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
+    tmp_path: Path, run: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hhsim.object_catalogue import load_object
+    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+    cube = load_object("cube")
+    tree = cached_sphere_tree(cube.mesh, TreeOptions(level=cube.level))
+    options = SolverOptions(method="progressive", margin=1.5e-3, linearisations=9)
+
+    def faulty() -> HandSolver:
+        return SlippingSolver(HAND, tree.arrays(), options)
+
+    trial = make_trial(HAND, tree, faulty, penetrates())
+    motion = random_targets(HAND, 2500, 3)
+    shrunk = shrink(motion, trial)
+    assert shrunk.motion.ticks <= 3
+    path = tmp_path / "failing.h5"
+    command = keep_failure(path, shrunk, provenance(options, failing_tick=shrunk.tick))
+    assert command == (f"hhsim replay cube {path} --method progressive --samples hold --linearisations 9 --margin 1.5")
+    again = rerun_failure(path, HAND, tree, faulty)
+    np.testing.assert_array_equal(again.failed, shrunk.trace.failed)
+    for one, other in zip(again.graphic, shrunk.trace.graphic):
+        assert one.tobytes() == other.tobytes()
+    assert not rerun_failure(path, HAND, tree).failed.any(), "without the fault there is no failure"
+    # The command itself, with the fault and without.
+    words = [*command.split()[1:], "--json", "--out"]
+    sound = run(*words, "sound.h5")
+    assert sound.code == 0
+    monkeypatch.setattr("hhsim.replay.HandSolver", SlippingSolver)
+    assert run(*words, "faulty.h5").code == 0
+    with h5py.File(tmp_path / "sound.h5") as good, h5py.File(tmp_path / "faulty.h5") as bad:
+        assert max(good["tick/penetration_depth"]) <= 1e-6
+        assert bad["tick/penetration_depth"][shrunk.tick] > 1e-4
+        np.testing.assert_array_equal(bad["tick/graphic/position"], shrunk.trace.graphic.position)
+
+
+def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:
+    shrunk = shrink(random_targets(HAND, 50, 1, JUMPS), in_order(lambda p, q, f, a: p[0] > 0.0))
+    options = SolverOptions(stiffness=Stiffness(2000.0, 3.0, 0.4), force="paper")
+    made = provenance(options, kind="stuck", hand="left", stress=JUMPS.to_json())
+    command = keep_failure(tmp_path / "kept.h5", shrunk, made)
+    assert command.endswith("--method coupled --samples hold --hand left --force paper --stiffness 2000.0,3.0,0.4")
+    trajectory = load_trajectory(tmp_path / "kept.h5")
+    assert trajectory.name == "kept"
+    assert Provenance.of(trajectory) == made.__class__(
+        **{**made.__dict__, "stress": json.loads(json.dumps(made.stress))}
+    )
+    plain = HandMotion(*(np.array(values) for values in shrunk.motion)).trajectory(name="plain")
+    save_trajectory(plain, tmp_path / "plain.h5")
+    with pytest.raises(InputError, match="plain was not kept by a stress test"):
+        rerun_failure(tmp_path / "plain.h5", HAND, BALL)
+
+
+def test_every_kind_of_failure_is_seen() -> None:
+    motion = random_targets(HAND, 3, 0)
+    options = SolverOptions()
+    record = HandSolver(HAND, BALL.arrays(), options).run(*motion)
+    trial = {kind: failure_of(kind, HAND, BALL, options) for kind in KINDS}
+    sound = make_trial(HAND, BALL, lambda: HandSolver(HAND, BALL.arrays(), options), trial["penetration"])(motion)
+    assert not sound.failed.any()
+    from hhsim.failure import recorded_penetration
+
+    depth = recorded_penetration(HAND, BALL.arrays(), record)
+    assert not any(fails(motion, record, depth).any() for fails in trial.values())
+    depth.depth[:] = [0.0, 2e-6, np.nan]
+    np.testing.assert_array_equal(trial["penetration"](motion, record, depth), [False, True, True])
+    record.total[1, 2] = np.nan
+    np.testing.assert_array_equal(trial["not finite"](motion, record, depth), [False, True, False])
+    # Stuck in free space, while the user's hand is elsewhere.
+    record.status[2] = STATUS_STUCK
+    assert not trial["stuck"](motion, record, depth).any(), "it is where the user has it"
+    motion.position[2, 0] += 0.01
+    np.testing.assert_array_equal(trial["stuck"](motion, record, depth), [False, False, True])
+    with pytest.raises(UnknownNameError, match="stuck"):
+        failure_of("stock", HAND, BALL, options)

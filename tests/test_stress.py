@@ -1,0 +1,137 @@
+"""Random targets: as wide, as fast and as wild as they say, and the same however they are cut."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from hhsim.errors import InputError
+from hhsim.hand import HandModel
+from hhsim.hand_motion import HandMotion, joined
+from hhsim.stress import RandomTargets, StressOptions, random_targets
+
+HAND = HandModel.default()
+JUMPS = StressOptions(hold=1, bound="none")
+
+
+def equal(one: HandMotion, other: HandMotion) -> bool:
+    return all(a.tobytes() == b.tobytes() for a, b in zip(one, other))
+
+
+@given(
+    st.lists(st.integers(0, 150), min_size=1, max_size=8),
+    st.integers(0, 2**32 - 1),
+    st.booleans(),
+    st.sampled_from(["palm", "hand", "none"]),
+)
+@settings(max_examples=25)
+def test_any_cut_gives_the_same_motion(sizes: list[int], seed: int, wild: bool, bound: Any) -> None:
+    options = StressOptions(wild=wild, bound=bound, hold=25)
+    targets = RandomTargets(HAND, seed, options)
+    pieces = [targets.take(size) for size in sizes]
+    assert [piece.ticks for piece in pieces] == sizes
+    assert equal(joined(pieces), random_targets(HAND, sum(sizes), seed, options))
+    blocks = list(RandomTargets(HAND, seed, options).blocks(203, 64))
+    assert [block.ticks for block in blocks] == [64, 64, 64, 11]
+    assert equal(joined(blocks), random_targets(HAND, 203, seed, options))
+
+
+def test_targets_are_as_wide_as_they_say() -> None:
+    motion = random_targets(HAND, 6001, 5, JUMPS, center=np.array([1.0, 2.0, 3.0])).part(1, 6001)
+    np.testing.assert_allclose(motion.position.mean(axis=0), [1.0, 2.0, 3.0], atol=3e-3)
+    np.testing.assert_allclose(motion.position.std(axis=0), 0.06, rtol=0.04)
+    turn = Rotation.from_quat(motion.orientation, scalar_first=True).as_rotvec()
+    np.testing.assert_allclose(turn.std(axis=0), 0.8, rtol=0.04)
+    share = (motion.flexion - HAND.flexion_min) / (HAND.flexion_max - HAND.flexion_min)
+    assert share.min() >= 0.0 and share.max() <= 1.0
+    np.testing.assert_allclose(share.mean(axis=0), 0.5, atol=0.02)
+    np.testing.assert_allclose(share.std(axis=0), 12.0**-0.5, rtol=0.04)
+    assert (motion.abduction >= HAND.abduction_min).all() and (motion.abduction <= HAND.abduction_max).all()
+    assert (np.ptp(motion.abduction, axis=0) > 0.95 * (HAND.abduction_max - HAND.abduction_min)).all()
+
+
+def test_the_motion_begins_upright_above_the_object() -> None:
+    motion = random_targets(HAND, 60, 9, center=np.array([0.1, 0.0, 0.0]), height=0.4)
+    np.testing.assert_array_equal(motion.position, np.tile([0.1, 0.0, 0.4], (60, 1)))
+    np.testing.assert_array_equal(motion.orientation, np.tile([1.0, 0.0, 0.0, 0.0], (60, 1)))
+    assert not motion.flexion.any() and not motion.abduction.any()
+
+
+def test_a_target_depends_on_the_seed_and_its_number_alone() -> None:
+    often = random_targets(HAND, 40, 3, JUMPS)
+    seldom = random_targets(HAND, 40 * 7, 3, StressOptions(hold=7, bound="none"))
+    assert equal(often, seldom.chosen(np.arange(40) * 7 + 6))
+    assert not np.array_equal(often.position, random_targets(HAND, 40, 4, JUMPS).position)
+
+
+def test_without_a_sweep_the_abduction_stays() -> None:
+    assert not random_targets(HAND, 200, 0, StressOptions(sweep=False)).abduction.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_palm_goes_no_faster_than_it_may_and_straight_to_its_target(seed: int) -> None:
+    motion = random_targets(HAND, 1200, seed)
+    steps = np.linalg.norm(np.diff(motion.position, axis=0), axis=1)
+    assert steps.max() <= 2e-3 * (1.0 + 1e-12)
+    target = random_targets(HAND, 21, seed, JUMPS)
+    for hold in range(1, 20):
+        start, end = motion.position[60 * hold - 1], motion.position[60 * hold + 59]
+        way = target.position[hold] - start
+        share = min(1.0, 0.12 / float(np.linalg.norm(way)))
+        np.testing.assert_allclose(end, start + share * way, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(motion.orientation, axis=1), 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_no_point_of_the_hand_goes_faster_than_it_may(side: Any) -> None:
+    hand = HandModel.default(side)
+    options = StressOptions(bound="hand", longest_step=3e-3)
+    motion = random_targets(hand, 900, 2, options)
+    joints = np.array([hand.joints(*sample) for sample in zip(*motion)])
+    turn = Rotation.from_quat(motion.orientation, scalar_first=True)
+    palm = np.stack([turn.apply(center) for center in hand.palm_tree.leaf_center], axis=1) + motion.position[:, None]
+    points = np.concatenate([joints.reshape(900, -1, 3), palm], axis=1)
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=2)
+    assert steps.max() <= 3e-3
+    assert steps.max() > 1e-3, "the bound is far from what it bounds"
+
+
+def test_the_wild_mode_does_what_broken_devices_do() -> None:
+    motion = random_targets(HAND, 60_000, 1, StressOptions(wild=True))
+    finite = [np.isfinite(values.reshape(motion.ticks, -1)).all(axis=1) for values in motion]
+    assert all(30 < (~field).sum() < 3000 for field in finite), "every field is lost at times, and seldom"
+    sound = np.all(finite, axis=0) & (np.abs(motion.orientation) < 1e6).all(axis=1)
+    length = np.linalg.norm(motion.orientation[sound], axis=1)
+    assert (length == 0.0).sum() > 100
+    assert length[length > 0.0].min() < 0.01 and length.max() > 10.0
+    readings = motion.held()
+    assert all(np.isfinite(values).all() for values in readings)
+    away = np.linalg.norm(readings.position, axis=1)
+    assert ((away > 0.3) & (away < 0.9)).sum() > 500, "teleports"
+    assert ((away > 5.0) & (away < 100.0)).sum() > 50
+    assert (readings.flexion > HAND.flexion_max + 1.0).any() and (readings.flexion < HAND.flexion_min - 1.0).any()
+    assert (np.abs(readings.abduction) > 1.5).any()
+    unit = readings.orientation / np.linalg.norm(readings.orientation, axis=1, keepdims=True)
+    turned = (unit[1:] * unit[:-1]).sum(axis=1)
+    assert (turned < -0.9).sum() > 500, "signs flip"
+    assert (np.abs(turned) < 0.5).sum() > 500, "it spins"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"hold": 0}, "hold"),
+        ({"position_spread": -1.0}, "position_spread"),
+        ({"rotation_spread": np.nan}, "rotation_spread"),
+        ({"longest_step": 0.0}, "longest_step"),
+        ({"bound": "finger"}, "palm, hand, none"),
+        ({"flexion_range": (0.5, 1.5)}, "flexion_range"),
+        ({"flexion_range": (0.6, 0.5)}, "flexion_range"),
+    ],
+)
+def test_what_cannot_be_walked_is_refused(wrong: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        StressOptions(**wrong)
