@@ -149,16 +149,19 @@ class Provenance:
     hand: str = "right"
 
     def command(self, path: Path) -> str:
-        """The command that replays the file."""
+        """The command that replays the file, with every option that it has a flag for."""
         words = ["hhsim replay", self.object, str(path), f"--method {self.method}", "--samples hold"]
         plain, used = SolverOptions(method=self.method).to_json(), self.solver
         if self.object_options:
             words.append(self.object_options)
         if self.hand != "right":
             words.append(f"--hand {self.hand}")
-        for name, scale in (("qp", None), ("force", None), ("linearisations", None), ("margin", 1e3)):
-            if name in used and used[name] != plain[name]:
-                words.append(f"--{name} {used[name] if scale is None else format(scale * used[name], '.15g')}")
+        flags = ("qp", "force", "linearisations", "budget", "tolerance")
+        words += [f"--{name} {used[name]}" for name in flags if used.get(name, plain[name]) != plain[name]]
+        if used.get("margin", plain["margin"]) != plain["margin"]:
+            words.append(f"--margin {1e3 * used['margin']:.15g}")
+        if tuple(used.get("fingers", plain["fingers"])) != tuple(plain["fingers"]):
+            words.append("--fingers " + ",".join(used["fingers"]))
         stiffness = used.get("stiffness", plain["stiffness"])
         if stiffness != plain["stiffness"]:
             words.append("--stiffness " + ",".join(repr(stiffness[n]) for n in ("translation", "rotation", "flexion")))

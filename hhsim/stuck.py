@@ -22,6 +22,8 @@ WORTH = 0.01
 """A way must lower the coupling's energy by this share of what free space would let the same step lower it."""
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 """Shares of the program's step that are tried."""
+ARRIVED = 1e-9
+"""A hand that is this near to the haptic one [m] is there."""
 DIFFERENCE = 1e-6
 """Step of the central differences [m, rad]."""
 
@@ -47,7 +49,7 @@ def way_out(
     target = _between(hand, here, goal)
     lever = float((hand.arrays().reach + hand.radius[:, 1:]).max())
     longest = np.linalg.norm(target[:3]) + lever * (np.linalg.norm(target[3:6]) + np.abs(target[6:]).max())
-    if longest == 0.0:
+    if longest < ARRIVED:
         return 0.0
     clipped = target * min(1.0, options.margin / longest)
     pairs = _Pairs(hand, tree, here, 4.0 * options.margin)
