@@ -27,22 +27,12 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("hand_motion", "brute_distance", "stress", "scene"),
     ),
     # One tick of it, and what is measured.
-    (
-        "qp",
-        "contact_problem",
-        "solver",
-        "solver_options",
-        "backend",
-        "workspace",
-        "metrics",
-        "mesh_penetration",
-        "stuck",
-    ),
+    ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics", "mesh_penetration"),
     # Runs and their files.
     ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
     # Many runs, side by side.
     ("bench_file", "pareto", "run_errors", "speed_error", "speed_error_table"),
-    ("log_histogram", "shrink", "failure", "bench_stress"),
+    ("log_histogram", "shrink", "stuck", "failure", "bench_stress"),
     # Pictures of them.
     ("replay_figure", "cost_figure", "speed_error_figure"),
 )
