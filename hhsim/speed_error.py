@@ -19,7 +19,7 @@ from hhsim.hand import HandModel
 from hhsim.interrupt import interruptible_between
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.kernels.tick_state import WORK_CANDIDATES
+from hhsim.kernels.tick_state import WORK_CANDIDATES, WORK_UNITS
 from hhsim.kernels.tree import TreeArrays
 from hhsim.object_catalogue import load_object, object_names
 from hhsim.qp import ACTIVE_SET, available_backends
@@ -38,9 +38,6 @@ IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 DEFAULT_LEVEL = 4
-DEFAULT_LINEARISATIONS = SolverOptions().linearisations
-SINGLE = ("paper", "penalty")
-"""Methods that linearise once a tick, or not at all, whatever the option says."""
 REFERENCE_METHOD = "coupled"
 """The method whose programs the other QP solvers solve."""
 STRETCH = (100, 50)
@@ -128,8 +125,8 @@ class Configuration:
     @property
     def is_default(self) -> bool:
         """Whether this is what the method does if nobody asks for anything else."""
-        usual = 1 if self.method in SINGLE else DEFAULT_LINEARISATIONS
-        return self.level == DEFAULT_LEVEL and self.linearisations == usual and not self.stretch
+        usual = usual_linearisations(self.method)
+        return (self.level, self.linearisations, self.stretch) == (DEFAULT_LEVEL, usual, False)
 
     def solver_options(self) -> SolverOptions:
         """For the solver."""
@@ -138,7 +135,17 @@ class Configuration:
 
 @dataclass
 class Run:
-    """One configuration on one scene; times of the ticks in contact, one row a repetition [s], shape (r, n)."""
+    """One configuration on one scene.
+
+    Attributes:
+        object_name, motion, configuration: What was run.
+        cpu, wall: Times of the ticks in contact [s], one array of shape (n,) a repetition.
+        candidates, work: Candidate pairs and work units of the same ticks, shape (n,).
+        errors: Of the first repetition.
+        digest: Of its poses and forces.
+        repeatable: Whether all repetitions had the same.
+        ticks: In each repetition.
+    """
 
     object_name: str
     motion: str
@@ -146,6 +153,7 @@ class Run:
     cpu: list[FloatArray] = field(default_factory=list)
     wall: list[FloatArray] = field(default_factory=list)
     candidates: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    work: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     errors: RunErrors | None = None
     digest: str = ""
     repeatable: bool = True
@@ -175,14 +183,19 @@ class _Scene:
         return slice(max(0, begin - STRETCH[0]), min(len(self.errors.contact), begin + STRETCH[1]))
 
 
+def usual_linearisations(method: str) -> int:
+    """Most linearisations in a tick where nobody asks for a number."""
+    return SolverOptions(method=method).linearisations
+
+
 def configurations(options: SpeedErrorOptions) -> list[Configuration]:
     """What is run on every scene, the whole motion."""
-    found = []
-    for method in options.methods or ():
-        for level in options.levels:
-            budgets = (1,) if method in SINGLE else options.linearisations
-            found += [Configuration(method, level, budget) for budget in budgets]
-    return found
+    return [
+        Configuration(method, level, most)
+        for method in options.methods or ()
+        for level in options.levels
+        for most in options.linearisations
+    ]
 
 
 def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
@@ -193,7 +206,8 @@ def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
     method = REFERENCE_METHOD if REFERENCE_METHOD in methods else methods[0]
     level = min(options.levels, key=lambda level: abs(level - DEFAULT_LEVEL))
     return [
-        Configuration(method, level, DEFAULT_LINEARISATIONS, qp, stretch=True) for qp in (ACTIVE_SET, *options.backends)
+        Configuration(method, level, usual_linearisations(method), qp, stretch=True)
+        for qp in (ACTIVE_SET, *options.backends)
     ]
 
 
@@ -266,6 +280,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     if run.errors is None:
         run.digest, run.ticks = digest, len(record.position)
         run.candidates = record.work[contact, WORK_CANDIDATES]
+        run.work = record.work[contact, WORK_UNITS]
         run.errors = run_errors(scene.errors, tree, options, record, window)
     run.repeatable = run.repeatable and digest == run.digest
 

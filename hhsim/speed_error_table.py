@@ -48,6 +48,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("tick_wall_p50", "wall time of a tick in contact, median", "s"),
     Column("tick_wall_p99", "wall time of a tick in contact, 99th percentile", "s"),
     Column("over_1ms", "share of ticks in contact over 1 ms, CPU"),
+    Column("work_p50", "work units of a tick in contact, median: the same on any machine; NaN for a method without"),
     Column("penetration_max", "deepest penetration of the object's spheres", "m"),
     Column("mesh_depth_max", "deepest penetration of the true mesh, sampled ticks", "m"),
     Column("mesh_depth_p95", "95th percentile of the penetration of the true mesh, sampled ticks", "m"),
@@ -113,6 +114,7 @@ def remarks(runs: Sequence[Run]) -> list[str]:
 def _row(object_name: str, motion: str, configuration: Configuration, runs: Sequence[Run]) -> Row:
     cpu, wall = (_joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_wall"))
     candidates = _joined([run.candidates for run in runs])
+    work = _joined([run.work for run in runs])
     errors = [run.errors for run in runs if run.errors is not None]
     return {
         "object": object_name,
@@ -132,6 +134,7 @@ def _row(object_name: str, motion: str, configuration: Configuration, runs: Sequ
         "tick_wall_p50": _percentile(wall, 50.0),
         "tick_wall_p99": _percentile(wall, 99.0),
         "over_1ms": float(np.mean(cpu > 1e-3)) if cpu.size else np.nan,
+        "work_p50": _percentile(work, 50.0) if work.any() else np.nan,
         **{
             item.name: _summed_up(item.name, [getattr(error, item.name) for error in errors])
             for item in fields(RunErrors)

@@ -9,9 +9,8 @@ import pytest
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.qp import ACTIVE_SET, available_backends
 from hhsim.run_errors import RunErrors
-from hhsim.solver_options import METHODS
+from hhsim.solver_options import METHODS, SolverOptions
 from hhsim.speed_error import (
-    SINGLE,
     Configuration,
     Run,
     SpeedErrorOptions,
@@ -46,14 +45,13 @@ def test_by_default_all_that_is_there_is_run() -> None:
     assert {c.method for c in configurations(options)} == set(METHODS)
 
 
-def test_methods_that_linearise_once_are_run_once() -> None:
+def test_every_method_is_run_with_every_level_and_number_once() -> None:
     options = replace(SMALL, methods=tuple(METHODS), levels=(3, 4), linearisations=(1, 2, 12))
     found = configurations(options)
-    assert len(found) == len(set(found))
+    assert len(found) == len(set(found)) == 6 * len(METHODS)
     for method in METHODS:
-        count = sum(c.method == method for c in found)
-        assert count == (2 if method in SINGLE else 6)
-        assert sum(c.method == method and c.is_default for c in found) == 1
+        (usual,) = [c for c in found if c.method == method and c.is_default]
+        assert usual.solver_options() == SolverOptions(method=method)
 
 
 def test_qp_solvers_stand_beside_ours() -> None:
@@ -99,6 +97,8 @@ def test_every_configuration_runs_on_every_scene(small: list[Run]) -> None:
         assert run.repeatable
         assert run.errors is not None
         assert run.errors.penetration_max <= 1e-6
+        assert run.work.shape == run.candidates.shape
+        assert (run.work > 0).all()
     assert len({run.candidates.size for run in whole}) == 1, "the ticks in contact are the scene's, not the method's"
     ours, other = part
     assert ours.ticks == other.ticks < whole[0].ticks
@@ -138,6 +138,7 @@ def made_up(object_name: str, motion: str, configuration: Configuration, cost: f
         cpu=[np.full(4, cost)],
         wall=[np.full(4, 2.0 * cost)],
         candidates=np.arange(4),
+        work=np.arange(4) if object_name == "cube" else np.zeros(4, np.int64),
         errors=replace(ZEROS, **errors),  # type: ignore[arg-type]
         ticks=10,
     )
@@ -174,6 +175,8 @@ def test_rows_sum_up_by_worst_mean_and_count() -> None:
     assert cube["force_variation_hold"] == 0.5
     assert (cube["tick_cpu_p50"], cube["tick_cpu_max"]) == pytest.approx((2e-5, 3e-5))
     assert cube["tick_wall_p50"] == pytest.approx(4e-5)
+    assert cube["work_p50"] == 1.5
+    assert np.isnan(chosen(rows, object="cup", motion=ALL)[0]["work_p50"])
     (everything,) = chosen(rows, object=ALL, motion=ALL)
     assert everything["over_1ms"] == pytest.approx(1 / 3)
     assert everything["is_default"]
