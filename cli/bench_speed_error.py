@@ -130,6 +130,7 @@ def command(
                 "options": run.to_json(),
                 "units": {column.name: column.unit for column in COLUMNS},
                 "configurations": summed,
+                "by_object": [row for row in chosen(rows, motion=ALL) if row["object"] != ALL],
                 "qp_solvers": solvers,
                 "notes": notes,
             }

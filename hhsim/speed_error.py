@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import HhsimError, InputError, UnknownNameError
 from hhsim.hand import HandModel
 from hhsim.interrupt import interruptible_between
 from hhsim.kernels.block import TickRecord
@@ -145,6 +145,7 @@ class Run:
         digest: Of its poses and forces.
         repeatable: Whether all repetitions had the same.
         ticks: In each repetition.
+        failure: Why it could not be run, or "": more pairs than the solver holds, a hand that is not finite.
     """
 
     object_name: str
@@ -158,16 +159,17 @@ class Run:
     digest: str = ""
     repeatable: bool = True
     ticks: int = 0
+    failure: str = ""
 
     @property
     def tick_cpu(self) -> FloatArray:
         """CPU time of each tick in contact, the median of the repetitions [s], shape (n,)."""
-        return np.asarray(np.median(self.cpu, axis=0))
+        return np.asarray(np.median(self.cpu, axis=0)) if self.cpu else np.zeros(0)
 
     @property
     def tick_wall(self) -> FloatArray:
         """Wall time of each tick in contact, the median of the repetitions [s], shape (n,)."""
-        return np.asarray(np.median(self.wall, axis=0))
+        return np.asarray(np.median(self.wall, axis=0)) if self.wall else np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -222,7 +224,7 @@ def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> lis
         The runs, scene by scene, configuration by configuration.
 
     Raises:
-        HhsimError: A motion that cannot be done on an object, or more pairs than the solver holds.
+        TrajectoryError: A motion that cannot be done on an object.
     """
     hand = HandModel.default()
     whole, part = configurations(options), backend_configurations(options)
@@ -240,7 +242,8 @@ def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> lis
             for scene, run in work if repetition % 2 == 0 else reversed(work):
                 if progress is not None:
                     progress(f"runs, repetition {repetition + 1} of {options.repetitions}", done, total)
-                _repeat(hand, scene, run)
+                if not run.failure:
+                    _repeat(hand, scene, run)
                 done += 1
                 check_interrupt()
     return [run for _, run in work]
@@ -267,12 +270,20 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     configuration, haptic = run.configuration, scene.errors.haptic
     window = scene.stretch() if configuration.stretch else slice(0, haptic.tick_count)
     tree, options = scene.trees[configuration.level], configuration.solver_options()
-    solver = HandSolver(hand, tree, options)
-    if window.start > 0:
-        _begin_at(solver, hand, scene, configuration, window.start)
-    record = solver.run(
-        haptic.position[window], haptic.orientation[window], haptic.flexion[window], haptic.abduction[window]
-    )
+    try:
+        solver = HandSolver(hand, tree, options)
+        if window.start > 0:
+            _begin_at(solver, hand, scene, configuration, window.start)
+        record = solver.run(
+            haptic.position[window], haptic.orientation[window], haptic.flexion[window], haptic.abduction[window]
+        )
+    except HhsimError as error:
+        run.failure = str(error)
+        return
+    finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
+    if not finite.all():
+        run.failure = f"the graphic hand is not finite after tick {int(finite.argmin())}"
+        return
     contact = scene.errors.contact[window]
     run.cpu.append(1e-9 * record.duration_cpu[contact].astype(np.float64))
     run.wall.append(1e-9 * record.duration_total[contact].astype(np.float64))

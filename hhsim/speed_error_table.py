@@ -69,6 +69,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("lag_max", "farthest that was left to go", "m"),
     Column("samples", "ticks that were held against the mesh"),
     Column("repeatable", "whether every repetition gave the same poses and forces"),
+    Column("failed_runs", "runs that could not be done; their figures are missing, and they are on no frontier"),
     Column("mesh_frontier", "whether no configuration is both faster and nearer to the mesh: p50 and mesh_error"),
     Column("tracking_frontier", "whether none is both faster and nearer to the optimum: p50 and off_finest_mean"),
 )
@@ -108,6 +109,11 @@ def remarks(runs: Sequence[Run]) -> list[str]:
     different = sorted({run.configuration.method for run in runs if not run.repeatable})
     if different:
         found.append(f"the poses of {', '.join(different)} differ between repetitions: they are not deterministic")
+    failed = [run for run in runs if run.failure]
+    if failed:
+        first = failed[0]
+        where = f"{first.configuration.method}, level {first.configuration.level}, {first.object_name}, {first.motion}"
+        found.append(f"{len(failed)} of {len(runs)} runs could not be done; the first: {where}: {first.failure}")
     return found
 
 
@@ -140,6 +146,7 @@ def _row(object_name: str, motion: str, configuration: Configuration, runs: Sequ
             for item in fields(RunErrors)
         },
         "repeatable": all(run.repeatable for run in runs),
+        "failed_runs": sum(bool(run.failure) for run in runs),
         "mesh_frontier": False,
         "tracking_frontier": False,
     }
@@ -163,7 +170,7 @@ def _percentile(values: NDArray[Any], percent: float) -> float:
 def _mark_frontiers(rows: Sequence[Row]) -> None:
     groups = defaultdict(list)
     for row in rows:
-        if not row["stretch"]:
+        if not row["stretch"] and not row["failed_runs"]:
             groups[row["object"], row["motion"]].append(row)
     for group in groups.values():
         for flag, error in (("mesh_frontier", "mesh_error"), ("tracking_frontier", "off_finest_mean")):

@@ -2,13 +2,16 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import HhsimError, InputError, UnknownNameError
+from hhsim.kernels.block import TickRecord
 from hhsim.qp import ACTIVE_SET, available_backends
 from hhsim.run_errors import RunErrors
+from hhsim.solver import HandSolver
 from hhsim.solver_options import METHODS, SolverOptions
 from hhsim.speed_error import (
     Configuration,
@@ -199,6 +202,32 @@ def test_the_frontier_is_among_equals() -> None:
     best = chosen(rows, object="cube", motion="touch")
     assert [row["mesh_frontier"] for row in best] == [True, True, False]
     assert [row["tracking_frontier"] for row in best] == [True, False, False]
+
+
+def test_a_run_that_fails_is_told_and_wins_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Fragile(HandSolver):
+        def run(self, *haptic: Any) -> TickRecord:
+            if self.options.method == "progressive":
+                raise HhsimError("more contacts than the arrays hold")
+            record = super().run(*haptic)
+            if self.options.linearisations == 2:
+                record.joints[7, 0, 0, 0] = np.nan
+            return record
+
+    monkeypatch.setattr("hhsim.speed_error.HandSolver", Fragile)
+    runs = measure(replace(SMALL, levels=(1,), linearisations=(2, 12), backends=()))
+    assert [(run.configuration.method, run.configuration.linearisations, run.failure) for run in runs] == [
+        ("coupled", 2, "the graphic hand is not finite after tick 7"),
+        ("coupled", 12, ""),
+        ("progressive", 2, "more contacts than the arrays hold"),
+        ("progressive", 12, "more contacts than the arrays hold"),
+    ]
+    rows = chosen(table_rows(runs), object=ALL, motion=ALL)
+    assert [row["failed_runs"] for row in rows] == [1, 0, 1, 1]
+    assert [row["mesh_frontier"] for row in rows] == [False, True, False, False]
+    assert all(np.isnan(row["tick_cpu_p50"]) == bool(row["failed_runs"]) for row in rows)
+    (line,) = (line for line in remarks(runs) if "could not be done" in line)
+    assert line.startswith("3 of 4 runs could not be done; the first: coupled, level 1, cube, touch: the graphic hand")
 
 
 def test_poses_that_differ_are_told() -> None:
