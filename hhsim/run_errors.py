@@ -48,7 +48,8 @@ class RunErrors:
         penetration_max: Deepest in the leaf spheres, all ticks [m].
         mesh_depth_max, mesh_depth_p95: Deepest in the true mesh, of the sampled ticks in contact [m].
         contact_error_mean, contact_error_max: From touching points to the true mesh, of the same ticks [m].
-        mesh_error: The larger of mesh_depth_max and contact_error_max [m].
+        mesh_error: The larger of mesh_depth_max and contact_error_max [m]; NaN for a hand that hovers and touches
+            nothing, which would be perfect otherwise.
         tracking_excess: Coupling energy above the optimum on the same spheres, (E - E*) / E*, mean of the hold [-].
         off_finest_mean, off_finest_max: Palm or fingertip from where the converged optimum on the finest spheres has
             it, the farthest of the six, ticks in contact [m].
@@ -191,7 +192,7 @@ def run_errors(
         mesh_depth_p95=depth_p95,
         contact_error_mean=error_mean,
         contact_error_max=error_max,
-        mesh_error=float(np.fmax(depth_max, error_max)),
+        mesh_error=float(np.maximum(depth_max, error_max)),
         tracking_excess=excess,
         off_finest_mean=float(off.mean()) if off.size else np.nan,
         off_finest_max=float(off.max()) if off.size else np.nan,
