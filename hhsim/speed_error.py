@@ -38,8 +38,8 @@ IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 DEFAULT_LEVEL = 4
-REFERENCE_METHOD = "coupled"
-"""The method whose programs the other QP solvers solve."""
+QP_METHODS = ("coupled", "progressive")
+"""The methods whose programs other QP solvers can solve; the first that is run is the one that they do."""
 STRETCH = (100, 50)
 """Other QP solvers are driven from Python, at milliseconds a tick: they get this many ticks before the first hold
 begins and this many of it, and so does our own, beside them."""
@@ -181,7 +181,7 @@ class _Scene:
 
     def stretch(self) -> slice:
         """The ticks that other QP solvers do."""
-        begin = self.errors.holds[0].start
+        begin = self.errors.holds[0].start if self.errors.holds else 0
         return slice(max(0, begin - STRETCH[0]), min(len(self.errors.contact), begin + STRETCH[1]))
 
 
@@ -202,13 +202,12 @@ def configurations(options: SpeedErrorOptions) -> list[Configuration]:
 
 def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
     """What is run on a stretch of the first motion on every object: our QP solver beside the others."""
-    methods = options.methods or ()
+    methods = [method for method in QP_METHODS if method in (options.methods or ())]
     if not options.backends or not methods:
         return []
-    method = REFERENCE_METHOD if REFERENCE_METHOD in methods else methods[0]
     level = min(options.levels, key=lambda level: abs(level - DEFAULT_LEVEL))
     return [
-        Configuration(method, level, usual_linearisations(method), qp, stretch=True)
+        Configuration(methods[0], level, usual_linearisations(methods[0]), qp, stretch=True)
         for qp in (ACTIVE_SET, *options.backends)
     ]
 
@@ -270,6 +269,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     configuration, haptic = run.configuration, scene.errors.haptic
     window = scene.stretch() if configuration.stretch else slice(0, haptic.tick_count)
     tree, options = scene.trees[configuration.level], configuration.solver_options()
+    contact = scene.errors.contact[window]
     try:
         solver = HandSolver(hand, tree, options)
         if window.start > 0:
@@ -277,23 +277,21 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
         record = solver.run(
             haptic.position[window], haptic.orientation[window], haptic.flexion[window], haptic.abduction[window]
         )
+        finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
+        if not finite.all():
+            raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
+        digest = _digest(record)
+        if run.errors is None:
+            run.errors = run_errors(scene.errors, tree, options, record, window)
+            run.digest, run.ticks = digest, len(record.position)
+            run.candidates = record.work[contact, WORK_CANDIDATES]
+            run.work = record.work[contact, WORK_UNITS]
     except HhsimError as error:
         run.failure = str(error)
         return
-    finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
-    if not finite.all():
-        run.failure = f"the graphic hand is not finite after tick {int(finite.argmin())}"
-        return
-    contact = scene.errors.contact[window]
+    run.repeatable = run.repeatable and digest == run.digest
     run.cpu.append(1e-9 * record.duration_cpu[contact].astype(np.float64))
     run.wall.append(1e-9 * record.duration_total[contact].astype(np.float64))
-    digest = _digest(record)
-    if run.errors is None:
-        run.digest, run.ticks = digest, len(record.position)
-        run.candidates = record.work[contact, WORK_CANDIDATES]
-        run.work = record.work[contact, WORK_UNITS]
-        run.errors = run_errors(scene.errors, tree, options, record, window)
-    run.repeatable = run.repeatable and digest == run.digest
 
 
 def _begin_at(solver: HandSolver, hand: HandModel, scene: _Scene, configuration: Configuration, tick: int) -> None:

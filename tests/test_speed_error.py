@@ -66,6 +66,12 @@ def test_qp_solvers_stand_beside_ours() -> None:
     assert {c.method for c in only} == {"progressive"}
 
 
+def test_a_rate_without_a_tick_in_the_hold_or_in_contact_is_no_error() -> None:
+    runs = measure(replace(SMALL, rate=1.0, levels=(1,), repetitions=1))
+    assert [run.failure for run in runs] == [""] * 4
+    assert len(table_rows(runs)) == 10
+
+
 def test_what_cannot_be_run_is_refused() -> None:
     for change, message in (
         ({"objects": ("buny",)}, "unknown object 'buny': did you mean bunny"),
