@@ -47,10 +47,10 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
 @click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
 @click.option(
     "--method",
-    type=click.Choice(["coupled", "progressive"]),
+    type=click.Choice(["coupled", "progressive", "paper"]),
     default="coupled",
     show_default=True,
-    help="One program for the whole hand, or the paper's way: first the palm, then each finger.",
+    help="One program for the whole hand; the paper's way made safe: first the palm, then each finger; or as printed.",
 )
 @click.option(
     "--qp", metavar="NAME", default="active-set", show_default=True, help="QP solver: ours, or any of qpsolvers."
@@ -58,9 +58,7 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
 @click.option(
     "--force",
     type=click.Choice(["kkt", "paper"]),
-    default="kkt",
-    show_default=True,
-    help="Forces from the program's multipliers, or from the paper's Eq. 14.",
+    help="Forces from the program's multipliers, or from the paper's Eq. 14.  [default: kkt; paper with method paper]",
 )
 @tree_level.level
 @tree_level.max_error
@@ -122,6 +120,12 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
     help="Largest violation of a contact's row, as a share of the margin. Default: 1e-8.",
 )
 @click.option(
+    "--frustum-ends",
+    type=click.Choice(["spheres", "flat"]),
+    help="Method paper: a joint's sphere bounds the cone frustum as the fingertip's does (Eq. 13), or Eq. 7 as printed "
+    "holds at joints. Default: spheres.",
+)
+@click.option(
     "--tremor",
     callback=number_list("mm", "degrees"),
     metavar="MM,DEG",
@@ -138,7 +142,7 @@ def command(
     trajectory: str,
     method: str,
     qp: str,
-    force: str,
+    force: str | None,
     level: int | None,
     max_error: float | None,
     fingers: tuple[str, ...] | None,
@@ -151,6 +155,7 @@ def command(
     linearisations: int | None,
     budget: int | None,
     tolerance: float | None,
+    frustum_ends: str | None,
     tremor: tuple[float, ...] | None,
     unit: str | None,
     size: float | None,
@@ -177,6 +182,8 @@ def command(
     from hhsim.scene import make_scene
 
     changed = {
+        "force": force,
+        "frustum_ends": frustum_ends,
         "stiffness": _stiffness(stiffness),
         "margin": None if margin is None else 1e-3 * margin,
         "linearisations": linearisations,
@@ -184,7 +191,7 @@ def command(
         "tolerance": tolerance,
         "fingers": fingers,
     }
-    solver = _solver_options(method, qp, force, {name: value for name, value in changed.items() if value is not None})
+    solver = _solver_options(method, qp, {name: value for name, value in changed.items() if value is not None})
     motion = _motion(trajectory, tremor)
     announce_compilation(quiet=quiet)
     mesh, usual_level = read_object(object_, unit, size)
@@ -224,7 +231,6 @@ def command(
 def _solver_options(
     method: str,
     qp: str,
-    force: str,
     changed: "dict[str, Any]",
 ) -> "SolverOptions":
     from hhsim.errors import UnknownNameError
@@ -233,7 +239,7 @@ def _solver_options(
 
     if qp != ACTIVE_SET and qp not in available_backends():
         raise UnknownNameError("QP solver", qp, available_backends())
-    return SolverOptions(method=method, qp=qp, force=force, **changed)
+    return SolverOptions(method=method, qp=qp, **changed)
 
 
 def _stiffness(numbers: tuple[float, ...] | None) -> "Stiffness | None":

@@ -10,14 +10,16 @@ from hhsim.kernels.block import TickRecord, run_block
 from hhsim.kernels.contact import CONTACT_ROWS, PALM_PAIRS
 from hhsim.kernels.hand import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.linearise import ROW_CAPACITY
+from hhsim.kernels.paper import begin_paper
+from hhsim.kernels.paper_block import run_block_paper
 from hhsim.kernels.penetration import clearances
 from hhsim.kernels.pose import is_finite_configuration
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick import gather_anew
-from hhsim.kernels.tick_state import STATUS_FULL, STATUS_START_INSIDE, TickOptions
+from hhsim.kernels.tick_state import METHOD_COUPLED, STATUS_FULL, STATUS_START_INSIDE, TickOptions
 from hhsim.kernels.tree import TreeArrays
 from hhsim.solver_options import SolverOptions
-from hhsim.workspace import tick_record, tick_state
+from hhsim.workspace import paper_state, tick_record, tick_state
 
 FloatArray = NDArray[np.float64]
 
@@ -45,6 +47,8 @@ class HandSolver:
         self.tick_options = options.tick_options()
         self.states = tick_state(options.stiffness.diagonal(), options.modelled())
         self.qp = new_work(DOF, ROW_CAPACITY)
+        self.paper = paper_state(options.frustum_ends == "spheres") if options.method == "paper" else None
+        self.palm_tree = hand.palm_tree.arrays()
         self._started = False
 
     def run(
@@ -75,7 +79,10 @@ class HandSolver:
         return record
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
-        """Put the graphic hand at a configuration that does not penetrate: shapes (3,), (4,), (5, 3), (5,)."""
+        """Put the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.
+
+        Method `paper` takes any.
+        """
         pose = self.states[0].pose
         pose.position[:] = position
         pose.orientation[:] = orientation
@@ -86,8 +93,23 @@ class HandSolver:
         self._started = True
 
     def _run(self, options: TickOptions, haptic: list[FloatArray], record: TickRecord) -> None:
-        if self.options.qp == "active-set":
-            position, orientation, flexion, abduction = haptic
+        position, orientation, flexion, abduction = haptic
+        if self.paper is not None and options.method != METHOD_COUPLED:
+            done = run_block_paper(
+                self.hand,
+                self.palm_tree,
+                self.tree,
+                options,
+                self.states,
+                self.paper,
+                self.qp,
+                position,
+                orientation,
+                flexion,
+                abduction,
+                record,
+            )
+        elif self.options.qp == "active-set":
             done = run_block(
                 self.hand, self.tree, options, self.states, self.qp, position, orientation, flexion, abduction, record
             )
@@ -133,7 +155,9 @@ class HandSolver:
         Raises:
             HhsimError: More pairs are near than the arrays hold.
         """
-        if gather_anew(self.hand, self.tree, self.tick_options, self.states) != 0:
+        if self.paper is not None:
+            begin_paper(self.hand, self.states, self.paper)
+        elif gather_anew(self.hand, self.tree, self.tick_options, self.states) != 0:
             raise self._full()
 
     def _full(self) -> HhsimError:
@@ -166,7 +190,13 @@ class HandSolver:
         if not inside:
             return 0
         options = self.tick_options._replace(linearisations=START_LINEARISATIONS)
+        if self.paper is not None:
+            # The start is no part of the method: every method begins from the same place.
+            options = options._replace(method=METHOD_COUPLED)
+            gather_anew(self.hand, self.tree, options, self.states)
         self._run(options, [np.array(haptic_pose[name])[None] for name in CONFIGURATION], tick_record(1))
+        if self.paper is not None:
+            self._settle()
         return STATUS_START_INSIDE
 
     def _retreat(self) -> None:

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.hand import BODY_COUNT, PHALANX_COUNT
-from hhsim.kernels.tick_state import METHOD_COUPLED, METHOD_PROGRESSIVE, TOUCH, TickOptions
+from hhsim.kernels.tick_state import METHOD_COUPLED, METHOD_PAPER, METHOD_PROGRESSIVE, TOUCH, TickOptions
 
-METHODS = {"coupled": METHOD_COUPLED, "progressive": METHOD_PROGRESSIVE}
+METHODS = {"coupled": METHOD_COUPLED, "progressive": METHOD_PROGRESSIVE, "paper": METHOD_PAPER}
 FORCES = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
+FRUSTUM_ENDS = ("spheres", "flat")
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 
 LEAST_TOLERANCE, GREATEST_TOLERANCE = 1e-12, 1e-6
@@ -21,6 +22,12 @@ RELAXATION = 100.0
 """How many tolerances rows that contradict each other are moved back by."""
 UNLIMITED = 2**62
 """A budget of work units that no tick uses up."""
+
+BY_METHOD: Any = None
+"""Default of an option whose default depends on the method; no option keeps this value."""
+DEFAULTS: dict[str, Any] = {"force": "kkt", "linearisations": 12, "margin": 1e-3}
+PAPER_DEFAULTS: dict[str, Any] = {"force": "paper", "linearisations": 1, "margin": 5e-4}
+"""Of method `paper`, as printed: forces by Eq. 14, one linearisation a tick, Δr = 0.5 mm."""
 
 
 @dataclass(frozen=True)
@@ -58,43 +65,54 @@ class SolverOptions:
     """Options of the solver; lengths in metres.
 
     Attributes:
-        method: `coupled` or `progressive`.
-        qp: `active-set`, or a backend that qpsolvers offers.
-        force: `kkt` (the QP's multipliers) or `paper` (Eq. 14).
+        method: `coupled`, `progressive` or `paper`.
+        qp: `active-set`, or a backend that qpsolvers offers; `paper` is solved by `active-set` alone.
+        force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
         fingers: Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand
             without looking for contact, and the palm is always looked after.
-        linearisations: Most of them in a tick.
+        linearisations: Most of them in a tick. Default: 12; method `paper` makes exactly this many, 1 unless told.
         budget: Work units (`hhsim.kernels.tick_state`) after which a tick begins no further linearisation; the way
             that is left is lag. None: only `linearisations` bounds a tick.
-        margin: Pairs up to this far enter the QP; near the object no step is longer. The paper's Δr is 0.5 mm.
+        margin: Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper`
+            this is Δr, 0.5 mm unless told, and no bound on a step.
         skin: Pairs up to this much farther are kept at hand between ticks.
         offset: Clearance that contacts keep, so that second-order errors of small steps do not penetrate.
         settled: A step shorter than this ends the tick.
         tolerance: Largest violation of a program's row that counts as satisfied, as a share of the margin.
         touch: Pairs nearer than this count as touching.
         stiffness: The virtual coupling.
+        frustum_ends: Of method `paper`: `spheres` (Eq. 13's range of k at every joint, as at the fingertip) or `flat`
+            (Eq. 7's, but for the fingertip), which takes large object spheres beyond a joint for contacts.
     """
 
     method: str = "coupled"
     qp: str = "active-set"
-    force: str = "kkt"
+    force: str = BY_METHOD
     fingers: tuple[str, ...] = FINGERS
-    linearisations: int = 12
+    linearisations: int = BY_METHOD
     budget: int | None = None
-    margin: float = 1e-3
+    margin: float = BY_METHOD
     skin: float = 3e-3
     offset: float = 5e-7
     settled: float = 1e-4
     tolerance: float = 1e-8
     touch: float = TOUCH
     stiffness: Stiffness = field(default_factory=Stiffness)
+    frustum_ends: str = "spheres"
 
     def __post_init__(self) -> None:
         """Refuse unknown names and impossible lengths."""
         if self.method not in METHODS:
             raise UnknownNameError("method", self.method, METHODS)
+        for name, value in (PAPER_DEFAULTS if self.method == "paper" else DEFAULTS).items():
+            if getattr(self, name) is BY_METHOD:
+                object.__setattr__(self, name, value)
+        if self.method == "paper" and self.qp != "active-set":
+            raise InputError(f"method paper is solved by active-set, as the paper has it, not by {self.qp}")
         if self.force not in FORCES:
             raise UnknownNameError("force model", self.force, FORCES)
+        if self.frustum_ends not in FRUSTUM_ENDS:
+            raise UnknownNameError("kind of frustum ends", self.frustum_ends, FRUSTUM_ENDS)
         if self.linearisations < 1:
             raise InputError(f"linearisations is {self.linearisations}: a tick needs at least 1")
         for finger in self.fingers:

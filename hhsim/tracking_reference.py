@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.errors import HhsimError
 from hhsim.hand import HandModel
+from hhsim.kernels.tick_state import STATUS_STUCK
 from hhsim.kernels.tree import TreeArrays
 from hhsim.metrics import HandPoses, tracking_energy, tracking_excess
 from hhsim.solver import HandSolver
@@ -42,7 +44,8 @@ def reference_excess(
         ticks: Which ticks.
 
     Returns:
-        Shape (len(ticks),); NaN in free space.
+        Shape (len(ticks),); NaN in free space, and where the graphic hand is so deep inside that the reference finds no
+        way out.
     """
     solver = HandSolver(
         hand,
@@ -60,10 +63,21 @@ def reference_excess(
     wanted = HandPoses(*(np.array([values[t] for t in ticks]) for values in haptic))
     best = HandPoses(*(values.copy() for values in found))
     for i, t in enumerate(ticks):
-        solver.place(found.position[i], found.orientation[i], found.flexion[i], abduction[t])
-        block = solver.run(
-            wanted.position[i : i + 1], wanted.orientation[i : i + 1], wanted.flexion[i : i + 1], abduction[t : t + 1]
-        )
+        block = None
+        try:
+            solver.place(found.position[i], found.orientation[i], found.flexion[i], abduction[t])
+            block = solver.run(
+                wanted.position[i : i + 1],
+                wanted.orientation[i : i + 1],
+                wanted.flexion[i : i + 1],
+                abduction[t : t + 1],
+            )
+        except HhsimError:
+            # So deep inside that there are more pairs than the solver holds.
+            pass
+        if block is None or block.status[0] & STATUS_STUCK:
+            best.position[i] = np.nan
+            continue
         best.position[i], best.orientation[i], best.flexion[i] = (
             block.position[0],
             block.orientation[0],

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.block import TickRecord
+from hhsim.kernels.paper import PAPER_STATE
 from hhsim.kernels.tick_state import TICK_STATE, WORK_COUNTERS
 
 
@@ -29,6 +30,15 @@ def tick_state(stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | Non
     state.candidates.nearest[:] = np.inf
     state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)
     state.stiffness[:] = stiffness
+    return states
+
+
+def paper_state(closed: bool) -> Any:
+    """What method `paper` keeps besides the tick's state, a record array of shape (1,)."""
+    memory = np.empty(1, PAPER_STATE)
+    memory.view(np.uint8)[:] = 0
+    states = memory.view(np.recarray)
+    states[0].closed = closed
     return states
 
 

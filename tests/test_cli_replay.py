@@ -75,6 +75,20 @@ def test_a_replay_for_machines_is_one_document(run: Run, tmp_path: Path, short: 
     assert document["penetration_max"] == summary["penetration_max"] <= 1e-6
 
 
+def test_the_papers_method_says_whose_forces_and_how_many_linearisations(run: Run, tmp_path: Path, short: Path) -> None:
+    answer = run("replay", "cube", short.name, "--method", "paper", "--out", "run.h5")
+    assert answer.code == 0, answer.err
+    assert answer.out.startswith("cube, short, paper: 200 ticks\n")
+    result = load_result(tmp_path / "run.h5")
+    assert result.scene["solver"]["force"] == "paper"
+    assert (result["work/linearisations"] == 1).all()
+    assert result["contacts/candidates"].max() > 0
+    assert np.isfinite(result["graphic/joints"]).all()
+    answer = run("replay", "cube", short.name, "--method", "paper", "--force", "kkt", "--out", "run.h5", "--quiet")
+    assert answer == (0, "", "")
+    assert load_result(tmp_path / "run.h5").scene["solver"]["force"] == "kkt"
+
+
 def test_the_same_input_gives_the_same_bytes_but_for_the_timings(tmp_path: Path, short: Path) -> None:
     for name in ("a.h5", "b.h5"):
         run = hhsim(
@@ -129,6 +143,7 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
         (["cube", "--stiffness", "1000,5,0"], "expected 3 numbers, positive"),
         (["cube", "--tremor", "nan,0"], "expected 2 numbers, none of them negative"),
         (["cube", "--method", "couple"], "'couple' is not one of 'coupled', 'progressive'"),
+        (["cube", "--method", "paper", "--qp", "clarabel"], "method paper is solved by active-set"),
         (["cube", "--hand-file", "none.toml"], "none.toml: cannot read the hand file"),
         (["cube", "--out", "."], ". is a folder: name a file in it, such as run.h5"),
         (["cube", "--out", "none/run.h5"], "there is no folder"),

@@ -118,7 +118,7 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature() -> None:
 
         hand = HandModel.default()
         tree = bumpy_ball(300)
-        for method in ("coupled", "progressive"):
+        for method in ("coupled", "progressive", "paper"):
             for force in ("kkt", "paper"):
                 options = SolverOptions(method=method, force=force)
                 warm_up(hand, options)

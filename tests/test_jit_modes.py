@@ -43,7 +43,7 @@ SCRIPT = textwrap.dedent(
     motion = np.load(folder / "motion.npz")
     hand, tree = HandModel.default(), SphereTree.load(folder / "tree.h5")
     results = {}
-    for method in ("coupled", "progressive"):
+    for method in ("coupled", "progressive", "paper"):
         for force in ("kkt", "paper"):
             solver = HandSolver(hand, tree.arrays(), SolverOptions(method=method, force=force))
             record = solver.run(*(motion[n] for n in ("position", "orientation", "flexion", "abduction")))
@@ -100,6 +100,7 @@ def test_the_run_exercises_contact(results: dict[str, dict[str, Array]]) -> None
     assert np.linalg.norm(compiled["coupled kkt total"][-1]) > 1.0
     assert np.linalg.norm(compiled["coupled paper total"][-1]) > 1.0
     assert np.linalg.norm(compiled["progressive kkt total"][-1]) > 0.5
+    assert np.linalg.norm(compiled["paper paper total"][-1]) > 0.5
     assert not compiled["coupled kkt total"][0].any()
 
 

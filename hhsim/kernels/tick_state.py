@@ -16,6 +16,7 @@ from .step import ACTIVE_CONTACTS, STEP
 
 METHOD_COUPLED = 0
 METHOD_PROGRESSIVE = 1
+METHOD_PAPER = 2
 
 STATUS_STUCK = 1
 """The tick kept the last feasible configuration although the haptic hand asked for a motion."""
@@ -60,7 +61,7 @@ class TickOptions(NamedTuple):
 
     | field | meaning |
     |---|---|
-    | method | METHOD_COUPLED or METHOD_PROGRESSIVE |
+    | method | METHOD_COUPLED, METHOD_PROGRESSIVE or METHOD_PAPER |
     | force_model | FORCE_KKT or FORCE_PAPER |
     | linearisations | most of them in a tick |
     | budget | work units after which no further linearisation begins |

@@ -1,0 +1,398 @@
+"""Method `paper`: the decoupled-and-progressive optimisation of Tong et al. as printed, the baseline of every table.
+
+One tick (their Fig. 3, Section IV):
+
+1. find the pairs of the graphic hand of t - 1, grown by Δr, and the object (`kernels.paper_detection`);
+2. palm: minimise ½ (q - q_h)ᵀ G (q - q_h), q = (x, y, z, α, β, γ), under its pairs' constraints, linearised once;
+3. each finger on that palm: minimise ½ (θ - θ_h)ᵀ G_r (θ - θ_h) under its own pairs' constraints and its joint limits;
+   the abduction is the haptic hand's;
+4. forces by Eq. 14 (or by the programs' multipliers).
+
+Nothing is checked afterwards, no step is bounded. Where the paper is silent:
+
+- A program without solution, or with more constraints than there is room for, leaves its part, palm or finger, where it
+  was; the tick counts as stuck. Once that part of the haptic hand touches nothing, the graphic one takes its place:
+  else a palm that is inside would stay there for good, its program being the same in every tick.
+- Where no pair constrains a part it is simply the haptic one, within the joint limits.
+- The sphere at a finger's first joint moves with the palm alone, so that it is one of the palm's; each other joint's is
+  the end of the phalanx before it.
+- Since a sphere closes every frustum's ends, not only the fingertip's, the range of k that Eq. 13 gives the fingertip
+  holds at all of them (`closed`). Eq. 7's own range takes spheres for touching that are up to R beyond an end: with
+  object spheres larger than a phalanx it pushes a finger where nothing is, and into what is really there.
+- The haptic palm's Euler angles are those of the branch nearest to the graphic palm's.
+- More linearisations than one a tick, which the paper does not have, repeat steps 1 to 3 from the new graphic hand.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active_set import OPTIMAL, QpWork, solve
+from .clock import monotonic_ns
+from .contact import PHALANX_PAIRS
+from .euler import euler_axes, euler_quaternion, nearest_euler
+from .force import hand_forces
+from .frustum import FRUSTUM, place_frustum
+from .hand import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from .jit import Record, as_int64, jit
+from .linearise import ROW_CAPACITY
+from .paper_constraints import LIMITS, limit_rows, palm_contacts, palm_rows, phalanx_contacts, phalanx_rows
+from .paper_detection import PALM_STACK, detect, finger_is_free, palm_is_free
+from .pose import update_kinematics
+from .step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
+from .tick import spent_units
+from .tick_state import (
+    STATUS_STUCK,
+    UNITS_LINEARISATION,
+    UNITS_ROW,
+    WORK_BODIES,
+    WORK_CANDIDATES,
+    WORK_LINEARISATIONS,
+    WORK_QP_ITERATIONS,
+    WORK_ROWS,
+    WORK_TOUCHING,
+    WORK_UNITS,
+    TickOptions,
+)
+from .tree import TreeArrays
+
+Array = NDArray[np.float64]
+
+PAPER_STATE = np.dtype(
+    [
+        ("euler", np.float64, (3,)),
+        ("haptic_euler", np.float64, (3,)),
+        ("axes", np.float64, (3, 3)),
+        ("tried", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
+        ("frustum", FRUSTUM),
+        ("kind", np.int8, (PALM_BODY, PHALANX_PAIRS)),
+        ("closed", np.bool_),
+        ("full", np.int8, (FINGER_COUNT + 1,)),
+        ("normal", np.float64, (3, ROW_CAPACITY)),
+        ("body", np.int64, (ROW_CAPACITY,)),
+        ("target", np.float64, (6,)),
+        ("start", np.int64, (1,)),
+        ("stop", np.int64, (1,)),
+        ("palm_block", np.int64, (1,)),
+        ("finger_block", np.int64, (1,)),
+        ("guess", np.int64, (1,)),
+        ("stack", np.int64, (PALM_STACK,)),
+    ],
+    align=True,
+)
+"""What the method keeps besides TICK_STATE, of which it uses the poses, the arrays of pairs and rows, and the outcome.
+
+| field | meaning |
+|---|---|
+| euler | α, β, γ of the graphic palm, kept from tick to tick [rad] |
+| haptic_euler | those of the haptic palm |
+| axes | world axes of the three angles |
+| tried | joint angles set aside while others are looked at [rad] |
+| frustum | the phalanx at hand |
+| kind | which part of its phalanx each pair is with |
+| closed | spheres close all ends of the frustums, see `kernels.frustum.in_range` |
+| full | 1 where the palm, and each finger, has more pairs than there is room for |
+| normal, body | of each row: from object to hand; 0 to 15 |
+| target | of the program at hand, times √G |
+| start, stop, palm_block, finger_block, guess | the one row group of a program, its columns, no guess |
+| stack | of the palm's walk |
+"""
+
+
+@jit
+def _keep_forces(rows: int, state: Record, paper: Record, qp: QpWork) -> None:
+    # The multipliers of the program just solved; a finger's limits, behind its contacts, exert no force of the object.
+    active = state.active
+    count = active.count
+    for i in range(qp.counts[0]):
+        row = qp.active[i]
+        if row < rows and count < ACTIVE_CAPACITY:
+            active.key[count] = row
+            active.body[count] = paper.body[row]
+            active.multiplier[count] = qp.multiplier[i]
+            for j in range(3):
+                active.normal[j, count] = paper.normal[j, row]
+                active.point[j, count] = 0.0
+            count += 1
+    active.count = count
+
+
+@jit
+def _solve_palm(
+    hand: HandArrays, palm: TreeArrays, tree: TreeArrays, options: TickOptions, state: Record, paper: Record, qp: QpWork
+) -> bool:
+    pose, haptic, problem = state.pose, state.haptic, state.problem
+    nearest_euler(haptic.rotation, paper.euler, paper.haptic_euler)
+    rows = state.candidates.count[PALM_BODY]
+    free = rows == 0 and paper.full[0] == 0
+    solved = free
+    if not free and paper.full[0] == 0 and rows <= ROW_CAPACITY:
+        weight = problem.inverse_root
+        euler_axes(paper.euler, paper.axes)
+        palm_rows(
+            state.candidates,
+            rows,
+            pose.position,
+            pose.rotation,
+            paper.axes,
+            weight,
+            problem.common,
+            problem.rhs,
+            paper.normal,
+        )
+        for i in range(rows):
+            paper.body[i] = PALM_BODY
+        for j in range(3):
+            paper.target[j] = (haptic.position[j] - pose.position[j]) / weight[j]
+            paper.target[3 + j] = (paper.haptic_euler[j] - paper.euler[j]) / weight[3 + j]
+        paper.start[0] = 0
+        paper.stop[0] = rows
+        status = solve(
+            as_int64(6),
+            as_int64(6),
+            problem.common[:],
+            problem.block[:],
+            problem.rhs[:],
+            paper.start[:],
+            paper.stop[:],
+            paper.palm_block[:],
+            paper.target[:],
+            options.tolerance,
+            options.relaxation,
+            paper.guess[:],
+            as_int64(0),
+            qp,
+        )
+        state.step.iterations += qp.counts[1]
+        state.work[WORK_CANDIDATES] += rows
+        solved = status == OPTIMAL
+        if solved:
+            _keep_forces(rows, state, paper, qp)
+            for j in range(3):
+                pose.position[j] += qp.x[j] * weight[j]
+                paper.euler[j] += qp.x[3 + j] * weight[3 + j]
+            euler_quaternion(paper.euler, pose.orientation)
+    if not solved:
+        free = palm_is_free(hand, palm, tree, haptic, state, paper)
+    if free:
+        for j in range(3):
+            pose.position[j] = haptic.position[j]
+            paper.euler[j] = paper.haptic_euler[j]
+        for j in range(4):
+            pose.orientation[j] = haptic.orientation[j]
+    return solved or free
+
+
+@jit
+def _take_haptic_flexion(hand: HandArrays, state: Record, finger: int) -> None:
+    for k in range(PHALANX_COUNT):
+        angle = state.haptic.flexion[finger, k]
+        state.pose.flexion[finger, k] = min(max(angle, hand.flexion_min[finger, k]), hand.flexion_max[finger, k])
+
+
+@jit
+def finger_program(hand: HandArrays, finger: int, state: Record, paper: Record) -> int:
+    """Rows of a finger on the palm as it now stands; returns the number of contact rows, -1 where they do not fit."""
+    pose, problem = state.pose, state.problem
+    weight = problem.inverse_root[6 + PHALANX_COUNT * finger : 9 + PHALANX_COUNT * finger]
+    row = as_int64(0)
+    for k in range(PHALANX_COUNT):
+        body = PHALANX_COUNT * finger + k
+        if row < 0 or state.candidates.count[body] == 0:
+            continue
+        place_frustum(hand, pose, finger, k, paper.frustum)
+        row = phalanx_rows(
+            state.candidates,
+            paper.kind,
+            body,
+            paper.frustum,
+            pose.joints[finger],
+            pose.axis[finger],
+            weight,
+            row,
+            problem.block,
+            problem.rhs,
+            paper.normal,
+            paper.body,
+        )
+    if row > 0:
+        limit_rows(
+            pose.flexion[finger],
+            hand.flexion_min[finger],
+            hand.flexion_max[finger],
+            weight,
+            row,
+            problem.block,
+            problem.rhs,
+        )
+        for k in range(PHALANX_COUNT):
+            paper.target[k] = (state.haptic.flexion[finger, k] - pose.flexion[finger, k]) / weight[k]
+    return row
+
+
+@jit
+def _solve_finger(
+    hand: HandArrays, tree: TreeArrays, options: TickOptions, finger: int, state: Record, paper: Record, qp: QpWork
+) -> bool:
+    pose, problem = state.pose, state.problem
+    rows = as_int64(-1)
+    if paper.full[finger + 1] == 0:
+        rows = finger_program(hand, finger, state, paper)
+    if rows == 0:
+        _take_haptic_flexion(hand, state, finger)
+        return True
+    if rows > 0:
+        paper.start[0] = 0
+        paper.stop[0] = rows + LIMITS
+        status = solve(
+            as_int64(PHALANX_COUNT),
+            as_int64(0),
+            problem.common[:],
+            problem.block[:],
+            problem.rhs[:],
+            paper.start[:],
+            paper.stop[:],
+            paper.finger_block[:],
+            paper.target[:],
+            options.tolerance,
+            options.relaxation,
+            paper.guess[:],
+            as_int64(0),
+            qp,
+        )
+        state.step.iterations += qp.counts[1]
+        state.work[WORK_CANDIDATES] += rows
+        if status == OPTIMAL:
+            _keep_forces(rows, state, paper, qp)
+            for k in range(PHALANX_COUNT):
+                weight = problem.inverse_root[6 + PHALANX_COUNT * finger + k]
+                pose.flexion[finger, k] += qp.x[k] * weight
+            return True
+    for k in range(PHALANX_COUNT):
+        paper.tried[finger, k] = pose.flexion[finger, k]
+    _take_haptic_flexion(hand, state, finger)
+    update_kinematics(hand, pose)
+    free = finger_is_free(hand, tree, pose, finger, state, paper)
+    if not free:
+        for k in range(PHALANX_COUNT):
+            pose.flexion[finger, k] = paper.tried[finger, k]
+    update_kinematics(hand, pose)
+    return free
+
+
+@jit
+def _touching(hand: HandArrays, touch: float, state: Record, paper: Record) -> None:
+    # What Eq. 14 sums over: the pairs of this tick that are in contact at its end.
+    pose, candidates, contacts = state.pose, state.candidates, state.contacts
+    contacts.start[0] = 0
+    row = palm_contacts(candidates, pose.position, pose.rotation, touch, contacts)
+    contacts.start[1] = row
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            body = PHALANX_COUNT * f + k
+            if candidates.count[body] > 0:
+                place_frustum(hand, pose, f, k, paper.frustum)
+                row = phalanx_contacts(candidates, paper.kind, body, paper.frustum, paper.closed, touch, row, contacts)
+        contacts.start[f + 2] = row
+    state.work[WORK_TOUCHING] = row
+
+
+@jit
+def _farthest_joint(pose: Record, haptic: Record) -> float:
+    far = 0.0
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            square = 0.0
+            for i in range(3):
+                square += (pose.joints[f, k, i] - haptic.joints[f, k, i]) ** 2
+            far = max(far, square)
+    return math.sqrt(far)
+
+
+@jit
+def tick_paper(
+    hand: HandArrays,
+    palm: TreeArrays,
+    tree: TreeArrays,
+    options: TickOptions,
+    state: Record,
+    paper: Record,
+    qp: QpWork,
+) -> int:
+    """Bring the graphic hand towards the haptic one (`kernels.tick.set_haptic`) by the paper's method.
+
+    `palm` is the palm's sphere tree in the palm frame; options.margin is Δr. Returns status bits.
+    """
+    pose, haptic = state.pose, state.haptic
+    state.work[:] = 0
+    state.step.duration[:] = 0
+    state.step.iterations = 0
+    state.lag = 0.0
+    stuck = False
+    most = as_int64(0)
+    for i in range(options.linearisations):
+        if i > 0 and spent_units(state) >= options.budget:
+            break
+        began = monotonic_ns()
+        detect(hand, palm, tree, options.margin, state, paper)
+        detected = monotonic_ns()
+        state.active.count = 0
+        state.work[WORK_CANDIDATES] = 0
+        stuck = not _solve_palm(hand, palm, tree, options, state, paper, qp)
+        for f in range(FINGER_COUNT):
+            pose.abduction[f] = haptic.abduction[f]
+        solved = monotonic_ns()
+        update_kinematics(hand, pose)
+        for f in range(FINGER_COUNT):
+            stuck = not _solve_finger(hand, tree, options, f, state, paper, qp) or stuck
+        update_kinematics(hand, pose)
+        finished = monotonic_ns()
+        rows = state.work[WORK_CANDIDATES]
+        most = max(most, rows)
+        near = 0
+        for body in range(BODY_COUNT):
+            if state.candidates.count[body] > 0:
+                near += 1
+        state.work[WORK_BODIES] = max(state.work[WORK_BODIES], near)
+        state.work[WORK_LINEARISATIONS] += 1
+        state.work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_ROW * rows
+        state.step.duration[DURATION_DETECT] += detected - began
+        state.step.duration[DURATION_PALM] += solved - detected
+        state.step.duration[DURATION_FINGERS] += finished - solved
+    began = monotonic_ns()
+    _touching(hand, options.touch, state, paper)
+    hand_forces(
+        hand,
+        pose,
+        haptic,
+        state.active,
+        state.contacts,
+        options.force_model,
+        options.touch,
+        options.contact_stiffness,
+        state.stiffness,
+        state.scratch,
+        state.forces,
+    )
+    state.step.duration[DURATION_FORCE] += monotonic_ns() - began
+    state.work[WORK_CANDIDATES] = most
+    state.work[WORK_ROWS] = most
+    state.work[WORK_UNITS] = spent_units(state)
+    state.work[WORK_QP_ITERATIONS] = state.step.iterations
+    if stuck:
+        state.lag = _farthest_joint(pose, haptic)
+        return STATUS_STUCK
+    return 0
+
+
+@jit
+def begin_paper(hand: HandArrays, states: NDArray[np.void], papers: NDArray[np.void]) -> None:
+    """Take the graphic hand's configuration as it now stands: kinematics and Euler angles."""
+    state, paper = states[0], papers[0]
+    update_kinematics(hand, state.pose)
+    paper.haptic_euler[:] = 0.0
+    nearest_euler(state.pose.rotation, paper.haptic_euler, paper.euler)
+    paper.palm_block[0] = -1
+    paper.finger_block[0] = 0
+    paper.guess[0] = 0

@@ -1,0 +1,44 @@
+"""Blocks of ticks by the paper's method."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active_set import QpWork
+from .block import TickRecord, record_tick
+from .clock import monotonic_ns, thread_cpu_ns
+from .hand import HandArrays
+from .jit import jit
+from .paper import tick_paper
+from .tick import set_haptic
+from .tick_state import TickOptions
+from .tree import TreeArrays
+
+Array = NDArray[np.float64]
+
+
+@jit
+def run_block_paper(
+    hand: HandArrays,
+    palm: TreeArrays,
+    tree: TreeArrays,
+    options: TickOptions,
+    states: NDArray[np.void],
+    papers: NDArray[np.void],
+    qp: QpWork,
+    position: Array,
+    orientation: Array,
+    flexion: Array,
+    abduction: Array,
+    record: TickRecord,
+) -> int:
+    """As `kernels.block.run_block`, by the paper's method; `palm` is the palm's sphere tree, palm frame."""
+    state, paper = states[0], papers[0]
+    for i in range(position.shape[0]):
+        cpu = thread_cpu_ns()
+        wall = monotonic_ns()
+        status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
+        status |= tick_paper(hand, palm, tree, options, state, paper, qp)
+        wall = monotonic_ns() - wall
+        cpu = thread_cpu_ns() - cpu
+        record_tick(state, status, wall, cpu, i, record)
+    return position.shape[0]

@@ -1,0 +1,295 @@
+"""Method `paper`: which pairs of the graphic hand and the object are in contact (Eq. 3 to 7, 13), walking both trees.
+
+Every part of the graphic hand is grown by Δr first (the paper's contact constraint prediction, Section IV-B2), so that
+the pairs found bound a step before they touch. Growing a part by Δr is the same as growing the object's spheres.
+
+Each test is monotone: a node that encloses a leaf meets it whenever the leaf does, so the walk tests nodes by the very
+equations of the leaves. (Eq. 13's narrower range of k is not monotone, so it is asked of leaves alone.)
+
+Palm: its sphere tree against the object's, and the spheres of the five knuckles, which no finger joint moves. Phalanx:
+its cone frustum, and the sphere at its thin end: the joint's (Section III-B), or the fingertip's hemisphere.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .contact import COUNT_NODE_TESTS, PALM_PAIRS, PHALANX_PAIRS
+from .frustum import foot, in_range, place_frustum, threshold
+from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from .jit import Record, jit
+from .tree import STACK_SIZE, TreeArrays, gather_round_cone
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ON_FRUSTUM = 1
+ON_SPHERE = 2
+"""Bits of `kind`: which part of its phalanx a sphere of the object is paired with."""
+
+PALM_STACK = 2 * STACK_SIZE
+
+
+@jit
+def gather_palm(
+    palm: TreeArrays,
+    tree: TreeArrays,
+    position: Array,
+    rotation: Array,
+    growth: float,
+    capacity: int,
+    stack: Indices,
+    candidates: Record,
+    work: Indices,
+) -> int:
+    """Eq. 3: pairs of leaves of the palm's tree (palm frame) and the object's (world) within `growth` [m].
+
+    Returns:
+        How many; -1 where there are more than `capacity`, so that a capacity of 0 asks whether the palm is free.
+    """
+    p0, p1, p2 = position[0], position[1], position[2]
+    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
+    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
+    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
+    count = 0
+    tests = 0
+    top = 0
+    hand_first, hand_stop = 0, 1
+    object_first, object_stop = 0, 1
+    while True:
+        # Children of one node against one node of the other tree; the roots to begin with.
+        for h in range(hand_first, hand_stop):
+            hx, hy, hz = palm.x[h], palm.y[h], palm.z[h]
+            x = p0 + r00 * hx + r01 * hy + r02 * hz
+            y = p1 + r10 * hx + r11 * hy + r12 * hz
+            z = p2 + r20 * hx + r21 * hy + r22 * hz
+            reach = palm.radius[h] + growth
+            tests += object_stop - object_first
+            for o in range(object_first, object_stop):
+                dx, dy, dz = x - tree.x[o], y - tree.y[o], z - tree.z[o]
+                total = reach + tree.radius[o]
+                if dx * dx + dy * dy + dz * dz <= total * total:
+                    if palm.first_child[h] < 0 and tree.first_child[o] < 0:
+                        if count >= capacity:
+                            work[COUNT_NODE_TESTS] += tests
+                            return -1
+                        candidates.hand_x[count] = hx
+                        candidates.hand_y[count] = hy
+                        candidates.hand_z[count] = hz
+                        candidates.hand_radius[count] = palm.radius[h]
+                        candidates.object_x[count] = tree.x[o]
+                        candidates.object_y[count] = tree.y[o]
+                        candidates.object_z[count] = tree.z[o]
+                        candidates.object_radius[count] = tree.radius[o]
+                        count += 1
+                    else:
+                        stack[top] = h
+                        stack[top + 1] = o
+                        top += 2
+        if top == 0:
+            break
+        top -= 2
+        h, o = stack[top], stack[top + 1]
+        hand_first, hand_stop = h, h + 1
+        object_first, object_stop = o, o + 1
+        if palm.first_child[h] < 0 or (tree.first_child[o] >= 0 and tree.radius[o] >= palm.radius[h]):
+            object_first = tree.first_child[o]
+            object_stop = object_first + tree.child_count[o]
+        else:
+            hand_first = palm.first_child[h]
+            hand_stop = hand_first + palm.child_count[h]
+    work[COUNT_NODE_TESTS] += tests
+    return count
+
+
+@jit
+def gather_knuckle(
+    hand: HandArrays,
+    tree: TreeArrays,
+    center: Array,
+    finger: int,
+    growth: float,
+    capacity: int,
+    count: int,
+    candidates: Record,
+    work: Indices,
+) -> int:
+    """Append the pairs of a finger's first joint sphere, which belongs to the palm; returns as `gather_palm`."""
+    found, _, tests = gather_round_cone(
+        tree,
+        center[0],
+        center[1],
+        center[2],
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        hand.radius[finger, 0],
+        0.0,
+        growth,
+        candidates.stack,
+        candidates.scratch,
+    )
+    work[COUNT_NODE_TESTS] += tests
+    if found < 0 or count + found > capacity:
+        return -1
+    for i in range(found):
+        node = candidates.scratch[i]
+        candidates.hand_x[count] = hand.base[finger, 0]
+        candidates.hand_y[count] = hand.base[finger, 1]
+        candidates.hand_z[count] = hand.base[finger, 2]
+        candidates.hand_radius[count] = hand.radius[finger, 0]
+        candidates.object_x[count] = tree.x[node]
+        candidates.object_y[count] = tree.y[node]
+        candidates.object_z[count] = tree.z[node]
+        candidates.object_radius[count] = tree.radius[node]
+        count += 1
+    return count
+
+
+@jit
+def gather_phalanx(
+    frustum: Record,
+    tree: TreeArrays,
+    distal: bool,
+    closed: bool,
+    growth: float,
+    capacity: int,
+    body: int,
+    kind_out: NDArray[np.int8],
+    candidates: Record,
+    work: Indices,
+) -> int:
+    """Leaves within `growth` [m] of a phalanx by Eq. 7 (its frustum) or Eq. 3 (its end sphere), into row `body`.
+
+    `closed` says that spheres close every frustum's ends, and not only the fingertip, see `kernels.frustum.in_range`.
+
+    Returns:
+        How many; -1 where there are more than `capacity`.
+    """
+    ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
+    ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]
+    sx, sy, sz = frustum.sphere[0], frustum.sphere[1], frustum.sphere[2]
+    length, thin, end_radius = frustum.length, frustum.radius, frustum.sphere_radius
+    tangent, cosine, sine = frustum.tangent, frustum.cosine, frustum.sine
+    exists = frustum.exists
+    stack = candidates.stack
+    count = 0
+    tests = 0
+    top = 0
+    first, stop = 0, 1
+    while True:
+        tests += stop - first
+        for node in range(first, stop):
+            x, y, z = tree.x[node], tree.y[node], tree.z[node]
+            radius = tree.radius[node] + growth
+            along, cx, cy, cz = foot(ex, ey, ez, ux, uy, uz, x, y, z)
+            limit = threshold(along, radius, thin, tangent, cosine)
+            beside = exists and cx * cx + cy * cy + cz * cz <= limit * limit
+            on_frustum = beside and in_range(along, radius, length, sine, False, False)
+            reach = end_radius + radius
+            on_sphere = (x - sx) ** 2 + (y - sy) ** 2 + (z - sz) ** 2 <= reach * reach
+            if not (on_frustum or on_sphere):
+                continue
+            if tree.first_child[node] >= 0:
+                stack[top] = node
+                top += 1
+                continue
+            kind = 0
+            if on_frustum and in_range(along, radius, length, sine, closed or distal, closed):
+                kind |= ON_FRUSTUM
+            if on_sphere:
+                kind |= ON_SPHERE
+            if kind == 0:
+                continue
+            if count >= capacity:
+                work[COUNT_NODE_TESTS] += tests
+                return -1
+            candidates.x[body, count] = x
+            candidates.y[body, count] = y
+            candidates.z[body, count] = z
+            candidates.radius[body, count] = tree.radius[node]
+            candidates.leaf[body, count] = node
+            kind_out[body, count] = kind
+            count += 1
+        if top == 0:
+            break
+        top -= 1
+        first = tree.first_child[stack[top]]
+        stop = first + tree.child_count[stack[top]]
+    work[COUNT_NODE_TESTS] += tests
+    return count
+
+
+@jit
+def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, state: Record, paper: Record) -> None:
+    """All pairs of the graphic hand grown by `growth` [m], into the state's candidates.
+
+    paper.full says which parts have more than there is room for: the palm, then the fingers.
+    """
+    pose, candidates, work = state.pose, state.candidates, state.work
+    count = gather_palm(palm, tree, pose.position, pose.rotation, growth, PALM_PAIRS, paper.stack, candidates, work)
+    for f in range(FINGER_COUNT):
+        if count >= 0 and state.modelled[PHALANX_COUNT * f] == 1:
+            count = gather_knuckle(hand, tree, pose.joints[f, 0], f, growth, PALM_PAIRS, count, candidates, work)
+    paper.full[0] = 1 if count < 0 else 0
+    candidates.count[PALM_BODY] = max(count, 0)
+    for f in range(FINGER_COUNT):
+        paper.full[f + 1] = 0
+        for k in range(PHALANX_COUNT):
+            body = PHALANX_COUNT * f + k
+            candidates.count[body] = 0
+            if state.modelled[body] == 0:
+                continue
+            place_frustum(hand, pose, f, k, paper.frustum)
+            count = gather_phalanx(
+                paper.frustum,
+                tree,
+                k == PHALANX_COUNT - 1,
+                paper.closed,
+                growth,
+                PHALANX_PAIRS,
+                body,
+                paper.kind,
+                candidates,
+                work,
+            )
+            if count < 0:
+                paper.full[f + 1] = 1
+            candidates.count[body] = max(count, 0)
+
+
+@jit
+def palm_is_free(
+    hand: HandArrays, palm: TreeArrays, tree: TreeArrays, pose: Record, state: Record, paper: Record
+) -> bool:
+    """Whether the palm and the knuckles of `pose` touch nothing."""
+    count = gather_palm(palm, tree, pose.position, pose.rotation, 0.0, 0, paper.stack, state.candidates, state.work)
+    for f in range(FINGER_COUNT):
+        if count == 0 and state.modelled[PHALANX_COUNT * f] == 1:
+            count = gather_knuckle(hand, tree, pose.joints[f, 0], f, 0.0, 0, count, state.candidates, state.work)
+    return count == 0
+
+
+@jit
+def finger_is_free(hand: HandArrays, tree: TreeArrays, pose: Record, finger: int, state: Record, paper: Record) -> bool:
+    """Whether the phalanges of a finger of `pose` touch nothing."""
+    for k in range(PHALANX_COUNT):
+        place_frustum(hand, pose, finger, k, paper.frustum)
+        body = PHALANX_COUNT * finger + k
+        count = gather_phalanx(
+            paper.frustum,
+            tree,
+            k == PHALANX_COUNT - 1,
+            paper.closed,
+            0.0,
+            0,
+            body,
+            paper.kind,
+            state.candidates,
+            state.work,
+        )
+        if count != 0:
+            return False
+    return True

@@ -1,0 +1,324 @@
+"""Method `paper` tick by tick: where it is right, where it fails and how that is told, and that it is the paper's."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+from sphere_scenes import (
+    Motion,
+    brute_pairs,
+    bumpy_ball,
+    random_targets,
+    record_clearance,
+    sphere_tree,
+    still,
+    straight_line,
+)
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import (
+    STATUS_HELD,
+    STATUS_START_INSIDE,
+    STATUS_STUCK,
+    WORK_CANDIDATES,
+    WORK_LINEARISATIONS,
+    WORK_TOUCHING,
+)
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+
+Array = NDArray[np.float64]
+
+RIGHT = HandModel.default("right")
+LEFT = HandModel.default("left")
+BALL = bumpy_ball(300)
+CURL = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
+TIMINGS = {"duration", "duration_total", "duration_cpu"}
+INDEX = 1
+MINIMIZE: Any = minimize
+
+
+def paper(hand: HandModel, tree: SphereTree, motion: Motion, **options: object) -> TickRecord:
+    record = HandSolver(hand, tree.arrays(), SolverOptions(method="paper", **options)).run(*motion)  # type: ignore[arg-type]
+    for name in set(record._fields) - TIMINGS:
+        assert np.isfinite(getattr(record, name)).all(), name
+    return record
+
+
+def under_the_index(hand: HandModel, flexion: Array, radius: float) -> SphereTree:
+    """One sphere that touches the pad of the index's distal phalanx from below."""
+    joints = hand.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], flexion, np.zeros(5))[INDEX]
+    u = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
+    below = np.cross(u, [1.0, 0.0, 0.0])
+    below *= -np.sign(below[2]) / np.linalg.norm(below)
+    middle = 0.4 * joints[2] + 0.6 * joints[3]
+    return sphere_tree((middle + (hand.radius[INDEX, 2] + radius) * below)[None], np.array([radius]))
+
+
+def grasp(ticks: int = 400, hold: int = 200) -> Motion:
+    start = still(1, [0.0, -0.045, 0.15])
+    goal = still(1, [0.0, -0.045, 0.052], flexion=CURL)
+    return straight_line(start, goal, ticks).then(still(hold, *(values[0] for values in goal)))
+
+
+@pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
+@pytest.mark.parametrize("radius", [0.003, 0.02, 0.04])
+def test_a_single_contact_converges_to_the_known_optimum(hand: HandModel, radius: float) -> None:
+    # The index bends against one sphere; the palm is free. scipy minimises the coupling over the true distance.
+    free = np.zeros((5, 3))
+    free[INDEX] = [0.2, 0.3, 0.2]
+    bent = free.copy()
+    bent[INDEX] = [0.45, 0.6, 0.4]
+    tree = under_the_index(hand, free, radius)
+    start, goal = still(1, np.zeros(3), flexion=0.7 * free), still(1, np.zeros(3), flexion=bent)
+    record = paper(hand, tree, straight_line(start, goal, 300).then(still(60, *(v[0] for v in goal))))
+    assert not record.status.any()
+    np.testing.assert_array_equal(record.position, 0.0)
+
+    def gap(angles: Array) -> float:
+        posed = bent.copy()
+        posed[INDEX] = angles
+        pairs = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, still(1, np.zeros(3), flexion=posed))
+        return 1e3 * float(pairs[3 * INDEX : 3 * INDEX + 3].min())
+
+    best = MINIMIZE(
+        lambda angles: float(((angles - bent[INDEX]) ** 2).sum()),
+        record.flexion[-1, INDEX] + 1e-3,
+        method="SLSQP",
+        constraints={"type": "ineq", "fun": gap},
+        options={"ftol": 1e-14, "maxiter": 200},
+    )
+    assert best.success
+    assert abs(gap(record.flexion[-1, INDEX])) < 1e-6
+    np.testing.assert_allclose(record.flexion[-1, INDEX], best.x, atol=2e-5)
+    # And on the way, too: a linearisation that looks half a millimetre ahead is good to its second order.
+    assert record_clearance(hand, tree, record).min() > -1e-5
+
+
+def test_a_palm_on_a_ball_converges_to_the_known_optimum() -> None:
+    # Pressed down beside its middle the palm yields and tilts. scipy minimises the paper's objective in Euler angles.
+    centre, radius, stiffness = RIGHT.palm_tree.leaf_center, RIGHT.palm_tree.leaf_radius, SolverOptions().stiffness
+    lowest = int(np.argmin(centre[:, 2] - radius + 0.2 * np.abs(centre[:, 0] - 0.015)))
+    under = centre[lowest] - [0.0, 0.0, radius[lowest] + 0.03]
+    ball = sphere_tree(under[None], np.array([0.02]))
+    flexion = np.full((5, 3), 0.0)
+    pressed = np.array([0.002, 0.0, -0.016])
+    start, goal = still(1, np.zeros(3), flexion=flexion), still(1, pressed, flexion=flexion)
+    record = paper(RIGHT, ball, straight_line(start, goal, 400).then(still(100, *(v[0] for v in goal))))
+    assert not record.status.any()
+
+    def gap(q: Array) -> float:
+        world = q[:3] + centre @ Rotation.from_euler("xyz", q[3:]).as_matrix().T
+        return 1e3 * float((np.linalg.norm(world - under, axis=1) - radius - 0.02).min())
+
+    root = np.sqrt([stiffness.translation] * 3 + [stiffness.rotation] * 3)
+    wanted = np.array([*pressed, 0.0, 0.0, 0.0])
+    turned = Rotation.from_quat(record.orientation[-1], scalar_first=True).as_euler("xyz")
+    reached = np.concatenate([record.position[-1], turned])
+    best = MINIMIZE(
+        lambda z: float(((z - root * wanted) ** 2).sum()),
+        root * (reached + 1e-4),
+        method="SLSQP",
+        constraints={"type": "ineq", "fun": lambda z: gap(z / root)},
+        options={"ftol": 1e-12, "maxiter": 500},
+    )
+    assert best.success
+    assert abs(gap(reached)) < 1e-6
+    assert np.abs(reached[3:]).max() > 1e-3
+    np.testing.assert_allclose(reached, best.x / root, atol=1e-5)
+    assert record_clearance(RIGHT, ball, record).min() > -1e-5
+
+
+def test_a_gentle_grasp_is_that_of_progressive() -> None:
+    motion = grasp()
+    record = paper(RIGHT, BALL, motion)
+    other = HandSolver(RIGHT, BALL.arrays(), SolverOptions(method="progressive")).run(*motion)
+    assert not (record.status & STATUS_STUCK).any()
+    touching = record.work[:, WORK_TOUCHING] > 0
+    assert touching.sum() > 200
+    apart = np.linalg.norm(record.joints - other.joints, axis=-1).max(axis=(1, 2))
+    assert apart.max() < 1e-4
+    assert record_clearance(RIGHT, BALL, record).min() > -1e-5
+
+
+def test_a_tick_is_one_linearisation_unless_more_are_asked_for() -> None:
+    assert (paper(RIGHT, BALL, grasp(50, 10)).work[:, WORK_LINEARISATIONS] == 1).all()
+    assert (paper(RIGHT, BALL, grasp(50, 10), linearisations=3).work[:, WORK_LINEARISATIONS] == 3).all()
+
+
+@pytest.mark.parametrize("force", ["paper", "kkt"])
+def test_the_same_input_gives_the_same_bytes_in_blocks_of_any_size(force: str) -> None:
+    motion = random_targets(RIGHT, 300, 3, sweep=True)
+    whole = paper(RIGHT, BALL, motion, force=force)
+    for size in (300, 7):
+        solver = HandSolver(RIGHT, BALL.arrays(), SolverOptions(method="paper", force=force))
+        blocks = [solver.run(*motion.part(first, first + size)) for first in range(0, 300, size)]
+        for name in set(whole._fields) - TIMINGS:
+            joined = np.concatenate([getattr(block, name) for block in blocks])
+            assert joined.tobytes() == getattr(whole, name).tobytes(), (name, size)
+
+
+def test_a_hand_in_free_space_is_the_haptic_hand() -> None:
+    far = sphere_tree(np.array([[5.0, 0.0, 0.0]]), np.array([0.01]))
+    motion = random_targets(RIGHT, 200, 4, hold=1, sweep=True)
+    record = paper(RIGHT, far, motion)
+    np.testing.assert_allclose(record.position, motion.position, atol=1e-15)
+    np.testing.assert_allclose(np.abs((record.orientation * motion.orientation).sum(axis=1)), 1.0, atol=1e-12)
+    np.testing.assert_array_equal(record.flexion, motion.flexion)
+    np.testing.assert_array_equal(record.abduction, motion.abduction)
+    assert not record.status.any() and not record.work[:, WORK_CANDIDATES].any()
+    assert not record.total.any()
+
+
+def test_random_targets_make_it_penetrate_and_it_says_so() -> None:
+    # The stress of algorithm.md: what the project's own methods stand, this one does not, and the record must show it.
+    record = paper(RIGHT, BALL, random_targets(RIGHT, 3000, 0))
+    clearance = record_clearance(RIGHT, BALL, record)
+    assert clearance.min() < -1e-3
+    assert (record.status & STATUS_STUCK).any()
+    stuck = record.status & STATUS_STUCK > 0
+    assert record.lag[stuck].max() > 0.0 and not record.lag[~stuck].any()
+    assert (record.flexion >= RIGHT.flexion_min - 1e-6).all() and (record.flexion <= RIGHT.flexion_max + 1e-6).all()
+
+
+def slowly(motion: Motion, step: float) -> Motion:
+    """The same targets approached by at most `step` [m] a tick of the palm's position; 5 rad of rotation are 1 m."""
+    rotation = Rotation.from_quat(motion.orientation, scalar_first=True)
+    at = (motion.position[0], rotation[0], motion.flexion[0])
+    ticks = []
+    for i in range(len(motion.position)):
+        way, turn, bend = motion.position[i] - at[0], (rotation[i] * at[1].inv()).as_rotvec(), motion.flexion[i] - at[2]
+        share = step / max(np.linalg.norm(way), 0.2 * np.linalg.norm(turn), 0.1 * np.abs(bend).max(), step)
+        at = (at[0] + share * way, Rotation.from_rotvec(share * turn) * at[1], at[2] + share * bend)
+        ticks.append((at[0], at[1].as_quat(scalar_first=True), at[2]))
+    position, orientation, flexion = (np.array(values) for values in zip(*ticks))
+    return Motion(position, orientation, flexion, motion.abduction)
+
+
+def test_the_palm_drags_fingers_into_the_object_however_slowly_it_moves() -> None:
+    # A tenth of a millimetre a tick is well within Δr. The palm's program does not see the fingers; three joint angles
+    # cannot free a phalanx whose base is carried inside (algorithm.md).
+    motion = slowly(random_targets(RIGHT, 4000, 0, hold=1000), 1e-4)
+    clearance = record_clearance(RIGHT, BALL, paper(RIGHT, BALL, motion))
+    assert clearance[:, 15].min() > -1e-5
+    assert clearance[:, :15].min() < -1e-3
+    safe = HandSolver(RIGHT, BALL.arrays(), SolverOptions(method="progressive")).run(*motion)
+    assert record_clearance(RIGHT, BALL, safe).min() >= -1e-6
+
+
+def test_a_part_that_has_no_solution_stays_until_the_haptic_one_is_free() -> None:
+    # A jump to the middle of a ball is not seen coming. Out again, palm and fingers follow.
+    inside = still(20, [0.0, -0.03, 0.0], flexion=CURL)
+    motion = still(5, [0.0, 0.0, 0.3]).then(inside).then(still(5, [0.0, 0.0, 0.3]))
+    record = paper(RIGHT, BALL, motion)
+    assert (record.status[6:25] & STATUS_STUCK).all()
+    assert not record.status[25:].any()
+    np.testing.assert_array_equal(record.position[25:], motion.position[25:])
+    np.testing.assert_array_equal(record.flexion[25:], motion.flexion[25:])
+
+
+def test_it_begins_where_the_other_methods_do() -> None:
+    motion = still(3, [0.0, -0.045, 0.045], flexion=CURL)
+    record = paper(RIGHT, BALL, motion)
+    assert record.status[0] & STATUS_START_INSIDE
+    assert record_clearance(RIGHT, BALL, record).min() > -1e-4
+    nowhere = motion._replace(position=np.where(np.arange(3)[:, None] == 1, np.nan, motion.position))
+    assert paper(RIGHT, BALL, nowhere).status[1] & STATUS_HELD
+
+
+def test_place_takes_any_configuration_and_its_euler_angles() -> None:
+    solver = HandSolver(RIGHT, BALL.arrays(), SolverOptions(method="paper"))
+    turned = Rotation.from_euler("xyz", [2.0, 1.4, -2.5])
+    solver.place(np.array([0.0, 0.0, 0.2]), turned.as_quat(scalar_first=True), CURL, np.zeros(5))
+    assert solver.paper is not None
+    found = Rotation.from_euler("xyz", solver.paper[0].euler)
+    assert (found * turned.inv()).magnitude() < 1e-12
+
+
+def pressed_on_one_sphere(force: str) -> tuple[TickRecord, Array, int, Array, Array]:
+    """The index held against one sphere: record, haptic flexion, phalanx that touches, contact point, its normal."""
+    free = np.zeros((5, 3))
+    free[INDEX] = [0.2, 0.3, 0.2]
+    bent = free.copy()
+    bent[INDEX] = [0.4, 0.5, 0.3]
+    tree = under_the_index(RIGHT, free, 0.02)
+    start, goal = still(1, np.zeros(3), flexion=0.7 * free), still(1, np.zeros(3), flexion=bent)
+    motion = straight_line(start, goal, 200).then(still(50, *(v[0] for v in goal)))
+    record = paper(RIGHT, tree, motion, force=force)
+    assert record.work[-1, WORK_TOUCHING] == 1
+    phalanx = int(np.argmax(np.linalg.norm(record.phalanx[-1, INDEX], axis=1)))
+    center = tree.leaf_center[0]
+    a, b = record.joints[-1, INDEX, phalanx : phalanx + 2]
+    shares = np.linspace(0.0, 1.0, 200001)
+    axis = a + shares[:, None] * (b - a)
+    size = RIGHT.radius[INDEX, phalanx] + shares * (RIGHT.radius[INDEX, phalanx + 1] - RIGHT.radius[INDEX, phalanx])
+    nearest = int(np.argmin(np.linalg.norm(axis - center, axis=1) - size))
+    normal = (axis[nearest] - center) / np.linalg.norm(axis[nearest] - center)
+    return record, bent, phalanx, axis[nearest] - size[nearest] * normal, normal
+
+
+def flexion_axis(joints: Array) -> Array:
+    axis = np.cross(joints[1] - joints[0], joints[3] - joints[1])
+    return np.asarray(axis / np.linalg.norm(axis))
+
+
+def test_eq_14_is_the_way_from_haptic_to_graphic_contact_point() -> None:
+    record, bent, phalanx, point, normal = pressed_on_one_sphere("paper")
+    joints = record.joints[-1, INDEX]
+    haptic = RIGHT.joints(np.zeros(3), [1.0, 0, 0, 0], bent, np.zeros(5))[INDEX]
+    angle = (bent[INDEX] - record.flexion[-1, INDEX])[: phalanx + 1].sum()
+    same = haptic[phalanx] + Rotation.from_rotvec(angle * flexion_axis(joints)).apply(point - joints[phalanx])
+    size = SolverOptions().stiffness.contact * float(np.linalg.norm(point - same))
+    assert size > 0.1
+    np.testing.assert_allclose(record.phalanx[-1, INDEX, phalanx], size * normal, atol=1e-4 * size)
+
+
+def test_multipliers_balance_the_joints_coupling() -> None:
+    record, bent, phalanx, point, normal = pressed_on_one_sphere("kkt")
+    force, joints = record.phalanx[-1, INDEX, phalanx], record.joints[-1, INDEX]
+    np.testing.assert_allclose(force, np.linalg.norm(force) * normal, atol=1e-4 * float(np.linalg.norm(force)))
+    lever = np.cross(flexion_axis(joints), point - joints[:3])
+    lever[phalanx + 1 :] = 0.0
+    coupling = SolverOptions().stiffness.flexion * (bent[INDEX] - record.flexion[-1, INDEX])
+    assert np.abs(coupling).max() > 1e-3
+    np.testing.assert_allclose(lever @ force, -coupling, atol=1e-4 * float(np.abs(coupling).max()))
+
+
+def test_fingers_that_the_scene_does_not_use_follow_the_users() -> None:
+    motion = grasp()
+    record = paper(RIGHT, BALL, motion, fingers=("thumb", "middle"))
+    np.testing.assert_array_equal(record.flexion[:, [1, 3, 4]], motion.flexion[:, [1, 3, 4]])
+    clearance = record_clearance(RIGHT, BALL, record)
+    assert clearance[:, [0, 1, 2, 6, 7, 8, 15]].min() > -1e-5
+    assert clearance.min() < -1e-3
+    assert not record.phalanx[:, [1, 3, 4]].any()
+
+
+def test_defaults_are_the_papers() -> None:
+    options = SolverOptions(method="paper")
+    assert (options.force, options.margin, options.linearisations) == ("paper", 5e-4, 1)
+    others = SolverOptions()
+    assert (others.force, others.margin, others.linearisations) == ("kkt", 1e-3, 12)
+    assert SolverOptions(method="paper", force="kkt", margin=1e-3).to_json()["force"] == "kkt"
+
+
+def test_what_it_cannot_do_is_refused() -> None:
+    with pytest.raises(InputError, match="active-set"):
+        SolverOptions(method="paper", qp="clarabel")
+    with pytest.raises(UnknownNameError, match="flat"):
+        SolverOptions(method="paper", frustum_ends="flats")
+
+
+def test_more_pairs_than_there_is_room_for_leave_their_part_where_it_was() -> None:
+    tip = RIGHT.joints([0.0, 0.0, 0.4], [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
+    crowd = sphere_tree(np.repeat((tip - [0.0, 0.0, 0.05])[None], 5000, axis=0), np.full(5000, 1e-3))
+    motion = straight_line(still(1, [0.0, 0.0, 0.4]), still(1, [0.0, 0.0, 0.34]), 600)
+    record = paper(RIGHT, crowd, motion)
+    assert (record.status & STATUS_STUCK).any()
+    np.testing.assert_array_equal(record.position, motion.position)

@@ -1,0 +1,175 @@
+"""Constraints of method `paper`: values as the paper prints them, rows against their finite differences."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from sphere_scenes import Motion, cloud, set_pose
+from test_kernel_paper_detection import frustum_excess, frustum_of
+
+from hhsim.hand import HandModel
+from hhsim.kernels.contact import CONTACT_ROWS
+from hhsim.kernels.euler import euler_axes
+from hhsim.kernels.frustum import place_frustum
+from hhsim.kernels.linearise import ROW_CAPACITY
+from hhsim.kernels.paper import finger_program
+from hhsim.kernels.paper_constraints import limit_rows, palm_contacts, palm_rows, phalanx_contacts
+from hhsim.kernels.paper_detection import ON_FRUSTUM, ON_SPHERE, detect
+from hhsim.solver_options import Stiffness
+from hhsim.sphere_tree import SphereTree
+from hhsim.workspace import paper_state, tick_state
+
+Array = NDArray[np.float64]
+
+RIGHT = HandModel.default("right")
+LEFT = HandModel.default("left")
+ROOT = np.sqrt(Stiffness().diagonal())
+GROWTH = 2e-3
+STEP = 1e-6
+"""Of the central differences [m, rad]."""
+ACCURACY = 1e-8
+"""Rounding of a squared distance of 0.1 m over the step; rows are compared as squared distances [m², m²/rad]."""
+
+
+def scene(seed: int, angles: Array) -> tuple[HandModel, SphereTree, Motion, Any, Any]:
+    """A hand at these Euler angles among spheres, its pairs detected; some penetrate, as in the paper's method."""
+    random = np.random.default_rng(seed)
+    hand = RIGHT if seed % 2 else LEFT
+    tree = cloud(random, 150, spread=0.1)
+    at = Motion(
+        random.normal(0.0, 0.03, (1, 3)),
+        Rotation.from_euler("xyz", angles[None]).as_quat(scalar_first=True),
+        random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
+        random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
+    )
+    state, paper = tick_state(ROOT**2)[0], paper_state(True)[0]
+    set_pose(hand, state.pose, at)
+    detect(hand.arrays(), hand.palm_tree.arrays(), tree.arrays(), GROWTH, state, paper)
+    return hand, tree, at, state, paper
+
+
+SEEDS = st.integers(0, 2**32 - 1)
+ANGLES = st.tuples(*[st.floats(-3.1, 3.1)] * 3).map(np.array)
+
+
+@given(SEEDS, ANGLES)
+@settings(max_examples=25)
+def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed: int, angles: Array) -> None:
+    _, _, at, state, _ = scene(seed, angles)
+    candidates, count = state.candidates, int(state.candidates.count[15])
+    axes = np.empty((3, 3))
+    euler_axes(angles, axes)
+    common, rhs, normal = np.empty((6, ROW_CAPACITY)), np.empty(ROW_CAPACITY), np.empty((3, ROW_CAPACITY))
+    palm_rows(candidates, count, state.pose.position, state.pose.rotation, axes, 1.0 / ROOT, common, rhs, normal)
+    hand_center = np.stack([candidates.hand_x, candidates.hand_y, candidates.hand_z], axis=1)[:count]
+    object_center = np.stack([candidates.object_x, candidates.object_y, candidates.object_z], axis=1)[:count]
+    total = candidates.hand_radius[:count] + candidates.object_radius[:count]
+
+    def constraint(q: Array) -> Array:
+        world = q[:3] + hand_center @ Rotation.from_euler("xyz", q[3:]).as_matrix().T
+        return np.asarray(((world - object_center) ** 2).sum(axis=1) - total**2)
+
+    q = np.concatenate([at.position[0], angles])
+    value = constraint(q)
+    np.testing.assert_allclose(-2.0 * total * rhs[:count], value, atol=1e-14)
+    for j, unit in enumerate(np.eye(6)):
+        rate = (constraint(q + STEP * unit) - constraint(q - STEP * unit)) / (2.0 * STEP)
+        np.testing.assert_allclose(2.0 * total * common[j, :count] * ROOT[j], rate, atol=ACCURACY)
+    length = np.linalg.norm(object_center - constraint_centres(q, hand_center), axis=1)
+    np.testing.assert_allclose(np.linalg.norm(normal[:, :count], axis=0), length / total, rtol=1e-12)
+
+
+def constraint_centres(q: Array, hand_center: Array) -> Array:
+    return np.asarray(q[:3] + hand_center @ Rotation.from_euler("xyz", q[3:]).as_matrix().T)
+
+
+@given(SEEDS, ANGLES, st.integers(0, 4))
+@settings(max_examples=40)
+def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: int, angles: Array, f: int) -> None:
+    hand, _, at, state, paper = scene(seed, angles)
+    state.haptic.flexion[f] = at.flexion[0, f] + [0.1, -0.2, 0.3]
+    rows = finger_program(hand.arrays(), f, state, paper)
+    candidates = state.candidates
+
+    def constraints(flexion: Array) -> tuple[Array, Array]:
+        angles = at.flexion[0].copy()
+        angles[f] = flexion
+        joints = hand.joints(at.position[0], at.orientation[0], angles, at.abduction[0])
+        values, sizes = [], []
+        for k in range(3):
+            body, count = 3 * f + k, candidates.count[3 * f + k]
+            center = np.stack([candidates.x[body], candidates.y[body], candidates.z[body]], axis=1)[:count]
+            radius = candidates.radius[body, :count]
+            cone = frustum_of(hand, joints, f, k)
+            excess, along = frustum_excess(cone, center, radius)
+            cosine = np.linalg.norm(cone.e - cone.d) / np.hypot(np.linalg.norm(cone.e - cone.d), cone.r1 - cone.r2)
+            limit = radius / cosine + along * (cone.r1 - cone.r2) + cone.r2
+            total = hand.radius[f, k + 1] + radius
+            apart = np.linalg.norm(center - joints[f, k + 1], axis=1)
+            for i in range(count):
+                if paper.kind[body, i] & ON_FRUSTUM:
+                    values.append((excess[i] + limit[i]) ** 2 - limit[i] ** 2)
+                    sizes.append(2.0 * limit[i] / cosine)
+                if paper.kind[body, i] & ON_SPHERE:
+                    values.append(apart[i] ** 2 - total[i] ** 2)
+                    sizes.append(2.0 * total[i])
+        return np.array(values), np.array(sizes)
+
+    value, size = constraints(at.flexion[0, f])
+    assert rows == len(value)
+    if rows == 0:
+        return
+    np.testing.assert_allclose(-size * state.problem.rhs[:rows], value, atol=1e-13)
+    for j, unit in enumerate(np.eye(3)):
+        ahead, behind = (constraints(at.flexion[0, f] + sign * STEP * unit)[0] for sign in (1.0, -1.0))
+        row = size * state.problem.block[j, :rows] * ROOT[6 + 3 * f + j]
+        np.testing.assert_allclose(row, (ahead - behind) / (2.0 * STEP), atol=ACCURACY)
+    np.testing.assert_allclose(paper.target[:3] / ROOT[6], [0.1, -0.2, 0.3], atol=1e-12)
+
+
+def test_limit_rows_hold_joints_where_they_may_be() -> None:
+    low, high, weight = np.array([-0.3, 0.0, -0.1]), np.array([1.5, 1.7, 1.5]), np.array([1.0, 2.0, 3.0])
+    for flexion in (np.array([0.4, 0.5, 0.6]), np.array([-0.5, 1.9, 0.2])):
+        block, rhs = np.full((3, 6), np.nan), np.full(6, np.nan)
+        limit_rows(flexion, low, high, weight, 0, block, rhs)
+        random = np.random.default_rng(0)
+        for step in random.uniform(-2.0, 2.0, (200, 3)):
+            kept = (block.T @ (step / weight) >= rhs).all()
+            # A joint beyond its limit may stay there.
+            wanted = (flexion + step >= np.minimum(low, flexion)) & (flexion + step <= np.maximum(high, flexion))
+            assert kept == wanted.all()
+
+
+@given(SEEDS, ANGLES)
+@settings(max_examples=25)
+def test_contacts_are_points_on_both_surfaces_with_the_round_cones_distance(seed: int, angles: Array) -> None:
+    # Within their ranges frustum and spheres are the round cone, whose distance is the least over the axis.
+    hand, _, at, state, paper = scene(seed, angles)
+    candidates, contacts = state.candidates, state.contacts
+    count = palm_contacts(candidates, state.pose.position, state.pose.rotation, GROWTH, contacts)
+    assert count == candidates.count[15] <= CONTACT_ROWS
+    joints = hand.joints(at.position[0], at.orientation[0], at.flexion[0], at.abduction[0])
+    for body in range(15):
+        f, k = divmod(body, 3)
+        place_frustum(hand.arrays(), state.pose, f, k, paper.frustum)
+        last = phalanx_contacts(candidates, paper.kind, body, paper.frustum, True, GROWTH, 0, contacts)
+        s = np.linspace(0.0, 1.0, 20001)
+        axis = joints[f, k] + s[:, None] * (joints[f, k + 1] - joints[f, k])
+        size = hand.radius[f, k] + s * (hand.radius[f, k + 1] - hand.radius[f, k])
+        for i in range(last):
+            pair = contacts.key[i]
+            center = np.array([candidates.x[body, pair], candidates.y[body, pair], candidates.z[body, pair]])
+            radius = candidates.radius[body, pair]
+            normal, point, distance = contacts.normal[:, i], contacts.point[:, i], contacts.distance[i]
+            assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-12)
+            np.testing.assert_allclose(point, center + (radius + distance) * normal, atol=1e-12)
+            gaps = np.linalg.norm(axis - center, axis=1) - size - radius
+            # At the very ends a pair may count for the part beside the nearest one, and at the thick end that is the
+            # phalanx before; deeper than its centre a sphere has no one side.
+            share, least = gaps.argmin() / (len(s) - 1), gaps.min()
+            if (0.05 < share < 0.95 and least > -radius) or (share >= 0.95 and abs(least) < 1e-4):
+                assert distance == pytest.approx(least, abs=1e-6)
