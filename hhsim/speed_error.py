@@ -38,6 +38,10 @@ IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 DEFAULT_LEVEL = 4
+USUAL: tuple[int, ...] = (1, 2, 3, 12)
+LINEARISATIONS: dict[str, tuple[int, ...]] = {"paper": (1, 2, 3)}
+"""Most linearisations in a tick that are tried, where they are not `USUAL`: `paper` makes all of them, whatever they
+gain, and one as printed."""
 QP_METHODS = ("coupled", "progressive")
 """The methods whose programs other QP solvers can solve; the first that is run is the one that they do."""
 STRETCH = (100, 50)
@@ -54,7 +58,7 @@ class SpeedErrorOptions:
         motions: Scripts of the catalogue that touch the object.
         methods: Of the solver; None for all.
         levels: Of the sphere tree.
-        linearisations: Most in a tick.
+        linearisations: Most in a tick; None for those of `LINEARISATIONS`.
         backends: Besides our own QP solver; None for all that are installed.
         repetitions: Of every run.
         rate: Ticks per second [Hz].
@@ -65,7 +69,7 @@ class SpeedErrorOptions:
     motions: tuple[str, ...] = ("grasp", "pinch", "whole-hand", "slide")
     methods: tuple[str, ...] | None = None
     levels: tuple[int, ...] = (2, 3, 4, 5)
-    linearisations: tuple[int, ...] = (1, 2, 3, 12)
+    linearisations: tuple[int, ...] | None = None
     backends: tuple[str, ...] | None = None
     repetitions: int = 3
     rate: float = 1000.0
@@ -87,13 +91,14 @@ class SpeedErrorOptions:
                 if name not in known:
                     raise UnknownNameError(kind, name, known)
         for item in ("objects", "motions", "methods", "levels", "linearisations"):
-            if not getattr(self, item):
+            if getattr(self, item) == ():
                 raise InputError(f"{item}: name at least one")
         for level in self.levels:
             if not 1 <= level <= MOST_LEVEL:
                 raise InputError(f"tree level {level}, expected 1 to {MOST_LEVEL}")
-        if min(self.linearisations) < 1:
-            raise InputError(f"linearisations is {min(self.linearisations)}: a tick needs at least 1")
+        least = min(self.linearisations or (1,))
+        if least < 1:
+            raise InputError(f"linearisations is {least}: a tick needs at least 1")
         if self.repetitions < 1:
             raise InputError(f"{self.repetitions} repetitions: at least 1 is needed")
         for motion in self.motions:
@@ -196,7 +201,7 @@ def configurations(options: SpeedErrorOptions) -> list[Configuration]:
         Configuration(method, level, most)
         for method in options.methods or ()
         for level in options.levels
-        for most in options.linearisations
+        for most in options.linearisations or LINEARISATIONS.get(method, USUAL)
     ]
 
 

@@ -52,7 +52,10 @@ def test_every_method_is_run_with_every_level_and_number_once() -> None:
     options = replace(SMALL, methods=tuple(METHODS), levels=(3, 4), linearisations=(1, 2, 12))
     found = configurations(options)
     assert len(found) == len(set(found)) == 6 * len(METHODS)
+    usually = configurations(replace(options, linearisations=None))
     for method in METHODS:
+        assert {c.linearisations for c in usually if c.method == method} >= {1, 2, 3}
+        assert sum(c.is_default for c in usually if c.method == method) == 1
         (usual,) = [c for c in found if c.method == method and c.is_default]
         assert usual.solver_options() == SolverOptions(method=method)
 
