@@ -108,9 +108,7 @@ class SpeedErrorOptions:
     @classmethod
     def quick(cls) -> "SpeedErrorOptions":
         """About a minute."""
-        return cls(
-            objects=("bunny",), motions=("grasp", "slide"), levels=(3, 4, 5), linearisations=(1, 12), backends=()
-        )
+        return cls(objects=("bunny",), motions=("grasp", "slide"), levels=(3, 4, 5), backends=())
 
     def to_json(self) -> dict[str, Any]:
         """All options as plain values."""

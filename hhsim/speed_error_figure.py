@@ -114,7 +114,7 @@ def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
     names = list(dict.fromkeys(row["object"] for row in rows if row["object"] != ALL))
     # Objects that the peers were measured on say the most.
     shown = sorted(names, key=lambda name: (len(PEERS.get(name, ())) < 2, names.index(name)))[:2]
-    figure = Figure(figsize=(6.4 * (len(shown) + 1), 8.4), dpi=100, facecolor="white")
+    figure = Figure(figsize=(19.2, 8.4), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(shown) + 1, squeeze=False)[0]
     for axes, name in zip(panels, shown):
@@ -124,7 +124,8 @@ def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
         axes.set_title(f"{name}: off the true mesh [mm]", fontsize=15, loc="left")
     last = panels[-1]
     _draw_panel(last, chosen(rows, object=ALL, motion=ALL), "off_finest_mean", "tracking_frontier")
-    last.set_title("all objects: off the best pose [mm]", fontsize=15, loc="left")
+    whose = "all objects" if len(names) > 1 else names[0]
+    last.set_title(f"{whose}: off the best pose [mm]", fontsize=15, loc="left")
     _draw_legend(figure, chosen(rows, object=ALL, motion=ALL))
     figure.text(
         0.012,

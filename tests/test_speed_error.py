@@ -251,7 +251,7 @@ def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) ->
 
     rows = table_rows(small)
     draw_speed_error(tmp_path / "small.png", rows)
-    assert matplotlib.image.imread(tmp_path / "small.png").shape[:2] == (840, 1280)
+    assert matplotlib.image.imread(tmp_path / "small.png").shape[:2] == (840, 1920)
     for row in rows:
         row["mesh_error"] = np.nan
         row["off_finest_mean"] = 0.0
