@@ -1,0 +1,192 @@
+"""`hhsim bench hard`: every hard case, for every method; no case can end the bench."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hhsim.errors import HhsimError
+from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
+from hhsim.hard_judge import (
+    common_figures,
+    count_nonfinite,
+    limit_excess,
+    shown_points,
+    unexplained_stuck,
+    worst_penetration,
+)
+from hhsim.haptic_motion import HapticMotion
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+
+Progress = Callable[[str, int, int], None]
+
+GUARANTEED = ("coupled", "progressive")
+"""The methods that promise to pass; the others are measured to show by how much they do not."""
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """How one method did in one case.
+
+    Attributes:
+        case, method: Their names.
+        figures: All of them, the common ones first; empty where an exception ended the case.
+        reason: Why it failed where no figure says it: the exception, or the refusal; empty otherwise.
+        refused: The method refused the scene with a clear message, which is in `reason`.
+        may_refuse: In this case that is as good as a sound motion.
+        ticks: Ticks done in all runs.
+        stuck, unexplained, lagging: Of those, ticks with these bits.
+        lag: Most distance still to go [m].
+    """
+
+    case: str
+    method: str
+    figures: tuple[Figure, ...]
+    reason: str = ""
+    refused: bool = False
+    may_refuse: bool = False
+    ticks: int = 0
+    stuck: int = 0
+    unexplained: int = 0
+    lagging: int = 0
+    lag: float = 0.0
+
+    @property
+    def passed(self) -> bool:
+        """Whether every bar was kept."""
+        if self.refused:
+            return self.may_refuse
+        return bool(self.figures) and all(figure.passed for figure in self.figures)
+
+    @property
+    def penetration(self) -> float:
+        """Worst penetration [m]; NaN where the case ended before it was known."""
+        return self.figures[0].value if self.figures else float("nan")
+
+    @property
+    def deciding(self) -> Figure | None:
+        """The figure that failed by most, or came nearest to its bar; penetration only where nothing else is there."""
+        return max(self.figures[1:], key=_strain, default=None)
+
+
+def _strain(figure: Figure) -> float:
+    # How much of the bar is used up; what must be zero, and is, uses up nothing.
+    if np.isnan(figure.value):
+        return float("inf")
+    used, allowed = (figure.bar, figure.value) if figure.at_least else (figure.value, figure.bar)
+    return used / allowed if allowed > 0.0 else float("inf") if used > 0.0 else 0.0
+
+
+def bench_hard(
+    cases: Sequence[HardCase], methods: Sequence[str], seed: int = 0, progress: Progress | None = None
+) -> list[CaseResult]:
+    """Run every case with every method.
+
+    Args:
+        cases: From `hard_cases.hard_cases`.
+        methods: Names of `solver_options.METHODS`.
+        seed: Of everything random in the scenes.
+        progress: Called with the case, the runs done and all runs.
+    """
+    results = []
+    for number, case in enumerate(cases):
+        if progress is not None:
+            progress(case.name, number * len(methods), len(cases) * len(methods))
+        try:
+            runs = case.build(seed)
+        except Exception as error:  # a scene that cannot be built is a fault of the bench, told as one
+            results += [CaseResult(case.name, method, (), reason=_told(error)) for method in methods]
+            continue
+        for i, method in enumerate(methods):
+            results.append(judge_case(case, runs, SolverOptions(method=method)))
+            if progress is not None:
+                progress(case.name, number * len(methods) + i + 1, len(cases) * len(methods))
+    return results
+
+
+def judge_case(case: HardCase, runs: Sequence[HardRun], options: SolverOptions) -> CaseResult:
+    """One case with one method; an exception, whatever it is, becomes a failure that names it."""
+    try:
+        outcomes = [run_scene(run, options) for run in runs]
+        refusals = [outcome.refusal for outcome in outcomes if outcome.refusal]
+        sound = [outcome for outcome in outcomes if not outcome.refusal]
+        figures = [*common_figures(sound)] if sound else []
+        figures += case.judge(outcomes) if not refusals else ()
+    except Exception as error:
+        return CaseResult(case.name, options.method, (), reason=_told(error))
+    return CaseResult(
+        case=case.name,
+        method=options.method,
+        figures=tuple(figures),
+        reason=refusals[0] if refusals else "",
+        refused=bool(refusals),
+        may_refuse=case.may_refuse and all(figure.passed for figure in figures),
+        ticks=sum(outcome.ticks_done for outcome in outcomes),
+        stuck=sum(outcome.stuck for outcome in outcomes),
+        unexplained=sum(outcome.unexplained for outcome in outcomes),
+        lagging=sum(outcome.lagging for outcome in outcomes),
+        lag=max(outcome.lag for outcome in outcomes),
+    )
+
+
+def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
+    """Run a scene from its first tick, and measure what is judged of every case alike."""
+    adapted = run.adapt(options)
+    tree = run.tree.arrays()
+    solver = HandSolver(run.hand, tree, adapted)
+    outcome = Outcome(run, adapted, None)
+    marked, memory = [], []
+    try:
+        if run.lead is not None:
+            outcome = _counted(outcome, run.lead, solver.run(*run.lead))
+        for _ in range(run.repeats):
+            record = solver.run(*run.motion)
+            outcome = _counted(outcome, run.motion, record)
+            marked.append(shown_points(record)[list(run.marks)])
+            memory.append(resident_memory())
+    except HhsimError as error:
+        return replace(outcome, record=None, refusal=str(error))
+    return replace(outcome, marked=np.array(marked), memory=np.array(memory, dtype=np.float64))
+
+
+def _counted(outcome: Outcome, motion: HapticMotion, record: TickRecord) -> Outcome:
+    run, tree = outcome.run, outcome.run.tree.arrays()
+    lagging = (record.status & STATUS_LAG) > 0
+    return replace(
+        outcome,
+        record=record,
+        ticks_done=outcome.ticks_done + motion.ticks,
+        # np.maximum, unlike max, keeps a NaN whichever side it is on.
+        penetration=float(np.maximum(outcome.penetration, worst_penetration(run.hand, tree, record))),
+        nonfinite=outcome.nonfinite + count_nonfinite(record),
+        limit_excess=float(np.maximum(outcome.limit_excess, limit_excess(run.hand, record))),
+        stuck=outcome.stuck + int(((record.status & STATUS_STUCK) > 0).sum()),
+        unexplained=outcome.unexplained + unexplained_stuck(run.hand, tree, outcome.options, motion, record),
+        lagging=outcome.lagging + int(lagging.sum()),
+        lag=float(np.maximum(outcome.lag, record.lag.max(initial=0.0))),
+    )
+
+
+def resident_memory() -> float:
+    """Memory of this process that is resident now [B]; its largest so far where the system does not tell."""
+    try:
+        with open("/proc/self/statm", encoding="ascii") as file:
+            return float(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        import resource
+
+        return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def missed(results: Sequence[CaseResult]) -> list[CaseResult]:
+    """Results of the methods that promise to pass, and did not."""
+    return [result for result in results if result.method in GUARANTEED and not result.passed]
+
+
+def _told(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
+

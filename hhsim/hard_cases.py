@@ -1,0 +1,28 @@
+"""The catalogue of hard cases."""
+
+from hhsim.errors import UnknownNameError
+from hhsim.hard_case import HardCase
+from hhsim.hard_contact_cases import CONTACT_CASES
+from hhsim.hard_input_cases import INPUT_CASES
+from hhsim.hard_invariance_cases import INVARIANCE_CASES, endurance_case
+
+ENDURANCE_TICKS = 20_000
+"""Of the closed loops, where nothing else is said; ten minutes at 1 kHz are 600,000."""
+
+
+def hard_cases(names: tuple[str, ...] = (), ticks: int = ENDURANCE_TICKS) -> tuple[HardCase, ...]:
+    """The cases of these names in the catalogue's order, all of them for none.
+
+    Args:
+        names: kebab-case.
+        ticks: How long the case `endurance` is.
+
+    Raises:
+        UnknownNameError: No case of that name; the message lists the near ones.
+    """
+    cases = (*INPUT_CASES, *CONTACT_CASES, *INVARIANCE_CASES, endurance_case(ticks))
+    known = [case.name for case in cases]
+    for name in names:
+        if name not in known:
+            raise UnknownNameError("hard case", name, known)
+    return tuple(case for case in cases if not names or case.name in names)

@@ -1,0 +1,293 @@
+"""Hard input: far and sudden commands, samples that are wrong, rotations that lock."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand import HandModel
+from hhsim.haptic_motion import (
+    HapticMotion,
+    joined,
+    quaternion,
+    quaternion_product,
+    rotation_matrix,
+    still,
+)
+from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
+from hhsim.hard_judge import held, least_clearance, newest_sound_sample, shown_points
+from hhsim.hard_objects import BALL_RADIUS, ball, disc, plate, right_hand, tree_of, usual_ball
+from hhsim.hard_postures import HALF, POINTING, crossings, handling, tip_at
+from hhsim.metrics import frozen_decay
+
+Array = NDArray[np.float64]
+
+TOUCHING = 1e-5
+"""A hand this near [m] touches."""
+REST = 20
+"""Ticks after which the force of a frozen input must be still, as for every replay."""
+
+LEAF_RADIUS = 0.045
+RIM = 0.01
+"""A point that passes this far within the rim [m] has gone through the leaf and not around it."""
+
+
+def _deep(seed: int) -> Sequence[HardRun]:
+    above = still((0.0, -0.03, 0.21), flexion=HALF)
+    deep = still((0.0, -0.03, 0.02), flexion=HALF)
+    return [HardRun("ball of 120 mm", right_hand(), ball(4000, 0.12), above.line(deep, 190).hold(150))]
+
+
+def _judge_deep(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    outcome = outcomes[0]
+    record = outcome.ticks
+    last = type(record)(*(values[-1:] for values in record))
+    gap = least_clearance(outcome.run.hand, outcome.run.tree.arrays(), last, 1.0)[0]
+    still_after = frozen_decay(record.total[190:])
+    return [
+        Figure("gap to the surface at the end", gap, TOUCHING, "m"),
+        Figure("palm above the ball's middle at the end", record.position[-1, 2], 0.1, "m", at_least=True),
+        Figure("ticks to rest", np.inf if still_after is None else still_after, REST),
+    ]
+
+
+def _swipe(seed: int) -> Sequence[HardRun]:
+    hand, leaf = right_hand(), disc(LEAF_RADIUS, 0.8e-3, 1e-3)
+    upright = quaternion(np.zeros(3))
+    tilted = quaternion(np.array([0.5, 0.3, 0.2]))
+
+    def run(name: str, direction: tuple[float, float, float], orientation: Array, finger: bool) -> HardRun:
+        way = 0.1 * np.array(direction) / np.linalg.norm(direction)
+        flexion = POINTING if finger else HALF
+        middle = tip_at(hand, np.zeros(3), orientation, flexion) if finger else np.zeros(3)
+        start, end = (still(middle + side * way, orientation, flexion) for side in (-1.0, 1.0))
+        # 0.2 m in 40 ticks of 1 ms.
+        return HardRun(name, hand, leaf, start.hold(4).line(end, 40).hold(40))
+
+    return [
+        run("fingertip", (0.0, 0.0, -1.0), upright, True),
+        run("fingertip from below", (0.0, 0.0, 1.0), upright, True),
+        run("fingertip, slanting", (0.6, 0.3, -0.8), tilted, True),
+        run("edge-on", (0.0, 1.0, -0.05), upright, True),
+        run("whole hand", (0.0, 0.0, -1.0), upright, False),
+        run("back of the hand", (0.0, 0.1, 1.0), tilted, False),
+    ]
+
+
+def _judge_swipe(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    through = sum(crossings(shown_points(outcome.ticks), LEAF_RADIUS - RIM) for outcome in outcomes)
+    return [Figure("points of the hand that went through the leaf", through, 0)]
+
+
+WALL = 0.16
+
+
+def _wall_tree(spacing: float = 3e-3, radius: float = 2.3e-3) -> Array:
+    return plate(2.0 * WALL, 2.0 * WALL, spacing, radius)
+
+
+def _teleport(seed: int) -> Sequence[HardRun]:
+    hand = right_hand()
+    random = np.random.default_rng([seed, 1])
+    turned = quaternion(np.array([0.4, 0.3, 0.1]))
+    wall = tree_of(_wall_tree(), 2.3e-3)
+    jumps = [still((0.0, 0.0, 0.3), flexion=HALF)]
+    for _ in range(25):
+        direction = random.normal(size=3)
+        step = 0.5 * direction / np.linalg.norm(direction)
+        jumps.append(still(0.5 * step * random.choice([-1.0, 1.0]), quaternion(random.normal(0.0, 0.5, 3)), HALF, 0.0, 30))
+    air = still((0.0, 0.0, 0.4)).hold(4)
+    return [
+        HardRun("through air", hand, usual_ball(), joined(air, still((0.5, 0.0, 0.4)), still((0.5, -0.5, 0.4)))),
+        HardRun(
+            "across a ball",
+            hand,
+            usual_ball(),
+            joined(still((0.0, -0.03, 0.25), flexion=HALF, ticks=5), still((0.0, -0.03, -0.25), flexion=HALF, ticks=200)),
+        ),
+        HardRun(
+            "across a wall",
+            hand,
+            wall,
+            joined(still((0.0, 0.0, 0.25), turned, HALF, 0.0, 5), still((0.0, 0.0, -0.25), turned, HALF, 0.0, 100)),
+        ),
+        HardRun("to and fro", hand, usual_ball(), joined(*jumps)),
+    ]
+
+
+def _judge_teleport(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    air, _, wall, _ = (outcome.ticks for outcome in outcomes)
+    wanted = outcomes[0].run.motion.position
+    return [
+        Figure("way left in the tick of a jump through air", float(np.abs(air.position - wanted)[5:].max()), 1e-9, "m"),
+        Figure("points of the hand that went through the wall", crossings(shown_points(wall), WALL - RIM), 0),
+    ]
+
+
+def _wall(seed: int) -> Sequence[HardRun]:
+    # 1 mm thick: a tenth of what the palm is, and less than the longest step of a tick at 2 m/s.
+    wall = tree_of(_wall_tree(1.7e-3, 0.5e-3)[:: 1], 0.5e-3) if False else disc(0.1, 1.6e-3, 1e-3)
+    above = still((0.0, 0.0, 0.1), flexion=HALF)
+    runs = []
+    for name, orientation in (("flat", quaternion(np.zeros(3))), ("tilted", quaternion(np.array([0.3, -0.4, 0.0])))):
+        start = above._replace(orientation=orientation[None])
+        runs.append(HardRun(name, right_hand(), wall, start.line(start._replace(position=np.array([[0.0, 0.0, -0.15]])), 300).hold(150)))
+    return runs
+
+
+def _judge_wall(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    through = sum(crossings(shown_points(outcome.ticks), 0.1 - RIM) for outcome in outcomes)
+    return [Figure("points of the hand that went through the wall", through, 0)]
+
+
+def _bad_samples(seed: int) -> Sequence[HardRun]:
+    random = np.random.default_rng([seed, 2])
+    clean = handling(800)
+    dirty = HapticMotion(*(values.copy() for values in clean))
+    channels = [values.reshape(clean.ticks, -1) for values in dirty]
+    bad = np.flatnonzero(random.random(clean.ticks) < 0.2)
+    # A burst besides: 60 samples that never came, while the hand moves on.
+    bad = np.union1d(bad[bad > 0], np.arange(400, 460))
+    for tick in bad:
+        channel = channels[random.integers(4)][tick]
+        kind = random.integers(5)
+        if kind == 0:
+            channel[random.integers(len(channel))] = np.nan
+        elif kind == 1:
+            channel[random.integers(len(channel))] = random.choice([np.inf, -np.inf])
+        elif kind == 2:
+            channel[random.integers(len(channel))] = random.choice([1e200, -1e7])
+        elif kind == 3:
+            channels[1][tick] = 0.0
+        else:
+            for values in channels:
+                values[tick] = np.nan
+    late = HapticMotion(*(values.copy() for values in clean))
+    for values in late:
+        values[:7] = np.nan
+    known = newest_sound_sample(dirty)
+    repeated = HapticMotion(*(values[known] for values in clean))
+    first = HapticMotion(*(values[np.maximum(np.arange(clean.ticks), 7)] for values in clean))
+    hand, tree = right_hand(), usual_ball()
+    return [
+        HardRun("a fifth is bad", hand, tree, dirty),
+        HardRun("the last good one repeated", hand, tree, repeated),
+        HardRun("none at first", hand, tree, late),
+        HardRun("the first one from the start", hand, tree, first),
+    ]
+
+
+def _judge_bad_samples(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    dirty, repeated, late, first = (outcome.ticks for outcome in outcomes)
+    sound = newest_sound_sample(outcomes[0].run.motion) == np.arange(len(dirty.status))
+    differing = int((held(dirty) == sound).sum()) + int((held(late) != (np.arange(len(late.status)) < 7)).sum())
+    return [
+        Figure("difference to the last good sample repeated", motion_difference(dirty, repeated), 0.0, "m"),
+        Figure("difference to a hand that waits for its first sample", motion_difference(late, first), 0.0, "m"),
+        Figure("samples not told good from bad", differing, 0),
+    ]
+
+
+def motion_difference(first: object, second: object, scale: float = 1.0) -> float:
+    """How far a joint or the palm of one record is from the other's at most [m], the first divided by `scale`."""
+    a, b = shown_points(first), shown_points(second)  # type: ignore[arg-type]
+    return float(np.linalg.norm(a / scale - b, axis=-1).max())
+
+
+def _flips(seed: int) -> Sequence[HardRun]:
+    random = np.random.default_rng([seed, 3])
+    plain = handling(700)
+    sign = random.choice([-1.0, 1.0], (plain.ticks, 1))
+    flipped = plain._replace(orientation=sign * plain.orientation)
+    longer = plain._replace(orientation=sign * random.uniform(0.5, 2.0, (plain.ticks, 1)) * plain.orientation)
+    hand, tree = right_hand(), usual_ball()
+    return [
+        HardRun("as it is", hand, tree, plain),
+        HardRun("signs flipped", hand, tree, flipped),
+        HardRun("signs flipped, not of unit length", hand, tree, longer),
+    ]
+
+
+def _judge_flips(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    plain, flipped, longer = (outcome.ticks for outcome in outcomes)
+    return [
+        Figure("difference to the unflipped input", motion_difference(flipped, plain), 0.0, "m"),
+        # Dividing by the length rounds, and that is all.
+        Figure("difference where the length is not 1", motion_difference(longer, plain), 1e-9, "m"),
+    ]
+
+
+def _locked(seed: int) -> Sequence[HardRun]:
+    hand, tree = right_hand(), usual_ball()
+    motion = handling(700)
+    runs = [HardRun("upright", hand, tree, motion)]
+    for name, angle in (("β = 90°", 0.5 * np.pi), ("β = -90°", -0.5 * np.pi)):
+        turn = quaternion(np.array([0.0, angle, 0.0]))
+        matrix = rotation_matrix(turn)
+        turned = motion._replace(
+            position=motion.position @ matrix.T, orientation=quaternion_product(turn, motion.orientation)
+        )
+        runs.append(HardRun(name, hand, tree.transformed(matrix, np.zeros(3)), turned))
+    return runs
+
+
+def _judge_locked(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    upright = shown_points(outcomes[0].ticks)
+    figures = []
+    for outcome, angle in zip(outcomes[1:], (0.5 * np.pi, -0.5 * np.pi), strict=True):
+        matrix = rotation_matrix(quaternion(np.array([0.0, angle, 0.0])))
+        away = np.linalg.norm(shown_points(outcome.ticks) @ matrix - upright, axis=-1).max()
+        figures.append(Figure(f"difference to the upright scene, {outcome.run.name}", float(away), 1e-6, "m"))
+    return figures
+
+
+def _turns(seed: int) -> Sequence[HardRun]:
+    hand, tree = right_hand(), usual_ball()
+    touching = still((0.0, -0.045, 0.055), flexion=np.full((5, 3), 0.5))
+    start = still((0.0, -0.045, 0.12), flexion=HALF).line(touching, 80).hold(20)
+    runs = []
+    for name, angle in (("90°", 0.5 * np.pi), ("180°", np.pi)):
+        motion = start
+        for axis in np.concatenate([np.eye(3), -np.eye(3)]):
+            turned = touching._replace(orientation=quaternion_product(quaternion(angle * axis), touching.orientation))
+            motion = joined(motion, turned).hold(59)
+            motion = joined(motion, touching).hold(59)
+        runs.append(HardRun(name, hand, tree, motion))
+    return runs
+
+
+def _never(seed: int) -> Sequence[HardRun]:
+    random = np.random.default_rng([seed, 4])
+    ticks = 2000
+    time = np.linspace(0.0, 1.0, ticks)[:, None]
+    phase = random.uniform(0.0, 2.0 * np.pi, (1, 3))
+    motion = still((0.0, 0.0, 0.45), flexion=HALF, ticks=ticks)
+    motion.position[:] += 0.1 * np.sin(2.0 * np.pi * time * [1.0, 2.0, 3.0] + phase)
+    motion.orientation[:] = quaternion(1.2 * np.sin(2.0 * np.pi * time * [2.0, 1.0, 3.0] + phase))
+    return [HardRun("half a metre away", right_hand(), usual_ball(), motion)]
+
+
+def _judge_never(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    record = outcomes[0].ticks
+    work = record.work[1:].mean(axis=0)
+    wanted = outcomes[0].run.motion.position
+    return [
+        Figure("way left", float(np.abs(record.position - wanted).max()), 1e-12, "m"),
+        Figure("pairs tested a tick", float(work[1]), 0),
+        # Sixteen bodies that each ask the root once would be 16.
+        Figure("tree nodes tested a tick, mean", float(work[0]), 1.0),
+        Figure("QP iterations a tick", float(work[4]), 0),
+    ]
+
+
+INPUT_CASES = (
+    HardCase("deep-command", "the haptic hand 100 mm inside a ball, and held there", _deep, _judge_deep),
+    HardCase("fast-swipe", "5 m/s through a leaf 1 mm thick, six ways", _swipe, _judge_swipe),
+    HardCase("teleport", "jumps of 0.5 m: through air, across a ball and a wall", _teleport, _judge_teleport),
+    HardCase("palm-through-wall", "the palm commanded 150 mm behind a wall 1 mm thick", _wall, _judge_wall),
+    HardCase("bad-samples", "NaN, Inf, absurd, dropped and repeated samples", _bad_samples, _judge_bad_samples),
+    HardCase("quaternion-flips", "quaternions that change their sign and length", _flips, _judge_flips),
+    HardCase("gimbal-lock", "the same scene turned to β = ±90°", _locked, _judge_locked),
+    HardCase("sudden-turns", "the hand turned by 90° and 180° in one sample, while it touches", _turns),
+    HardCase("never-touches", "a hand far from the object: a tick must cost next to nothing", _never, _judge_never),
+)

@@ -1,0 +1,98 @@
+"""Objects made of spheres by formula, for scenes that no mesh of the catalogue has: leaves, walls, rings, ridges."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.hand import HandModel
+from hhsim.mesh import Mesh
+from hhsim.sphere_tree import SphereTree
+from hhsim.tree_builder import build_hierarchy
+
+Array = NDArray[np.float64]
+
+BRANCHING = 8
+
+BALL_RADIUS = 0.038
+"""Of the ball that most scenes have [m]: a hand reaches around it."""
+
+
+@cache
+def right_hand() -> HandModel:
+    """The hand of every scene that says nothing else."""
+    return HandModel.default()
+
+
+@cache
+def usual_ball() -> SphereTree:
+    """1,200 spheres, `BALL_RADIUS`."""
+    return ball(1200, BALL_RADIUS)
+
+
+def tree_of(center: ArrayLike, radius: ArrayLike) -> SphereTree:
+    """A tree over these spheres as leaves, shapes (n, 3) and (n,) or one radius for all [m]."""
+    points = np.asarray(center, np.float64).reshape(-1, 3)
+    radii = np.broadcast_to(np.asarray(radius, np.float64), len(points))
+    level = 1
+    while BRANCHING**level < len(points):
+        level += 1
+    return build_hierarchy(points, radii, level, BRANCHING)
+
+
+def ball(leaves: int, radius: float) -> SphereTree:
+    """A ball about the origin whose surface is made of overlapping spheres on a Fibonacci lattice [m]."""
+    index = np.arange(leaves) + 0.5
+    polar, turn = np.arccos(1.0 - 2.0 * index / leaves), np.pi * (1.0 + 5.0**0.5) * index
+    direction = np.stack([np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)], axis=1)
+    # Neighbours on the lattice are about √(4π/n) apart; spheres of 0.8 of that leave no hole.
+    size = 0.8 * radius * math.sqrt(4.0 * math.pi / leaves)
+    return tree_of((radius - size) * direction, size)
+
+
+def disc(radius: float, spacing: float, thickness: float) -> SphereTree:
+    """A round leaf in the plane z = 0 about the origin, of spheres on a triangular lattice [m]."""
+    return tree_of(_disc_points(radius, spacing), 0.5 * thickness)
+
+
+def _disc_points(radius: float, spacing: float) -> Array:
+    count = math.ceil(2.0 * radius / spacing)
+    i, j = (axis.ravel() for axis in np.meshgrid(np.arange(-count, count + 1), np.arange(-count, count + 1)))
+    points = np.stack([spacing * (i + 0.5 * j), spacing * (math.sqrt(0.75) * j), np.zeros(i.size)], axis=1)
+    return points[np.linalg.norm(points, axis=1) <= radius]
+
+
+def plate(width: float, depth: float, spacing: float, radius: float) -> Array:
+    """Centres of a rectangular plate's spheres in the plane z = 0 about the origin [m], shape (n, 3)."""
+    x = np.arange(-0.5 * width, 0.5 * width + 0.5 * spacing, spacing)
+    y = np.arange(-0.5 * depth, 0.5 * depth + 0.5 * spacing, spacing)
+    grid = np.stack(np.meshgrid(x, y, [-radius], indexing="ij"), axis=-1)
+    return grid.reshape(-1, 3)
+
+
+def ring(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e-3, spheres: int = 60) -> SphereTree:
+    """A ring of round profile about an axis [m]: `inner` is the radius of the hole, `thickness` of the profile."""
+    u = np.asarray(axis, np.float64)
+    u = u / np.linalg.norm(u)
+    v = np.cross(u, [1.0, 0.0, 0.0] if abs(u[0]) < 0.7 else [0.0, 0.0, 1.0])
+    v /= np.linalg.norm(v)
+    turn = np.linspace(0.0, 2.0 * np.pi, spheres, endpoint=False)[:, None]
+    around = np.cos(turn) * v + np.sin(turn) * np.cross(u, v)
+    return tree_of(np.asarray(center, np.float64) + (inner + thickness) * around, thickness)
+
+
+def scaled_hand(hand: HandModel, factor: float) -> HandModel:
+    """The hand with every length times `factor`, also where no person has such a hand."""
+    mesh = hand.palm_mesh
+    return replace(
+        hand,
+        hand_length=hand.hand_length * factor,
+        hand_breadth=hand.hand_breadth * factor,
+        base=hand.base * factor,
+        length=hand.length * factor,
+        radius=hand.radius * factor,
+        palm_mesh=Mesh(mesh.vertices * factor, mesh.faces, name=mesh.name, source=f"{mesh.source}, times {factor:g}"),
+        palm_tree=hand.palm_tree.scaled(factor),
+    )
