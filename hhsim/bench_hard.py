@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hhsim.errors import HhsimError
+from hhsim.haptic_motion import HapticMotion
 from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
 from hhsim.hard_judge import (
     common_figures,
@@ -16,7 +17,6 @@ from hhsim.hard_judge import (
     unexplained_stuck,
     worst_penetration,
 )
-from hhsim.haptic_motion import HapticMotion
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
 from hhsim.solver import HandSolver
@@ -189,4 +189,3 @@ def missed(results: Sequence[CaseResult]) -> list[CaseResult]:
 
 def _told(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
-

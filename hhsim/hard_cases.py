@@ -3,8 +3,9 @@
 from hhsim.errors import UnknownNameError
 from hhsim.hard_case import HardCase
 from hhsim.hard_contact_cases import CONTACT_CASES
+from hhsim.hard_endurance import endurance_case
 from hhsim.hard_input_cases import INPUT_CASES
-from hhsim.hard_invariance_cases import INVARIANCE_CASES, endurance_case
+from hhsim.hard_invariance_cases import INVARIANCE_CASES
 
 ENDURANCE_TICKS = 20_000
 """Of the closed loops, where nothing else is said; ten minutes at 1 kHz are 600,000."""

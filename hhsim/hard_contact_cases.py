@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_judge import least_clearance
-from hhsim.hard_objects import BALL_RADIUS, ball, plate, right_hand, ring, tree_of, usual_ball
-from hhsim.hard_postures import CURLED, FIST, HALF, INDEX, POINTING, handling, threaded, tip_at
 from hhsim.haptic_motion import HapticMotion, joined, quaternion, random_targets, still
+from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
+from hhsim.hard_judge import least_clearance, pose_clearance
+from hhsim.hard_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
+from hhsim.hard_postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.tick_state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES
 from hhsim.metrics import frozen_decay
@@ -40,9 +40,7 @@ def _handle(seed: int) -> Sequence[HardRun]:
     outside = inside._replace(position=inside.position - 0.12 * axis)
     motion = outside.hold(4).line(inside, 115).hold(5)
     for _ in range(30):
-        target = still(
-            random.normal(0.0, 0.004, 3), quaternion(random.normal(0.0, 0.05, 3)), POINTING
-        )
+        target = still(random.normal(0.0, 0.004, 3), quaternion(random.normal(0.0, 0.05, 3)), POINTING)
         target.flexion[0, INDEX] = random.uniform(0.0, [0.2, 0.8, 0.8])
         motion = joined(motion, target).hold(19)
     motion = motion.line(inside, 40).line(inside._replace(position=0.03 * axis[None]), 60).hold(40)
@@ -135,14 +133,17 @@ def _inside(seed: int) -> Sequence[HardRun]:
     hand, tree = right_hand(), usual_ball()
     out = still((0.0, 0.0, 0.3), flexion=HALF)
     tip = tip_at(hand, np.array([0.0, 0.0, BALL_RADIUS - 0.01]), quaternion(np.zeros(3)), POINTING)
+    wall = tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3)
     runs = []
-    for name, start, thing in (
-        ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), tree),
-        ("fingertip 10 mm in", still(tip, flexion=POINTING), tree),
-        ("ball in a closed fist", still(np.zeros(3), flexion=FIST), _fist_ball(0.02)),
-        ("palm in a wall", still((0.0, 0.0, 0.0), flexion=HALF), tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3)),
+    for name, start, thing, end in (
+        ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), tree, out),
+        ("fingertip 10 mm in", still(tip, flexion=POINTING), tree, out),
+        ("ball in a closed fist", still(np.zeros(3), flexion=FIST), _fist_ball(0.02), out),
+        # Whichever side of the wall the hand starts on, the way along it is free.
+        ("palm in a wall", still((0.0, 0.0, 0.0), flexion=HALF), wall, still((0.5, 0.0, 0.0), flexion=HALF)),
     ):
-        runs.append(HardRun(name, hand, thing, start.hold(99).line(out, 300).hold(20)))
+        opened = start._replace(flexion=end.flexion)
+        runs.append(HardRun(name, hand, thing, start.hold(99).line(opened, 100).line(end, 300).hold(20)))
     return runs
 
 
@@ -210,16 +211,15 @@ def _degenerate(seed: int) -> Sequence[HardRun]:
 def _many(seed: int) -> Sequence[HardRun]:
     hand = right_hand()
     runs = []
-    flat = np.zeros((5, 3))
-    for pairs, spacing in ((500, 4.2e-3), (2000, 1.9e-3)):
-        radius = 0.8 * spacing
-        points = plate(0.26, 0.3, spacing, radius) + [0.0, 0.05, 0.0]
-        above = still((0.0, 0.0, 0.08), flexion=flat)
-        pressed = still((0.0, 0.0, 0.005), flexion=flat)
+    rest = still(np.zeros(3), flexion=0.1)
+    above = rest._replace(position=np.array([[0.0, 0.0, 0.06]]))
+    pressed = rest._replace(position=np.array([[0.0, 0.0, -0.004]]))
+    for pairs in (500, 2000):
+        tree = mould(rest, pairs, 0.3e-3, 1e-3, np.random.default_rng([seed, 14]))
         motion = above.hold(4).line(pressed, 100).hold(50)
-        for side in ((0.02, 0.0), (0.02, 0.02), (-0.02, -0.02), (0.0, 0.0)):
+        for side in ((0.004, 0.0), (0.004, 0.004), (-0.004, -0.004), (0.0, 0.0)):
             motion = motion.line(pressed._replace(position=pressed.position + [[*side, 0.0]]), 60)
-        runs.append(HardRun(f"{pairs:,} pairs", hand, tree_of(points, radius), motion.hold(60)))
+        runs.append(HardRun(f"{pairs:,} pairs", hand, tree, motion.hold(60)))
     return runs
 
 
@@ -227,9 +227,7 @@ def _judge_many(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     figures = []
     for outcome, least in zip(outcomes, (500, 2000), strict=True):
         still_after = frozen_decay(outcome.ticks.total[-61:])
-        figures.append(
-            Figure(f"ticks to rest, {outcome.run.name}", np.inf if still_after is None else still_after, 20)
-        )
+        figures.append(Figure(f"ticks to rest, {outcome.run.name}", np.inf if still_after is None else still_after, 20))
         if outcome.options.method in ("coupled", "progressive"):
             most = int(outcome.ticks.work[:, WORK_CANDIDATES].max())
             figures.append(Figure(f"candidate pairs, {outcome.run.name}", most, least, at_least=True))
@@ -253,7 +251,9 @@ def _ridge(seed: int) -> Sequence[HardRun]:
     x = np.arange(-0.06, 0.0601, RIDGE_SPHERE)
     spheres = np.stack([x, np.zeros_like(x), np.full_like(x, -RIDGE_SPHERE)], axis=1)
     # A roof falls off to both sides: the highest spheres alone are the ridge.
-    rows = [spheres + [0.5 * RIDGE_SPHERE * (i % 2), i * RIDGE_SPHERE, -0.8 * abs(i) * RIDGE_SPHERE] for i in range(-8, 9)]
+    rows = [
+        spheres + [0.5 * RIDGE_SPHERE * (i % 2), i * RIDGE_SPHERE, -0.8 * abs(i) * RIDGE_SPHERE] for i in range(-8, 9)
+    ]
     tree = tree_of(np.concatenate(rows), RIDGE_SPHERE)
     upright = quaternion(np.zeros(3))
     place = tip_at(hand, np.array([-0.04, 0.0, 0.004]), upright, POINTING)
@@ -264,7 +264,9 @@ def _ridge(seed: int) -> Sequence[HardRun]:
     time = np.linspace(0.0, 1.0, ticks)[:, None]
     sliding = HapticMotion(*(np.repeat(values, ticks, axis=0) for values in pressed))
     # 80 mm along the ridge, and to both sides of it 20 times.
-    sliding.position[:] += np.concatenate([0.08 * time, 0.003 * np.sin(40.0 * np.pi * time), np.zeros_like(time)], axis=1)
+    sliding.position[:] += np.concatenate(
+        [0.08 * time, 0.003 * np.sin(40.0 * np.pi * time), np.zeros_like(time)], axis=1
+    )
     return [HardRun("fingertip along it", hand, tree, joined(motion, sliding).hold(60))]
 
 
@@ -283,17 +285,23 @@ def _judge_ridge(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 def _touching(seed: int) -> Sequence[HardRun]:
     hand = right_hand()
     joints = hand.joints(np.zeros(3), quaternion(np.zeros(3)), np.zeros((5, 3)), np.zeros(5))
+    rest = still(np.zeros(3))
     runs = []
-    for finger, name in ((2, "fingertip"), (INDEX, "index finger")):
+    for finger, name in ((2, "middle fingertip"), (INDEX, "index fingertip")):
         ahead = (joints[finger, 3] - joints[finger, 2]) / np.linalg.norm(joints[finger, 3] - joints[finger, 2])
         point = joints[finger, 3] + (hand.radius[finger, 3] + 0.01) * ahead
-        rest = still(np.zeros(3))
         motion = rest._replace(position=-0.1 * ahead[None]).hold(4).line(rest, 100).hold(300)
         runs.append(HardRun(name, hand, tree_of(point, 0.01), motion))
-    lowest = float((right_hand().palm_tree.leaf_center[:, 2] - right_hand().palm_tree.leaf_radius).min())
-    flat = plate(0.2, 0.2, 3e-3, 2e-3) + [0.0, 0.0, lowest]
-    rest = still(np.zeros(3), flexion=-0.2)
-    runs.append(HardRun("palm on a plate", hand, tree_of(flat, 2e-3), rest._replace(position=np.array([[0.0, 0.0, 0.1]])).hold(4).line(rest, 100).hold(300)))
+    floor = tree_of(plate(0.3, 0.4, 3e-3, 2e-3), 2e-3)
+    low, high = 0.0, 0.3
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        place = np.array([[0.0, 0.0, middle]])
+        gap = pose_clearance(hand, floor.arrays(), rest._replace(position=place), 1.0)
+        low, high = (low, middle) if gap >= 0.0 else (middle, high)
+    landed = rest._replace(position=np.array([[0.0, 0.0, high]]))
+    motion = landed._replace(position=landed.position + [[0.0, 0.0, 0.1]]).hold(4).line(landed, 100).hold(300)
+    runs.append(HardRun("hand on a floor", hand, floor, motion))
     return runs
 
 
@@ -301,7 +309,9 @@ def _judge_touching(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     moved = lagging = 0.0
     for outcome in outcomes:
         record = outcome.ticks
-        moved = max(moved, float(np.linalg.norm(record.position[-300:] - outcome.run.motion.position[-1], axis=1).max()))
+        moved = max(
+            moved, float(np.linalg.norm(record.position[-300:] - outcome.run.motion.position[-1], axis=1).max())
+        )
         lagging += int(((record.status[-280:] & (STATUS_STUCK | STATUS_LAG)) > 0).sum())
     return [
         # Contacts keep a clearance of half a micrometre.
@@ -355,12 +365,26 @@ def _abduction(seed: int) -> Sequence[HardRun]:
     # Index and middle finger close on the ball between them and open again; the glove alone decides.
     motion.abduction[:] = np.clip(wave * [1.0, -1.0, 1.0, 1.0, 1.0], hand.abduction_min, hand.abduction_max)
     above = still((0.0, 0.0, 0.08), flexion=0.1)
-    return [HardRun("ball between two fingers", hand, tree_of(between, max(room, 0.002)), joined(above.line(motion, 100), motion))]
+    return [
+        HardRun(
+            "ball between two fingers",
+            hand,
+            tree_of(between, max(room, 0.002)),
+            joined(above.line(motion, 100), motion),
+        )
+    ]
 
 
 CONTACT_CASES = (
-    HardCase("narrow-handle", "a finger in a handle 1 mm wider than itself, shaken and pulled out", _handle, _judge_handle),
-    HardCase("opposed-surfaces", "a finger in a wedge, between the bunny's ears, in the cup's handle", _opposed, _judge_released),
+    HardCase(
+        "narrow-handle", "a finger in a handle 1 mm wider than itself, shaken and pulled out", _handle, _judge_handle
+    ),
+    HardCase(
+        "opposed-surfaces",
+        "a finger in a wedge, between the bunny's ears, in the cup's handle",
+        _opposed,
+        _judge_released,
+    ),
     HardCase("start-inside", "a hand that begins inside the object, and leaves it", _inside, _judge_inside),
     HardCase("object-in-fist", "a ball inside the closed fist, which is pulled away", _fist, _judge_released),
     HardCase("degenerate-spheres", "coincident spheres, spheres of no size, radii 1,000:1, one point", _degenerate),

@@ -84,11 +84,26 @@ def least_clearance(hand: HandModel, tree: TreeArrays, record: TickRecord, limit
     return least
 
 
+def pose_clearance(hand: HandModel, tree: TreeArrays, pose: HapticMotion, limit: float) -> float:
+    """Least signed distance [m] of object and hand at the first configuration of a motion, at most `limit`."""
+    position, orientation, flexion, abduction = (values[0] for values in pose)
+    joints = hand.joints(position, orientation, flexion, abduction)
+    palm, finger = hand_clearance(
+        tree,
+        hand.radius,
+        hand.palm_tree.leaf_center,
+        hand.palm_tree.leaf_radius,
+        joints[None],
+        position[None],
+        orientation[None],
+        limit,
+    )
+    return float(min(palm[0], finger.min()))
+
+
 def count_nonfinite(record: TickRecord) -> int:
     """Numbers of the record, timings apart, that are NaN or infinite."""
-    return sum(
-        int((~np.isfinite(values)).sum()) for name, values in record._asdict().items() if name not in TIMINGS
-    )
+    return sum(int((~np.isfinite(values)).sum()) for name, values in record._asdict().items() if name not in TIMINGS)
 
 
 def limit_excess(hand: HandModel, record: TickRecord) -> float:
@@ -102,6 +117,11 @@ def shown_points(record: TickRecord) -> Array:
     """Joints and palm of the shown hand [m], shape (T, 21, 3): where it is, in one kind of number."""
     joints = record.joints.reshape(len(record.joints), -1, 3)
     return np.concatenate([joints, record.position[:, None]], axis=1)
+
+
+def motion_difference(first: TickRecord, second: TickRecord) -> float:
+    """How far a joint or the palm of one record is from the other's at most [m]."""
+    return float(np.linalg.norm(shown_points(first) - shown_points(second), axis=-1).max())
 
 
 def unexplained_stuck(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand import HandModel
+from hhsim.haptic_motion import HapticMotion, rotation_matrix
 from hhsim.mesh import Mesh
 from hhsim.sphere_tree import SphereTree
 from hhsim.tree_builder import build_hierarchy
@@ -28,8 +29,8 @@ def right_hand() -> HandModel:
 
 @cache
 def usual_ball() -> SphereTree:
-    """1,200 spheres, `BALL_RADIUS`."""
-    return ball(1200, BALL_RADIUS)
+    """4,000 spheres, `BALL_RADIUS`."""
+    return ball(4000, BALL_RADIUS)
 
 
 def tree_of(center: ArrayLike, radius: ArrayLike) -> SphereTree:
@@ -81,6 +82,47 @@ def ring(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e
     turn = np.linspace(0.0, 2.0 * np.pi, spheres, endpoint=False)[:, None]
     around = np.cos(turn) * v + np.sin(turn) * np.cross(u, v)
     return tree_of(np.asarray(center, np.float64) + (inner + thickness) * around, thickness)
+
+
+def mould(pose: HapticMotion, spheres: int, gap: float, radius: float, random: np.random.Generator) -> SphereTree:
+    """Spheres under the hand, each of them as far as `gap` from it: a mould in which it lies on all of them at once.
+
+    Args:
+        pose: The hand, one tick.
+        spheres: How many.
+        gap: Between the hand's surface and theirs [m].
+        radius: Theirs [m].
+        random: Where they are.
+    """
+    hand = right_hand()
+    position, orientation, flexion, abduction = (values[0] for values in pose)
+    joints = hand.joints(position, orientation, flexion, abduction)
+    palm = hand.palm_tree.leaf_center @ rotation_matrix(orientation).T + position
+    # The hand as many spheres: those of the palm, and some along each round cone.
+    share = np.linspace(0.0, 1.0, 400)[:, None]
+    along = [
+        (joints[f, k] + share * (joints[f, k + 1] - joints[f, k]), _mix(hand.radius[f, k : k + 2], share[:, 0]))
+        for f in range(5)
+        for k in range(3)
+    ]
+    center = np.concatenate([palm, *(part[0] for part in along)])
+    size = np.concatenate([hand.palm_tree.leaf_radius, *(part[1] for part in along)])
+    found = np.zeros((0, 3))
+    while len(found) < spheres:
+        direction = random.normal(size=(2000, 3))
+        direction /= np.linalg.norm(direction, axis=1)[:, None]
+        # From below: a hand can be put into the mould, and taken out of it.
+        direction[:, 2] = -np.abs(direction[:, 2])
+        chosen = random.integers(len(center), size=2000)
+        points = center[chosen] + (size[chosen] + gap + radius)[:, None] * direction
+        distance = (np.linalg.norm(points[:, None] - center, axis=2) - size).min(axis=1) - radius
+        found = np.concatenate([found, points[distance > 0.9 * gap]])
+    return tree_of(found[:spheres], radius)
+
+
+def _mix(ends: Array, share: Array) -> Array:
+    mixed: Array = ends[0] + share * (ends[1] - ends[0])
+    return mixed
 
 
 def scaled_hand(hand: HandModel, factor: float) -> HandModel:

@@ -33,13 +33,13 @@ def handling(ticks: int) -> HapticMotion:
         ticks: At least 300; the first 200 are the way there.
     """
     above = still((0.0, -0.045, 0.12), flexion=HALF)
-    pressed = still((0.0, -0.045, 0.06), flexion=np.full((5, 3), 0.5))
+    pressed = still((0.0, -0.045, 0.058), flexion=np.full((5, 3), 0.7))
     motion = above.hold(9).line(pressed, 190).hold(ticks - 200)
     time = np.linspace(0.0, 1.0, ticks - 200)[:, None]
     wave = np.sin(2.0 * np.pi * time * [1.0, 2.0, 3.0])
-    motion.position[200:] += wave * [0.003, 0.003, 0.002]
-    motion.orientation[200:] = quaternion_product(quaternion(wave[:, ::-1] * [0.03, 0.04, 0.03]), UPRIGHT)
-    motion.flexion[200:] += 0.03 * wave[:, :1, None]
+    motion.position[200:] += wave * [0.0015, 0.0015, 0.001]
+    motion.orientation[200:] = quaternion_product(quaternion(wave[:, ::-1] * [0.015, 0.02, 0.015]), UPRIGHT)
+    motion.flexion[200:] += 0.015 * wave[:, :1, None]
     return motion
 
 

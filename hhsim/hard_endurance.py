@@ -1,0 +1,77 @@
+"""Closed loops for minutes: a solver that drifts, or that grows, shows it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hhsim.haptic_motion import HapticMotion, quaternion, still
+from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
+from hhsim.hard_objects import BALL_RADIUS, ball, right_hand
+from hhsim.hard_postures import HALF
+
+LOOP = 2000
+DRIFT = 1e-9
+"""A hand shows the same pose [m] at the same place of every loop."""
+GROWTH = 1e6
+"""Resident memory may grow by this [B] over the second half of a run: eight bytes lost in each of 600,000 ticks would
+be 2.4 MB there."""
+
+
+def endurance_case(ticks: int) -> HardCase:
+    """Closed loops for about so many ticks: through air and contact, and never leaving the object."""
+    repeats = max(2, ticks // (2 * LOOP))
+    return HardCase(
+        "endurance",
+        f"{2 * repeats * LOOP:,} ticks of closed loops: no drift, no growth",
+        lambda seed: _loops(repeats),
+        _judge,
+    )
+
+
+def _loops(repeats: int) -> Sequence[HardRun]:
+    hand, tree = right_hand(), ball(1200, BALL_RADIUS)
+    above = still((0.0, -0.045, 0.12), flexion=HALF)
+    pressed = still((0.0, -0.045, 0.055), flexion=np.full((5, 3), 0.6))
+    around = _around(pressed, LOOP - 600)
+    air = above.hold(49).line(pressed, 250).hold(0)
+    through_air = HapticMotion(*(np.concatenate(parts) for parts in zip(air, around, strict=True))).hold(60)
+    through_air = through_air.line(above, 220).hold(20)
+    contact = _around(pressed, LOOP - 100).hold(100)
+    return [
+        HardRun("through air and contact", hand, tree, through_air, repeats=repeats, marks=(LOOP - 242, LOOP - 1)),
+        HardRun(
+            "in contact all the time",
+            hand,
+            tree,
+            contact,
+            lead=above.line(pressed, 250).hold(50),
+            repeats=repeats,
+            marks=(LOOP - 1,),
+        ),
+    ]
+
+
+def _around(pressed: HapticMotion, ticks: int) -> HapticMotion:
+    # The palm goes round and tilts on the ball, and is back where it was.
+    time = np.linspace(0.0, 1.0, ticks)[:, None]
+    motion = HapticMotion(*(np.repeat(values, ticks, axis=0) for values in pressed))
+    wave = np.sin(2.0 * np.pi * time * [1.0, 2.0, 3.0])
+    motion.position[:] += wave * [0.012, 0.01, 0.003]
+    motion.orientation[:] = quaternion(wave[:, ::-1] * [0.1, 0.15, 0.2])
+    motion.flexion[:] += (
+        0.15
+        * np.sin(6.0 * np.pi * time[:, :, None] + np.arange(15.0).reshape(5, 3))
+        * (np.sin(np.pi * time)[:, :, None])
+    )
+    return motion
+
+
+def _judge(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    figures = []
+    for outcome in outcomes:
+        # From the second loop on: the first one begins where nothing came before.
+        drift = np.linalg.norm(outcome.marked[1:] - outcome.marked[1], axis=-1).max()
+        figures.append(Figure(f"drift, {outcome.run.name}", float(drift), DRIFT, "m"))
+    memory = np.concatenate([outcome.memory for outcome in outcomes])
+    figures.append(Figure("growth of memory", float(memory[-1] - memory[len(memory) // 2]), GROWTH, "B"))
+    return figures
