@@ -3,9 +3,12 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from hhsim.bench_file import Column
 from hhsim.errors import HhsimError
 from hhsim.haptic_motion import HapticMotion
 from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
@@ -174,12 +177,57 @@ def _counted(outcome: Outcome, motion: HapticMotion, record: TickRecord) -> Outc
 def resident_memory() -> float:
     """Memory of this process that is resident now [B]; its largest so far where the system does not tell."""
     try:
-        with open("/proc/self/statm", encoding="ascii") as file:
-            return float(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        return float(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
         import resource
 
         return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+COLUMNS = (
+    Column("case", "hard case"),
+    Column("method", "method of the solver"),
+    Column("case_passed", "whether the method kept every bar of the case"),
+    Column("figure", "what was measured; empty where the case ended before"),
+    Column("value", "measured value, in the unit of the column `unit`"),
+    Column("bar", "what it is held to, in the same unit"),
+    Column("at_least", "whether the bar is a lower one"),
+    Column("unit", "SI unit of value and bar; 1 for counts and ratios"),
+    Column("passed", "whether the bar was kept"),
+    Column("ticks", "ticks of all runs of the case"),
+    Column("stuck", "ticks that kept the last feasible hand"),
+    Column("unexplained", "of those, the ones from where a hand could move"),
+    Column("lagging", "ticks with distance still to go"),
+    Column("lag", "most distance still to go", "m"),
+    Column("reason", "the refusal or the exception that ended the case"),
+)
+"""Of the suite's table: a row for every figure of every case and method."""
+
+
+def table_rows(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
+    """The rows of `COLUMNS`."""
+    nothing = Figure("", float("nan"), float("nan"))
+    return [
+        {
+            "case": result.case,
+            "method": result.method,
+            "case_passed": result.passed,
+            "figure": figure.name,
+            "value": float(figure.value),
+            "bar": float(figure.bar),
+            "at_least": figure.at_least,
+            "unit": figure.unit or "1",
+            "passed": bool(figure.passed),
+            "ticks": result.ticks,
+            "stuck": result.stuck,
+            "unexplained": result.unexplained,
+            "lagging": result.lagging,
+            "lag": result.lag,
+            "reason": result.reason,
+        }
+        for result in results
+        for figure in (result.figures or (nothing,))
+    ]
 
 
 def missed(results: Sequence[CaseResult]) -> list[CaseResult]:

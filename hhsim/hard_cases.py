@@ -1,5 +1,7 @@
 """The catalogue of hard cases."""
 
+from collections.abc import Sequence
+
 from hhsim.errors import UnknownNameError
 from hhsim.hard_case import HardCase
 from hhsim.hard_contact_cases import CONTACT_CASES
@@ -11,7 +13,7 @@ ENDURANCE_TICKS = 20_000
 """Of the closed loops, where nothing else is said; ten minutes at 1 kHz are 600,000."""
 
 
-def hard_cases(names: tuple[str, ...] = (), ticks: int = ENDURANCE_TICKS) -> tuple[HardCase, ...]:
+def hard_cases(names: Sequence[str] = (), ticks: int = ENDURANCE_TICKS) -> tuple[HardCase, ...]:
     """The cases of these names in the catalogue's order, all of them for none.
 
     Args:

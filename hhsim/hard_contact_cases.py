@@ -5,15 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.haptic_motion import HapticMotion, joined, quaternion, random_targets, still
+from hhsim.haptic_motion import HapticMotion, joined, quaternion, quaternion_product, random_targets, still
 from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_judge import least_clearance, pose_clearance
+from hhsim.hard_judge import least_clearance, part_of, pose_clearance
 from hhsim.hard_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
 from hhsim.hard_postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
-from hhsim.kernels.block import TickRecord
 from hhsim.kernels.tick_state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES
 from hhsim.metrics import frozen_decay
+from hhsim.object_catalogue import load_object
 from hhsim.sphere_tree import SphereTree
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
 Array = NDArray[np.float64]
 
@@ -60,9 +61,6 @@ def _judge_handle(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 
 
 def _opposed(seed: int) -> Sequence[HardRun]:
-    from hhsim.object_catalogue import load_object
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-
     random = np.random.default_rng([seed, 11])
     hand = right_hand()
     runs = [HardRun("wedge", hand, _wedge(), _wedge_motion())]
@@ -85,16 +83,10 @@ def _opposed(seed: int) -> Sequence[HardRun]:
                 quaternion(random.normal(0.0, 0.1, 3)),
                 POINTING,
             )
-            target.orientation[0] = _after(target.orientation[0], orientation)
+            target.orientation[0] = quaternion_product(target.orientation[0], orientation)
             motion = motion.line(target, 10).hold(20)
         runs.append(HardRun(title, hand, tree, motion.line(goal, 20).line(start, 120).hold(20)))
     return runs
-
-
-def _after(turn: Array, orientation: Array) -> Array:
-    from hhsim.haptic_motion import quaternion_product
-
-    return quaternion_product(turn, orientation)
 
 
 WEDGE_ANGLE = 0.2
@@ -131,19 +123,20 @@ def _judge_released(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 
 def _inside(seed: int) -> Sequence[HardRun]:
     hand, tree = right_hand(), usual_ball()
-    out = still((0.0, 0.0, 0.3), flexion=HALF)
     tip = tip_at(hand, np.array([0.0, 0.0, BALL_RADIUS - 0.01]), quaternion(np.zeros(3)), POINTING)
     wall = tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3)
     runs = []
-    for name, start, thing, end in (
-        ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), tree, out),
-        ("fingertip 10 mm in", still(tip, flexion=POINTING), tree, out),
-        ("ball in a closed fist", still(np.zeros(3), flexion=FIST), _fist_ball(0.02), out),
-        # Whichever side of the wall the hand starts on, the way along it is free.
-        ("palm in a wall", still((0.0, 0.0, 0.0), flexion=HALF), wall, still((0.5, 0.0, 0.0), flexion=HALF)),
+    for name, start, thing in (
+        ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), tree),
+        ("fingertip 10 mm in", still(tip, flexion=POINTING), tree),
+        ("ball in a closed fist", still(np.zeros(3), flexion=FIST), _fist_ball(0.02)),
+        ("palm in a wall", still((0.0, 0.0, 0.0), flexion=HALF), wall),
     ):
-        opened = start._replace(flexion=end.flexion)
-        runs.append(HardRun(name, hand, thing, start.hold(99).line(opened, 100).line(end, 300).hold(20)))
+        motion = start.hold(99).line(start._replace(flexion=HALF[None]), 100)
+        # Whichever side the hand is on, from somewhere around the object it is pulled straight away.
+        for corner in ((0.5, 0.0, 0.0), (0.0, 0.0, 0.5), (-0.5, 0.0, 0.0), (0.0, 0.0, -0.5), (0.5, 0.0, 0.0)):
+            motion = motion.line(still(corner, flexion=HALF), 150)
+        runs.append(HardRun(name, hand, thing, motion.hold(50)))
     return runs
 
 
@@ -153,7 +146,7 @@ def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     for outcome in outcomes:
         record = outcome.ticks
         told += not record.status[0] & STATUS_START_INSIDE
-        held = TickRecord(*(values[:100] for values in record))
+        held = part_of(record, 0, 100)
         gap = max(gap, float(least_clearance(outcome.run.hand, outcome.run.tree.arrays(), held, 1.0)[-1]))
         away = max(away, float(np.linalg.norm(record.position[-1] - outcome.run.motion.position[-1])))
     return [
@@ -346,8 +339,12 @@ def _wire(seed: int) -> Sequence[HardRun]:
     wire = tree_of(np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=1), 0.0)
     spread = np.array([0.0, 0.15, 0.0, -0.15, -0.3])
     runs = []
-    for name, flexion, abduction in (("straight fingers", np.zeros((5, 3)), spread), ("index finger", POINTING, 0.0)):
-        middle = tip_at(hand, np.zeros(3), quaternion(np.zeros(3)), flexion, 2) + [0.0, -0.03, 0.0]
+    for name, flexion, abduction, finger in (
+        ("spread fingers", np.zeros((5, 3)), spread, 2),
+        ("index finger", POINTING, np.zeros(5), INDEX),
+    ):
+        # The wire stands 30 mm behind the fingertip.
+        middle = tip_at(hand, np.zeros(3), quaternion(np.zeros(3)), flexion, finger) + [0.0, 0.03, 0.0]
         left = still(middle - [0.1, 0.0, 0.0], flexion=flexion, abduction=abduction)
         right = still(middle + [0.1, 0.0, 0.0], flexion=flexion, abduction=abduction)
         runs.append(HardRun(name, hand, wire, left.hold(4).line(right, 40).hold(40).line(left, 40).hold(40)))

@@ -13,7 +13,7 @@ from hhsim.haptic_motion import (
     still,
 )
 from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_judge import held, least_clearance, motion_difference, newest_sound_sample, shown_points
+from hhsim.hard_judge import held, least_clearance, motion_difference, newest_sound_sample, part_of, shown_points
 from hhsim.hard_objects import ball, disc, plate, right_hand, tree_of, usual_ball
 from hhsim.hard_postures import HALF, POINTING, crossings, handling, tip_at
 from hhsim.metrics import frozen_decay
@@ -39,8 +39,7 @@ def _deep(seed: int) -> Sequence[HardRun]:
 def _judge_deep(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     outcome = outcomes[0]
     record = outcome.ticks
-    last = type(record)(*(values[-1:] for values in record))
-    gap = least_clearance(outcome.run.hand, outcome.run.tree.arrays(), last, 1.0)[0]
+    gap = float(least_clearance(outcome.run.hand, outcome.run.tree.arrays(), part_of(record, -1), 1.0)[0])
     still_after = frozen_decay(record.total[190:])
     return [
         Figure("gap to the surface at the end", gap, TOUCHING, "m"),

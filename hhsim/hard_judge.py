@@ -101,6 +101,11 @@ def pose_clearance(hand: HandModel, tree: TreeArrays, pose: HapticMotion, limit:
     return float(min(palm[0], finger.min()))
 
 
+def part_of(record: TickRecord, first: int | None, last: int | None = None) -> TickRecord:
+    """Ticks first to last - 1 of a record; negative ones count from the end."""
+    return TickRecord._make(values[first:last] for values in record)
+
+
 def count_nonfinite(record: TickRecord) -> int:
     """Numbers of the record, timings apart, that are NaN or infinite."""
     return sum(int((~np.isfinite(values)).sum()) for name, values in record._asdict().items() if name not in TIMINGS)

@@ -62,7 +62,8 @@ def _disc_points(radius: float, spacing: float) -> Array:
     count = math.ceil(2.0 * radius / spacing)
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(-count, count + 1), np.arange(-count, count + 1)))
     points = np.stack([spacing * (i + 0.5 * j), spacing * (math.sqrt(0.75) * j), np.zeros(i.size)], axis=1)
-    return points[np.linalg.norm(points, axis=1) <= radius]
+    within: Array = points[np.linalg.norm(points, axis=1) <= radius]
+    return within
 
 
 def plate(width: float, depth: float, spacing: float, radius: float) -> Array:

@@ -24,7 +24,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("hand", "hand_figure", "palm", "placed_hand", "surface", "rendering"),
         *("trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
         *("script", "disturbance", "closing", "closing_search", "slide", "synthesis", "trajectory_catalogue"),
-        *("hand_motion", "brute_distance", "stress", "scene"),
+        *("hand_motion", "brute_distance", "stress", "scene", "haptic_motion", "hard_objects", "hard_postures"),
     ),
     # One tick of it, and what is measured.
     ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics", "mesh_penetration"),
@@ -33,6 +33,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # Many runs, side by side.
     ("bench_file", "pareto", "run_errors", "speed_error", "speed_error_table"),
     ("log_histogram", "shrink", "stuck", "failure", "bench_stress"),
+    ("hard_case", "hard_judge", "hard_input_cases", "hard_contact_cases", "hard_invariance_cases"),
+    ("hard_endurance", "hard_cases", "bench_hard"),
     # Pictures of them.
     ("replay_figure", "cost_figure", "speed_error_figure"),
 )

@@ -1,0 +1,155 @@
+"""`hhsim bench hard`."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from click.shell_completion import CompletionItem
+
+from . import options
+from .console import announce_compilation, print_json, print_table, progress
+
+if TYPE_CHECKING:
+    from hhsim.bench_hard import CaseResult
+    from hhsim.hard_case import Figure
+
+SUITE = "hard"
+
+
+def complete_case(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Offer the names of the cases."""
+    from hhsim.hard_cases import hard_cases
+
+    return [CompletionItem(case.name) for case in hard_cases() if case.name.startswith(incomplete)]
+
+
+@click.command(short_help="Every hard case, for every method: pass or fail, and the figure.")
+@click.argument("cases", metavar="[CASE]...", nargs=-1, shell_complete=complete_case)
+@click.option("--method", "methods", metavar="NAME", multiple=True, help="Only this method; may be given again.")
+@click.option(
+    "--ticks",
+    type=click.IntRange(8_000, 36_000_000),
+    default=20_000,
+    show_default=True,
+    metavar="N",
+    help="Length of the case endurance; 600000 are ten minutes at 1 kHz.",
+)
+@click.option("--list", "only_list", is_flag=True, help="Only list the cases.")
+@options.seed
+@options.out
+@options.json
+@options.quiet
+def command(
+    cases: tuple[str, ...],
+    methods: tuple[str, ...],
+    ticks: int,
+    only_list: bool,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Put every method through the scenes that break methods.
+
+    Each CASE is a named scene with a bar of its own; besides, in all of them: penetration at most 1 µm at every tick,
+    recomputed from the poses; finite numbers; joints within their limits; and no stuck tick from where a hand could
+    have moved. All cases run where none is named. The exit code is 1 where coupled or progressive misses a bar; the
+    other methods promise nothing, and are measured to show by how much they miss.
+
+    \b
+    Examples:
+      hhsim bench hard
+      hhsim bench hard fast-swipe narrow-handle --method coupled --method paper
+      hhsim bench hard endurance --ticks 600000 --out endurance.h5
+    """
+    from hhsim.hard_cases import hard_cases
+
+    chosen = hard_cases(cases, ticks)
+    if only_list:
+        if as_json:
+            print_json({"cases": [{"name": case.name, "description": case.description} for case in chosen]})
+        else:
+            print_table(("case", "what it is"), [(case.name, case.description) for case in chosen])
+        return 0
+
+    from hhsim.bench_file import check_table_destination, write_table
+    from hhsim.bench_hard import COLUMNS, bench_hard, missed, table_rows
+    from hhsim.destination import dated_destination
+    from hhsim.errors import UnknownNameError
+    from hhsim.solver_options import METHODS
+
+    for method in methods:
+        if method not in METHODS:
+            raise UnknownNameError("method", method, METHODS)
+    named = [method for method in METHODS if not methods or method in methods]
+    destination = out or dated_destination(f"bench-{SUITE}")
+    check_table_destination(destination)
+    announce_compilation(quiet=quiet)
+    with progress(quiet=quiet) as report:
+        results = bench_hard(chosen, named, seed, report)
+    rows = table_rows(results)
+    settings = {"cases": [case.name for case in chosen], "methods": named, "seed": seed, "ticks": ticks}
+    write_table(destination, SUITE, COLUMNS, rows, settings)
+    failed = missed(results)
+    if as_json:
+        document = {**settings, "passed": not failed, "path": str(destination), "rows": rows}
+        print_json(document)
+    elif not quiet:
+        _print(results, failed, destination)
+    return 1 if failed else 0
+
+
+def _print(results: "list[CaseResult]", failed: "list[CaseResult]", destination: Path) -> None:
+    columns = (
+        "case",
+        "method",
+        "verdict",
+        "penetration [µm]",
+        "nearest to its bar",
+        "value",
+        "bar",
+        "stuck",
+        "lag [mm]",
+    )
+    print_table(columns, [_row(result) for result in results], numbers=columns[3:4] + columns[5:])
+    for result in results:
+        if result.reason:
+            print(f"{result.case}, {result.method}: {result.reason}")
+        for figure in result.figures:
+            if not figure.passed:
+                print(f"{result.case}, {result.method}: {figure.name} {_value(figure)}, bar {_bar(figure)}")
+    passed = {method: [r.passed for r in results if r.method == method] for method in {r.method: 0 for r in results}}
+    print("passed: " + ", ".join(f"{method} {sum(kept)} of {len(kept)}" for method, kept in passed.items()))
+    if failed:
+        print(f"{len(failed)} bars of methods that promise to keep them were missed")
+    print(f"every figure is in {destination}")
+
+
+def _row(result: "CaseResult") -> tuple[str, ...]:
+    verdict = ("refuses, as it may" if result.refused else "pass") if result.passed else "FAIL"
+    deciding = result.deciding
+    return (
+        result.case,
+        result.method,
+        verdict,
+        "" if math.isnan(result.penetration) else f"{1e6 * result.penetration:,.3f}",
+        deciding.name if deciding else "",
+        _value(deciding) if deciding else "",
+        _bar(deciding) if deciding else "",
+        f"{result.stuck:,}",
+        f"{1e3 * result.lag:.1f}",
+    )
+
+
+def _value(figure: "Figure") -> str:
+    return _shown(figure.value, figure.unit)
+
+
+def _bar(figure: "Figure") -> str:
+    return ("≥ " if figure.at_least else "≤ ") + _shown(figure.bar, figure.unit)
+
+
+def _shown(value: float, unit: str) -> str:
+    factor, name = {"m": (1e3, " mm"), "B": (1e-6, " MB"), "rad": (1.0, " rad")}.get(unit, (1.0, ""))
+    return f"{factor * value:.3g}{name}"
