@@ -122,7 +122,7 @@ def _print(results: "list[CaseResult]", failed: "list[CaseResult]", destination:
     passed = {method: [r.passed for r in results if r.method == method] for method in {r.method: 0 for r in results}}
     print("passed: " + ", ".join(f"{method} {sum(kept)} of {len(kept)}" for method, kept in passed.items()))
     if failed:
-        print(f"{len(failed)} bars of methods that promise to keep them were missed")
+        print(f"missed by a method that promises to pass: {', '.join(f'{r.case} ({r.method})' for r in failed)}")
     print(f"every figure is in {destination}")
 
 
@@ -152,4 +152,6 @@ def _bar(figure: "Figure") -> str:
 
 def _shown(value: float, unit: str) -> str:
     factor, name = {"m": (1e3, " mm"), "B": (1e-6, " MB"), "rad": (1.0, " rad")}.get(unit, (1.0, ""))
+    if unit == "m" and 0.0 < abs(value) < 1e-5:
+        factor, name = 1e6, " µm"
     return f"{factor * value:.3g}{name}"

@@ -55,6 +55,7 @@ class HardRun:
         lead: Ticks before the motion, judged like it.
         repeats: How many times the motion is done, one after the other.
         marks: Ticks of the motion whose shown hand is kept each time.
+        scale: The scene's lengths over those of a hand; penetrations are judged in proportion.
     """
 
     name: str
@@ -65,6 +66,7 @@ class HardRun:
     lead: HapticMotion | None = None
     repeats: int = 1
     marks: tuple[int, ...] = ()
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
 from hhsim.hard_judge import least_clearance, part_of, pose_clearance
 from hhsim.hard_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
 from hhsim.hard_postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.metrics import frozen_decay
 from hhsim.object_catalogue import load_object
 from hhsim.sphere_tree import SphereTree
@@ -221,9 +221,6 @@ def _judge_many(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     for outcome, least in zip(outcomes, (500, 2000), strict=True):
         still_after = frozen_decay(outcome.ticks.total[-61:])
         figures.append(Figure(f"ticks to rest, {outcome.run.name}", np.inf if still_after is None else still_after, 20))
-        if outcome.options.method in ("coupled", "progressive"):
-            most = int(outcome.ticks.work[:, WORK_CANDIDATES].max())
-            figures.append(Figure(f"candidate pairs, {outcome.run.name}", most, least, at_least=True))
     return figures
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from hhsim.haptic_motion import HapticMotion, quaternion, still
 from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_objects import BALL_RADIUS, ball, right_hand
+from hhsim.hard_objects import coarse_ball, right_hand
 from hhsim.hard_postures import HALF
 
 LOOP = 2000
@@ -29,7 +29,7 @@ def endurance_case(ticks: int) -> HardCase:
 
 
 def _loops(repeats: int) -> Sequence[HardRun]:
-    hand, tree = right_hand(), ball(1200, BALL_RADIUS)
+    hand, tree = right_hand(), coarse_ball()
     above = still((0.0, -0.045, 0.12), flexion=HALF)
     pressed = still((0.0, -0.045, 0.055), flexion=np.full((5, 3), 0.6))
     around = _around(pressed, LOOP - 600)

@@ -47,7 +47,12 @@ def common_figures(outcomes: list[Outcome]) -> list[Figure]:
     A penetration up to 1 µm is allowed, and nothing else; a run that was refused has none of it.
     """
     return [
-        Figure("penetration", float(np.max([outcome.penetration for outcome in outcomes])), DEEPEST, "m"),
+        Figure(
+            "penetration",
+            float(np.max([outcome.penetration / outcome.run.scale for outcome in outcomes])),
+            DEEPEST,
+            "m",
+        ),
         Figure("numbers that are not finite", sum(outcome.nonfinite for outcome in outcomes), 0),
         Figure("joint beyond its limit", max(outcome.limit_excess for outcome in outcomes), LIMIT_TOLERANCE, "rad"),
         Figure("stuck ticks that nothing explains", sum(outcome.unexplained for outcome in outcomes), 0),

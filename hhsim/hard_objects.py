@@ -28,6 +28,12 @@ def right_hand() -> HandModel:
 
 
 @cache
+def coarse_ball() -> SphereTree:
+    """1,200 spheres, `BALL_RADIUS`: with bumps of a millimetre."""
+    return ball(1200, BALL_RADIUS)
+
+
+@cache
 def usual_ball() -> SphereTree:
     """4,000 spheres, `BALL_RADIUS`."""
     return ball(4000, BALL_RADIUS)
@@ -100,7 +106,7 @@ def mould(pose: HapticMotion, spheres: int, gap: float, radius: float, random: n
     joints = hand.joints(position, orientation, flexion, abduction)
     palm = hand.palm_tree.leaf_center @ rotation_matrix(orientation).T + position
     # The hand as many spheres: those of the palm, and some along each round cone.
-    share = np.linspace(0.0, 1.0, 400)[:, None]
+    share = np.linspace(0.0, 1.0, 120)[:, None]
     along = [
         (joints[f, k] + share * (joints[f, k + 1] - joints[f, k]), _mix(hand.radius[f, k : k + 2], share[:, 0]))
         for f in range(5)
@@ -110,11 +116,11 @@ def mould(pose: HapticMotion, spheres: int, gap: float, radius: float, random: n
     size = np.concatenate([hand.palm_tree.leaf_radius, *(part[1] for part in along)])
     found = np.zeros((0, 3))
     while len(found) < spheres:
-        direction = random.normal(size=(2000, 3))
+        direction = random.normal(size=(1000, 3))
         direction /= np.linalg.norm(direction, axis=1)[:, None]
         # From below: a hand can be put into the mould, and taken out of it.
         direction[:, 2] = -np.abs(direction[:, 2])
-        chosen = random.integers(len(center), size=2000)
+        chosen = random.integers(len(center), size=1000)
         points = center[chosen] + (size[chosen] + gap + radius)[:, None] * direction
         distance = (np.linalg.norm(points[:, None] - center, axis=2) - size).min(axis=1) - radius
         found = np.concatenate([found, points[distance > 0.9 * gap]])

@@ -1,0 +1,322 @@
+"""The judge of the hard cases is judged: planted faults are found, and no case can end the bench."""
+
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Run
+from numpy.typing import NDArray
+from sphere_scenes import record_clearance
+
+from hhsim import bench_hard as suite
+from hhsim.bench_file import load_table
+from hhsim.bench_hard import CaseResult, bench_hard, judge_case, missed, resident_memory, run_scene, table_rows
+from hhsim.errors import HhsimError
+from hhsim.hand import HandModel
+from hhsim.haptic_motion import HapticMotion, still
+from hhsim.hard_case import Figure, HardCase, HardRun
+from hhsim.hard_judge import newest_sound_sample, unexplained_stuck, worst_penetration
+from hhsim.hard_objects import BALL_RADIUS, right_hand, tree_of
+from hhsim.hard_postures import HALF
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_STUCK
+from hhsim.solver import HandSolver
+from hhsim.solver_options import METHODS, SolverOptions
+
+Array = NDArray[np.float64]
+
+BALL = tree_of(np.zeros((1, 3)), BALL_RADIUS)
+PRESS = still((0.0, -0.03, 0.15), flexion=HALF).line(still((0.0, -0.03, 0.03), flexion=HALF), 100).hold(40)
+LAST = PRESS.ticks - 1
+
+
+def pressed(seed: int) -> list[HardRun]:
+    return [HardRun("palm on a ball", right_hand(), BALL, PRESS)]
+
+
+CASE = HardCase("press", "a palm pressed on a ball", pressed)
+
+
+class Faulty(HandSolver):
+    """A solver whose record is spoiled at one tick."""
+
+    fault = "none"
+
+    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+        record = super().run(position, orientation, flexion, abduction)
+        tick = 120
+        if self.fault == "penetration":
+            record.joints[tick, ..., 2] -= 2e-6
+            record.position[tick, 2] -= 2e-6
+        elif self.fault == "nan":
+            record.total[tick, 1] = np.nan
+        elif self.fault == "lost":
+            record.joints[tick] = np.nan
+        elif self.fault == "limit":
+            record.flexion[tick, 2, 1] = self.model.flexion_max[2, 1] + 1e-6
+        elif self.fault == "stuck":
+            # Kept where it was forty ticks before, far above the ball.
+            for values in (record.position, record.joints):
+                values[60] = values[20]
+            record.status[60] |= STATUS_STUCK
+        elif self.fault == "exception":
+            raise ZeroDivisionError("float division")
+        elif self.fault == "refusal":
+            raise HhsimError("too much of it")
+        return record
+
+
+def result_with(monkeypatch: pytest.MonkeyPatch, fault: str, case: HardCase = CASE) -> CaseResult:
+    monkeypatch.setattr(suite, "HandSolver", type("Spoiled", (Faulty,), {"fault": fault}))
+    return judge_case(case, case.build(0), SolverOptions())
+
+
+def test_a_sound_run_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = result_with(monkeypatch, "none")
+    assert result.passed
+    assert (result.ticks, result.stuck, result.reason) == (PRESS.ticks, 0, "")
+    assert 0.0 <= result.penetration <= 1e-6
+
+
+@pytest.mark.parametrize(
+    ("fault", "caught"),
+    [
+        ("penetration", "penetration"),
+        ("nan", "numbers that are not finite"),
+        ("limit", "joint beyond its limit"),
+        ("stuck", "stuck ticks that nothing explains"),
+    ],
+)
+def test_a_planted_fault_is_caught(monkeypatch: pytest.MonkeyPatch, fault: str, caught: str) -> None:
+    result = result_with(monkeypatch, fault)
+    assert not result.passed
+    assert [figure.name for figure in result.figures if not figure.passed] == [caught]
+
+
+def test_a_hand_that_is_nowhere_fails_by_its_penetration_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = result_with(monkeypatch, "lost")
+    assert math.isnan(result.penetration)
+    failed = [figure.name for figure in result.figures if not figure.passed]
+    assert failed[:2] == ["penetration", "numbers that are not finite"]
+
+
+def test_an_exception_is_a_failure_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = result_with(monkeypatch, "exception")
+    assert not result.passed
+    assert result.reason == "ZeroDivisionError: float division"
+    assert table_rows([result])[0]["case_passed"] is False
+
+
+def test_a_refusal_counts_only_where_a_case_allows_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not result_with(monkeypatch, "refusal").passed
+    result = result_with(monkeypatch, "refusal", replace(CASE, may_refuse=True))
+    assert result.passed and result.refused
+    assert result.reason == "too much of it"
+    # A fault is no refusal.
+    assert not result_with(monkeypatch, "exception", replace(CASE, may_refuse=True)).passed
+
+
+def test_a_scene_that_cannot_be_built_ends_no_bench() -> None:
+    def broken(seed: int) -> list[HardRun]:
+        raise ValueError("no such shape")
+
+    told: list[tuple[str, int, int]] = []
+    results = bench_hard([HardCase("broken", "", broken), CASE], ["coupled"], progress=lambda *news: told.append(news))
+    assert [(result.case, result.passed) for result in results] == [("broken", False), ("press", True)]
+    assert results[0].reason == "ValueError: no such shape"
+    assert told[-1] == ("press", 2, 2)
+
+
+def test_a_judge_that_fails_fails_the_case() -> None:
+    def judge(outcomes: Any) -> list[Figure]:
+        raise IndexError("no tick")
+
+    assert judge_case(replace(CASE, judge=judge), pressed(0), SolverOptions()).reason == "IndexError: no tick"
+    too_far = replace(CASE, judge=lambda outcomes: [Figure("way", 2.0, 1.0, "m")])
+    result = judge_case(too_far, pressed(0), SolverOptions())
+    assert not result.passed
+    assert result.deciding == Figure("way", 2.0, 1.0, "m")
+
+
+@pytest.mark.parametrize(
+    ("figure", "passed"),
+    [
+        (Figure("", 1.0, 1.0), True),
+        (Figure("", 1.1, 1.0), False),
+        (Figure("", 1.0, 1.0, at_least=True), True),
+        (Figure("", 0.9, 1.0, at_least=True), False),
+        (Figure("", math.nan, 1.0), False),
+        (Figure("", math.nan, 1.0, at_least=True), False),
+        (Figure("", math.inf, 1.0), False),
+    ],
+)
+def test_a_figure_keeps_its_bar(figure: Figure, passed: bool) -> None:
+    assert figure.passed is passed
+
+
+def test_the_deciding_figure_is_the_one_that_failed_or_came_nearest() -> None:
+    common = Figure("penetration", 0.0, 1e-6, "m")
+    figures = (common, Figure("a", 0.5, 1.0), Figure("b", 9.0, 10.0), Figure("c", 20.0, 10.0, at_least=True))
+    assert CaseResult("", "", figures).deciding == figures[2]
+    failed = (*figures, Figure("d", 1.0, 0.0))
+    assert CaseResult("", "", failed).deciding == failed[4]
+    assert CaseResult("", "", (*figures, Figure("e", math.nan, 1.0))).deciding is not None
+    assert CaseResult("", "", (common,)).deciding is None
+
+
+def test_penetration_is_that_of_brute_force() -> None:
+    hand = right_hand()
+    record = HandSolver(hand, BALL.arrays(), SolverOptions()).run(*PRESS)
+    for depth in (0.0, 1e-5, 3e-3):
+        lowered = record._replace(joints=record.joints.copy(), position=record.position.copy())
+        lowered.joints[..., 2] -= depth
+        lowered.position[:, 2] -= depth
+        brute = max(0.0, -record_clearance(hand, BALL, lowered).min())
+        assert abs(worst_penetration(hand, BALL.arrays(), lowered) - brute) < 1e-12
+        assert (brute > 0.5 * depth) == (depth > 0.0)
+
+
+def stuck_at(motion: HapticMotion, record: TickRecord, tick: int) -> int:
+    status = record.status.copy()
+    status[tick] |= STATUS_STUCK
+    return unexplained_stuck(right_hand(), BALL.arrays(), SolverOptions(), motion, record._replace(status=status))
+
+
+def test_a_stuck_tick_is_explained_where_the_hand_can_go_no_nearer() -> None:
+    record = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*PRESS)
+    assert not (record.status & STATUS_STUCK).any()
+    # At rest on the ball the hand is at its best; on its way down through air, a tick later, it is where it should be.
+    assert stuck_at(PRESS, record, LAST) == 0
+    assert stuck_at(PRESS, record, 30) == 0
+    # Asked to be 12 mm lower, in air, it could; and on the ball, asked to leave it.
+    ahead = HapticMotion(*(np.roll(values, -10, axis=0) for values in PRESS))
+    assert stuck_at(ahead, record, 30) == 1
+    away = PRESS._replace(position=PRESS.position.copy())
+    away.position[LAST, 2] += 0.1
+    assert stuck_at(away, record, LAST) == 1
+    # By 20 µm: nothing that anybody would miss.
+    near = PRESS._replace(position=PRESS.position.copy())
+    near.position[30, 0] += 2e-5
+    assert stuck_at(near, record, 30) == 0
+
+
+def test_held_input_is_judged_by_the_last_sample_that_was_sound() -> None:
+    record = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*PRESS)
+    held = HapticMotion(*(values.copy() for values in PRESS))
+    held.position[31:35] = np.nan
+    # Forty ticks of the motion lie between: the hand at tick 30 is where sample 30 asked it to be.
+    frozen = record._replace(**{name: getattr(record, name).copy() for name in ("position", "joints", "orientation")})
+    for tick in range(31, 35):
+        frozen.position[tick], frozen.joints[tick] = record.position[30], record.joints[30]
+    assert stuck_at(held, frozen, 33) == 0
+    assert stuck_at(PRESS, frozen, 33) == 1
+    np.testing.assert_array_equal(newest_sound_sample(held)[29:37], [29, 30, 30, 30, 30, 30, 35, 36])
+    nothing = HapticMotion(*(np.full_like(values, np.nan) for values in PRESS.part(0, 2)))
+    np.testing.assert_array_equal(newest_sound_sample(nothing), [-1, -1])
+
+
+def test_a_reference_that_is_stuck_itself_explains_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    record = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*PRESS)
+
+    class Stuck(HandSolver):
+        def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+            found = super().run(position, orientation, flexion, abduction)
+            found.status[0] |= STATUS_STUCK
+            return found
+
+    monkeypatch.setattr("hhsim.hard_judge.HandSolver", Stuck)
+    assert stuck_at(PRESS, record, LAST) == 1
+
+
+def test_loops_keep_the_marks_and_the_memory() -> None:
+    lead = PRESS.part(0, 50)
+    run = HardRun("loops", right_hand(), BALL, PRESS.part(50), lead=lead, repeats=3, marks=(0, -1))
+    outcome = run_scene(run, SolverOptions())
+    assert outcome.ticks_done == PRESS.ticks + 2 * (PRESS.ticks - 50)
+    assert outcome.marked.shape == (3, 2, 21, 3)
+    assert (outcome.memory > 1e7).all()
+    np.testing.assert_array_equal(outcome.marked[2, 1, 20], outcome.ticks.position[-1])
+    assert resident_memory() > 1e7
+
+
+def test_only_methods_that_promise_to_pass_can_miss() -> None:
+    bad = (Figure("penetration", 1.0, 1e-6, "m"),)
+    results = [CaseResult("a", method, bad) for method in ("coupled", "progressive", "paper", "penalty")]
+    assert [result.method for result in missed(results)] == ["coupled", "progressive"]
+    assert missed([CaseResult("a", "coupled", (Figure("penetration", 0.0, 1e-6, "m"),))]) == []
+
+
+def test_the_command_prints_a_table_and_writes_every_figure(run: Run, tmp_path: Path) -> None:
+    answer = run("bench", "hard", "never-touches", "too-many-pairs", "--method", "coupled", "--out", "hard.h5")
+    assert answer.code == 0, answer.err
+    lines = answer.out.splitlines()
+    assert any(line.startswith("never-touches") and " pass " in line for line in lines)
+    assert any(line.startswith("too-many-pairs") and "refuses, as it may" in line for line in lines)
+    assert lines[-2:] == ["passed: coupled 2 of 2", "every figure is in hard.h5"]
+    table = load_table(tmp_path / "hard.h5")
+    assert table.suite == "hard"
+    assert {row["case"] for row in table.rows} == {"never-touches", "too-many-pairs"}
+    assert all(row["case_passed"] for row in table.rows)
+    assert table.options == {
+        "cases": ["never-touches", "too-many-pairs"],
+        "methods": ["coupled"],
+        "seed": 0,
+        "ticks": 20_000,
+    }
+
+
+def test_machines_get_every_figure(run: Run) -> None:
+    answer = run("bench", "hard", "never-touches", "--json", "--quiet", "--seed", "3")
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    assert document["passed"] is True
+    assert document["methods"] == list(METHODS)
+    assert document["seed"] == 3
+    figures = {row["figure"] for row in document["rows"] if row["method"] == "coupled"}
+    assert {"penetration", "pairs tested a tick", "stuck ticks that nothing explains"} <= figures
+
+
+@pytest.mark.parametrize(("fault", "code"), [("none", 0), ("penetration", 1), ("exception", 1)])
+def test_a_missed_bar_is_exit_code_1(run: Run, monkeypatch: pytest.MonkeyPatch, fault: str, code: int) -> None:
+    monkeypatch.setattr("hhsim.hard_cases.INPUT_CASES", (replace(CASE, name="deep-command"),))
+    monkeypatch.setattr(suite, "HandSolver", type("Spoiled", (Faulty,), {"fault": fault}))
+    answer = run("bench", "hard", "deep-command", "--method", "coupled")
+    assert answer.code == code, answer.err
+    if fault == "penetration":
+        assert re.search(r"^deep-command, coupled: penetration [12]\.\d+ µm, bar ≤ 1 µm$", answer.out, re.MULTILINE)
+        assert "missed by a method that promises to pass: deep-command (coupled)" in answer.out
+    elif fault == "exception":
+        assert "deep-command, coupled: ZeroDivisionError: float division" in answer.out
+
+
+def test_the_cases_can_be_listed(run: Run, tmp_path: Path) -> None:
+    answer = run("bench", "hard", "--list")
+    assert answer.code == 0
+    assert "fast-swipe" in answer.out
+    listed = json.loads(run("bench", "hard", "--list", "--json").out)["cases"]
+    assert len(listed) > 25
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["fast-swip"], "unknown hard case 'fast-swip': did you mean fast-swipe?"),
+        (["--method", "couple"], "unknown method 'couple': did you mean coupled?"),
+        (["--out", "hard.csv"], "hard.csv must end in .h5"),
+    ],
+)
+def test_a_mistake_is_told_before_the_work(run: Run, arguments: list[str], part: str, tmp_path: Path) -> None:
+    answer = run("bench", "hard", *arguments)
+    assert answer.code == 2
+    assert part in answer.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_hand_of_the_scenes_is_the_default_one() -> None:
+    np.testing.assert_array_equal(right_hand().radius, HandModel.default().radius)

@@ -1,0 +1,104 @@
+"""The objects and crossings of the hard cases are what they are said to be."""
+
+import numpy as np
+from sphere_scenes import Motion, brute_pairs
+
+from hhsim.haptic_motion import quaternion, still
+from hhsim.hard_objects import ball, disc, mould, plate, right_hand, ring, scaled_hand, tree_of
+from hhsim.hard_postures import INDEX, POINTING, crossings, handling, threaded, tip_at
+
+
+def test_a_tree_holds_its_spheres_whatever_their_number() -> None:
+    random = np.random.default_rng(0)
+    for count in (1, 8, 9, 700):
+        center, radius = random.normal(size=(count, 3)), random.uniform(0.0, 0.1, count)
+        tree = tree_of(center, radius)
+        order, wanted = np.lexsort(tree.leaf_center.T), np.lexsort(center.T)
+        np.testing.assert_array_equal(tree.leaf_center[order], center[wanted])
+        np.testing.assert_array_equal(tree.leaf_radius[order], radius[wanted])
+    assert tree_of(np.zeros((100, 3)), 0.0).leaf_count == 100
+
+
+def test_a_ball_and_a_disc_have_no_holes() -> None:
+    tree = ball(1200, 0.038)
+    reach = np.linalg.norm(tree.leaf_center, axis=1) + tree.leaf_radius
+    np.testing.assert_allclose(reach, 0.038, atol=1e-12)
+    random = np.random.default_rng(1)
+    direction = random.normal(size=(500, 3))
+    # On the sphere through the centres every point is in one of the spheres.
+    points = (0.038 - tree.leaf_radius[0]) * direction / np.linalg.norm(direction, axis=1)[:, None]
+    gap = np.linalg.norm(points[:, None] - tree.leaf_center, axis=2).min(axis=1) - tree.leaf_radius[0]
+    assert gap.max() < 0.0
+    leaf = disc(0.045, 0.8e-3, 1e-3)
+    assert (leaf.leaf_radius == 0.5e-3).all()
+    turn, radius = random.uniform(0.0, 2.0 * np.pi, 500), 0.044 * np.sqrt(random.uniform(0.0, 1.0, 500))
+    points = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(500)], axis=1)
+    gap = np.linalg.norm(points[:, None] - leaf.leaf_center, axis=2).min(axis=1) - 0.5e-3
+    assert gap.max() < 0.0
+
+
+def test_a_plate_lies_under_its_plane() -> None:
+    points = plate(0.02, 0.04, 2e-3, 1e-3)
+    np.testing.assert_allclose(points.max(axis=0), [0.01, 0.02, -1e-3], atol=1e-12)
+    np.testing.assert_allclose(points.min(axis=0), [-0.01, -0.02, -1e-3], atol=1e-12)
+    assert len(points) == 11 * 21
+
+
+def test_a_ring_leaves_its_hole() -> None:
+    axis = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
+    center = np.array([0.1, 0.2, 0.3])
+    tree = ring(center, axis, 0.01, 2e-3, 80)
+    across = tree.leaf_center - center
+    np.testing.assert_allclose(across @ axis, 0.0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(across, axis=1) - tree.leaf_radius, 0.01, atol=1e-15)
+
+
+def test_every_sphere_of_a_mould_is_as_near_as_it_says() -> None:
+    pose = still(np.zeros(3), flexion=0.1)
+    tree = mould(pose, 300, 0.3e-3, 1e-3, np.random.default_rng(2))
+    pairs = brute_pairs(right_hand(), tree.leaf_center, tree.leaf_radius, Motion(*pose))
+    least = pairs.min(axis=0)
+    assert least.shape == (300,)
+    assert least.min() > 0.25e-3
+    assert least.max() < 0.31e-3
+
+
+def test_a_scaled_hand_is_the_same_hand() -> None:
+    hand, pose = right_hand(), handling(300).part(-1)
+    place = [values[0] for values in pose]
+    for factor in (0.01, 100.0):
+        scaled = scaled_hand(hand, factor)
+        joints = scaled.joints(place[0] * factor, *place[1:])
+        np.testing.assert_allclose(joints / factor, hand.joints(*place), rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(scaled.arrays().palm_radius / factor, hand.arrays().palm_radius, rtol=1e-14)
+        np.testing.assert_allclose(scaled.arrays().palm_reach / factor, hand.arrays().palm_reach, rtol=1e-14)
+
+
+def test_a_fingertip_is_put_where_it_is_told() -> None:
+    hand, turn = right_hand(), quaternion(np.array([0.2, -0.3, 0.7]))
+    place = tip_at(hand, np.array([0.1, 0.0, 0.2]), turn, POINTING)
+    np.testing.assert_allclose(hand.joints(place, turn, POINTING, np.zeros(5))[INDEX, 3], [0.1, 0.0, 0.2], atol=1e-15)
+
+
+def test_crossings_are_counted_through_the_disc_and_not_around_it() -> None:
+    def way(*points: tuple[float, float, float]) -> int:
+        return crossings(np.array(points)[:, None], 0.05)
+
+    assert way((0.0, 0.0, 0.1), (0.0, 0.0, -0.1)) == 1
+    assert way((0.0, 0.0, 0.1), (0.0, 0.0, -0.1), (0.01, 0.0, 0.1)) == 2
+    assert way((0.0, 0.0, 0.1), (0.1, 0.0, 0.1), (0.1, 0.0, -0.1), (0.0, 0.0, -0.1)) == 0
+    # Where it crosses counts, not where it was before: at x = 0.04, and at x = 0.06.
+    assert way((0.0, 0.0, 0.1), (0.08, 0.0, -0.1)) == 1
+    assert way((0.0, 0.0, 0.1), (0.12, 0.0, -0.1)) == 0
+    assert way((0.0, 0.0, 0.1), (0.01, 0.0, 0.05), (0.02, 0.0, 0.001)) == 0
+
+
+def test_a_finger_is_in_a_ring_or_it_is_not() -> None:
+    line = np.array([[0.0, -0.05, 0.0], [0.0, -0.01, 0.0], [0.0, 0.01, 0.0], [0.0, 0.05, 0.0]])
+    center, axis = np.zeros(3), np.array([0.0, 1.0, 0.0])
+    shifts = [(0.0, 0.0, 0.0), (0.009, 0.0, 0.0), (0.011, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, -0.2, 0.0)]
+    joints = np.array([line + shift for shift in shifts])
+    np.testing.assert_array_equal(threaded(joints, center, axis, 0.01), [True, True, False, False, False])
+    # In and out again is not in.
+    bent = np.array([[[0.0, -0.05, 0.0], [0.0, 0.01, 0.0], [0.001, 0.02, 0.0], [0.002, -0.05, 0.0]]])
+    assert not threaded(bent, center, axis, 0.01)[0]
