@@ -168,7 +168,7 @@ def _counted(outcome: Outcome, motion: HapticMotion, record: TickRecord) -> Outc
         nonfinite=outcome.nonfinite + count_nonfinite(record),
         limit_excess=float(np.maximum(outcome.limit_excess, limit_excess(run.hand, record))),
         stuck=outcome.stuck + int(((record.status & STATUS_STUCK) > 0).sum()),
-        unexplained=outcome.unexplained + unexplained_stuck(run.hand, tree, outcome.options, motion, record),
+        unexplained=outcome.unexplained + unexplained_stuck(run.hand, run.tree, outcome.options, motion, record),
         lagging=outcome.lagging + int(lagging.sum()),
         lag=float(np.maximum(outcome.lag, record.lag.max(initial=0.0))),
     )

@@ -1,46 +1,31 @@
 """Haptic hands tick by tick, written down by formula: what scenes that are no recording are moved by."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand import HandModel
+from hhsim.hand_motion import HandMotion
 
 Array = NDArray[np.float64]
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
-class HapticMotion(NamedTuple):
-    """Haptic configurations of T ticks: what `HandSolver.run` takes.
+class HapticMotion(HandMotion):
+    """A hand motion that can be written down step by step."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | position | palm origin [m], world | (T, 3) |
-    | orientation | palm quaternion (w, x, y, z), world | (T, 4) |
-    | flexion | joint angles [rad] | (T, 5, 3) |
-    | abduction | [rad] | (T, 5) |
-    """
+    __slots__ = ()
 
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
-
-    @property
-    def ticks(self) -> int:
-        """T."""
-        return len(self.position)
-
-    def part(self, first: int, last: int | None = None) -> "HapticMotion":
-        """Ticks first to last - 1; negative ones count from the end."""
-        return HapticMotion(*(values[first:last].copy() for values in self))
+    def part(self, first: int, last: int | None = None) -> Self:
+        """Ticks first to last - 1, as copies; negative ones count from the end."""
+        return type(self)(*(values[first:last].copy() for values in self))
 
     def hold(self, ticks: int) -> "HapticMotion":
         """This motion, and its last configuration for some ticks more."""
-        return joined(self, HapticMotion(*(np.repeat(values[-1:], ticks, axis=0) for values in self)))
+        return sequence(self, HapticMotion(*(np.repeat(values[-1:], ticks, axis=0) for values in self)))
 
     def line(self, goal: "HapticMotion", ticks: int) -> "HapticMotion":
         """This motion, and from its last configuration at constant speed to the first one of `goal`, reached last."""
@@ -50,7 +35,7 @@ class HapticMotion(NamedTuple):
         ]
         vector = rotation_vector(quaternion_product(goal.orientation[0], conjugate(self.orientation[-1])))
         parts[1] = quaternion_product(quaternion(share[:, None] * vector), self.orientation[-1])
-        return joined(self, HapticMotion(*parts))
+        return sequence(self, HapticMotion(*parts))
 
 
 def still(
@@ -69,7 +54,7 @@ def still(
     return HapticMotion(*(np.repeat(value[None], ticks, axis=0) for value in values))
 
 
-def joined(*motions: HapticMotion) -> HapticMotion:
+def sequence(*motions: HandMotion) -> HapticMotion:
     """One motion after the other."""
     return HapticMotion(*(np.concatenate(parts) for parts in zip(*motions, strict=True)))
 

@@ -83,7 +83,7 @@ class Outcome:
         nonfinite: Numbers of the record that are not finite.
         limit_excess: How far a joint was beyond its limits at most [rad].
         stuck: Ticks that kept the last feasible hand.
-        unexplained: Of those, the ones from where a hand can move, see `hard_judge`.
+        unexplained: Of those, the ones from where a hand can move, see `hhsim.stuck`.
         lagging: Ticks with distance still to go.
         lag: The most of it [m].
         marked: Shown hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).

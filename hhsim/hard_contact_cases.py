@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.haptic_motion import HapticMotion, joined, quaternion, quaternion_product, random_targets, still
+from hhsim.haptic_motion import HapticMotion, quaternion, quaternion_product, random_targets, sequence, still
 from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
 from hhsim.hard_judge import least_clearance, part_of, pose_clearance
 from hhsim.hard_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
@@ -43,7 +43,7 @@ def _handle(seed: int) -> Sequence[HardRun]:
     for _ in range(30):
         target = still(random.normal(0.0, 0.004, 3), quaternion(random.normal(0.0, 0.05, 3)), POINTING)
         target.flexion[0, INDEX] = random.uniform(0.0, [0.2, 0.8, 0.8])
-        motion = joined(motion, target).hold(19)
+        motion = sequence(motion, target).hold(19)
     motion = motion.line(inside, 40).line(inside._replace(position=0.03 * axis[None]), 60).hold(40)
     motion = motion.line(inside, 60).hold(20).line(outside, 120).hold(20)
     return [HardRun("ring", right_hand(), tree, motion)]
@@ -218,7 +218,7 @@ def _many(seed: int) -> Sequence[HardRun]:
 
 def _judge_many(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     figures = []
-    for outcome, least in zip(outcomes, (500, 2000), strict=True):
+    for outcome in outcomes:
         still_after = frozen_decay(outcome.ticks.total[-61:])
         figures.append(Figure(f"ticks to rest, {outcome.run.name}", np.inf if still_after is None else still_after, 20))
     return figures
@@ -257,7 +257,7 @@ def _ridge(seed: int) -> Sequence[HardRun]:
     sliding.position[:] += np.concatenate(
         [0.08 * time, 0.003 * np.sin(40.0 * np.pi * time), np.zeros_like(time)], axis=1
     )
-    return [HardRun("fingertip along it", hand, tree, joined(motion, sliding).hold(60))]
+    return [HardRun("fingertip along it", hand, tree, sequence(motion, sliding).hold(60))]
 
 
 def _judge_ridge(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
@@ -364,7 +364,7 @@ def _abduction(seed: int) -> Sequence[HardRun]:
             "ball between two fingers",
             hand,
             tree_of(between, max(room, 0.002)),
-            joined(above.line(motion, 100), motion),
+            sequence(above.line(motion, 100), motion),
         )
     ]
 

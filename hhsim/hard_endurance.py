@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hhsim.haptic_motion import HapticMotion, quaternion, still
+from hhsim.haptic_motion import HapticMotion, quaternion, sequence, still
 from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
 from hhsim.hard_objects import coarse_ball, right_hand
 from hhsim.hard_postures import HALF
@@ -33,9 +33,7 @@ def _loops(repeats: int) -> Sequence[HardRun]:
     above = still((0.0, -0.045, 0.12), flexion=HALF)
     pressed = still((0.0, -0.045, 0.055), flexion=np.full((5, 3), 0.6))
     around = _around(pressed, LOOP - 600)
-    air = above.hold(49).line(pressed, 250).hold(0)
-    through_air = HapticMotion(*(np.concatenate(parts) for parts in zip(air, around, strict=True))).hold(60)
-    through_air = through_air.line(above, 220).hold(20)
+    through_air = sequence(above.hold(49).line(pressed, 250), around).hold(60).line(above, 220).hold(20)
     contact = _around(pressed, LOOP - 100).hold(100)
     return [
         HardRun("through air and contact", hand, tree, through_air, repeats=repeats, marks=(LOOP - 242, LOOP - 1)),

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from hhsim.haptic_motion import (
     HapticMotion,
-    joined,
     quaternion,
     quaternion_product,
+    sequence,
     still,
 )
 from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_judge import held, least_clearance, motion_difference, newest_sound_sample, part_of, shown_points
+from hhsim.hard_judge import held, least_clearance, motion_difference, part_of, shown_points, sound_samples
 from hhsim.hard_objects import ball, disc, plate, right_hand, tree_of, usual_ball
 from hhsim.hard_postures import HALF, POINTING, crossings, handling, tip_at
 from hhsim.metrics import frozen_decay
@@ -93,12 +93,12 @@ def _teleport(seed: int) -> Sequence[HardRun]:
         )
     air = still((0.0, 0.0, 0.4)).hold(4)
     return [
-        HardRun("through air", hand, usual_ball(), joined(air, still((0.5, 0.0, 0.4)), still((0.5, -0.5, 0.4)))),
+        HardRun("through air", hand, usual_ball(), sequence(air, still((0.5, 0.0, 0.4)), still((0.5, -0.5, 0.4)))),
         HardRun(
             "across a ball",
             hand,
             usual_ball(),
-            joined(
+            sequence(
                 still((0.0, -0.03, 0.25), flexion=HALF, ticks=5), still((0.0, -0.03, -0.25), flexion=HALF, ticks=200)
             ),
         ),
@@ -106,9 +106,9 @@ def _teleport(seed: int) -> Sequence[HardRun]:
             "across a wall",
             hand,
             wall,
-            joined(still((0.0, 0.0, 0.25), turned, HALF, 0.0, 5), still((0.0, 0.0, -0.25), turned, HALF, 0.0, 100)),
+            sequence(still((0.0, 0.0, 0.25), turned, HALF, 0.0, 5), still((0.0, 0.0, -0.25), turned, HALF, 0.0, 100)),
         ),
-        HardRun("to and fro", hand, usual_ball(), joined(*jumps)),
+        HardRun("to and fro", hand, usual_ball(), sequence(*jumps)),
     ]
 
 
@@ -168,22 +168,18 @@ def _bad_samples(seed: int) -> Sequence[HardRun]:
     late = HapticMotion(*(values.copy() for values in clean))
     for values in late:
         values[:7] = np.nan
-    known = newest_sound_sample(dirty)
-    repeated = HapticMotion(*(values[known] for values in clean))
-    first = HapticMotion(*(values[np.maximum(np.arange(clean.ticks), 7)] for values in clean))
     hand, tree = right_hand(), usual_ball()
     return [
         HardRun("a fifth is bad", hand, tree, dirty),
-        HardRun("the last good one repeated", hand, tree, repeated),
+        HardRun("the last good one repeated", hand, tree, dirty.held()),
         HardRun("none at first", hand, tree, late),
-        HardRun("the first one from the start", hand, tree, first),
+        HardRun("the first one from the start", hand, tree, late.held()),
     ]
 
 
 def _judge_bad_samples(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     dirty, repeated, late, first = (outcome.ticks for outcome in outcomes)
-    sound = newest_sound_sample(outcomes[0].run.motion) == np.arange(len(dirty.status))
-    differing = int((held(dirty) == sound).sum()) + int((held(late) != (np.arange(len(late.status)) < 7)).sum())
+    differing = sum(int((held(o.ticks) == sound_samples(o.run.motion)).sum()) for o in outcomes)
     return [
         Figure("difference to the last good sample repeated", motion_difference(dirty, repeated), 0.0, "m"),
         Figure("difference to a hand that waits for its first sample", motion_difference(late, first), 0.0, "m"),
@@ -200,8 +196,8 @@ def _turns(seed: int) -> Sequence[HardRun]:
         motion = start
         for axis in np.concatenate([np.eye(3), -np.eye(3)]):
             turned = touching._replace(orientation=quaternion_product(quaternion(angle * axis), touching.orientation))
-            motion = joined(motion, turned).hold(59)
-            motion = joined(motion, touching).hold(59)
+            motion = sequence(motion, turned).hold(59)
+            motion = sequence(motion, touching).hold(59)
         runs.append(HardRun(name, hand, tree, motion))
     return runs
 

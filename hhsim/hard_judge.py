@@ -1,38 +1,29 @@
 """What is judged of every hard case alike: penetration, finite numbers, joint limits, stuck ticks.
 
 Nothing of it is the solver's word but the bit that says a tick was stuck: penetration is recomputed from the recorded
-poses, and a stuck tick is explained only where a second solver, with many times the budget, finds no way either.
+poses, and a stuck tick is explained only where `hhsim.stuck`, which shares nothing with a tick, finds no way either.
 """
-
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand import HandModel
-from hhsim.haptic_motion import HapticMotion
+from hhsim.hand_motion import HandMotion
 from hhsim.hard_case import DEEPEST, Figure, Outcome
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.pose import is_finite_configuration
 from hhsim.kernels.tick_state import STATUS_HELD, STATUS_STUCK
 from hhsim.kernels.tree import TreeArrays
 from hhsim.metrics import hand_clearance, penetration
-from hhsim.solver import HandSolver
+from hhsim.placed_hand import PlacedHand
 from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+from hhsim.stuck import way_out
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 TIMINGS = ("duration", "duration_total", "duration_cpu")
 """What of a record is no result: it differs from run to run."""
-
-LEAST_MOTION = 0.1
-"""A hand that can come nearer to the user's by less than this share of the margin (0.1 mm) may stand still."""
-
-REFERENCE_LINEARISATIONS = 400
-REFERENCE_SETTLED = 1e-5
-"""Of the reference that looks for a way from a stuck tick: its budget, and the step that ends it as share of the margin
-(10 nm); as in `tracking_reference`."""
 
 MOST_CHECKS = 300
 """Different stuck ticks of a run that are looked at; those beyond count as unexplained."""
@@ -89,7 +80,7 @@ def least_clearance(hand: HandModel, tree: TreeArrays, record: TickRecord, limit
     return least
 
 
-def pose_clearance(hand: HandModel, tree: TreeArrays, pose: HapticMotion, limit: float) -> float:
+def pose_clearance(hand: HandModel, tree: TreeArrays, pose: HandMotion, limit: float) -> float:
     """Least signed distance [m] of object and hand at the first configuration of a motion, at most `limit`."""
     position, orientation, flexion, abduction = (values[0] for values in pose)
     joints = hand.joints(position, orientation, flexion, abduction)
@@ -125,8 +116,7 @@ def limit_excess(hand: HandModel, record: TickRecord) -> float:
 
 def shown_points(record: TickRecord) -> Array:
     """Joints and palm of the shown hand [m], shape (T, 21, 3): where it is, in one kind of number."""
-    joints = record.joints.reshape(len(record.joints), -1, 3)
-    return np.concatenate([joints, record.position[:, None]], axis=1)
+    return PlacedHand(record.joints, record.position, record.orientation).points
 
 
 def motion_difference(first: TickRecord, second: TickRecord) -> float:
@@ -135,65 +125,42 @@ def motion_difference(first: TickRecord, second: TickRecord) -> float:
 
 
 def unexplained_stuck(
-    hand: HandModel, tree: TreeArrays, options: SolverOptions, motion: HapticMotion, record: TickRecord
+    hand: HandModel, tree: SphereTree, options: SolverOptions, motion: HandMotion, record: TickRecord
 ) -> int:
     """Stuck ticks from where the hand could have moved.
 
-    From the hand that the tick showed, the coupled reference (400 linearisations, settled at 10 nm) goes to the user's
-    hand. The tick is explained where that reference itself accepts a step and yet moves no joint and no part of the
-    palm by more than 0.1 mm: then the hand shown is the best one nearby. A reference that is stuck explains nothing.
+    A tick is explained where `stuck.way_out` finds no step from the hand shown towards the last sample that could be
+    used: by distances and derivatives of its own, and by the distances at the step's end.
 
     Args:
         hand: The hand.
         tree: The object, world.
-        options: Of the method; lengths and stiffness are kept.
+        options: Of the method; lengths and stiffness count.
         motion: The haptic input, samples that are not finite included.
         record: What the method made of it, the same ticks.
     """
     stuck = np.flatnonzero(record.status & STATUS_STUCK)
     if len(stuck) == 0:
         return 0
-    newest = newest_sound_sample(motion)
-    reference = HandSolver(
-        hand,
-        tree,
-        replace(
-            options,
-            method="coupled",
-            qp="active-set",
-            linearisations=REFERENCE_LINEARISATIONS,
-            settled=REFERENCE_SETTLED * options.margin,
-        ),
-    )
-    shown = shown_points(record)
+    wanted = motion.held()
+    shown = HandMotion(record.position, record.orientation, record.flexion, record.abduction)
     verdicts: dict[bytes, bool] = {}
     unexplained = 0
-    for tick in stuck:
-        pose = [values[tick] for values in (record.position, record.orientation, record.flexion, record.abduction)]
-        if newest[tick] < 0:
-            unexplained += 1
-            continue
-        wanted = motion.part(newest[tick], newest[tick] + 1)
-        key = b"".join(np.ascontiguousarray(values).tobytes() for values in (*pose, *wanted))
+    for tick in stuck.tolist():
+        here, goal = shown.part(tick, tick + 1), wanted.part(tick, tick + 1)
+        key = b"".join(np.ascontiguousarray(values).tobytes() for values in (*here, *goal))
         if key not in verdicts:
             if len(verdicts) >= MOST_CHECKS:
                 unexplained += 1
                 continue
-            reference.place(*pose)
-            best = reference.run(*wanted)
-            moved = float(np.linalg.norm(shown_points(best)[0] - shown[tick], axis=1).max())
-            verdicts[key] = not best.status[0] & STATUS_STUCK and moved <= LEAST_MOTION * options.margin
-        unexplained += not verdicts[key]
+            verdicts[key] = way_out(hand, tree, options, here, goal) > 0.0
+        unexplained += verdicts[key]
     return unexplained
 
 
-def newest_sound_sample(motion: HapticMotion) -> Indices:
-    """Of each tick, the newest sample that the method could use, -1 where none has come; shape (T,).
-
-    From the input itself, not from what the method says of it.
-    """
-    sound = np.array([is_finite_configuration(*sample) for sample in zip(*motion, strict=True)])
-    return np.asarray(np.maximum.accumulate(np.where(sound, np.arange(len(sound)), -1)), dtype=np.int64)
+def sound_samples(motion: HandMotion) -> NDArray[np.bool_]:
+    """Samples that are a hand's, shape (T,): from the input itself, not from what a method says of it."""
+    return np.array([is_finite_configuration(*sample) for sample in zip(*motion, strict=True)], dtype=bool)
 
 
 def held(record: TickRecord) -> NDArray[np.bool_]:

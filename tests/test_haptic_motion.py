@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 from hhsim.hand import HandModel
 from hhsim.haptic_motion import (
     conjugate,
-    joined,
     quaternion,
     quaternion_product,
     random_targets,
     rotation_matrix,
     rotation_vector,
+    sequence,
     still,
 )
 
@@ -52,7 +52,7 @@ def test_parts_and_joins_are_copies() -> None:
     part = motion.part(1, 3)
     part.position[:] = 0.0
     assert motion.position.min() == 1.0
-    assert joined(motion, part).ticks == 6
+    assert sequence(motion, part).ticks == 6
     assert motion.part(-1).ticks == 1
 
 
