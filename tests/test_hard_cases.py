@@ -126,7 +126,7 @@ def test_scenes_provoke_what_they_are_named_for() -> None:
     for run, pairs in zip(scenes("many-pairs"), (500, 2000), strict=True):
         record = run_scene(run, SolverOptions()).ticks
         shown = Motion(record.position, record.orientation, record.flexion, record.abduction)
-        distance = brute_pairs(run.hand, run.tree.leaf_center, run.tree.leaf_radius, shown, tick=150)
+        distance = brute_pairs(run.hand, run.tree.leaf_center, run.tree.leaf_radius, shown, tick=100)
         assert (distance <= SolverOptions().margin).sum() >= pairs
 
 
