@@ -126,6 +126,15 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
     "holds at joints. Default: spheres.",
 )
 @click.option(
+    "--threads",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Threads that share each tick: finding contacts and, with progressive, the fingers' programs (coupled has "
+    "only one program). The same result with any number; hhsim bench threads says when they pay.",
+)
+@click.option(
     "--tremor",
     callback=number_list("mm", "degrees"),
     metavar="MM,DEG",
@@ -156,6 +165,7 @@ def command(
     budget: int | None,
     tolerance: float | None,
     frustum_ends: str | None,
+    threads: int,
     tremor: tuple[float, ...] | None,
     unit: str | None,
     size: float | None,
@@ -190,6 +200,7 @@ def command(
         "budget": budget,
         "tolerance": tolerance,
         "fingers": fingers,
+        "threads": threads,
     }
     solver = _solver_options(method, qp, {name: value for name, value in changed.items() if value is not None})
     motion = _motion(trajectory, tremor)

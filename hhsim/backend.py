@@ -100,6 +100,7 @@ def _solve_progressive(options: TickOptions, state: Any, qp: QpWork, backend: st
         state.progressive,
         state.correction,
         qp,
+        state.crew,
         state.step,
     )
     if status != OPTIMAL:

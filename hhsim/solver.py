@@ -3,12 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.crew import Crew
 from hhsim.errors import HhsimError
 from hhsim.hand import HandModel
 from hhsim.kernels.active_set import new_work
 from hhsim.kernels.block import TickRecord, run_block
 from hhsim.kernels.contact import CONTACT_ROWS, PALM_PAIRS
 from hhsim.kernels.hand import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.linearise import ROW_CAPACITY
 from hhsim.kernels.paper import begin_paper
 from hhsim.kernels.paper_block import run_block_paper
@@ -49,6 +51,7 @@ class HandSolver:
         self.qp = new_work(DOF, ROW_CAPACITY)
         self.paper = paper_state(options.frustum_ends == "spheres") if options.method == "paper" else None
         self.palm_tree = hand.palm_tree.arrays()
+        self.crew = Crew(self.states, options.threads if JIT_ENABLED else 1)
         self._started = False
 
     def run(
@@ -110,9 +113,11 @@ class HandSolver:
                 record,
             )
         elif self.options.qp == "active-set":
-            done = run_block(
-                self.hand, self.tree, options, self.states, self.qp, position, orientation, flexion, abduction, record
-            )
+            with self.crew.at_work(self.hand, self.tree, options):
+                done = run_block(
+                    *(self.hand, self.tree, options, self.states, self.qp),
+                    *(position, orientation, flexion, abduction, record),
+                )
         else:
             from hhsim.backend import run_block_with_backend
 

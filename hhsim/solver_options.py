@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.kernels.crew import PARTS
 from hhsim.kernels.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.hand import BODY_COUNT, PHALANX_COUNT
 from hhsim.kernels.tick_state import METHOD_COUPLED, METHOD_PAPER, METHOD_PROGRESSIVE, TOUCH, TickOptions
 
 METHODS = {"coupled": METHOD_COUPLED, "progressive": METHOD_PROGRESSIVE, "paper": METHOD_PAPER}
+THREADED_METHODS = ("coupled", "progressive")
+"""Methods whose ticks can be shared among threads."""
 FORCES = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 FRUSTUM_ENDS = ("spheres", "flat")
 FINGERS = ("thumb", "index", "middle", "ring", "little")
@@ -80,6 +83,8 @@ class SolverOptions:
         settled: A step shorter than this ends the tick.
         tolerance: Largest violation of a program's row that counts as satisfied, as a share of the margin.
         touch: Pairs nearer than this count as touching.
+        threads: That share the work of a tick, up to six, one for each finger and the palm: finding contacts, and in
+            `progressive` the fingers' programs. The same bytes come out with any number.
         stiffness: The virtual coupling.
         frustum_ends: Of method `paper`: `spheres` (Eq. 13's range of k at every joint, as at the fingertip) or `flat`
             (Eq. 7's, but for the fingertip), which takes large object spheres beyond a joint for contacts.
@@ -97,6 +102,7 @@ class SolverOptions:
     settled: float = 1e-4
     tolerance: float = 1e-8
     touch: float = TOUCH
+    threads: int = 1
     stiffness: Stiffness = field(default_factory=Stiffness)
     frustum_ends: str = "spheres"
 
@@ -120,6 +126,15 @@ class SolverOptions:
                 raise UnknownNameError("finger", finger, FINGERS)
         if self.budget is not None and self.budget < 1:
             raise InputError(f"the budget is {self.budget} work units: a tick needs at least 1")
+        if not 1 <= self.threads <= PARTS:
+            raise InputError(
+                f"threads is {self.threads}: 1 to {PARTS}, since a tick has {PARTS} parts, five fingers and the palm"
+            )
+        if self.threads > 1 and self.qp != "active-set":
+            raise InputError(f"threads is {self.threads}, but '{self.qp}' is driven in one thread: use active-set")
+        if self.threads > 1 and self.method not in THREADED_METHODS:
+            known = " and ".join(THREADED_METHODS)
+            raise InputError(f"threads is {self.threads}, but '{self.method}' runs in one thread; {known} take several")
         for name in ("margin", "skin", "offset", "settled", "touch"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

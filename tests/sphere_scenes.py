@@ -155,21 +155,11 @@ def solve_prepared(solver: HandSolver) -> int:
     """Solve the prepared program by the solver's method; the step is in the state. Returns the kernel's status."""
     state, options = solver.states[0], solver.tick_options
     coupled = options.method == METHOD_COUPLED
-    solve = solve_coupled if coupled else solve_progressive
-    status = solve(
-        state.pose,
-        state.problem,
-        state.contacts,
-        state.warm,
-        options.tolerance,
-        options.relaxation,
-        options.longest_correction,
-        state.coupled if coupled else state.progressive,
-        state.correction,
-        solver.qp,
-        state.step,
-    )
-    return int(status)
+    lengths = options.tolerance, options.relaxation, options.longest_correction
+    given = state.pose, state.problem, state.contacts, state.warm, *lengths
+    if coupled:
+        return int(solve_coupled(*given, state.coupled, state.correction, solver.qp, state.step))
+    return int(solve_progressive(*given, state.progressive, state.correction, solver.qp, state.crew, state.step))
 
 
 _brute = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp"})

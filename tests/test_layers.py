@@ -27,7 +27,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("hand_motion", "brute_distance", "stress", "scene", "haptic_motion", "hard_objects", "hard_postures"),
     ),
     # One tick of it, and what is measured.
-    ("qp", "contact_problem", "solver", "solver_options", "backend", "workspace", "metrics", "mesh_penetration"),
+    (
+        *("qp", "contact_problem", "solver", "solver_options", "crew", "backend", "workspace"),
+        *("metrics", "mesh_penetration"),
+    ),
     # Runs and their files.
     ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
     # Many runs, side by side.
@@ -35,6 +38,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("log_histogram", "shrink", "stuck", "failure", "bench_stress"),
     ("hard_case", "hard_judge", "hard_input_cases", "hard_contact_cases", "hard_invariance_cases"),
     ("hard_endurance", "hard_cases", "bench_hard"),
+    ("bench_threads",),
     # Pictures of them.
     ("replay_figure", "cost_figure", "speed_error_figure"),
 )
@@ -43,7 +47,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy"}
 """Packages that are imported where they are used: together they cost more than a second."""
 
-KERNEL_IMPORTS = {"numpy", "numba", "math", "typing", "collections", "time"}
+KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "typing", "collections", "time", "platform"}
 JIT_FACTORY = {"jit", "jit_inline", "jit_vector"}
 
 

@@ -36,6 +36,12 @@ def monotonic_ns() -> int:
 
 
 @jit
+def cpu_ns(clock: int) -> int:
+    """CPU time [ns] on a thread's clock, by the number that `time.pthread_getcpuclockid` gives."""
+    return _read(clock)
+
+
+@jit
 def thread_cpu_ns() -> int:
     """CPU time of the calling thread [ns]."""
     return _read(as_int64(CLOCK_THREAD_CPU))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .distance import round_cone_distances, sphere_pair_distances
 from .hand import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from .jit import Record, jit, jit_vector
+from .jit import Record, as_int64, jit, jit_inline, jit_vector
 from .tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
@@ -121,7 +121,15 @@ CONTACTS = np.dtype(
 
 @jit
 def _gather_phalanx(
-    hand: HandArrays, pose: Record, tree: TreeArrays, body: int, reach: float, candidates: Record, work: Indices
+    hand: HandArrays,
+    pose: Record,
+    tree: TreeArrays,
+    body: int,
+    reach: float,
+    candidates: Record,
+    stack: Indices,
+    scratch: Indices,
+    work: Indices,
 ) -> bool:
     f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
     count, clearance, tests = gather_round_cone(
@@ -138,14 +146,14 @@ def _gather_phalanx(
         hand.radius[f, k],
         hand.radius[f, k] - hand.radius[f, k + 1],
         reach,
-        candidates.stack,
-        candidates.scratch,
+        stack,
+        scratch,
     )
     work[COUNT_NODE_TESTS] += tests
     if count < 0:
         return False
     for i in range(count):
-        node = candidates.scratch[i]
+        node = scratch[i]
         candidates.leaf[body, i] = node
         candidates.x[body, i] = tree.x[node]
         candidates.y[body, i] = tree.y[node]
@@ -158,7 +166,14 @@ def _gather_phalanx(
 
 @jit
 def _gather_palm(
-    hand: HandArrays, pose: Record, tree: TreeArrays, reach: float, candidates: Record, work: Indices
+    hand: HandArrays,
+    pose: Record,
+    tree: TreeArrays,
+    reach: float,
+    candidates: Record,
+    stack: Indices,
+    scratch: Indices,
+    work: Indices,
 ) -> bool:
     rotation, position = pose.rotation, pose.position
     capacity = PALM_PAIRS
@@ -180,15 +195,15 @@ def _gather_palm(
             hand.palm_radius[sphere],
             0.0,
             reach,
-            candidates.stack,
-            candidates.scratch,
+            stack,
+            scratch,
         )
         work[COUNT_NODE_TESTS] += tests
         slack = min(slack, clearance)
         if count < 0 or total + count > capacity:
             return False
         for i in range(count):
-            node = candidates.scratch[i]
+            node = scratch[i]
             candidates.hand_x[total] = hx
             candidates.hand_y[total] = hy
             candidates.hand_z[total] = hz
@@ -228,47 +243,47 @@ FAR = 4.0
 
 
 @jit
-def evaluate(
+def _to_be_gathered(margin: float, skin: float, candidates: Record, body: int) -> bool:
+    # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
+    slack, fresh = candidates.slack[body], candidates.fresh[body]
+    return slack < margin or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
+
+
+@jit_inline
+def evaluate_range(
     hand: HandArrays,
     pose: Record,
     tree: TreeArrays,
     margin: float,
     skin: float,
+    first: int,
+    last: int,
     candidates: Record,
+    stack: Indices,
+    scratch: Indices,
     work: Indices,
 ) -> int:
-    """Distances of all near pairs at `pose`, whose kinematics are up to date.
+    """As `evaluate`, for the bodies first to last - 1; absorbed by its callers, to which the many arrays are at hand.
 
-    Gathers the bodies whose slack is used up.
-
-    Args:
-        hand: the hand.
-        pose: the configuration.
-        tree: the object's sphere tree, world frame.
-        margin: every pair up to this far [m] is to be known.
-        skin: gathered in excess of the margin [m], so that lists last for several ticks.
-        candidates: the lists, brought up to date.
-        work: counters of node tests, pair tests and gathers, added to, shape (>= 3,).
-
-    Returns:
-        0, or FULL.
+    Writes what belongs to these bodies, the counters and the walk's `stack` and `scratch`, and nothing else.
     """
-    for body in range(BODY_COUNT):
-        # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
-        spent = candidates.fresh[body] > FAR * (margin + skin) and candidates.slack[body] < 0.5 * candidates.fresh[body]
-        if candidates.slack[body] >= margin and not spent:
+    status = 0
+    for body in range(first, last):
+        if not _to_be_gathered(margin, skin, candidates, body):
             continue
         work[COUNT_GATHERS] += 1
         gathered = False
         for reach in (margin + skin, margin):
             if not gathered and body < PALM_BODY:
-                gathered = _gather_phalanx(hand, pose, tree, body, reach, candidates, work)
+                gathered = _gather_phalanx(hand, pose, tree, body, reach, candidates, stack, scratch, work)
             elif not gathered:
-                gathered = _gather_palm(hand, pose, tree, reach, candidates, work)
-        if not gathered:
-            return FULL
-        candidates.fresh[body] = candidates.slack[body]
-    for body in range(PALM_BODY):
+                gathered = _gather_palm(hand, pose, tree, reach, candidates, stack, scratch, work)
+        if gathered:
+            candidates.fresh[body] = candidates.slack[body]
+        else:
+            # The others go on, so that what is left behind does not hang on who came first.
+            status = FULL
+    for body in range(first, min(last, PALM_BODY)):
         count = candidates.count[body]
         if count == 0:
             candidates.nearest[body] = np.inf
@@ -296,6 +311,8 @@ def evaluate(
         )
         work[COUNT_PAIR_TESTS] += count
         candidates.nearest[body] = _least(candidates.distance[body], count)
+    if last <= PALM_BODY:
+        return status
     count = candidates.count[PALM_BODY]
     candidates.nearest[PALM_BODY] = np.inf
     if count > 0:
@@ -315,7 +332,56 @@ def evaluate(
         )
         work[COUNT_PAIR_TESTS] += count
         candidates.nearest[PALM_BODY] = _least(candidates.palm_distance[:], count)
-    return 0
+    return status
+
+
+WALK_COST = 2000
+"""What gathering a phalanx costs, in distances that the vector unit computes in that time; the palm's, ten times."""
+
+
+@jit
+def part_cost(margin: float, skin: float, part: int, candidates: Record) -> int:
+    """What `evaluate_range` will cost for a finger (0 to 4) or the palm (5), roughly, in distances."""
+    if part == FINGER_COUNT:
+        walk = 10 * WALK_COST if _to_be_gathered(margin, skin, candidates, PALM_BODY) else 0
+        return walk + candidates.count[PALM_BODY]
+    cost = 0
+    for body in range(PHALANX_COUNT * part, PHALANX_COUNT * (part + 1)):
+        cost += candidates.count[body]
+        if _to_be_gathered(margin, skin, candidates, body):
+            cost += WALK_COST
+    return cost
+
+
+@jit
+def evaluate(
+    hand: HandArrays,
+    pose: Record,
+    tree: TreeArrays,
+    margin: float,
+    skin: float,
+    candidates: Record,
+    work: Indices,
+) -> int:
+    """Distances of all near pairs at `pose`, whose kinematics are up to date.
+
+    Gathers the bodies whose slack is used up.
+
+    Args:
+        hand: the hand.
+        pose: the configuration.
+        tree: the object's sphere tree, world frame.
+        margin: every pair up to this far [m] is to be known.
+        skin: gathered in excess of the margin [m], so that lists last for several ticks.
+        candidates: the lists, brought up to date.
+        work: counters of node tests, pair tests and gathers, added to, shape (>= 3,).
+
+    Returns:
+        0, or FULL.
+    """
+    stack, scratch = candidates.stack[:], candidates.scratch[:]
+    first, last = as_int64(0), as_int64(BODY_COUNT)
+    return evaluate_range(hand, pose, tree, margin, skin, first, last, candidates, stack, scratch, work)
 
 
 @jit

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from .active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from .clock import monotonic_ns
+from .crew import NOTHING, TASK_FINGERS, await_done, item_done, post, sort_parts, take_item
 from .hand import DOF, FINGER_COUNT, PHALANX_COUNT
 from .jit import Record, as_int64, jit
 from .linearise import ROW_CAPACITY, limit_start
-from .second_order import correct_for_curvature
+from .second_order import CORRECTION_WORK, correct_for_curvature
 from .step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
 
 Array = NDArray[np.float64]
@@ -32,20 +33,50 @@ YIELD_SCALE = 100.0
 """1 / √YIELD_WEIGHT: what its columns are multiplied by there."""
 PALM_GROUPS = 1 + 2 * FINGER_COUNT
 
+FINGER_WORK = np.dtype(
+    [
+        ("start", np.int64, (2,)),
+        ("stop", np.int64, (2,)),
+        ("block", np.int64, (2,)),
+        ("guess", np.int64, (ACTIVE_CAPACITY,)),
+        ("target", np.float64, (PHALANX_COUNT,)),
+        ("delta", np.float64, (DOF,)),
+        ("row", np.int64, (PHALANX_COUNT + 1,)),
+        ("multiplier", np.float64, (PHALANX_COUNT + 1,)),
+        ("count", np.int64),
+        ("iterations", np.int64),
+        ("status", np.int64),
+        ("correction", CORRECTION_WORK),
+        ("apart", np.int64, (16,)),
+    ],
+    align=True,
+)
+"""Workspace and solution of one finger's program: nothing that another finger's writes.
+
+| field | meaning |
+|---|---|
+| start, stop, block | row groups: contacts, limits |
+| guess | rows expected to be active |
+| target | √G δ* |
+| delta | the palm's step and the finger's own, the rest 0 [m, rad, rad] |
+| row, multiplier, count | rows with a multiplier, and theirs [N] |
+| iterations | of its program |
+| status | of `kernels.active_set` |
+| correction | for `kernels.second_order` |
+| apart | keeps the next finger's out of the cache lines that this one writes |
+"""
+
 PROGRESSIVE_WORK = np.dtype(
     [
         ("palm_start", np.int64, (PALM_GROUPS,)),
         ("palm_stop", np.int64, (PALM_GROUPS,)),
         ("palm_block", np.int64, (PALM_GROUPS,)),
-        ("finger_start", np.int64, (2,)),
-        ("finger_stop", np.int64, (2,)),
-        ("finger_block", np.int64, (2,)),
         ("yields", np.int64, (FINGER_COUNT,)),
         ("variables", np.int64),
         ("guess", np.int64, (ACTIVE_CAPACITY,)),
         ("palm_target", np.float64, (DOF,)),
         ("palm_step", np.float64, (6,)),
-        ("target", np.float64, (PHALANX_COUNT,)),
+        ("finger", FINGER_WORK, (FINGER_COUNT,)),
         ("rhs", np.float64, (ROW_CAPACITY,)),
         ("block", np.float64, (3, ROW_CAPACITY)),
     ],
@@ -57,13 +88,13 @@ PROGRESSIVE_WORK = np.dtype(
 |---|---|
 | palm_start, palm_stop, palm_block | row groups of the palm's program: its contacts; contacts, then limits of each
 finger that joined it |
-| finger_start, finger_stop, finger_block | row groups of a finger's program: contacts, limits |
 | yields | -1, or the first variable of the finger in the palm's program |
 | variables | of the palm's program |
-| guess | rows expected to be active |
+| guess | rows of the palm's program expected to be active |
 | palm_target | √G δ* of the palm's program |
 | palm_step | the palm's step, times √G |
-| target, rhs | of a finger's program |
+| finger | of each finger's program |
+| rhs | of the fingers' programs, each finger's in its own rows |
 | block | joint columns of the fingers in the palm's program |
 """
 
@@ -184,7 +215,7 @@ def _solve_palm(
 
 
 @jit
-def _solve_finger(
+def solve_finger(
     pose: Record,
     problem: Record,
     contacts: Record,
@@ -194,78 +225,158 @@ def _solve_finger(
     relaxation: float,
     longest: float,
     work: Record,
-    correction: Record,
     qp: QpWork,
-    step: Record,
-) -> int:
+) -> None:
+    """Solve one finger's program for the palm step at hand, into work.finger[finger].
+
+    Apart from `qp` it writes only there and in the finger's own rows of work.rhs.
+    """
+    own = work.finger[finger]
     offset = 6 + PHALANX_COUNT * finger
     start, stop = contacts.start[finger + 1], contacts.start[finger + 2]
-    if start == stop:
-        # Nothing but its limits binds it, and to those its target has been clamped, see `kernels.tick.prepare`.
-        for j in range(offset, offset + PHALANX_COUNT):
-            step.delta[j] = problem.target[j] * problem.inverse_root[j]
-        return OPTIMAL
-    work.finger_start[0] = start
-    work.finger_stop[0] = stop
-    work.finger_start[1] = limit_start(contacts, finger)
-    work.finger_stop[1] = limit_start(contacts, finger + 1)
+    own.start[0] = start
+    own.stop[0] = stop
+    own.start[1] = limit_start(contacts, finger)
+    own.stop[1] = limit_start(contacts, finger + 1)
     finger_rhs(problem, start, stop, work.palm_step[:], work.rhs[:])
-    finger_rhs(problem, work.finger_start[1], work.finger_stop[1], work.palm_step[:], work.rhs[:])
+    finger_rhs(problem, own.start[1], own.stop[1], work.palm_step[:], work.rhs[:])
     for k in range(PHALANX_COUNT):
-        work.target[k] = problem.target[offset + k]
-    guessed = guess_rows(contacts, active, finger + 1, work.guess[:], as_int64(0))
-    status = solve(
+        own.target[k] = problem.target[offset + k]
+    guessed = guess_rows(contacts, active, finger + 1, own.guess[:], as_int64(0))
+    own.status = solve(
         as_int64(PHALANX_COUNT),
         as_int64(0),
         problem.common[:],
         problem.block[:],
         work.rhs[:],
-        work.finger_start[:],
-        work.finger_stop[:],
-        work.finger_block[:],
-        work.target[:],
+        own.start[:],
+        own.stop[:],
+        own.block[:],
+        own.target[:],
         tolerance,
         relaxation,
-        work.guess[:],
+        own.guess[:],
         guessed,
         qp,
     )
-    step.iterations += qp.counts[1]
-    if status != OPTIMAL:
-        return status
-    before = step.count
-    for i in range(qp.counts[0]):
-        step.row[before + i] = qp.active[i]
-        step.multiplier[before + i] = qp.multiplier[i]
-    step.count = before + qp.counts[0]
+    own.iterations = qp.counts[1]
+    if own.status != OPTIMAL:
+        return
+    own.count = qp.counts[0]
+    for i in range(own.count):
+        own.row[i] = qp.active[i]
+        own.multiplier[i] = qp.multiplier[i]
+    for j in range(DOF):
+        own.delta[j] = 0.0
+    for j in range(6):
+        own.delta[j] = work.palm_step[j] * problem.inverse_root[j]
     for k in range(PHALANX_COUNT):
-        step.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
+        own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
     correct_for_curvature(
         pose,
         contacts,
         problem.inverse_root[:],
-        step.row[:],
-        step.multiplier[:],
-        before,
-        step.count,
-        step.delta[:],
+        own.row[:],
+        own.multiplier[:],
+        as_int64(0),
+        own.count,
+        own.delta[:],
         as_int64(offset),
         as_int64(PHALANX_COUNT),
         as_int64(0),
         problem.common[:],
         problem.block[:],
         work.rhs[:],
-        work.finger_start[:],
-        work.finger_stop[:],
-        work.finger_block[:],
+        own.start[:],
+        own.stop[:],
+        own.block[:],
         tolerance,
         longest,
-        correction,
+        own.correction,
         qp,
     )
     for k in range(PHALANX_COUNT):
-        step.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
-    return status
+        own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
+
+
+@jit
+def _take_finger(finger: int, work: Record, step: Record) -> int:
+    # A finger's solution becomes part of the step; returns its status.
+    own = work.finger[finger]
+    offset = 6 + PHALANX_COUNT * finger
+    step.iterations += own.iterations
+    if own.status != OPTIMAL:
+        return own.status
+    before = step.count
+    for i in range(own.count):
+        step.row[before + i] = own.row[i]
+        step.multiplier[before + i] = own.multiplier[i]
+    step.count = before + own.count
+    for j in range(offset, offset + PHALANX_COUNT):
+        step.delta[j] = own.delta[j]
+    return OPTIMAL
+
+
+@jit
+def solve_items(
+    pose: Record,
+    problem: Record,
+    contacts: Record,
+    active: Record,
+    tolerance: float,
+    relaxation: float,
+    longest: float,
+    work: Record,
+    crew: Record,
+    qp: QpWork,
+) -> None:
+    """Do items of the task TASK_FINGERS until none is left; `qp` is the thread's own."""
+    word = crew.word[:]
+    while True:
+        item = take_item(word, as_int64(TASK_FINGERS))
+        if item == NOTHING:
+            return
+        solve_finger(pose, problem, contacts, active, crew.part[item], tolerance, relaxation, longest, work, qp)
+        item_done(word)
+
+
+@jit
+def _solve_fingers(
+    pose: Record,
+    problem: Record,
+    contacts: Record,
+    active: Record,
+    tolerance: float,
+    relaxation: float,
+    longest: float,
+    work: Record,
+    qp: QpWork,
+    crew: Record,
+    step: Record,
+) -> None:
+    # The program of every finger that has a contact, by whoever of the crew is free.
+    touched = 0
+    for f in range(FINGER_COUNT):
+        contact_count = contacts.start[f + 2] - contacts.start[f + 1]
+        if contact_count > 0:
+            crew.part[touched] = f
+            crew.cost[touched] = contact_count
+            touched += 1
+        else:
+            # Nothing but its limits binds it, and to those its target has been clamped, see `kernels.tick.prepare`.
+            offset = 6 + PHALANX_COUNT * f
+            for j in range(offset, offset + PHALANX_COUNT):
+                step.delta[j] = problem.target[j] * problem.inverse_root[j]
+    crew.parts = touched
+    if crew.members > 1 and touched > 1:
+        word = crew.word[:]
+        sort_parts(crew, touched)
+        post(word, as_int64(TASK_FINGERS), touched)
+        solve_items(pose, problem, contacts, active, tolerance, relaxation, longest, work, crew, qp)
+        await_done(word, touched)
+    else:
+        for i in range(touched):
+            solve_finger(pose, problem, contacts, active, crew.part[i], tolerance, relaxation, longest, work, qp)
 
 
 @jit
@@ -280,6 +391,7 @@ def solve_progressive(
     work: Record,
     correction: Record,
     qp: QpWork,
+    crew: Record,
     step: Record,
 ) -> int:
     """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL."""
@@ -303,10 +415,11 @@ def solve_progressive(
         if status != OPTIMAL:
             return status
         joined = False
+        _solve_fingers(pose, problem, contacts, active, tolerance, relaxation, longest, work, qp, crew, step)
         for f in range(FINGER_COUNT):
-            status = _solve_finger(
-                pose, problem, contacts, active, f, tolerance, relaxation, longest, work, correction, qp, step
-            )
+            if contacts.start[f + 2] == contacts.start[f + 1]:
+                continue
+            status = _take_finger(f, work, step)
             if status == INFEASIBLE and work.yields[f] < 0:
                 _join(problem, contacts, f, work)
                 joined = True

@@ -19,6 +19,7 @@ from .active_set import OPTIMAL, QpWork
 from .clock import monotonic_ns
 from .contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, count_within, evaluate, find_contacts
 from .coupled import solve_coupled
+from .detection import evaluate_together, worth_sharing
 from .dominance import drop_dominated
 from .force import FORCE_PAPER, hand_forces
 from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
@@ -92,7 +93,10 @@ def set_haptic(
 def evaluate_pose(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
-    return evaluate(hand, state.pose, tree, options.margin, options.skin, state.candidates, state.work)
+    pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
+    if state.crew.members > 1 and worth_sharing(margin, skin, candidates, state.crew):
+        return evaluate_together(hand, pose, tree, margin, skin, candidates, state.crew, state.work)
+    return evaluate(hand, pose, tree, margin, skin, candidates, state.work)
 
 
 @jit
@@ -355,6 +359,7 @@ def _solve(options: TickOptions, state: Record, qp: QpWork) -> int:
         state.progressive,
         state.correction,
         qp,
+        state.crew,
         state.step,
     )
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from .contact import CANDIDATES, CONTACT_ROWS, CONTACTS
 from .coupled import COUPLED_WORK
+from .crew import CREW
 from .force import FORCES
 from .hand import BODY_COUNT, DOF
 from .linearise import PROBLEM
@@ -103,6 +104,7 @@ TICK_STATE = np.dtype(
         ("active", ACTIVE_CONTACTS),
         ("unclipped_motion", np.float64),
         ("clipped", np.bool_),
+        ("crew", CREW),
         ("coupled", COUPLED_WORK),
         ("progressive", PROGRESSIVE_WORK),
         ("correction", CORRECTION_WORK),
@@ -140,6 +142,7 @@ TICK_STATE = np.dtype(
 | active | contacts active at the last accepted step: they carry the forces |
 | unclipped_motion | how far the step of the program with the true target would go [m] |
 | clipped | the program at hand has a nearer target, see `clip_target` |
+| crew | threads that share the work of a tick |
 | coupled, progressive, correction | workspaces of the methods |
 | forces | of this tick |
 | motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |

@@ -1,0 +1,106 @@
+"""`hhsim bench threads`."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from . import options
+from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .name_list import read_counts, read_names
+
+
+@click.command()
+@click.option("--object", "objects", callback=read_names, metavar="NAMES", help="Objects. Default: cup,bunny.")
+@click.option(
+    "--case", "cases", callback=read_names, metavar="NAMES", help="Of SF,TF,FF,WH, as in the paper. Default: all."
+)
+@click.option("--method", "methods", callback=read_names, metavar="NAMES", help="Default: progressive,coupled.")
+@click.option("--threads", callback=read_counts, metavar="NUMBERS", help="Numbers of threads. Default: 1,2.")
+@click.option("--quick", is_flag=True, help="Only the load of the paper's figure: level 4, 1 mm.")
+@click.option("--instances", type=click.IntRange(1), default=100, show_default=True, metavar="N", help="Ticks a row.")
+@click.option("--rounds", type=click.IntRange(1), default=9, show_default=True, metavar="N", help="Replays of each.")
+@options.out
+@options.json
+@options.quiet
+def command(
+    objects: tuple[str, ...] | None,
+    cases: tuple[str, ...] | None,
+    methods: tuple[str, ...] | None,
+    threads: tuple[int, ...] | None,
+    quick: bool,
+    instances: int,
+    rounds: int,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Measure when threads pay: the paper's Fig. 15.
+
+    Single finger (SF), two fingers (TF), five fingers (FF) and whole hand (WH), with one thread and with several, in
+    turns; then the same with more spheres and wider margins. Times are wall times, which is what threads are to save;
+    the processor time beside them is that of all threads, with what they spend on waiting for work.
+
+    \b
+    Examples:
+      hhsim bench threads
+      hhsim bench threads --quick --object bunny --threads 1,2,3
+      hhsim bench threads --out threads.h5 --json
+    """
+    from hhsim.bench_file import check_table_destination, csv_path, write_table
+    from hhsim.bench_threads import COLUMNS, Load, ThreadsOptions, measure, remarks, when_threads_pay
+    from hhsim.destination import dated_destination
+
+    named = {"objects": objects, "cases": cases, "methods": methods, "threads": threads}
+    run = replace(
+        ThreadsOptions(instances=instances, rounds=rounds),
+        **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]
+    )
+    if quick:
+        run = replace(run, loads=run.loads[:1])
+    destination = out or dated_destination("bench-threads")
+    check_table_destination(destination)
+    announce_compilation(quiet=quiet)
+    with progress(quiet=quiet) as report:
+        rows = measure(run, report)
+    write_table(destination, "threads", COLUMNS, rows, run.to_json())
+    sentences, notes = when_threads_pay(rows), remarks(rows)
+    if as_json:
+        print_json(
+            {
+                "table": str(destination),
+                "csv": str(csv_path(destination)),
+                "options": run.to_json(),
+                "units": {column.name: column.unit for column in COLUMNS},
+                "rows": rows,
+                "when": sentences,
+                "notes": notes,
+            }
+        )
+    elif not quiet:
+        for load in run.loads:
+            _print_load(load.name, [row for row in rows if Load(row["level"], row["margin"]) == load])
+        for sentence in sentences:
+            print(sentence)
+        print_notes(notes)
+        print(f"the table is in {destination} and {csv_path(destination)}")
+
+
+def _print_load(name: str, rows: list[dict[str, Any]]) -> None:
+    numbers = ("contacts", "threads", "detection [µs]", "response [µs]", "total [µs]", "all threads' CPU [µs]", "gain")
+    cells = [
+        (
+            row["object"],
+            row["case"],
+            row["method"],
+            f"{row['contacts']:,.0f}",
+            str(row["threads"]),
+            *(f"{1e6 * row[name]:.1f}" for name in ("detection", "response", "total", "total_cpu")),
+            "" if row["threads"] == 1 else f"{row['speedup']:.2f}",
+        )
+        for row in rows
+    ]
+    title = f"{name}: wall time of a tick, mean of {rows[0]['instances']} instances in contact"
+    print_table(("object", "case", "method", *numbers), cells, title=title, numbers=numbers)
+    print()

@@ -1,0 +1,297 @@
+"""One thread or several: the paper's Fig. 15, detection, response and total by how much of the hand is in contact.
+
+The same motions are replayed with one thread and with several, in turns, so that what else the machine does falls on
+all of them alike. Of each tick and each time, the median over the rounds counts; a row is the mean over 100 ticks of
+the closing and the hold, as the paper's figure is the mean over 100 instances. What threads save is wall time; what
+they cost is the processor time of all of them, which includes waiting for work.
+"""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.bench_file import Column
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.crew import PARTS
+from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
+from hhsim.kernels.tick_state import WORK_CANDIDATES
+from hhsim.object_catalogue import load_object, object_names
+from hhsim.scene import Scene, make_scene
+from hhsim.solver import HandSolver
+from hhsim.solver_options import THREADED_METHODS, SolverOptions
+from hhsim.trajectory_catalogue import load_script
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.warm_up import warm_up
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+MOTIONS = {"SF": "touch", "TF": "pinch", "FF": "grasp", "WH": "whole-hand"}
+"""The cases of Fig. 15 (single finger, two and five fingers, whole hand) and the motion of the catalogue for each."""
+
+PHASES_APART = {"approach", "release"}
+"""Phases in which the hand comes or goes: not an instance of contact in the figure's sense."""
+
+PAYS = 1.05
+"""Threads pay where the wall time of one is at least this many times theirs: less is within what such times scatter."""
+
+STARVED = 0.8
+"""Helpers that ran for less than this share of the ticks' time were kept from working by something else."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """How many contacts the same motion brings: finer spheres or a wider margin let more pairs in.
+
+    Attributes:
+        level: Of the sphere tree.
+        margin: Pairs up to this far enter the program [m].
+    """
+
+    level: int
+    margin: float
+
+    @property
+    def name(self) -> str:
+        """Such as "level 4, 1 mm"."""
+        return f"level {self.level}, {1e3 * self.margin:g} mm"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThreadsOptions:
+    """What is measured.
+
+    Attributes:
+        objects: Of the catalogue; the paper's figure shows a cup and a bunny.
+        cases: Of MOTIONS.
+        methods: Of the solver; those that can share a tick.
+        threads: Numbers of threads; 1 is always among them.
+        loads: Spheres and margins; the first stands for the paper's figure, the others are heavier.
+        instances: Ticks in contact that a row is averaged over.
+        rounds: Replays of each, of which the median counts.
+    """
+
+    objects: tuple[str, ...] = ("cup", "bunny")
+    cases: tuple[str, ...] = tuple(MOTIONS)
+    methods: tuple[str, ...] = ("progressive", "coupled")
+    threads: tuple[int, ...] = (1, 2)
+    loads: tuple[Load, ...] = (Load(4, 1e-3), Load(4, 3e-3), Load(5, 1e-3), Load(5, 2e-3))
+    instances: int = 100
+    rounds: int = 9
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be measured."""
+        for kind, names, known in (
+            ("object", self.objects, object_names()),
+            ("case", self.cases, MOTIONS),
+            ("method", self.methods, THREADED_METHODS),
+        ):
+            for name in names:
+                if name not in known:
+                    raise UnknownNameError(kind, name, known)
+        for threads in self.threads:
+            if not 1 <= threads <= PARTS:
+                raise InputError(f"threads is {threads}: 1 to {PARTS}, the five fingers and the palm")
+        if max(self.threads) == 1:
+            raise InputError("one thread has nothing to be compared with: name another number, such as --threads 2")
+        if min(self.instances, self.rounds) < 1:
+            raise InputError("instances and rounds must be at least 1")
+        if 1 not in self.threads:
+            object.__setattr__(self, "threads", (1, *self.threads))
+
+    def to_json(self) -> dict[str, Any]:
+        """All options as plain values."""
+        return asdict(self)
+
+
+COLUMNS = (
+    Column("object", "object of the catalogue"),
+    Column("case", "SF single finger, TF two fingers, FF five fingers, WH whole hand, as in the paper's Fig. 15"),
+    Column("motion", "motion of the catalogue"),
+    Column("level", "level of the sphere tree"),
+    Column("margin", "pairs up to this far enter the program", "m"),
+    Column("method", "method of the solver"),
+    Column("threads", "threads that share a tick"),
+    Column("instances", "ticks in contact that the row is the mean of, each the median over the rounds"),
+    Column("contacts", "candidate pairs a tick, mean"),
+    Column("detection", "contact detection, wall time", "s"),
+    Column("response_palm", "response: the palm's program, or the one program of coupled, wall time", "s"),
+    Column("response_fingers", "response: the fingers' programs, wall time", "s"),
+    Column("response_force", "response: forces, wall time", "s"),
+    Column("response", "collision response: palm, fingers and forces, wall time", "s"),
+    Column("total", "whole tick, wall time", "s"),
+    Column("total_cpu", "whole tick, processor time of all threads, waiting for work included", "s"),
+    Column("speedup", "total wall time of one thread over that of this number"),
+    Column("cpu_ratio", "total processor time of this number of threads over that of one"),
+)
+
+
+@dataclass
+class _Replay:
+    scene: Scene
+    labels: dict[str, Any]
+    solver: SolverOptions
+    instances: NDArray[np.int64] | None = None
+    contacts: float = 0.0
+    rounds: list[FloatArray] = field(default_factory=list)
+
+
+def measure(options: ThreadsOptions, progress: Progress | None = None) -> list[dict[str, Any]]:
+    """Replay everything in turns; returns a row a replay, by the names of COLUMNS, times in s.
+
+    Raises:
+        InputError: A motion brings no tick in contact.
+    """
+    report = progress or (lambda what, done, total: None)
+    hand = HandModel.default()
+    groups = _groups(options, hand, report)
+    for method in options.methods:
+        for threads in options.threads:
+            warm_up(hand, SolverOptions(method=method, threads=threads))
+    total = options.rounds * len(groups)
+    for number in range(options.rounds):
+        for place, group in enumerate(groups):
+            report(f"round {number + 1} of {options.rounds}", number * len(groups) + place, total)
+            # Turn and turn about: who comes first finds other caches than who comes second.
+            for i in range(len(group)):
+                _run(group[(i + number) % len(group)], options.instances)
+    return [row for group in groups for row in _rows(group)]
+
+
+def _groups(options: ThreadsOptions, hand: HandModel, report: Progress) -> list[list[_Replay]]:
+    # One group for each scene and method: the replays that are compared with each other.
+    groups = []
+    for name in options.objects:
+        mesh = load_object(name).mesh
+        for load in options.loads:
+            tree = cached_sphere_tree(mesh, TreeOptions(level=load.level), report)
+            for case in options.cases:
+                scene = make_scene(mesh, tree, hand, load_script(MOTIONS[case]))
+                for method in options.methods:
+                    labels: dict[str, Any] = {"object": name, "case": case, "motion": MOTIONS[case]}
+                    labels |= {"level": load.level, "margin": load.margin, "method": method}
+                    groups.append(
+                        [
+                            _Replay(scene, labels, SolverOptions(method=method, margin=load.margin, threads=threads))
+                            for threads in sorted(options.threads)
+                        ]
+                    )
+    return groups
+
+
+def _run(replay: _Replay, instances: int) -> None:
+    ticks = replay.scene.ticks
+    solver = HandSolver(replay.scene.hand, replay.scene.tree.arrays(), replay.solver)
+    last = max(
+        (phase.last_tick for phase in ticks.phases if phase.name not in PHASES_APART), default=len(ticks.time) - 1
+    )
+    part = slice(0, last + 1)
+    record = solver.run(ticks.position[part], ticks.orientation[part], ticks.flexion[part], ticks.abduction[part])
+    if replay.instances is None:
+        replay.instances = _sample(replay, record, instances)
+        replay.contacts = float(record.work[replay.instances, WORK_CANDIDATES].mean())
+    at = replay.instances
+    times = np.stack([*record.duration[at].T, record.duration_total[at], record.duration_cpu[at]])
+    replay.rounds.append(1e-9 * times)
+
+
+def _sample(replay: _Replay, record: TickRecord, instances: int) -> NDArray[np.int64]:
+    """Ticks with candidate pairs, evenly spread over the phases in which the hand closes and holds."""
+    inside = np.zeros(len(record.status), dtype=bool)
+    for phase in replay.scene.ticks.phases:
+        if phase.name not in PHASES_APART:
+            inside[phase.first_tick : phase.last_tick + 1] = True
+    found = np.flatnonzero(inside & (record.work[:, WORK_CANDIDATES] > 0))
+    if len(found) == 0:
+        raise InputError(f"{replay.labels['object']}, {replay.labels['motion']}: no tick is in contact")
+    return found[np.linspace(0, len(found) - 1, min(instances, len(found))).round().astype(np.int64)]
+
+
+def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
+    rows = []
+    for replay in group:
+        assert replay.instances is not None
+        times = np.median(replay.rounds, axis=0).mean(axis=1)
+        palm, fingers, force = (float(times[i]) for i in (DURATION_PALM, DURATION_FINGERS, DURATION_FORCE))
+        rows.append(
+            {
+                **replay.labels,
+                "threads": replay.solver.threads,
+                "instances": len(replay.instances),
+                "contacts": replay.contacts,
+                "detection": float(times[DURATION_DETECT]),
+                "response_palm": palm,
+                "response_fingers": fingers,
+                "response_force": force,
+                "response": palm + fingers + force,
+                "total": float(times[-2]),
+                "total_cpu": float(times[-1]),
+            }
+        )
+    alone = next(row for row in rows if row["threads"] == 1)
+    for row in rows:
+        row["speedup"] = alone["total"] / row["total"]
+        row["cpu_ratio"] = row["total_cpu"] / alone["total_cpu"]
+    return rows
+
+
+def when_threads_pay(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A sentence for each method and number of threads, from nothing but the rows.
+
+    Threads pay from that number of contacts on from which every row gains by PAYS.
+    """
+    sentences = []
+    for method in dict.fromkeys(row["method"] for row in rows):
+        for threads in sorted({row["threads"] for row in rows} - {1}):
+            mine = [row for row in rows if row["method"] == method and row["threads"] == threads]
+            if mine:
+                sentences.append(f"{method}, {threads} threads: {_verdict(mine)}")
+    return sentences
+
+
+def _verdict(rows: Sequence[Mapping[str, Any]]) -> str:
+    ordered = sorted(rows, key=lambda row: row["contacts"])
+    best = max(ordered, key=lambda row: row["speedup"])
+    cost = float(np.median([row["cpu_ratio"] for row in ordered]))
+    paying = [row for row in ordered if row["speedup"] >= PAYS]
+    first = len(ordered)
+    while first > 0 and ordered[first - 1]["speedup"] >= PAYS:
+        first -= 1
+    at_best = (
+        f"{best['speedup']:.2f} times as fast at {best['contacts']:,.0f} contacts ({best['object']}, {best['case']})"
+    )
+    spent = f"for {cost:.1f} times the processor time"
+    if not paying:
+        return f"never pays here: at best {at_best}, {spent}"
+    if first == 0:
+        return f"pays in every scene, at best {at_best}, {spent}"
+    if first == len(ordered):
+        return f"pays in {len(paying)} of {len(ordered)} scenes, whatever their contacts: at best {at_best}, {spent}"
+    return f"pays from {ordered[first]['contacts']:,.0f} contacts on, at best {at_best}, {spent}"
+
+
+def remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What a reader must know of the machine: too few processors, or helpers that were kept from working."""
+    notes = []
+    processors = len(os.sched_getaffinity(0))
+    most = max(row["threads"] for row in rows)
+    if most > processors:
+        notes.append(
+            f"{most} threads on {processors} processors take turns: their times say nothing of {most} processors"
+        )
+    shared = [row for row in rows if 1 < row["threads"] <= processors]
+    if shared:
+        shares = [(row["total_cpu"] / row["total"] - 1.0) / (row["threads"] - 1) for row in shared]
+        share = float(np.median(shares))
+        if share < STARVED:
+            notes.append(
+                f"the helpers ran for {100.0 * max(share, 0.0):.0f} % of the time only: other work kept the processors "
+                "busy, and several threads look slower than they are"
+            )
+    return notes

@@ -1,0 +1,145 @@
+"""Atomic operations on elements of int64 arrays, by which kernels in several threads agree on who does what.
+
+What a thread wrote before `store_release` or `fetch_add` is seen by a thread that has read the new value by
+`load_acquire`, `fetch_add` or `compare_exchange`. The arrays must be aligned, as numpy's own are.
+
+With the compiler disabled these are plain reads and writes: a kernel is then meant to run in one thread.
+"""
+
+import platform
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from .jit import JIT_ENABLED, jit_inline
+
+Indices = NDArray[np.int64]
+
+WORD_BYTES = 8
+PAUSES = {"x86_64": "llvm.x86.sse2.pause", "AMD64": "llvm.x86.sse2.pause"}
+"""The instruction that tells a processor that a loop waits, by machine; others just go round."""
+
+
+def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    array_type = signature.args[0]
+    array = context.make_array(array_type)(context, builder, arguments[0])
+    return cgutils.get_item_pointer(context, builder, array_type, array, [arguments[1]], wraparound=False)
+
+
+def _load_acquire(typing: Any, array: Any, index: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load_atomic(_pointer(context, builder, signature, arguments), "acquire", WORD_BYTES)
+
+    return types.int64(array, types.int64), generate
+
+
+def _store_release(typing: Any, array: Any, index: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = _pointer(context, builder, signature, arguments)
+        builder.store_atomic(arguments[2], pointer, "release", WORD_BYTES)
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64, types.int64), generate
+
+
+def _fetch_add(typing: Any, array: Any, index: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.atomic_rmw("add", _pointer(context, builder, signature, arguments), arguments[2], "acq_rel")
+
+    return types.int64(array, types.int64, types.int64), generate
+
+
+def _compare_exchange(typing: Any, array: Any, index: Any, expected: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = _pointer(context, builder, signature, arguments)
+        outcome = builder.cmpxchg(pointer, arguments[2], arguments[3], "acq_rel", "acquire")
+        return builder.extract_value(outcome, 1)
+
+    return types.boolean(array, types.int64, types.int64, types.int64), generate
+
+
+def _pause(typing: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        name = PAUSES.get(platform.machine())
+        if name is not None:
+            void = ir.FunctionType(ir.VoidType(), ())
+            builder.call(cgutils.get_or_insert_function(builder.module, void, name), ())
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+if JIT_ENABLED:
+    _load = cast(Callable[[Indices, int], int], intrinsic(_load_acquire))
+    _store = cast(Callable[[Indices, int, int], None], intrinsic(_store_release))
+    _add = cast(Callable[[Indices, int, int], int], intrinsic(_fetch_add))
+    _exchange = cast(Callable[[Indices, int, int, int], bool], intrinsic(_compare_exchange))
+    _wait = cast(Callable[[], None], intrinsic(_pause))
+    _yield_processor = types.ExternalFunction("sched_yield", types.int32())
+
+else:
+
+    def _load(array: Indices, index: int) -> int:
+        return int(array[index])
+
+    def _store(array: Indices, index: int, value: int) -> None:
+        array[index] = value
+
+    def _add(array: Indices, index: int, value: int) -> int:
+        before = int(array[index])
+        array[index] = before + value
+        return before
+
+    def _exchange(array: Indices, index: int, expected: int, value: int) -> bool:
+        if array[index] != expected:
+            return False
+        array[index] = value
+        return True
+
+    def _wait() -> None:
+        pass
+
+    def _yield_processor() -> int:
+        return 0
+
+
+@jit_inline
+def load_acquire(array: Indices, index: int) -> int:
+    """array[index], and all that was written before its store."""
+    return _load(array, index)
+
+
+@jit_inline
+def store_release(array: Indices, index: int, value: int) -> None:
+    """Set array[index]; all written before is seen by whoever reads it."""
+    _store(array, index, value)
+
+
+@jit_inline
+def fetch_add(array: Indices, index: int, value: int) -> int:
+    """Add to array[index]; returns what it was."""
+    return _add(array, index, value)
+
+
+@jit_inline
+def compare_exchange(array: Indices, index: int, expected: int, value: int) -> bool:
+    """Set array[index] if it is `expected`; returns whether it was."""
+    return _exchange(array, index, expected, value)
+
+
+@jit_inline
+def pause() -> None:
+    """Tell the processor that this loop waits."""
+    _wait()
+
+
+@jit_inline
+def yield_processor() -> None:
+    """Let another thread that is ready have this processor."""
+    _yield_processor()

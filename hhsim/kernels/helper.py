@@ -1,0 +1,72 @@
+"""What the helpers of a crew do while a block of ticks runs in another thread."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active_set import QpWork
+from .crew import NOTHING, TASK_DISTANCES, TASK_STOP, rest, waiting_task
+from .detection import evaluate_items
+from .hand import HandArrays
+from .jit import jit
+from .progressive import solve_items
+from .tick_state import TickOptions
+from .tree import TreeArrays
+
+Indices = NDArray[np.int64]
+
+
+@jit
+def help_out(
+    hand: HandArrays,
+    tree: TreeArrays,
+    options: TickOptions,
+    states: NDArray[np.void],
+    qp: QpWork,
+    stack: Indices,
+    scratch: Indices,
+) -> None:
+    """Do items of the tick's tasks until the crew is dismissed.
+
+    Args:
+        hand, tree, options, states: those of the block that runs in the crew's first thread.
+        qp: a workspace of this thread's own.
+        stack, scratch: room for a walk of the tree, this thread's own.
+    """
+    state = states[0]
+    word = state.crew.word[:]
+    looks = 0
+    while True:
+        task = waiting_task(word)
+        if task == NOTHING:
+            rest(looks)
+            looks += 1
+            continue
+        if task == TASK_STOP:
+            return
+        looks = 0
+        if task == TASK_DISTANCES:
+            evaluate_items(
+                hand,
+                state.pose,
+                tree,
+                options.margin,
+                options.skin,
+                state.candidates,
+                state.crew,
+                stack,
+                scratch,
+                state.crew.work[:],
+            )
+        else:
+            solve_items(
+                state.pose,
+                state.problem,
+                state.contacts,
+                state.warm,
+                options.tolerance,
+                options.relaxation,
+                options.longest_correction,
+                state.progressive,
+                state.crew,
+                qp,
+            )

@@ -1,0 +1,179 @@
+"""Ticks shared among threads: the same bytes with any number, and no thread left behind."""
+
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from sphere_scenes import Motion, bumpy_ball, random_targets, still
+
+import hhsim.crew
+from hhsim.errors import HhsimError, InputError
+from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.crew import NUMBER_SHIFT, PARTS, TICKET
+from hhsim.kernels.tick_state import WORK_CANDIDATES
+from hhsim.object_catalogue import load_object
+from hhsim.replay import replay
+from hhsim.scene import make_scene
+from hhsim.solver import HandSolver
+from hhsim.solver_options import THREADED_METHODS, SolverOptions
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory_catalogue import load_script
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+METHODS = pytest.mark.parametrize("method", THREADED_METHODS)
+
+
+@pytest.fixture(scope="module")
+def hand() -> HandModel:
+    return HandModel.default()
+
+
+def assert_same_bytes(one: TickRecord, other: TickRecord) -> None:
+    for name, values in one._asdict().items():
+        if not name.startswith("duration"):
+            assert values.tobytes() == getattr(other, name).tobytes(), name
+
+
+def helpers() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if isinstance(thread, hhsim.crew._Helper)]
+
+
+def posted(solver: HandSolver) -> int:
+    """How many tasks the crew of a solver has been given."""
+    return int(solver.states[0].crew.word[TICKET]) >> NUMBER_SHIFT
+
+
+def run(hand: HandModel, tree: SphereTree, motion: Motion, worth: int = 0, **options: Any) -> tuple[TickRecord, int]:
+    """A motion in two blocks, everything that can be shared shared, and how many tasks were posted."""
+    solver = HandSolver(hand, tree.arrays(), SolverOptions(**options))
+    solver.crew.worth = worth
+    half = len(motion.position) // 2
+    first = solver.run(*motion.part(0, half))
+    second = solver.run(*motion.part(half, len(motion.position)))
+    return TickRecord(*(np.concatenate(pair) for pair in zip(first, second))), posted(solver)
+
+
+@METHODS
+@pytest.mark.parametrize("name", ["cup", "bunny"])
+@pytest.mark.parametrize("script", ["grasp", "whole-hand", "slide"])
+def test_any_number_of_threads_gives_the_same_bytes(hand: HandModel, method: str, name: str, script: str) -> None:
+    mesh = load_object(name).mesh
+    scene = make_scene(mesh, cached_sphere_tree(mesh, TreeOptions(level=4)), hand, load_script(script), rate=500.0)
+    motion = Motion(scene.ticks.position, scene.ticks.orientation, scene.ticks.flexion, scene.ticks.abduction)
+    alone, _ = run(hand, scene.tree, motion, method=method)
+    assert alone.work[:, WORK_CANDIDATES].max() > 40
+    for threads in (2, 3):
+        shared, tasks = run(hand, scene.tree, motion, method=method, threads=threads)
+        assert_same_bytes(alone, shared)
+        assert tasks > 100
+    assert helpers() == []
+
+
+@METHODS
+@pytest.mark.parametrize("leaves", [300, 3000])
+def test_random_targets_give_the_same_bytes(hand: HandModel, method: str, leaves: int) -> None:
+    tree = bumpy_ball(leaves)
+    motion = random_targets(hand, 3000, seed=leaves, hold=30, sweep=True)
+    alone, _ = run(hand, tree, motion, method=method)
+    for threads in (2, 3, PARTS):
+        shared, tasks = run(hand, tree, motion, method=method, threads=threads)
+        assert_same_bytes(alone, shared)
+        assert tasks > 100
+
+
+@METHODS
+def test_a_file_says_with_how_many_threads_and_holds_the_same(hand: HandModel, method: str, tmp_path: Path) -> None:
+    mesh = load_object("bunny").mesh
+    scene = make_scene(mesh, cached_sphere_tree(mesh, TreeOptions(level=3)), hand, load_script("grasp"), rate=250.0)
+    files = []
+    for threads in (1, 2):
+        path = tmp_path / f"{threads}.h5"
+        replay(scene, SolverOptions(method=method, threads=threads), path)
+        files.append(path)
+    with h5py.File(files[0]) as one, h5py.File(files[1]) as other:
+        assert '"threads": 1' in one.attrs["scene"]
+        assert '"threads": 2' in other.attrs["scene"]
+        compared = []
+
+        def compare(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and not name.startswith(("tick/duration", "phase")):
+                assert item[...].tobytes() == other[name][...].tobytes(), name
+                compared.append(name)
+
+        one.visititems(compare)
+        assert len(compared) > 30
+        cpu, wall = other["tick/duration/total_cpu"][...], other["tick/duration/total"][...]
+        assert (cpu > 0).all()
+        assert (wall > 0).all()
+
+
+def test_cpu_time_is_that_of_all_threads(hand: HandModel) -> None:
+    scene, motion = bumpy_ball(3000), random_targets(hand, 2000, seed=1)
+    alone, _ = run(hand, scene, motion, method="progressive")
+    shared, _ = run(hand, scene, motion, method="progressive", threads=2)
+    own = alone.duration_cpu.sum() / alone.duration_total.sum()
+    assert own < 1.2
+    assert shared.duration_cpu.sum() > alone.duration_cpu.sum()
+
+
+def test_no_helper_outlives_a_block_that_does_not_fit(hand: HandModel) -> None:
+    tree = bumpy_ball(3000)
+    deep = still(20, [0.0, -0.045, 0.06])
+    with pytest.raises(HhsimError, match="lie within the margin"):
+        HandSolver(hand, tree.arrays(), SolverOptions(margin=0.05, threads=3)).run(*deep)
+    assert helpers() == []
+
+
+def test_no_helper_outlives_an_error_of_its_own(hand: HandModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    solver = HandSolver(hand, bumpy_ball(300).arrays(), SolverOptions(threads=2))
+    motion = random_targets(hand, 60, seed=0)
+    expected = HandSolver(hand, bumpy_ball(300).arrays(), SolverOptions()).run(*motion)
+
+    def fail(*_: Any) -> None:
+        raise MemoryError("no room")
+
+    solver.crew._compiled = True
+    monkeypatch.setattr(hhsim.crew, "help_out", fail)
+    with pytest.raises(MemoryError, match="no room"):
+        solver.run(*motion)
+    assert helpers() == []
+    monkeypatch.undo()
+    assert expected.status.shape == solver.run(*motion).status.shape, "the crew is of use again"
+
+
+def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
+    solver = HandSolver(hand, bumpy_ball(300).arrays(), SolverOptions(threads=3))
+    solver.run(*random_targets(hand, 2, seed=0))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with (
+            pytest.raises(KeyboardInterrupt),
+            solver.crew.at_work(solver.hand, solver.tree, solver.tick_options),
+        ):
+            assert len(helpers()) == 2
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(60.0)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert helpers() == []
+    assert solver.states[0].crew.members == 1
+
+
+def test_impossible_numbers_are_refused() -> None:
+    for threads in (0, -1, PARTS + 1):
+        with pytest.raises(InputError, match=f"threads is {threads}: 1 to 6"):
+            SolverOptions(threads=threads)
+    with pytest.raises(InputError, match="'daqp' is driven in one thread"):
+        SolverOptions(threads=2, qp="daqp")
+
+
+def test_a_scene_without_contacts_needs_no_crew(hand: HandModel) -> None:
+    record, _ = run(hand, bumpy_ball(300), still(10, [0.0, 0.0, 0.5]), threads=2, method="progressive")
+    alone, _ = run(hand, bumpy_ball(300), still(10, [0.0, 0.0, 0.5]), method="progressive")
+    assert_same_bytes(alone, record)
