@@ -255,8 +255,9 @@ def table_row(figures: StressFigures) -> dict[str, Any]:
 def coupling_force(case: StressCase, haptic: HandMotion, record: TickRecord) -> Array:
     """What the coupling itself pulls with at each tick [N], shape (T,).
 
-    The palm's force, and each joint's torque over the length of its phalanx: no object is pushed harder by a method
-    whose forces balance the coupling.
+    The palm's force, and each joint's torque over the length of its phalanx. The total of `coupled` balances the palm's
+    force and stays near it. `progressive` holds a joint's torque where the finger touches, and on a lever shorter than
+    the phalanx that takes more force.
 
     Args:
         case: For the hand and its stiffness.
