@@ -162,7 +162,7 @@ def test_a_pose_that_is_not_finite_has_no_distance() -> None:
 
 
 def test_contact_points_are_those_of_every_touching_pair() -> None:
-    hand, tree = HandModel.default(), bumpy_ball(500)
+    hand, tree = HandModel.default(), bumpy_ball(250)
     radius, center, palm_radius = hand_arrays(hand)
     joints, position, rotation = placed(hand, 0.045)
     touch = 1e-3
@@ -176,7 +176,7 @@ def test_contact_points_are_those_of_every_touching_pair() -> None:
             away = leaf - ball
             if np.linalg.norm(away) - ball_radius - leaf_radius <= touch:
                 expected.append(ball + ball_radius * away / np.linalg.norm(away))
-        share = np.linspace(0.0, 1.0, 20001)[:, None]
+        share = np.linspace(0.0, 1.0, 4001)[:, None]
         for f in range(5):
             for k in range(3):
                 axis = joints[0, f, k] + share * (joints[0, f, k + 1] - joints[0, f, k])
@@ -189,7 +189,7 @@ def test_contact_points_are_those_of_every_touching_pair() -> None:
     assert count == len(expected) > 20
     ours, theirs = room[:count], np.array(expected)
     nearest = np.linalg.norm(ours[:, None] - theirs[None], axis=2)
-    assert nearest.min(axis=1).max() < 1e-5
-    assert nearest.min(axis=0).max() < 1e-5
+    assert nearest.min(axis=1).max() < 2e-5
+    assert nearest.min(axis=0).max() < 2e-5
     small = np.empty((count - 1, 3))
     assert touching_points(radius, center, palm_radius, arrays, joints[0], position[0], rotation[0], touch, small) == -1
