@@ -14,7 +14,7 @@ from test_kernel_paper_detection import frustum_excess, frustum_of
 from hhsim.hand import HandModel
 from hhsim.kernels.contact import CONTACT_ROWS
 from hhsim.kernels.euler import euler_axes
-from hhsim.kernels.frustum import place_frustum
+from hhsim.kernels.frustum import frustum_shapes, place_frustum
 from hhsim.kernels.linearise import ROW_CAPACITY
 from hhsim.kernels.paper import finger_program
 from hhsim.kernels.paper_constraints import limit_rows, palm_contacts, palm_rows, phalanx_contacts
@@ -48,6 +48,8 @@ def scene(seed: int, angles: Array) -> tuple[HandModel, SphereTree, Motion, Any,
     )
     state, paper = tick_state(ROOT**2)[0], paper_state(True)[0]
     set_pose(hand, state.pose, at)
+    frustum_shapes(hand.arrays(), paper.shapes)
+    paper.lowest[:], paper.highest[:] = hand.flexion_min, hand.flexion_max
     detect(hand.arrays(), hand.palm_tree.arrays(), tree.arrays(), GROWTH, state, paper)
     return hand, tree, at, state, paper
 
@@ -92,7 +94,7 @@ def constraint_centres(q: Array, hand_center: Array) -> Array:
 def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: int, angles: Array, f: int) -> None:
     hand, _, at, state, paper = scene(seed, angles)
     state.haptic.flexion[f] = at.flexion[0, f] + [0.1, -0.2, 0.3]
-    rows = finger_program(hand.arrays(), f, state, paper)
+    rows = finger_program(f, state, paper)
     candidates = state.candidates
 
     def constraints(flexion: Array) -> tuple[Array, Array]:
@@ -155,7 +157,7 @@ def test_contacts_are_points_on_both_surfaces_with_the_round_cones_distance(seed
     joints = hand.joints(at.position[0], at.orientation[0], at.flexion[0], at.abduction[0])
     for body in range(15):
         f, k = divmod(body, 3)
-        place_frustum(hand.arrays(), state.pose, f, k, paper.frustum)
+        place_frustum(paper.shapes, state.pose, f, k, paper.frustum)
         last = phalanx_contacts(candidates, paper.kind, body, paper.frustum, True, GROWTH, 0, contacts)
         s = np.linspace(0.0, 1.0, 20001)
         axis = joints[f, k] + s[:, None] * (joints[f, k + 1] - joints[f, k])

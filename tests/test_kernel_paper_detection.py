@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, cloud, palm_spheres, set_pose
 
 from hhsim.hand import HandModel
-from hhsim.kernels.frustum import FRUSTUM, place_frustum
+from hhsim.kernels.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
 from hhsim.kernels.paper_detection import ON_FRUSTUM, ON_SPHERE, detect, finger_is_free, palm_is_free
 from hhsim.solver_options import Stiffness
 from hhsim.sphere_tree import SphereTree
@@ -77,6 +77,7 @@ def scene(seed: int, closed: bool) -> tuple[HandModel, SphereTree, Motion, Any, 
     )
     state, paper = tick_state(Stiffness().diagonal())[0], paper_state(closed)[0]
     set_pose(hand, state.pose, at)
+    frustum_shapes(hand.arrays(), paper.shapes)
     return hand, tree, at, state, paper
 
 
@@ -140,12 +141,14 @@ def test_frustum_and_spheres_are_the_round_cone(hand: HandModel) -> None:
     joints = hand.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.full((5, 3), 0.3), np.zeros(5))
     state = tick_state(Stiffness().diagonal())[0]
     placed = np.zeros(1, FRUSTUM).view(np.recarray)[0]
+    shapes = np.empty((15, SHAPE))
+    frustum_shapes(hand.arrays(), shapes)
     at = Motion(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.full((1, 5, 3), 0.3), np.zeros((1, 5)))
     set_pose(hand, state.pose, at)
     for f in range(5):
         for k in range(3):
             cone = frustum_of(hand, joints, f, k)
-            place_frustum(hand.arrays(), state.pose, f, k, placed)
+            place_frustum(shapes, state.pose, f, k, placed)
             np.testing.assert_allclose(placed.end, cone.e, atol=1e-15)
             assert placed.radius == pytest.approx(cone.r2, abs=1e-15)
             assert placed.length == pytest.approx(np.linalg.norm(cone.e - cone.d), abs=1e-15)
@@ -174,5 +177,6 @@ def test_a_large_sphere_beyond_a_joint_is_in_contact_by_the_printed_range_alone(
     for closed, expected in ((False, 1), (True, 0)):
         state, paper = tick_state(Stiffness().diagonal())[0], paper_state(closed)[0]
         set_pose(RIGHT, state.pose, at)
+        frustum_shapes(RIGHT.arrays(), paper.shapes)
         detect(RIGHT.arrays(), RIGHT.palm_tree.arrays(), tree.arrays(), GROWTH, state, paper)
         assert state.candidates.count[7] == expected

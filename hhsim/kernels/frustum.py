@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .hand import HandArrays
+from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays
 from .jit import Record, jit, jit_inline
 
 Array = NDArray[np.float64]
@@ -31,7 +31,6 @@ FRUSTUM = np.dtype(
         ("sine", np.float64),
         ("sphere", np.float64, (3,)),
         ("sphere_radius", np.float64),
-        ("exists", np.bool_),
     ],
     align=True,
 )
@@ -41,32 +40,49 @@ FRUSTUM = np.dtype(
 |---|---|
 | end | E, centre of the thin bottom [m] |
 | axis | u, unit vector from D to E |
-| length | |DE| [m] |
+| length | |DE| [m], negative where one joint sphere holds the other and no cone lies between them |
 | radius | r₂, of the thin bottom [m] |
 | tangent, cosine, sine | of φ, the angle between side and axis |
 | sphere, sphere_radius | the joint's sphere or the fingertip's hemisphere [m] |
-| exists | false where one joint sphere holds the other, and no cone lies between them |
 """
 
 
+SHAPE = 6
+"""Numbers that describe a phalanx apart from where it is: length, radius, tangent, cosine, sine, sphere_radius."""
+
+
 @jit
-def place_frustum(hand: HandArrays, pose: Record, finger: int, phalanx: int, frustum_out: Record) -> None:
+def frustum_shapes(hand: HandArrays, shape_out: Array) -> None:
+    """What `place_frustum` needs of each phalanx, shape (15, SHAPE); length -1 where spheres leave no cone between."""
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            tangent = hand.tan_slope[f, k]
+            cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
+            thin = hand.radius[f, k + 1]
+            row = shape_out[PHALANX_COUNT * f + k]
+            row[0] = hand.length[f, k] * cosine * cosine if hand.inverse_length[f, k] > 0.0 else -1.0
+            row[1] = thin * cosine
+            row[2] = tangent
+            row[3] = cosine
+            row[4] = tangent * cosine
+            row[5] = thin
+
+
+@jit
+def place_frustum(shapes: Array, pose: Record, finger: int, phalanx: int, frustum_out: Record) -> None:
     """The frustum and end sphere of a phalanx at `pose`, whose kinematics are up to date."""
-    tangent = hand.tan_slope[finger, phalanx]
-    cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
-    sine = tangent * cosine
-    thin = hand.radius[finger, phalanx + 1]
-    frustum_out.length = hand.length[finger, phalanx] * cosine * cosine
-    frustum_out.radius = thin * cosine
-    frustum_out.tangent = tangent
-    frustum_out.cosine = cosine
-    frustum_out.sine = sine
+    body = PHALANX_COUNT * finger + phalanx
+    frustum_out.length = shapes[body, 0]
+    frustum_out.radius = shapes[body, 1]
+    frustum_out.tangent = shapes[body, 2]
+    frustum_out.cosine = shapes[body, 3]
+    frustum_out.sine = shapes[body, 4]
+    thin = shapes[body, 5]
     frustum_out.sphere_radius = thin
-    frustum_out.exists = hand.inverse_length[finger, phalanx] > 0.0
     for i in range(3):
         frustum_out.axis[i] = pose.direction[finger, phalanx, i]
         frustum_out.sphere[i] = pose.joints[finger, phalanx + 1, i]
-        frustum_out.end[i] = frustum_out.sphere[i] + thin * sine * frustum_out.axis[i]
+        frustum_out.end[i] = frustum_out.sphere[i] + thin * shapes[body, 4] * frustum_out.axis[i]
 
 
 @jit_inline

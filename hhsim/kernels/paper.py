@@ -33,7 +33,7 @@ from .clock import monotonic_ns
 from .contact import PHALANX_PAIRS
 from .euler import euler_axes, euler_quaternion, nearest_euler
 from .force import hand_forces
-from .frustum import FRUSTUM, place_frustum
+from .frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
 from .hand import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from .jit import Record, as_int64, jit
 from .linearise import ROW_CAPACITY
@@ -65,6 +65,9 @@ PAPER_STATE = np.dtype(
         ("haptic_euler", np.float64, (3,)),
         ("axes", np.float64, (3, 3)),
         ("tried", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
+        ("shapes", np.float64, (PALM_BODY, SHAPE)),
+        ("lowest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
+        ("highest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
         ("frustum", FRUSTUM),
         ("kind", np.int8, (PALM_BODY, PHALANX_PAIRS)),
         ("closed", np.bool_),
@@ -74,8 +77,7 @@ PAPER_STATE = np.dtype(
         ("target", np.float64, (6,)),
         ("start", np.int64, (1,)),
         ("stop", np.int64, (1,)),
-        ("palm_block", np.int64, (1,)),
-        ("finger_block", np.int64, (1,)),
+        ("first", np.int64, (1,)),
         ("guess", np.int64, (1,)),
         ("stack", np.int64, (PALM_STACK,)),
     ],
@@ -89,13 +91,15 @@ PAPER_STATE = np.dtype(
 | haptic_euler | those of the haptic palm |
 | axes | world axes of the three angles |
 | tried | joint angles set aside while others are looked at [rad] |
+| shapes | of each phalanx, see `kernels.frustum` |
+| lowest, highest | the joints' limits [rad] |
 | frustum | the phalanx at hand |
 | kind | which part of its phalanx each pair is with |
 | closed | spheres close all ends of the frustums, see `kernels.frustum.in_range` |
 | full | 1 where the palm, and each finger, has more pairs than there is room for |
 | normal, body | of each row: from object to hand; 0 to 15 |
 | target | of the program at hand, times √G |
-| start, stop, palm_block, finger_block, guess | the one row group of a program, its columns, no guess |
+| start, stop, first, guess | the one row group of a program, its block's first variable, no guess |
 | stack | of the palm's walk |
 """
 
@@ -116,6 +120,35 @@ def _keep_forces(rows: int, state: Record, paper: Record, qp: QpWork) -> None:
                 active.point[j, count] = 0.0
             count += 1
     active.count = count
+
+
+@jit
+def _solve(
+    variables: int, shared: int, rows: int, options: TickOptions, state: Record, paper: Record, qp: QpWork
+) -> bool:
+    # One group of rows; those of the palm lie in `common`, those of a finger in `block`.
+    problem = state.problem
+    paper.start[0] = 0
+    paper.stop[0] = rows
+    paper.first[0] = 0 if shared == 0 else -1
+    status = solve(
+        variables,
+        shared,
+        problem.common[:],
+        problem.block[:],
+        problem.rhs[:],
+        paper.start[:],
+        paper.stop[:],
+        paper.first[:],
+        paper.target[:],
+        options.tolerance,
+        options.relaxation,
+        paper.guess[:],
+        as_int64(0),
+        qp,
+    )
+    state.step.iterations += qp.counts[1]
+    return status == OPTIMAL
 
 
 @jit
@@ -146,27 +179,8 @@ def _solve_palm(
         for j in range(3):
             paper.target[j] = (haptic.position[j] - pose.position[j]) / weight[j]
             paper.target[3 + j] = (paper.haptic_euler[j] - paper.euler[j]) / weight[3 + j]
-        paper.start[0] = 0
-        paper.stop[0] = rows
-        status = solve(
-            as_int64(6),
-            as_int64(6),
-            problem.common[:],
-            problem.block[:],
-            problem.rhs[:],
-            paper.start[:],
-            paper.stop[:],
-            paper.palm_block[:],
-            paper.target[:],
-            options.tolerance,
-            options.relaxation,
-            paper.guess[:],
-            as_int64(0),
-            qp,
-        )
-        state.step.iterations += qp.counts[1]
         state.work[WORK_CANDIDATES] += rows
-        solved = status == OPTIMAL
+        solved = _solve(as_int64(6), as_int64(6), rows, options, state, paper, qp)
         if solved:
             _keep_forces(rows, state, paper, qp)
             for j in range(3):
@@ -185,14 +199,14 @@ def _solve_palm(
 
 
 @jit
-def _take_haptic_flexion(hand: HandArrays, state: Record, finger: int) -> None:
+def _take_haptic_flexion(state: Record, finger: int, paper: Record) -> None:
     for k in range(PHALANX_COUNT):
         angle = state.haptic.flexion[finger, k]
-        state.pose.flexion[finger, k] = min(max(angle, hand.flexion_min[finger, k]), hand.flexion_max[finger, k])
+        state.pose.flexion[finger, k] = min(max(angle, paper.lowest[finger, k]), paper.highest[finger, k])
 
 
 @jit
-def finger_program(hand: HandArrays, finger: int, state: Record, paper: Record) -> int:
+def finger_program(finger: int, state: Record, paper: Record) -> int:
     """Rows of a finger on the palm as it now stands; returns the number of contact rows, -1 where they do not fit."""
     pose, problem = state.pose, state.problem
     weight = problem.inverse_root[6 + PHALANX_COUNT * finger : 9 + PHALANX_COUNT * finger]
@@ -201,7 +215,7 @@ def finger_program(hand: HandArrays, finger: int, state: Record, paper: Record) 
         body = PHALANX_COUNT * finger + k
         if row < 0 or state.candidates.count[body] == 0:
             continue
-        place_frustum(hand, pose, finger, k, paper.frustum)
+        place_frustum(paper.shapes, pose, finger, k, paper.frustum)
         row = phalanx_rows(
             state.candidates,
             paper.kind,
@@ -219,8 +233,8 @@ def finger_program(hand: HandArrays, finger: int, state: Record, paper: Record) 
     if row > 0:
         limit_rows(
             pose.flexion[finger],
-            hand.flexion_min[finger],
-            hand.flexion_max[finger],
+            paper.lowest[finger],
+            paper.highest[finger],
             weight,
             row,
             problem.block,
@@ -238,32 +252,13 @@ def _solve_finger(
     pose, problem = state.pose, state.problem
     rows = as_int64(-1)
     if paper.full[finger + 1] == 0:
-        rows = finger_program(hand, finger, state, paper)
+        rows = finger_program(finger, state, paper)
     if rows == 0:
-        _take_haptic_flexion(hand, state, finger)
+        _take_haptic_flexion(state, finger, paper)
         return True
     if rows > 0:
-        paper.start[0] = 0
-        paper.stop[0] = rows + LIMITS
-        status = solve(
-            as_int64(PHALANX_COUNT),
-            as_int64(0),
-            problem.common[:],
-            problem.block[:],
-            problem.rhs[:],
-            paper.start[:],
-            paper.stop[:],
-            paper.finger_block[:],
-            paper.target[:],
-            options.tolerance,
-            options.relaxation,
-            paper.guess[:],
-            as_int64(0),
-            qp,
-        )
-        state.step.iterations += qp.counts[1]
         state.work[WORK_CANDIDATES] += rows
-        if status == OPTIMAL:
+        if _solve(as_int64(PHALANX_COUNT), as_int64(0), rows + LIMITS, options, state, paper, qp):
             _keep_forces(rows, state, paper, qp)
             for k in range(PHALANX_COUNT):
                 weight = problem.inverse_root[6 + PHALANX_COUNT * finger + k]
@@ -271,7 +266,7 @@ def _solve_finger(
             return True
     for k in range(PHALANX_COUNT):
         paper.tried[finger, k] = pose.flexion[finger, k]
-    _take_haptic_flexion(hand, state, finger)
+    _take_haptic_flexion(state, finger, paper)
     update_kinematics(hand, pose)
     free = finger_is_free(hand, tree, pose, finger, state, paper)
     if not free:
@@ -282,7 +277,7 @@ def _solve_finger(
 
 
 @jit
-def _touching(hand: HandArrays, touch: float, state: Record, paper: Record) -> None:
+def _touching(touch: float, state: Record, paper: Record) -> None:
     # What Eq. 14 sums over: the pairs of this tick that are in contact at its end.
     pose, candidates, contacts = state.pose, state.candidates, state.contacts
     contacts.start[0] = 0
@@ -292,7 +287,7 @@ def _touching(hand: HandArrays, touch: float, state: Record, paper: Record) -> N
         for k in range(PHALANX_COUNT):
             body = PHALANX_COUNT * f + k
             if candidates.count[body] > 0:
-                place_frustum(hand, pose, f, k, paper.frustum)
+                place_frustum(paper.shapes, pose, f, k, paper.frustum)
                 row = phalanx_contacts(candidates, paper.kind, body, paper.frustum, paper.closed, touch, row, contacts)
         contacts.start[f + 2] = row
     state.work[WORK_TOUCHING] = row
@@ -361,7 +356,7 @@ def tick_paper(
         state.step.duration[DURATION_PALM] += solved - detected
         state.step.duration[DURATION_FINGERS] += finished - solved
     began = monotonic_ns()
-    _touching(hand, options.touch, state, paper)
+    _touching(options.touch, state, paper)
     hand_forces(
         hand,
         pose,
@@ -391,8 +386,9 @@ def begin_paper(hand: HandArrays, states: NDArray[np.void], papers: NDArray[np.v
     """Take the graphic hand's configuration as it now stands: kinematics and Euler angles."""
     state, paper = states[0], papers[0]
     update_kinematics(hand, state.pose)
+    frustum_shapes(hand, paper.shapes)
+    paper.lowest[:, :] = hand.flexion_min
+    paper.highest[:, :] = hand.flexion_max
     paper.haptic_euler[:] = 0.0
     nearest_euler(state.pose.rotation, paper.haptic_euler, paper.euler)
-    paper.palm_block[0] = -1
-    paper.finger_block[0] = 0
     paper.guess[0] = 0

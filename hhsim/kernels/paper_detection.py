@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .contact import COUNT_NODE_TESTS, PALM_PAIRS, PHALANX_PAIRS
 from .frustum import foot, in_range, place_frustum, threshold
 from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from .jit import Record, jit
+from .jit import Record, as_int64, jit
 from .tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def gather_palm(
         h, o = stack[top], stack[top + 1]
         hand_first, hand_stop = h, h + 1
         object_first, object_stop = o, o + 1
-        if palm.first_child[h] < 0 or (tree.first_child[o] >= 0 and tree.radius[o] >= palm.radius[h]):
+        if palm.first_child[h] < 0:
             object_first = tree.first_child[o]
             object_stop = object_first + tree.child_count[o]
         else:
@@ -173,7 +173,7 @@ def gather_phalanx(
     sx, sy, sz = frustum.sphere[0], frustum.sphere[1], frustum.sphere[2]
     length, thin, end_radius = frustum.length, frustum.radius, frustum.sphere_radius
     tangent, cosine, sine = frustum.tangent, frustum.cosine, frustum.sine
-    exists = frustum.exists
+    exists = length > 0.0
     stack = candidates.stack
     count = 0
     tests = 0
@@ -229,10 +229,14 @@ def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, 
     paper.full says which parts have more than there is room for: the palm, then the fingers.
     """
     pose, candidates, work = state.pose, state.candidates, state.work
-    count = gather_palm(palm, tree, pose.position, pose.rotation, growth, PALM_PAIRS, paper.stack, candidates, work)
+    count = gather_palm(
+        palm, tree, pose.position, pose.rotation, growth, as_int64(PALM_PAIRS), paper.stack, candidates, work
+    )
     for f in range(FINGER_COUNT):
         if count >= 0 and state.modelled[PHALANX_COUNT * f] == 1:
-            count = gather_knuckle(hand, tree, pose.joints[f, 0], f, growth, PALM_PAIRS, count, candidates, work)
+            count = gather_knuckle(
+                hand, tree, pose.joints[f, 0], f, growth, as_int64(PALM_PAIRS), count, candidates, work
+            )
     paper.full[0] = 1 if count < 0 else 0
     candidates.count[PALM_BODY] = max(count, 0)
     for f in range(FINGER_COUNT):
@@ -242,14 +246,14 @@ def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, 
             candidates.count[body] = 0
             if state.modelled[body] == 0:
                 continue
-            place_frustum(hand, pose, f, k, paper.frustum)
+            place_frustum(paper.shapes, pose, f, k, paper.frustum)
             count = gather_phalanx(
                 paper.frustum,
                 tree,
                 k == PHALANX_COUNT - 1,
                 paper.closed,
                 growth,
-                PHALANX_PAIRS,
+                as_int64(PHALANX_PAIRS),
                 body,
                 paper.kind,
                 candidates,
@@ -265,10 +269,14 @@ def palm_is_free(
     hand: HandArrays, palm: TreeArrays, tree: TreeArrays, pose: Record, state: Record, paper: Record
 ) -> bool:
     """Whether the palm and the knuckles of `pose` touch nothing."""
-    count = gather_palm(palm, tree, pose.position, pose.rotation, 0.0, 0, paper.stack, state.candidates, state.work)
+    count = gather_palm(
+        palm, tree, pose.position, pose.rotation, 0.0, as_int64(0), paper.stack, state.candidates, state.work
+    )
     for f in range(FINGER_COUNT):
         if count == 0 and state.modelled[PHALANX_COUNT * f] == 1:
-            count = gather_knuckle(hand, tree, pose.joints[f, 0], f, 0.0, 0, count, state.candidates, state.work)
+            count = gather_knuckle(
+                hand, tree, pose.joints[f, 0], f, 0.0, as_int64(0), count, state.candidates, state.work
+            )
     return count == 0
 
 
@@ -276,7 +284,7 @@ def palm_is_free(
 def finger_is_free(hand: HandArrays, tree: TreeArrays, pose: Record, finger: int, state: Record, paper: Record) -> bool:
     """Whether the phalanges of a finger of `pose` touch nothing."""
     for k in range(PHALANX_COUNT):
-        place_frustum(hand, pose, finger, k, paper.frustum)
+        place_frustum(paper.shapes, pose, finger, k, paper.frustum)
         body = PHALANX_COUNT * finger + k
         count = gather_phalanx(
             paper.frustum,
@@ -284,7 +292,7 @@ def finger_is_free(hand: HandArrays, tree: TreeArrays, pose: Record, finger: int
             k == PHALANX_COUNT - 1,
             paper.closed,
             0.0,
-            0,
+            as_int64(0),
             body,
             paper.kind,
             state.candidates,
