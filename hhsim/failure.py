@@ -156,8 +156,10 @@ class Provenance:
             words.append(self.object_options)
         if self.hand != "right":
             words.append(f"--hand {self.hand}")
-        flags = ("qp", "force", "linearisations", "budget", "tolerance")
-        words += [f"--{name} {used[name]}" for name in flags if used.get(name, plain[name]) != plain[name]]
+        flags = ("qp", "force", "linearisations", "budget", "tolerance", "frustum_ends")
+        words += [
+            f"--{name.replace('_', '-')} {used[name]}" for name in flags if used.get(name, plain[name]) != plain[name]
+        ]
         if used.get("margin", plain["margin"]) != plain["margin"]:
             words.append(f"--margin {1e3 * used['margin']:.15g}")
         if tuple(used.get("fingers", plain["fingers"])) != tuple(plain["fingers"]):

@@ -229,3 +229,13 @@ def test_every_kind_of_failure_is_seen() -> None:
     np.testing.assert_array_equal(trial["stuck"](motion, record, depth), [False, False, True])
     with pytest.raises(UnknownNameError, match="stuck"):
         failure_of("stock", HAND, BALL, options)
+
+
+def test_the_command_names_every_option_that_a_replay_has_a_flag_for() -> None:
+    options = SolverOptions(
+        method="paper", frustum_ends="flat", margin=3e-4, fingers=("thumb", "index"), budget=900, tolerance=1e-7
+    )
+    assert provenance(options).command(Path("kept.h5")) == (
+        "hhsim replay cube kept.h5 --method paper --samples hold --budget 900 --tolerance 1e-07 --frustum-ends flat"
+        " --margin 0.3 --fingers thumb,index"
+    )
