@@ -47,10 +47,11 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
 @click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
 @click.option(
     "--method",
-    type=click.Choice(["coupled", "progressive", "paper"]),
+    type=click.Choice(["coupled", "progressive", "paper", "penalty"]),
     default="coupled",
     show_default=True,
-    help="One program for the whole hand; the paper's way made safe: first the palm, then each finger; or as printed.",
+    help="One program for the whole hand; the paper's way made safe, first the palm, then each finger; the paper's way "
+    "as printed; or spring-dampers at the contacts and no program.",
 )
 @click.option(
     "--qp", metavar="NAME", default="active-set", show_default=True, help="QP solver: ours, or any of qpsolvers."
@@ -98,6 +99,12 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
     callback=number_list("k_t [N/m]", "k_r [N·m/rad]", "k_θ [N·m/rad]", positive=True),
     metavar="K_T,K_R,K_THETA",
     help="Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad].",
+)
+@click.option(
+    "--penalty-stiffness",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="K",
+    help="Stiffness of each contact with --method penalty [N/m]. Default: 100000.",
 )
 @click.option(
     "--margin",
@@ -160,6 +167,7 @@ def command(
     hand: Literal["right", "left"],
     hand_file: Path | None,
     stiffness: tuple[float, ...] | None,
+    penalty_stiffness: float | None,
     margin: float | None,
     linearisations: int | None,
     budget: int | None,
@@ -194,7 +202,7 @@ def command(
     changed = {
         "force": force,
         "frustum_ends": frustum_ends,
-        "stiffness": _stiffness(stiffness),
+        "stiffness": _stiffness(stiffness, penalty_stiffness, method),
         "margin": None if margin is None else 1e-3 * margin,
         "linearisations": linearisations,
         "budget": budget,
@@ -253,13 +261,15 @@ def _solver_options(
     return SolverOptions(method=method, qp=qp, **changed)
 
 
-def _stiffness(numbers: tuple[float, ...] | None) -> "Stiffness | None":
+def _stiffness(numbers: tuple[float, ...] | None, penalty: float | None, method: str) -> "Stiffness | None":
     from hhsim.solver_options import Stiffness
 
-    if numbers is None:
-        return None
-    translation, rotation, flexion = numbers
-    return Stiffness(translation=translation, rotation=rotation, flexion=flexion)
+    if penalty is not None and method != "penalty":
+        raise click.UsageError(f"--penalty-stiffness is for --method penalty, not {method}")
+    changed = {} if penalty is None else {"penalty": penalty}
+    if numbers is not None:
+        changed |= dict(zip(("translation", "rotation", "flexion"), numbers))
+    return Stiffness(**changed) if changed else None
 
 
 def _motion(trajectory: str, tremor: tuple[float, ...] | None) -> "Script | Trajectory":

@@ -5,6 +5,7 @@ ticks.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,6 +64,7 @@ def replay(
         OutputError: The file cannot be written.
         HhsimError: More pairs were near than the solver holds.
     """
+    options = replace(options, period=1.0 / scene.ticks.rate)
     prepared = warm_up(scene.hand, options)
     arrays = scene.hand.arrays()
     palm_center = np.stack([arrays.palm_x, arrays.palm_y, arrays.palm_z], axis=1)

@@ -14,6 +14,7 @@ from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.linearise import ROW_CAPACITY
 from hhsim.kernels.paper import begin_paper
 from hhsim.kernels.paper_block import run_block_paper
+from hhsim.kernels.penalty import run_block_penalty
 from hhsim.kernels.penetration import clearances
 from hhsim.kernels.pose import is_finite_configuration
 from hhsim.kernels.rotation import quaternion_to_matrix
@@ -21,7 +22,7 @@ from hhsim.kernels.tick import gather_anew
 from hhsim.kernels.tick_state import METHOD_COUPLED, STATUS_FULL, STATUS_START_INSIDE, TickOptions
 from hhsim.kernels.tree import TreeArrays
 from hhsim.solver_options import SolverOptions
-from hhsim.workspace import paper_state, tick_record, tick_state
+from hhsim.workspace import paper_state, penalty_state, tick_record, tick_state
 
 FloatArray = NDArray[np.float64]
 
@@ -52,6 +53,7 @@ class HandSolver:
         self.paper = paper_state(options.frustum_ends == "spheres") if options.method == "paper" else None
         self.palm_tree = hand.palm_tree.arrays()
         self.crew = Crew(self.states, options.threads if JIT_ENABLED else 1)
+        self.penalty = penalty_state() if options.method == "penalty" else None
         self._started = False
 
     def run(
@@ -92,6 +94,8 @@ class HandSolver:
         pose.flexion[:] = flexion
         pose.abduction[:] = abduction
         self.states[0].warm.count = 0
+        if self.penalty is not None:
+            self.penalty[0].velocity[:] = 0.0
         self._settle()
         self._started = True
 
@@ -106,6 +110,20 @@ class HandSolver:
                 self.states,
                 self.paper,
                 self.qp,
+                position,
+                orientation,
+                flexion,
+                abduction,
+                record,
+            )
+        elif self.penalty is not None and options.method != METHOD_COUPLED:
+            done = run_block_penalty(
+                self.hand,
+                self.tree,
+                options,
+                self.options.penalty_options(),
+                self.states,
+                self.penalty,
                 position,
                 orientation,
                 flexion,
@@ -195,7 +213,7 @@ class HandSolver:
         if not inside:
             return 0
         options = self.tick_options._replace(linearisations=START_LINEARISATIONS)
-        if self.paper is not None:
+        if self.paper is not None or self.penalty is not None:
             # The start is no part of the method: every method begins from the same place.
             options = options._replace(method=METHOD_COUPLED)
             gather_anew(self.hand, self.tree, options, self.states)

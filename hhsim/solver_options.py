@@ -11,9 +11,22 @@ from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.crew import PARTS
 from hhsim.kernels.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.hand import BODY_COUNT, PHALANX_COUNT
-from hhsim.kernels.tick_state import METHOD_COUPLED, METHOD_PAPER, METHOD_PROGRESSIVE, TOUCH, TickOptions
+from hhsim.kernels.penalty import PenaltyOptions
+from hhsim.kernels.tick_state import (
+    METHOD_COUPLED,
+    METHOD_PAPER,
+    METHOD_PENALTY,
+    METHOD_PROGRESSIVE,
+    TOUCH,
+    TickOptions,
+)
 
-METHODS = {"coupled": METHOD_COUPLED, "progressive": METHOD_PROGRESSIVE, "paper": METHOD_PAPER}
+METHODS = {
+    "coupled": METHOD_COUPLED,
+    "progressive": METHOD_PROGRESSIVE,
+    "paper": METHOD_PAPER,
+    "penalty": METHOD_PENALTY,
+}
 THREADED_METHODS = ("coupled", "progressive")
 """Methods whose ticks can be shared among threads."""
 FORCES = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
@@ -45,12 +58,14 @@ class Stiffness:
         rotation: k_r [N·m/rad].
         flexion: k_θ [N·m/rad].
         contact: k of Eq. 14 and Fig. 9 [N/m].
+        penalty: Of every contact of the method `penalty` [N/m].
     """
 
     translation: float = 1000.0
     rotation: float = 5.0
     flexion: float = 0.5
     contact: float = 300.0
+    penalty: float = 100_000.0
 
     def __post_init__(self) -> None:
         """Refuse what is not positive and finite."""
@@ -68,12 +83,13 @@ class SolverOptions:
     """Options of the solver; lengths in metres.
 
     Attributes:
-        method: `coupled`, `progressive` or `paper`.
-        qp: `active-set`, or a backend that qpsolvers offers; `paper` is solved by `active-set` alone.
+        method: `coupled`, `progressive`, `paper` or `penalty`.
+        qp: `active-set`, or a backend that qpsolvers offers; `paper` takes no other, `penalty` needs none.
         force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
         fingers: Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand
             without looking for contact, and the palm is always looked after.
-        linearisations: Most of them in a tick. Default: 12; method `paper` makes exactly this many, 1 unless told.
+        linearisations: Most of them in a tick. Default: 12; method `paper` makes exactly this many, 1 unless told;
+            of `penalty`, most rounds in which a tick finds which contacts push.
         budget: Work units (`hhsim.kernels.tick_state`) after which a tick begins no further linearisation; the way
             that is left is lag. None: only `linearisations` bounds a tick.
         margin: Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper`
@@ -88,6 +104,9 @@ class SolverOptions:
         stiffness: The virtual coupling.
         frustum_ends: Of method `paper`: `spheres` (Eq. 13's range of k at every joint, as at the fingertip) or `flat`
             (Eq. 7's, but for the fingertip), which takes large object spheres beyond a joint for contacts.
+        period: What a tick lasts [s]; only the dynamics of `penalty` need it. A replay takes it from the motion.
+        response: Time constant of the coupling of `penalty` [s]: its virtual mass is G times the square of it.
+        contact_response: Damping of the contacts of `penalty`, as a time [s]: b = k times it.
     """
 
     method: str = "coupled"
@@ -105,6 +124,9 @@ class SolverOptions:
     threads: int = 1
     stiffness: Stiffness = field(default_factory=Stiffness)
     frustum_ends: str = "spheres"
+    period: float = 1e-3
+    response: float = 1e-3
+    contact_response: float = 1e-3
 
     def __post_init__(self) -> None:
         """Refuse unknown names and impossible lengths."""
@@ -135,6 +157,14 @@ class SolverOptions:
         if self.threads > 1 and self.method not in THREADED_METHODS:
             known = " and ".join(THREADED_METHODS)
             raise InputError(f"threads is {self.threads}, but '{self.method}' runs in one thread; {known} take several")
+        if self.method == "penalty" and self.qp != "active-set":
+            raise InputError(f"method penalty solves no quadratic program: it has no use for the QP solver {self.qp}")
+        for name in ("period", "response"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"{name} is {value:g} s: it must be positive and finite")
+        if not (math.isfinite(self.contact_response) and self.contact_response >= 0.0):
+            raise InputError(f"contact_response is {self.contact_response:g} s: it must be finite and not negative")
         for name in ("margin", "skin", "offset", "settled", "touch"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -186,6 +216,15 @@ class SolverOptions:
             longest_correction=self.margin * root,
             contact_stiffness=self.stiffness.contact,
             touch=self.touch,
+        )
+
+    def penalty_options(self) -> PenaltyOptions:
+        """The dynamics of `penalty` in the kernels' form."""
+        return PenaltyOptions(
+            period=self.period,
+            response=self.response,
+            stiffness=self.stiffness.penalty,
+            damping=self.stiffness.penalty * self.contact_response,
         )
 
     def to_json(self) -> dict[str, Any]:

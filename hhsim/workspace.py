@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.paper import PAPER_STATE
+from hhsim.kernels.penalty import PENALTY_STATE
 from hhsim.kernels.tick_state import TICK_STATE, WORK_COUNTERS
 
 
@@ -40,6 +41,13 @@ def paper_state(closed: bool) -> Any:
     states = memory.view(np.recarray)
     states[0].closed = closed
     return states
+
+
+def penalty_state() -> Any:
+    """A fresh state of the method `penalty`, at rest, a record array of shape (1,)."""
+    memory = np.empty(1, PENALTY_STATE)
+    memory.view(np.uint8)[:] = 0
+    return memory.view(np.recarray)
 
 
 def tick_record(ticks: int) -> TickRecord:

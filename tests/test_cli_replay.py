@@ -104,6 +104,24 @@ def test_the_same_input_gives_the_same_bytes_but_for_the_timings(tmp_path: Path,
     assert first.scene == second.scene
 
 
+def test_penalty_prints_the_table_and_says_how_stiff_it_is(run: Run, tmp_path: Path, short: Path) -> None:
+    depth = {}
+    for stiffness in ("1000", "100000"):
+        command = ["replay", "cube", short.name, "--method", "penalty", "--rate", "500", "--out", "run.h5"]
+        answer = run(*command, "--penalty-stiffness", stiffness)
+        assert answer.code == 0, answer.err
+        assert answer.out.startswith("cube, short, penalty: 100 ticks\n")
+        result = load_result(tmp_path / "run.h5")
+        assert result.scene["solver"]["stiffness"]["penalty"] == float(stiffness)
+        assert result.scene["solver"]["period"] == 0.002
+        assert np.isfinite(result["graphic/joints"]).all()
+        assert np.isfinite(result.summary["tracking_excess"])
+        assert result.summary["penetration_max"] == pytest.approx(result["penetration_depth"].max())
+        # Held, not while it closes: within a tick of this rate it moves further than pairs are looked for.
+        depth[stiffness] = result["penetration_depth"][-1]
+    assert 1e-6 < depth["100000"] < 0.2 * depth["1000"]
+
+
 def test_what_the_scene_does_not_need_is_left_out_and_told(run: Run, tmp_path: Path, short: Path) -> None:
     options = ["--fingers", "index,thumb", "--max-error", "2mm", "--budget", "50000", "--json", "--out", "run.h5"]
     answer = run("replay", "cube", short.name, *options)
@@ -142,8 +160,10 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
         (["cube", "--stiffness", "1000,5"], "expected 3 numbers, positive, with commas between: k_t [N/m]"),
         (["cube", "--stiffness", "1000,5,0"], "expected 3 numbers, positive"),
         (["cube", "--tremor", "nan,0"], "expected 2 numbers, none of them negative"),
-        (["cube", "--method", "couple"], "'couple' is not one of 'coupled', 'progressive'"),
+        (["cube", "--method", "couple"], "'couple' is not one of 'coupled', 'progressive', 'paper', 'penalty'"),
         (["cube", "--method", "paper", "--qp", "clarabel"], "method paper is solved by active-set"),
+        (["cube", "--method", "penalty", "--qp", "clarabel"], "method penalty solves no quadratic program"),
+        (["cube", "--penalty-stiffness", "1000"], "--penalty-stiffness is for --method penalty, not coupled"),
         (["cube", "--hand-file", "none.toml"], "none.toml: cannot read the hand file"),
         (["cube", "--out", "."], ". is a folder: name a file in it, such as run.h5"),
         (["cube", "--out", "none/run.h5"], "there is no folder"),

@@ -113,12 +113,12 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature() -> None:
         from hhsim.hand import HandModel
         from hhsim.metrics import penetration
         from hhsim.solver import HandSolver
-        from hhsim.solver_options import SolverOptions
+        from hhsim.solver_options import METHODS, SolverOptions
         from hhsim.warm_up import warm_up
 
         hand = HandModel.default()
         tree = bumpy_ball(300)
-        for method in ("coupled", "progressive", "paper"):
+        for method in METHODS:
             for force in ("kkt", "paper"):
                 options = SolverOptions(method=method, force=force)
                 warm_up(hand, options)

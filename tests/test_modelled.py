@@ -135,7 +135,7 @@ def scaled_run(tree: SphereTree, motion: Motion, options: SolverOptions, factor:
 
 
 @pytest.mark.parametrize("factor", [2.0**-7, 2.0**7])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", (*METHODS, "penalty"))
 def test_another_unit_of_length_changes_no_digit(method: str, factor: float) -> None:
     # A power of two: the same digits with another exponent, even where the hand snaps and every digit counts.
     options, motion = SolverOptions(method=method), closing()
@@ -147,7 +147,7 @@ def test_another_unit_of_length_changes_no_digit(method: str, factor: float) -> 
 
 
 @pytest.mark.parametrize("factor", [0.01, 100.0])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", (*METHODS, "penalty"))
 def test_a_hand_and_an_object_of_another_size_move_alike(method: str, factor: float) -> None:
     cube = load_object("cube")
     tree = cached_sphere_tree(cube.mesh, TreeOptions(level=3))

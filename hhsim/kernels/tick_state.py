@@ -18,6 +18,7 @@ from .step import ACTIVE_CONTACTS, STEP
 METHOD_COUPLED = 0
 METHOD_PROGRESSIVE = 1
 METHOD_PAPER = 2
+METHOD_PENALTY = 3
 
 STATUS_STUCK = 1
 """The tick kept the last feasible configuration although the haptic hand asked for a motion."""

@@ -1,0 +1,495 @@
+"""Method `penalty`: spring-dampers instead of constraints, the way of simulations that do not optimise.
+
+The graphic hand is a chain of 21 degrees of freedom with a virtual mass. A spring-damper couples each of them to the
+haptic hand (Borst & Indugula 2005), and every contact that penetrates pushes back with a spring-damper along its
+normal. One backward Euler step a tick, linearised once at the tick's beginning (the implicit virtual coupling of Garre
+& Otaduy 2011), moves it: with δ = (δp, δφ, δθ) the step and δ* the way to the haptic hand,
+
+    M (δ / h - v) / h = G (δ* - δ) - D δ / h + Σ a_i f_i,   f_i = max(0, k depth_i + b closing_i),
+
+depth_i = -(d_i + a_i · δ) and closing_i = -a_i · δ / h those at the *end* of the step, d_i and a_i the signed distance
+of a pair and its gradient, the same as in `kernels.linearise`. A pair that is still free at the beginning of the tick
+has no damper: its closing speed would push before it touches.
+
+M = G τ² and D = 2 G τ: every degree of freedom is critically damped and follows its target with the time constant τ,
+whatever its stiffness. The damper is tied to the world and not to the haptic hand, so that a sensor's steps do not kick
+the hand; the price is a delay of 2 τ. In the scaled variables y = √G δ (`kernels.linearise`) all three matrices become
+multiples of the identity, and the step is the minimum of a convex, piecewise quadratic function,
+
+    ½ α |y|² - y · (y* + τ²/h √G v) + Σ ½ w_i max(0, r_i - a_i · y)²,   α = 1 + 2τ/h + τ²/h²,
+
+which a Newton iteration finds in a few rounds: which contacts push, one Cholesky factorisation (`kernels.cholesky`),
+and again until the set stays as it is. Joint limits are one more such spring, `LIMIT_WEIGHT` times as stiff as the
+joint's.
+
+Every sphere in touch has its own spring: a patch of many spheres is stiffer than one sphere. The backward step is
+stable at any stiffness, so nothing asks for dividing by their number or for keeping the deepest alone, and both would
+make the force jump where a sphere joins or takes over; as it is, a contact enters and leaves with no force.
+
+**What it is tuned by**: pinch, grasp and whole hand on the ten objects of the catalogue, 3,000 ticks at 1 kHz with
+τ = b / k = 1 ms. Worst penetration; largest force step while moving, relative to the hold (median, worst of the
+thirty); most rounds in a tick.
+
+| k [N/m] | up to 12 rounds: penetration [µm] | step [%] | rounds | one round: penetration [µm] | step [%] |
+|---|---|---|---|---|---|
+| 1e3 | 1578 | 2.6, 7.2 | 5 | 1578 | 10, 66 |
+| 3e3 | 1007 | 3.4, 7.7 | 5 | 1007 | 24, 207 |
+| 1e4 | 534 | 3.9, 7.5 | 6 | 534 | 87, 703 |
+| 3e4 | 257 | 4.2, 7.6 | 5 | 257 | 188, 2000 |
+| **1e5** | 103 | 4.2, 12 | 6 | 246 | 660, 5368 |
+| 3e5 | 35 | 4.2, 13 | 9 | 6506 | 3341, 825758 |
+| 1e6 | 10 | 4.3, 521 | 12 | | |
+| 1e7 | 1543 | 1505, 27471 | 12 | | |
+
+1e5 N/m is the stiffest whose worst step is in line with the softer ones' and that leaves rounds to spare: with touch
+and slide too, at 250 Hz to 2 kHz and with samples held for ten ticks it takes 8 to 12 of the 12. At 1e6 ticks run out
+of rounds in the middle of a grasp. One round is what a plain spring-damper engine does, where a contact is felt a tick
+after it is run into: `linearisations=1`, to be used with k near 1e3. Slower coupling makes larger force steps (9 % at
+τ = 2 ms, 33 % at 5 ms) and a longer delay, faster coupling smaller ones (2.7 % at 0.5 ms) for more rounds; 1 ms is one
+tick. b hardly matters (0 to 5 ms tried): the backward step damps a stiff contact by itself. Two substeps were not
+needed.
+
+What the method cannot do is what it is here to show: it penetrates wherever it pushes, by force / k for each contact;
+and a hand that moves further in a tick than pairs are looked for ends up inside, or comes out on the other side.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .block import TickRecord, record_tick
+from .cholesky import factorise, solve_factorised
+from .clock import monotonic_ns, thread_cpu_ns
+from .contact import CONTACT_ROWS, count_within, evaluate, find_contacts
+from .force import FORCE_PAPER, clear_forces, fingertip_normal_forces, palm_wrench, proxy_forces
+from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
+from .jit import Record, as_int64, jit, jit_vector
+from .linearise import build_rows
+from .pose import move, update_kinematics
+from .rotation import rotation_vector_between
+from .step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
+from .tick import begin_tick, set_haptic, spent_units
+from .tick_state import (
+    STATUS_FULL,
+    UNITS_LINEARISATION,
+    UNITS_QP_ITERATION,
+    UNITS_ROW,
+    WORK_BODIES,
+    WORK_CANDIDATES,
+    WORK_LINEARISATIONS,
+    WORK_QP_ITERATIONS,
+    WORK_ROWS,
+    WORK_TOUCHING,
+    WORK_UNITS,
+    TickOptions,
+)
+from .tree import TreeArrays
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+LIMIT_WEIGHT = 1e10
+"""Stiffness of a joint's limit, in units of the joint's coupling."""
+DEPTHS = 12
+"""How often the depth from which pairs are taken is doubled before a hand is too deep inside for the arrays."""
+
+
+class PenaltyOptions(NamedTuple):
+    """The dynamics of a tick.
+
+    | field | meaning |
+    |---|---|
+    | period | h, what a tick lasts [s] |
+    | response | τ, time constant of the coupling [s] |
+    | stiffness | k of every contact [N/m] |
+    | damping | b of every contact [N·s/m] |
+    """
+
+    period: float
+    response: float
+    stiffness: float
+    damping: float
+
+
+PENALTY_STATE = np.dtype(
+    [
+        ("velocity", np.float64, (DOF,)),
+        ("bias", np.float64, (DOF,)),
+        ("step", np.float64, (DOF,)),
+        ("before", np.float64, (DOF,)),
+        ("lowest", np.float64, (DOF,)),
+        ("highest", np.float64, (DOF,)),
+        ("matrix", np.float64, (DOF, DOF)),
+        ("row", np.float64, (6 + PHALANX_COUNT,)),
+        ("weight", np.float64, (CONTACT_ROWS,)),
+        ("threshold", np.float64, (CONTACT_ROWS,)),
+        ("short", np.float64, (CONTACT_ROWS,)),
+        ("short_before", np.float64, (CONTACT_ROWS,)),
+        ("pushes", np.int8, (CONTACT_ROWS,)),
+        ("bent", np.int64, (DOF,)),
+    ],
+    align=True,
+)
+"""What lives from tick to tick, and the workspace, besides TICK_STATE.
+
+| field | meaning |
+|---|---|
+| velocity | √G v |
+| bias | what the step would be without contacts, times α |
+| step, before | y = √G δ, and that of the round before |
+| lowest, highest | joint limits as bounds of y |
+| matrix | of the Newton round |
+| row | of one contact |
+| weight | w of each contact [N/m] |
+| threshold | r of each contact: it pushes where a · y < r [m] |
+| short, short_before | r - a · y: how far a contact falls short of that, now and a round before [m] |
+| pushes | 1 for contacts that push in this round, else 0 |
+| bent | 1 where a joint's upper limit pushes, -1 its lower one, else 0 |
+"""
+
+
+@jit
+def _evaluate(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
+    # A hand deep inside has more pairs near than there is room for: then the deepest have to do.
+    if evaluate(hand, state.pose, tree, options.margin, options.skin, state.candidates, state.work) == 0:
+        return True
+    reach = 0.0
+    for _ in range(DEPTHS):
+        if evaluate(hand, state.pose, tree, reach, 0.0, state.candidates, state.work) == 0:
+            return True
+        reach = 2.0 * reach - options.margin
+    return False
+
+
+@jit
+def _find(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
+    # Contacts among the pairs known to be complete; again the deepest where they are too many.
+    reach = options.margin
+    for body in range(BODY_COUNT):
+        reach = min(reach, state.candidates.slack[body])
+    for _ in range(DEPTHS):
+        if find_contacts(hand, state.pose, state.candidates, reach, tree.radius.shape[0], state.contacts) == 0:
+            return True
+        reach = 0.0 if reach > 0.0 else 2.0 * reach - options.margin
+    return False
+
+
+@jit
+def _aim(hand: HandArrays, penalty: PenaltyOptions, state: Record, work: Record) -> None:
+    pose, haptic, problem = state.pose, state.haptic, state.problem
+    rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
+    for i in range(3):
+        problem.target[i] = haptic.position[i] - pose.position[i]
+        problem.target[3 + i] = state.scratch[i]
+    for j in range(6):
+        work.lowest[j] = -np.inf
+        work.highest[j] = np.inf
+    for f in range(FINGER_COUNT):
+        problem.abduction_step[f] = haptic.abduction[f] - pose.abduction[f]
+        for k in range(PHALANX_COUNT):
+            j = 6 + PHALANX_COUNT * f + k
+            bend = pose.flexion[f, k]
+            problem.target[j] = haptic.flexion[f, k] - bend
+            work.lowest[j] = min(hand.flexion_min[f, k] - bend, 0.0) / problem.inverse_root[j]
+            work.highest[j] = max(hand.flexion_max[f, k] - bend, 0.0) / problem.inverse_root[j]
+    momentum = penalty.response * penalty.response / penalty.period
+    for j in range(DOF):
+        work.bias[j] = problem.target[j] / problem.inverse_root[j] + momentum * work.velocity[j]
+
+
+@jit
+def _springs(penalty: PenaltyOptions, contacts: Record, rhs: Array, work: Record) -> None:
+    # Stiffness and threshold of every contact; those that penetrate are the first guess of those that push.
+    stiffness = penalty.stiffness
+    damped = stiffness + penalty.damping / penalty.period
+    for i in range(contacts.start[FINGER_COUNT + 1]):
+        inside = contacts.distance[i] < 0.0
+        work.pushes[i] = 1 if inside else 0
+        work.weight[i] = damped if inside else stiffness
+        work.threshold[i] = rhs[i] * (stiffness / damped) if inside else rhs[i]
+
+
+@jit_vector
+def _shortfall(
+    start: int,
+    stop: int,
+    palm: bool,
+    common: Array,
+    block: Array,
+    y: Array,
+    joints: Array,
+    threshold: Array,
+    out: Array,
+) -> None:
+    # r - a · y of contacts start … stop - 1; `joints` (3,) is the part of y that the contacts' finger has.
+    for i in range(start, stop):
+        out[i] = threshold[i]
+    for j in range(6):
+        value = y[j]
+        for i in range(start, stop):
+            out[i] -= common[j, i] * value
+    if not palm:
+        for k in range(PHALANX_COUNT):
+            value = joints[k]
+            for i in range(start, stop):
+                out[i] -= block[k, i] * value
+
+
+@jit
+def _add_spring(problem: Record, i: int, finger: int, weight: float, threshold: float, work: Record) -> None:
+    # w a aᵀ to the matrix, w r a to the right-hand side; finger -1 is the palm.
+    row, matrix, rhs = work.row, work.matrix, work.step
+    for j in range(6):
+        row[j] = problem.common[j, i]
+    for a in range(6):
+        scaled = weight * row[a]
+        rhs[a] += scaled * threshold
+        for b in range(a, 6):
+            matrix[a, b] += scaled * row[b]
+    if finger < 0:
+        return
+    first = 6 + PHALANX_COUNT * finger
+    for k in range(PHALANX_COUNT):
+        row[6 + k] = problem.block[k, i]
+    for a in range(6):
+        scaled = weight * row[a]
+        for k in range(PHALANX_COUNT):
+            matrix[a, first + k] += scaled * row[6 + k]
+    for a in range(PHALANX_COUNT):
+        scaled = weight * row[6 + a]
+        rhs[first + a] += scaled * threshold
+        for b in range(a, PHALANX_COUNT):
+            matrix[first + a, first + b] += scaled * row[6 + b]
+
+
+@jit
+def _round(problem: Record, contacts: Record, alpha: float, work: Record) -> int:
+    # The minimum while exactly those push that do now; returns the solver's status.
+    work.matrix[:, :] = 0.0
+    for j in range(DOF):
+        work.matrix[j, j] = alpha
+        work.step[j] = work.bias[j]
+        if work.bent[j] != 0:
+            work.matrix[j, j] += LIMIT_WEIGHT
+            work.step[j] += LIMIT_WEIGHT * (work.highest[j] if work.bent[j] > 0 else work.lowest[j])
+    for group in range(FINGER_COUNT + 1):
+        for i in range(contacts.start[group], contacts.start[group + 1]):
+            if work.pushes[i] != 0:
+                _add_spring(problem, i, group - 1, work.weight[i], work.threshold[i], work)
+    status = factorise(work.matrix, as_int64(DOF))
+    if status == 0:
+        solve_factorised(work.matrix, as_int64(DOF), work.step)
+    return status
+
+
+@jit
+def _shortfalls(problem: Record, contacts: Record, y: Array, threshold: Array, out: Array) -> None:
+    # r - a · y of all contacts.
+    for group in range(FINGER_COUNT + 1):
+        start, stop = contacts.start[group], contacts.start[group + 1]
+        if stop > start:
+            first = max(6 + PHALANX_COUNT * (group - 1), 0)
+            joints = y[first : first + PHALANX_COUNT]
+            _shortfall(start, stop, group == 0, problem.common, problem.block, y, joints, threshold, out)
+
+
+@jit
+def _slope(contacts: Record, alpha: float, share: float, work: Record) -> float:
+    # Derivative of the function along the way from `before` to `step`, at a share of it.
+    slope = 0.0
+    for j in range(DOF):
+        way = work.step[j] - work.before[j]
+        y = work.before[j] + share * way
+        force = alpha * y - work.bias[j]
+        if y > work.highest[j]:
+            force += LIMIT_WEIGHT * (y - work.highest[j])
+        elif y < work.lowest[j]:
+            force += LIMIT_WEIGHT * (y - work.lowest[j])
+        slope += force * way
+    for i in range(contacts.start[FINGER_COUNT + 1]):
+        way = work.short[i] - work.short_before[i]
+        short = work.short_before[i] + share * way
+        if short > 0.0:
+            slope += work.weight[i] * short * way
+    return slope
+
+
+@jit
+def _shorten(contacts: Record, alpha: float, work: Record) -> None:
+    # Where the Newton step overshoots the least value on its way, go there: so the value falls in every round and no
+    # set of contacts can come back. Bisection halves the way 30 times: exact enough for a step that is not the last.
+    if _slope(contacts, alpha, 1.0, work) <= 0.0:
+        return
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        if _slope(contacts, alpha, middle, work) > 0.0:
+            high = middle
+        else:
+            low = middle
+    for j in range(DOF):
+        work.step[j] = work.before[j] + high * (work.step[j] - work.before[j])
+    for i in range(contacts.start[FINGER_COUNT + 1]):
+        work.short[i] = work.short_before[i] + high * (work.short[i] - work.short_before[i])
+
+
+@jit
+def _update(contacts: Record, change: bool, work: Record) -> int:
+    # How many differ from who pushes now; with `change` they are brought up to date.
+    changed = 0
+    for i in range(contacts.start[FINGER_COUNT + 1]):
+        pushes = 1 if work.short[i] > 0.0 else 0
+        if pushes != work.pushes[i]:
+            changed += 1
+            if change:
+                work.pushes[i] = pushes
+    for j in range(6, DOF):
+        bent = 0
+        if work.step[j] > work.highest[j]:
+            bent = 1
+        elif work.step[j] < work.lowest[j]:
+            bent = -1
+        if bent != work.bent[j]:
+            changed += 1
+            if change:
+                work.bent[j] = bent
+    return changed
+
+
+@jit
+def _minimise(problem: Record, contacts: Record, alpha: float, rounds: int, work: Record) -> int:
+    # The step; returns the number of rounds.
+    for j in range(DOF):
+        work.bent[j] = 0
+    for i in range(rounds):
+        if _round(problem, contacts, alpha, work) != 0:
+            # Cannot happen while all numbers are finite: the matrix is α times the identity and more.
+            work.step[:] = 0.0
+            return i + 1
+        _shortfalls(problem, contacts, work.step, work.threshold, work.short)
+        if _update(contacts, False, work) == 0:
+            return i + 1
+        if i > 0:
+            _shorten(contacts, alpha, work)
+        _update(contacts, True, work)
+        work.before[:] = work.step
+        for c in range(contacts.start[FINGER_COUNT + 1]):
+            work.short_before[c] = work.short[c]
+    return rounds
+
+
+@jit
+def _forces(options: TickOptions, hand: HandArrays, tree: TreeArrays, state: Record, work: Record) -> None:
+    forces, contacts = state.forces, state.contacts
+    clear_forces(forces)
+    if options.force_model == FORCE_PAPER:
+        find_contacts(hand, state.pose, state.candidates, options.touch, tree.radius.shape[0], contacts)
+        proxy_forces(
+            state.pose, state.haptic, contacts, options.touch, options.contact_stiffness, state.scratch, forces
+        )
+    else:
+        for i in range(contacts.start[FINGER_COUNT + 1]):
+            if work.pushes[i] == 0 or work.short[i] <= 0.0:
+                continue
+            push = work.weight[i] * work.short[i]
+            body = contacts.body[i]
+            for j in range(3):
+                part = push * contacts.normal[j, i]
+                forces.total[j] += part
+                if body < PALM_BODY:
+                    forces.phalanx[body // PHALANX_COUNT, body % PHALANX_COUNT, j] += part
+    fingertip_normal_forces(state.pose, state.haptic, options.contact_stiffness, forces)
+    palm_wrench(state.pose, state.haptic, state.stiffness, state.scratch, forces)
+
+
+@jit
+def tick_penalty(
+    hand: HandArrays, tree: TreeArrays, options: TickOptions, penalty: PenaltyOptions, state: Record, work: Record
+) -> int:
+    """Move the graphic hand for one period under its springs towards the haptic hand (`set_haptic`); status bits."""
+    began = monotonic_ns()
+    begin_tick(options, state)
+    problem, contacts, duration = state.problem, state.contacts, state.step.duration
+    status = 0 if _find(hand, tree, options, state) else STATUS_FULL
+    _aim(hand, penalty, state, work)
+    build_rows(hand, state.pose, contacts, 0.0, False, problem)
+    _springs(penalty, contacts, problem.rhs, work)
+    count = contacts.start[FINGER_COUNT + 1]
+    state.work[WORK_CANDIDATES] = count
+    state.work[WORK_ROWS] = count
+    state.work[WORK_UNITS] = UNITS_LINEARISATION + UNITS_ROW * count
+    for body in range(BODY_COUNT):
+        if state.candidates.nearest[body] <= options.margin:
+            state.work[WORK_BODIES] += 1
+    found = monotonic_ns()
+    duration[DURATION_DETECT] += found - began
+
+    share = penalty.response / penalty.period
+    alpha = 1.0 + 2.0 * share + share * share
+    affordable = max((options.budget - spent_units(state)) // UNITS_QP_ITERATION, 1)
+    rounds = _minimise(problem, contacts, alpha, min(options.linearisations, affordable), work)
+    state.step.iterations = rounds
+    state.work[WORK_LINEARISATIONS] = 1
+    state.work[WORK_QP_ITERATIONS] = rounds
+    for j in range(DOF):
+        y = min(max(work.step[j], work.lowest[j]), work.highest[j])
+        work.velocity[j] = y / penalty.period
+        state.step.delta[j] = y * problem.inverse_root[j]
+    solved = monotonic_ns()
+    duration[DURATION_PALM] += solved - found
+
+    motion_bounds(hand, state.step.delta, problem.abduction_step, state.motion)
+    for body in range(BODY_COUNT):
+        state.candidates.slack[body] -= state.motion[body]
+    move(state.pose, state.step.delta, problem.abduction_step, 1.0)
+    update_kinematics(hand, state.pose)
+    if not _evaluate(hand, tree, options, state):
+        status |= STATUS_FULL
+    state.work[WORK_TOUCHING] = _touching(state.candidates, options.touch)
+    state.work[WORK_UNITS] = spent_units(state)
+    moved = monotonic_ns()
+    duration[DURATION_DETECT] += moved - solved
+    _forces(options, hand, tree, state, work)
+    duration[DURATION_FORCE] += monotonic_ns() - moved
+    return status
+
+
+@jit
+def _touching(candidates: Record, touch: float) -> int:
+    touching = 0
+    for body in range(PALM_BODY):
+        if candidates.nearest[body] <= touch:
+            touching += count_within(candidates.distance[body], candidates.count[body], touch)
+    if candidates.nearest[PALM_BODY] <= touch:
+        touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], touch)
+    return touching
+
+
+@jit
+def run_block_penalty(
+    hand: HandArrays,
+    tree: TreeArrays,
+    options: TickOptions,
+    penalty: PenaltyOptions,
+    states: NDArray[np.void],
+    works: NDArray[np.void],
+    position: Array,
+    orientation: Array,
+    flexion: Array,
+    abduction: Array,
+    record: TickRecord,
+) -> int:
+    """Run one tick for each row of the haptic input, as `kernels.block.run_block`; returns the ticks done."""
+    state, work = states[0], works[0]
+    for i in range(position.shape[0]):
+        cpu = thread_cpu_ns()
+        wall = monotonic_ns()
+        status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
+        status |= tick_penalty(hand, tree, options, penalty, state, work)
+        wall = monotonic_ns() - wall
+        cpu = thread_cpu_ns() - cpu
+        record_tick(state, status, wall, cpu, i, record)
+        if status & STATUS_FULL:
+            return i + 1
+    return position.shape[0]

@@ -1,0 +1,321 @@
+"""The method `penalty` against closed forms, the energy by brute force, and inputs that provoke."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from sphere_scenes import Motion, brute_pairs, bumpy_ball, random_targets, sphere_tree, still, straight_line
+
+from hhsim.errors import InputError
+from hhsim.hand import HandModel
+from hhsim.kernels.contact import COUNT_PAIR_TESTS
+from hhsim.kernels.penalty import LIMIT_WEIGHT
+from hhsim.kernels.tick_state import (
+    STATUS_HELD,
+    STATUS_START_INSIDE,
+    TOUCH,
+    WORK_CANDIDATES,
+    WORK_QP_ITERATIONS,
+    WORK_TOUCHING,
+)
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions, Stiffness
+from hhsim.sphere_tree import SphereTree
+
+Array = NDArray[np.float64]
+
+HAND = HandModel.default("right")
+BALL = bumpy_ball(600)
+FREE = [0.0, 0.0, 0.4]
+GRASP = still(1, [0.0, -0.045, 0.052], flexion=np.full((5, 3), 0.5))
+FAR = sphere_tree(np.array([[0.0, 0.0, 100.0]]), np.array([0.01]))
+
+
+def solver_of(tree: SphereTree, **options: Any) -> HandSolver:
+    return HandSolver(HAND, tree.arrays(), SolverOptions(method="penalty", **options))
+
+
+def onto_the_ball(ticks: int = 400) -> Motion:
+    return straight_line(still(1, FREE), GRASP, 200).then(still(ticks, *(values[0] for values in GRASP)))
+
+
+def shown(record: Any, tick: int) -> Motion:
+    """The graphic hand of one tick."""
+    return Motion(*(getattr(record, name)[tick : tick + 1] for name in Motion._fields))
+
+
+def rigid(contact: float, translation: float = 1000.0) -> Stiffness:
+    """A hand that gives way in translation only."""
+    return Stiffness(translation=translation, rotation=1e12, flexion=1e12, penalty=contact)
+
+
+# ---------------------------------------------------------------------------------------------------- closed forms
+
+
+@given(st.floats(1e2, 1e6), st.floats(1e2, 1e4), st.floats(1e-5, 2e-3), st.integers(1, 4), st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_the_depth_of_one_contact_is_that_of_two_springs_in_a_row(
+    contact: float, coupling: float, command: float, spheres: int, seed: int
+) -> None:
+    # A command that is `command` deep along the normal: k_t (command - depth) = n k depth, whatever the masses are.
+    random = np.random.default_rng(seed)
+    flexion = random.uniform(0.0, 0.5, (5, 3))
+    turn = Rotation.random(random_state=random).as_quat(scalar_first=True)
+    joints = HAND.joints(np.zeros(3), turn, flexion, np.zeros(5))
+    along = joints[1, 3] - joints[1, 2]
+    normal = along / np.linalg.norm(along)
+    radius = 0.004
+    center = joints[1, 3] + (HAND.radius[1, 3] + radius) * normal
+    tree = sphere_tree(np.repeat(center[None], spheres, axis=0), np.full(spheres, radius))
+    solver = solver_of(tree, stiffness=rigid(contact, coupling))
+    record = solver.run(*still(1, -0.02 * normal, turn, flexion).then(still(400, command * normal, turn, flexion)))
+    depth = command * coupling / (coupling + spheres * contact)
+    assert normal @ record.position[-1] == pytest.approx(depth, rel=1e-6)
+    np.testing.assert_allclose(record.total[-1], -spheres * contact * depth * normal, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(record.phalanx[-1, 1, 2], record.total[-1], rtol=1e-12)
+    assert record.work[-1, WORK_TOUCHING] == spheres
+
+
+@pytest.mark.parametrize("response", [2e-4, 1e-3, 7e-3])
+@pytest.mark.parametrize("period", [1e-3, 2e-4])
+def test_in_free_space_every_degree_of_freedom_follows_critically_damped(response: float, period: float) -> None:
+    # Backward Euler of x'' τ² + 2 τ x' + x = 1 has the double root τ / (τ + h).
+    solver = solver_of(FAR, response=response, period=period)
+    turn = Rotation.from_rotvec([0.0, 0.3, 0.0]).as_quat(scalar_first=True)
+    goal = still(1, [0.01, -0.02, 0.03], turn, np.full((5, 3), 0.4), np.full(5, 0.1))
+    solver.run(*still(1, np.zeros(3)))
+    record = solver.run(*still(60, *(values[0] for values in goal)))
+    tick = np.arange(1, 61)
+    left = (1.0 + tick * period / (response + period)) * (response / (response + period)) ** tick
+    np.testing.assert_allclose(record.position, (1.0 - left)[:, None] * goal.position, atol=1e-12)
+    np.testing.assert_allclose(record.flexion, (1.0 - left)[:, None, None] * goal.flexion[:1], atol=1e-12)
+    angle = 2.0 * np.arctan2(record.orientation[:, 2], record.orientation[:, 0])
+    np.testing.assert_allclose(angle, 0.3 * (1.0 - left), atol=1e-12)
+    np.testing.assert_array_equal(record.abduction, np.full((60, 5), 0.1))
+
+
+def energy(tree: SphereTree, options: SolverOptions, wanted: Motion, found: Motion) -> float:
+    """Potential energy [J] of coupling and contacts, by brute force over all pairs."""
+    turn = Rotation.from_quat(wanted.orientation[0], scalar_first=True)
+    turn *= Rotation.from_quat(found.orientation[0], scalar_first=True).inv()
+    off = np.concatenate(
+        [
+            wanted.position[0] - found.position[0],
+            turn.as_rotvec(),
+            (wanted.flexion[0] - found.flexion[0]).ravel(),
+        ]
+    )
+    depth = np.maximum(0.0, -brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, found))
+    coupling = options.stiffness.diagonal() @ off**2
+    return float(0.5 * (coupling + options.stiffness.penalty * np.sum(depth**2)))
+
+
+def moved(motion: Motion, variable: int, step: float) -> Motion:
+    """A configuration with one of the 21 variables changed."""
+    position, orientation, flexion, abduction = (values.copy() for values in motion)
+    if variable < 3:
+        position[0, variable] += step
+    elif variable < 6:
+        increment = Rotation.from_rotvec(step * np.eye(3)[variable - 3])
+        turned = increment * Rotation.from_quat(orientation[0], scalar_first=True)
+        orientation[0] = turned.as_quat(scalar_first=True)
+    else:
+        flexion[0].ravel()[variable - 6] += step
+    return Motion(position, orientation, flexion, abduction)
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5])
+def test_at_rest_forces_balance_the_coupling_and_the_energy_is_least(stiffness: float) -> None:
+    options = SolverOptions(method="penalty", stiffness=Stiffness(penalty=stiffness))
+    solver = HandSolver(HAND, BALL.arrays(), options)
+    motion = onto_the_ball(1500)
+    record = solver.run(*motion)
+    assert np.linalg.norm(record.total[-1]) > 1.0
+    np.testing.assert_allclose(record.total[-1], record.palm_wrench[-1, :3], atol=1e-6)
+    np.testing.assert_allclose(record.phalanx[-1].sum(axis=(0, 1)), record.total[-1], atol=1e-6)
+    wanted, found = motion.part(len(motion.position) - 1, len(motion.position)), shown(record, -2)
+    limited = np.isclose(found.flexion[0], HAND.flexion_min) | np.isclose(found.flexion[0], HAND.flexion_max)
+    assert np.count_nonzero(limited) <= 1
+    for variable in range(21):
+        if variable >= 6 and limited.ravel()[variable - 6]:
+            continue
+        # So short, since a contact may be this near to letting go, where the energy's curvature jumps.
+        step = 1e-8
+        up, down = (energy(BALL, options, wanted, moved(found, variable, sign * step)) for sign in (1.0, -1.0))
+        assert abs(up - down) / (2.0 * step) < 1e-5, variable
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e6])
+def test_in_a_frozen_hold_energy_never_grows(stiffness: float) -> None:
+    options = SolverOptions(method="penalty", stiffness=Stiffness(penalty=stiffness))
+    solver = HandSolver(HAND, BALL.arrays(), options)
+    motion = onto_the_ball(0)
+    solver.run(*motion)
+    hold = still(300, *(values[0] for values in GRASP))
+    record = solver.run(*hold)
+    velocity = [np.diff(record.position, axis=0), np.diff(record.flexion, axis=0).reshape(-1, 15)]
+    turns = Rotation.from_quat(record.orientation, scalar_first=True)
+    velocity.insert(1, (turns[1:] * turns[:-1].inv()).as_rotvec())
+    speed = np.concatenate(velocity, axis=1) / options.period
+    kinetic = 0.5 * options.response**2 * speed**2 @ options.stiffness.diagonal()
+    total = np.array([energy(BALL, options, hold.part(0, 1), shown(record, t)) for t in range(1, 300)]) + kinetic
+    assert total[0] > total[-1]
+    # What is linearised is curved: to second order in steps that are micrometres by then.
+    assert (np.diff(total) <= 1e-9 * total[0]).all()
+    assert kinetic[-1] < 1e-20
+
+
+def test_the_step_is_the_least_value_of_its_function() -> None:
+    options = SolverOptions(method="penalty", linearisations=40)
+    solver = HandSolver(HAND, BALL.arrays(), options)
+    motion = random_targets(HAND, 600, 3, sweep=True)
+    assert solver.penalty is not None
+    loaded, rounds = 0, 0
+    share = options.response / options.period
+    alpha = (1.0 + share) ** 2
+    for tick in range(600):
+        record = solver.run(*motion.part(tick, tick + 1))
+        state, work = solver.states[0], solver.penalty[0]
+        total = int(state.contacts.start[6])
+        if total == 0:
+            continue
+        rows = np.zeros((total, 21))
+        rows[:, :6] = state.problem.common[:, :total].T
+        for f in range(5):
+            part = slice(int(state.contacts.start[f + 1]), int(state.contacts.start[f + 2]))
+            rows[part, 6 + 3 * f : 9 + 3 * f] = state.problem.block[:, part].T
+        y = work.step.copy()
+        push = work.weight[:total] * np.maximum(0.0, work.threshold[:total] - rows @ y)
+        limit = LIMIT_WEIGHT * (np.maximum(0.0, y - work.highest) + np.minimum(0.0, y - work.lowest))
+        gradient = alpha * y - work.bias - rows.T @ push + limit
+        scale = np.abs(work.bias).max() + np.abs(rows.T @ push).max() + np.abs(limit).max()
+        # A joint at its limit is held by what rounding leaves of so stiff a spring's length.
+        rounding = np.where(limit != 0.0, 4.0 * LIMIT_WEIGHT * np.spacing(np.abs(y)), 0.0)
+        assert (np.abs(gradient) <= 1e-8 * scale + rounding).all(), tick
+        np.testing.assert_allclose(
+            record.total[0], state.contacts.normal[:, :total] @ push, rtol=1e-9, atol=1e-9 * push.sum()
+        )
+        loaded += bool(push.any())
+        rounds = max(rounds, int(record.work[0, WORK_QP_ITERATIONS]))
+    assert loaded > 100
+    assert 1 < rounds < 40
+
+
+# --------------------------------------------------------------------------------------------------------- stress
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("options", [{}, {"linearisations": 1}, {"stiffness": Stiffness(penalty=1e7)}])
+def test_random_targets_leave_the_hand_finite_and_near(options: dict[str, Any], seed: int) -> None:
+    solver = solver_of(BALL, **options)
+    motion = random_targets(HAND, 1800, seed, sweep=True)
+    record = solver.run(*motion)
+    for values in record:
+        assert np.isfinite(values).all()
+    assert np.linalg.norm(record.position, axis=1).max() < 0.5
+    assert (record.flexion >= HAND.flexion_min - 1e-12).all()
+    assert (record.flexion <= HAND.flexion_max + 1e-12).all()
+    np.testing.assert_allclose(np.linalg.norm(record.orientation, axis=1), 1.0, atol=1e-12)
+    assert (record.status & ~STATUS_START_INSIDE == 0).all()
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_no_pair_is_missed_however_deep_and_fast(seed: int) -> None:
+    solver = solver_of(BALL)
+    motion = random_targets(HAND, 480, seed, sweep=True)
+    deepest = 0.0
+    record = solver.run(*motion)
+    for tick in range(0, 480, 5):
+        distance = brute_pairs(HAND, BALL.leaf_center, BALL.leaf_radius, shown(record, tick))
+        assert record.work[tick, WORK_TOUCHING] == np.count_nonzero(distance <= TOUCH)
+        deepest = min(deepest, distance.min())
+    assert deepest < -3e-3, "these targets are to push the hand deep inside"
+
+
+def test_a_hand_too_deep_for_the_arrays_is_pushed_by_its_deepest_pairs() -> None:
+    crowd = bumpy_ball(8000)
+    solver = solver_of(crowd)
+    solver.run(*still(1, FREE))
+    pose = still(1, [0.0, -0.02, 0.0], flexion=np.full((5, 3), 0.6))
+    assert np.count_nonzero(brute_pairs(HAND, crowd.leaf_center, crowd.leaf_radius, pose) < 0.0) > 4096
+    motion = straight_line(still(1, FREE), pose, 4).then(still(200, *(values[0] for values in pose)))
+    record = solver.run(*motion)
+    assert not record.status.any()
+    assert record.work[:, WORK_CANDIDATES].max() > 2048
+    for values in record:
+        assert np.isfinite(values).all()
+
+
+def test_the_same_input_gives_the_same_bytes_in_blocks_of_any_size() -> None:
+    motion = random_targets(HAND, 300, 7, sweep=True)
+    whole = solver_of(BALL).run(*motion)
+    solver = solver_of(BALL)
+    parts = [solver.run(*motion.part(first, last)) for first, last in ((0, 1), (1, 150), (150, 300))]
+    for name in whole._fields:
+        if not name.startswith("duration"):
+            again = np.concatenate([getattr(part, name) for part in parts])
+            assert again.tobytes() == getattr(whole, name).tobytes(), name
+
+
+def test_input_that_is_not_finite_is_held() -> None:
+    motion = onto_the_ball(20)
+    bad = motion._replace(position=motion.position.copy())
+    bad.position[205:208, 1] = np.nan
+    fine, found = (solver_of(BALL).run(*values) for values in (motion, bad))
+    np.testing.assert_array_equal(np.flatnonzero(found.status & STATUS_HELD), [205, 206, 207])
+    np.testing.assert_array_equal(found.joints, fine.joints)
+
+
+def test_a_joint_is_shown_at_its_limit_and_passes_the_force_on() -> None:
+    wild = np.where(np.arange(15).reshape(5, 3) % 2 == 0, 9.0, -9.0)
+    record = solver_of(FAR).run(*still(1, np.zeros(3)).then(still(60, np.zeros(3), flexion=wild)))
+    np.testing.assert_allclose(record.flexion[-1], np.where(wild > 0.0, HAND.flexion_max, HAND.flexion_min), atol=1e-12)
+    # A finger that cannot bend further back carries the palm with it: the balance holds with joints at their limits.
+    flat = still(1, [0.0, -0.09, 0.01], flexion=np.array(HAND.flexion_min))
+    motion = straight_line(still(1, FREE), flat, 300).then(still(300, *(values[0] for values in flat)))
+    record = solver_of(BALL).run(*motion)
+    assert np.linalg.norm(record.total[-1]) > 0.5
+    assert np.linalg.norm(record.phalanx[-1, 2, 0]) > 0.5
+    np.testing.assert_allclose(record.flexion[-1, 2], HAND.flexion_min[2], atol=1e-12)
+    np.testing.assert_allclose(record.total[-1], record.palm_wrench[-1, :3], atol=1e-5)
+
+
+def test_forces_of_the_paper_are_those_of_what_touches() -> None:
+    motion = onto_the_ball()
+    springs, paper = (solver_of(BALL, force=force).run(*motion) for force in ("kkt", "paper"))
+    np.testing.assert_array_equal(springs.joints, paper.joints)
+    np.testing.assert_array_equal(springs.palm_wrench, paper.palm_wrench)
+    assert np.linalg.norm(paper.total[-1]) > 0.1
+    assert not np.allclose(springs.total[-1], paper.total[-1], rtol=0.05)
+    assert not paper.total[0].any()
+
+
+def test_a_hand_that_never_touches_tests_no_pair() -> None:
+    record = solver_of(FAR).run(*random_targets(HAND, 200, 0))
+    assert not record.work[:, COUNT_PAIR_TESTS].any()
+    assert not record.total.any()
+    assert (record.work[:, WORK_QP_ITERATIONS] <= 3).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"qp": "clarabel"}, "solves no quadratic program"),
+        ({"period": 0.0}, "period is 0 s"),
+        ({"response": np.inf}, "response is inf s"),
+        ({"contact_response": -1.0}, "must be finite and not negative"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        replace(SolverOptions(method="penalty"), **options)
+
+
+def test_a_contact_needs_a_positive_stiffness() -> None:
+    with pytest.raises(InputError, match="stiffness penalty is 0"):
+        Stiffness(penalty=0.0)
