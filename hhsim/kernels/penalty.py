@@ -316,11 +316,11 @@ def _slope(contacts: Record, alpha: float, share: float, work: Record) -> float:
 
 
 @jit
-def _shorten(contacts: Record, alpha: float, work: Record) -> None:
+def _shorten(contacts: Record, alpha: float, work: Record) -> bool:
     # Where the Newton step overshoots the least value on its way, go there: so the value falls in every round and no
     # set of contacts can come back. Bisection halves the way 30 times: exact enough for a step that is not the last.
     if _slope(contacts, alpha, 1.0, work) <= 0.0:
-        return
+        return False
     low, high = 0.0, 1.0
     for _ in range(30):
         middle = 0.5 * (low + high)
@@ -332,18 +332,18 @@ def _shorten(contacts: Record, alpha: float, work: Record) -> None:
         work.step[j] = work.before[j] + high * (work.step[j] - work.before[j])
     for i in range(contacts.start[FINGER_COUNT + 1]):
         work.short[i] = work.short_before[i] + high * (work.short[i] - work.short_before[i])
+    return True
 
 
 @jit
-def _update(contacts: Record, change: bool, work: Record) -> int:
-    # How many differ from who pushes now; with `change` they are brought up to date.
+def _update(contacts: Record, work: Record) -> int:
+    # Who pushes at `step`; returns how many have changed.
     changed = 0
     for i in range(contacts.start[FINGER_COUNT + 1]):
         pushes = 1 if work.short[i] > 0.0 else 0
         if pushes != work.pushes[i]:
             changed += 1
-            if change:
-                work.pushes[i] = pushes
+            work.pushes[i] = pushes
     for j in range(6, DOF):
         bent = 0
         if work.step[j] > work.highest[j]:
@@ -352,8 +352,7 @@ def _update(contacts: Record, change: bool, work: Record) -> int:
             bent = -1
         if bent != work.bent[j]:
             changed += 1
-            if change:
-                work.bent[j] = bent
+            work.bent[j] = bent
     return changed
 
 
@@ -368,11 +367,10 @@ def _minimise(problem: Record, contacts: Record, alpha: float, rounds: int, work
             work.step[:] = 0.0
             return i + 1
         _shortfalls(problem, contacts, work.step, work.threshold, work.short)
-        if _update(contacts, False, work) == 0:
+        if _update(contacts, work) == 0:
             return i + 1
-        if i > 0:
-            _shorten(contacts, alpha, work)
-        _update(contacts, True, work)
+        if i > 0 and _shorten(contacts, alpha, work):
+            _update(contacts, work)
         work.before[:] = work.step
         for c in range(contacts.start[FINGER_COUNT + 1]):
             work.short_before[c] = work.short[c]
