@@ -128,6 +128,7 @@ COLUMNS = (
     Column("total", "whole tick, wall time", "s"),
     Column("total_cpu", "whole tick, processor time of all threads, waiting for work included", "s"),
     Column("speedup", "total wall time of one thread over that of this number"),
+    Column("helpers_ran", "share of the tick's time in which the other threads had a processor, median"),
     Column("cpu_ratio", "total processor time of this number of threads over that of one"),
 )
 
@@ -235,7 +236,11 @@ def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
             }
         )
     alone = next(row for row in rows if row["threads"] == 1)
-    for row in rows:
+    for row, replay in zip(rows, group):
+        # Median of the ratios: in a tick that was interrupted the one or the other clock stands still.
+        wall, cpu = np.array(replay.rounds)[:, -2:].transpose(1, 0, 2)
+        helpers = row["threads"] - 1
+        row["helpers_ran"] = float(np.median(cpu / wall - 1.0)) / helpers if helpers else None
         row["speedup"] = alone["total"] / row["total"]
         row["cpu_ratio"] = row["total_cpu"] / alone["total_cpu"]
     return rows
@@ -244,7 +249,8 @@ def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
 def when_threads_pay(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """A sentence for each method and number of threads, from nothing but the rows.
 
-    Threads pay from that number of contacts on from which every row gains by PAYS.
+    Threads pay from that number of contacts on from which every row gains by PAYS. Helpers that had no processor are
+    no ground for a verdict.
     """
     sentences = []
     for method in dict.fromkeys(row["method"] for row in rows):
@@ -256,6 +262,9 @@ def when_threads_pay(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _verdict(rows: Sequence[Mapping[str, Any]]) -> str:
+    ran = float(np.median([row["helpers_ran"] for row in rows]))
+    if ran < STARVED:
+        return f"no verdict, since the helpers had a processor for {100.0 * max(ran, 0.0):.0f} % of the time only"
     ordered = sorted(rows, key=lambda row: row["contacts"])
     best = max(ordered, key=lambda row: row["speedup"])
     cost = float(np.median([row["cpu_ratio"] for row in ordered]))
@@ -285,13 +294,11 @@ def remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         notes.append(
             f"{most} threads on {processors} processors take turns: their times say nothing of {most} processors"
         )
-    shared = [row for row in rows if 1 < row["threads"] <= processors]
-    if shared:
-        shares = [(row["total_cpu"] / row["total"] - 1.0) / (row["threads"] - 1) for row in shared]
-        share = float(np.median(shares))
-        if share < STARVED:
-            notes.append(
-                f"the helpers ran for {100.0 * max(share, 0.0):.0f} % of the time only: other work kept the processors "
-                "busy, and several threads look slower than they are"
-            )
+    shares = [row["helpers_ran"] for row in rows if 1 < row["threads"] <= processors]
+    share = max(float(np.median(shares)), 0.0) if shares else 1.0
+    if share < STARVED:
+        notes.append(
+            f"the helpers had a processor for {100.0 * share:.0f} % of the time only: other work kept the processors "
+            "busy, and nothing can be said of threads"
+        )
     return notes

@@ -72,7 +72,7 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("duration/fingers", (), "<i8", "ns", "wall time of the fingers' optimisation"),
     Column("duration/force", (), "<i8", "ns", "wall time of the forces"),
     Column("duration/total", (), "<i8", "ns", "wall time of the whole tick"),
-    Column("duration/total_cpu", (), "<i8", "ns", "thread CPU time of the whole tick"),
+    Column("duration/total_cpu", (), "<i8", "ns", "CPU time of the whole tick, of all its threads"),
     Column("contacts/candidates", (), "<i8", "1", "candidate pairs: within the margin"),
     Column("contacts/touching", (), "<i8", "1", "pairs within 10 µm of each other after the tick"),
     Column("work/node_tests", (), "<i8", "1", "sphere-tree nodes tested"),

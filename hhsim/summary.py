@@ -203,7 +203,7 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
         _row("lag_ticks", "ticks with lag", lagging, 0),
         _row("lag_max", "lag, max", 1e3 * series["lag"].max(initial=0.0), 2, "mm", "", 1e-3),
     )
-    return ReplaySummary(rows, _notes(scene, status, prepared), ticks, prepared)
+    return ReplaySummary(rows, _notes(scene, options, status, prepared), ticks, prepared)
 
 
 def _repeated_with_tremor(
@@ -247,13 +247,15 @@ def _mean(values: Array, where: Array) -> float:
     return float(values[where].mean()) if where.any() else float("nan")
 
 
-def _notes(scene: Scene, status: Array, prepared: WarmUp) -> tuple[str, ...]:
+def _notes(scene: Scene, options: SolverOptions, status: Array, prepared: WarmUp) -> tuple[str, ...]:
     notes = [*scene.mesh.repairs, *scene.mesh.warnings]
     if np.any(status & STATUS_START_INSIDE):
         notes.append("the haptic hand begins inside the object: the graphic hand began at the nearest free place")
     held = int(np.sum(status & STATUS_HELD > 0))
     if held:
         notes.append(f"{held:,} ticks had input that was not finite and used the last good one")
+    if options.threads > 1:
+        notes.append(f"CPU times are those of all {options.threads} threads together, waiting for each other included")
     if prepared.compiled:
         notes.append(
             f"the kernels were compiled in {prepared.seconds:.1f} s, apart from the ticks; the next run loads them"

@@ -21,7 +21,7 @@ SMALL = ThreadsOptions(
 
 def row(contacts: float, speedup: float, **others: Any) -> dict[str, Any]:
     made = {"object": "cup", "case": "WH", "method": "coupled", "threads": 2, "contacts": contacts, "speedup": speedup}
-    return {**made, "total": 1e-5, "total_cpu": 2e-5, "cpu_ratio": 2.0, **others}
+    return {**made, "helpers_ran": 1.0, "cpu_ratio": 2.0, **others}
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +46,7 @@ def test_rows_add_up(rows: list[dict[str, Any]]) -> None:
         assert row["contacts"] == alone["contacts"], "the same ticks, whatever the number of threads"
         assert row["speedup"] == pytest.approx(alone["total"] / row["total"])
         assert row["cpu_ratio"] == pytest.approx(row["total_cpu"] / alone["total_cpu"])
+        assert (row["helpers_ran"] is None) == (row["threads"] == 1)
     contacts = {row["case"]: row["contacts"] for row in rows}
     assert contacts["FF"] > contacts["SF"] > 0
 
@@ -98,8 +99,10 @@ def test_from_the_contacts_named_on_every_scene_gains(measured: list[tuple[float
 def test_helpers_that_were_kept_from_working_are_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
     assert remarks([row(10.0, 1.0)]) == []
-    (starved,) = remarks([row(10.0, 1.0, total_cpu=1.3e-5)])
-    assert "ran for 30 % of the time" in starved
+    (starved,) = remarks([row(10.0, 1.0, helpers_ran=0.3)])
+    assert "for 30 % of the time" in starved
+    (sentence,) = when_threads_pay([row(10.0, 1.0, helpers_ran=0.3)])
+    assert "no verdict" in sentence
     (crowded,) = remarks([row(10.0, 1.0, threads=3)])
     assert "3 threads on 2 processors" in crowded
 
@@ -139,6 +142,9 @@ def test_a_replay_takes_threads(run: Run) -> None:
     alone = json.loads(run(*short, "--out", "a.h5").out)
     shared = json.loads(run(*short, "--out", "b.h5", "--threads", "2").out)
     assert alone["ticks"] == shared["ticks"]
+    told = "CPU times are those of all 2 threads together, waiting for each other included"
+    assert told in shared["notes"]
+    assert told not in alone["notes"]
     answer = run(*short, "--threads", "9")
     assert answer.code == 2
     assert "threads is 9: 1 to 6" in answer.err

@@ -1,6 +1,10 @@
 """Ticks shared among threads: the same bytes with any number, and no thread left behind."""
 
+import os
 import signal
+import subprocess
+import sys
+import textwrap
 import threading
 import time
 from pathlib import Path
@@ -16,6 +20,7 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand import HandModel
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.crew import NUMBER_SHIFT, PARTS, TICKET
+from hhsim.kernels.jit import cache_root
 from hhsim.kernels.tick_state import WORK_CANDIDATES
 from hhsim.object_catalogue import load_object
 from hhsim.replay import replay
@@ -163,6 +168,27 @@ def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
         signal.signal(signal.SIGINT, before)
     assert helpers() == []
     assert solver.states[0].crew.members == 1
+
+
+def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> None:
+    script = textwrap.dedent(
+        f"""
+        import sys
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from sphere_scenes import bumpy_ball, still
+        from hhsim.hand import HandModel
+        from hhsim.solver import HandSolver
+        from hhsim.solver_options import SolverOptions
+
+        solver = HandSolver(HandModel.default(), bumpy_ball(20).arrays(), SolverOptions(threads=3))
+        assert solver.crew.rooms == []
+        record = solver.run(*still(2, [0.0, 0.0, 0.2]))
+        print(record.position.tolist() == still(2, [0.0, 0.0, 0.2]).position.tolist())
+        """
+    )
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "HHSIM_CACHE_DIR": str(cache_root())}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
 
 
 def test_impossible_numbers_are_refused() -> None:
