@@ -150,7 +150,7 @@ def rest(looks: int) -> None:
 @jit
 def await_done(word: Indices, items: int) -> None:
     """Wait until all items of the task are done."""
-    looks = 0
+    looks = as_int64(0)
     while load_acquire(word, as_int64(DONE)) < items:
         rest(looks)
         looks += 1

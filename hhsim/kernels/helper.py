@@ -7,7 +7,7 @@ from .active_set import QpWork
 from .crew import NOTHING, TASK_DISTANCES, TASK_STOP, rest, waiting_task
 from .detection import evaluate_items
 from .hand import HandArrays
-from .jit import jit
+from .jit import as_int64, jit
 from .progressive import solve_items
 from .tick_state import TickOptions
 from .tree import TreeArrays
@@ -34,7 +34,7 @@ def help_out(
     """
     state = states[0]
     word = state.crew.word[:]
-    looks = 0
+    looks = as_int64(0)
     while True:
         task = waiting_task(word)
         if task == NOTHING:
@@ -43,7 +43,7 @@ def help_out(
             continue
         if task == TASK_STOP:
             return
-        looks = 0
+        looks = as_int64(0)
         if task == TASK_DISTANCES:
             evaluate_items(
                 hand,
