@@ -39,9 +39,9 @@ Progress = Callable[[str, int, int], None]
 
 DEFAULT_LEVEL = 4
 USUAL: tuple[int, ...] = (1, 2, 3, 12)
-LINEARISATIONS: dict[str, tuple[int, ...]] = {"paper": (1, 2, 3)}
+LINEARISATIONS: dict[str, tuple[int, ...]] = {"paper": (1, 2, 3), "penalty": (12,)}
 """Most linearisations in a tick that are tried, where they are not `USUAL`: `paper` makes all of them, whatever they
-gain, and one as printed."""
+gain, and one as printed; `penalty` linearises once, and the number bounds the rounds that its step is found in."""
 QP_METHODS = ("coupled", "progressive")
 """The methods whose programs other QP solvers can solve; the first that is run is the one that they do."""
 STRETCH = (100, 50)

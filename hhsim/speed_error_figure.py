@@ -235,4 +235,6 @@ def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
         Line2D([], [], color=GREY, linewidth=1.0, linestyle=":", label=f"{CORNER:g} mm"),
         Patch(color=GREY, alpha=0.15, label="the paper's times; error not given"),
     ]
-    figure.legend(handles=handles, loc="upper left", ncols=6, fontsize=12, frameon=False, bbox_to_anchor=(0.03, 0.995))
+    figure.legend(
+        handles=handles, loc="upper left", ncols=7, fontsize=11.5, frameon=False, bbox_to_anchor=(0.03, 0.995)
+    )
