@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 TIMINGS = ("duration", "duration_total", "duration_cpu")
 """What of a record is no result: it differs from run to run."""
 
-MOST_CHECKS = 300
+MOST_CHECKS = 40
 """Different stuck ticks of a run that are looked at; those beyond count as unexplained."""
 
 LIMIT_TOLERANCE = 1e-9
