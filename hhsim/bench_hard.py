@@ -72,8 +72,8 @@ class CaseResult:
 
     @property
     def deciding(self) -> Figure | None:
-        """The figure that failed by most, or came nearest to its bar; penetration only where nothing else is there."""
-        return max(self.figures[1:], key=_strain, default=None)
+        """The figure, besides penetration, that failed by most or came nearest to its bar; one of the case's own first."""
+        return max(reversed(self.figures[1:]), key=_strain, default=None)
 
 
 def _strain(figure: Figure) -> float:
