@@ -72,7 +72,7 @@ class CaseResult:
 
     @property
     def deciding(self) -> Figure | None:
-        """The figure, besides penetration, that failed by most or came nearest to its bar; one of the case's own first."""
+        """The figure, besides penetration, that failed by most or came nearest to its bar; of equals the last."""
         return max(reversed(self.figures[1:]), key=_strain, default=None)
 
 
