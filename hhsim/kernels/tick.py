@@ -23,7 +23,7 @@ from .detection import evaluate_together, worth_sharing
 from .dominance import drop_dominated
 from .force import FORCE_PAPER, hand_forces
 from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
-from .jit import Record, jit
+from .jit import Record, jit, jit_inline
 from .linearise import build_rows, clamp_to_limits
 from .pose import copy_configuration, is_finite_configuration, move, update_kinematics
 from .progressive import solve_progressive
@@ -89,7 +89,7 @@ def set_haptic(
     return 0
 
 
-@jit
+@jit_inline
 def evaluate_pose(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
