@@ -5,6 +5,7 @@ that a backend fails on is treated as one without solution. In the progressive m
 join the palm's program, since few backends tell infeasible from unsolved.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -41,10 +42,16 @@ def run_block_with_backend(
 ) -> int:
     """Run one tick for each haptic configuration with `backend`; as `kernels.block.run_block`."""
     position, orientation, flexion, abduction = haptic
+
+    def solve_program() -> bool:
+        if options.method == METHOD_COUPLED or state.together:
+            return _solve_coupled(state, backend)
+        return _solve_progressive(options, state, qp, backend)
+
     for i in range(len(position)):
         cpu, wall = thread_cpu_ns(), monotonic_ns()
         status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
-        status |= _tick(hand, tree, options, state, qp, backend)
+        status |= drive_tick(hand, tree, options, state, qp, solve_program)
         wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
         record_tick(state, status, wall, cpu, i, record)
         if status & STATUS_FULL:
@@ -52,7 +59,13 @@ def run_block_with_backend(
     return len(position)
 
 
-def _tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Any, qp: QpWork, backend: str) -> int:
+def drive_tick(
+    hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Any, qp: QpWork, solve_program: Callable[[], bool]
+) -> int:
+    """One tick after `set_haptic`, as `kernels.tick.tick`, with any way to solve a linearisation's program.
+
+    `solve_program` writes the state's `step` and says whether there is a solution. Returns the tick's status bits.
+    """
     begin_tick(options, state)
     status = 0
     for i in range(options.linearisations):
@@ -64,10 +77,7 @@ def _tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Any, 
             break
         solved = True
         while contacts > 0:
-            if options.method == METHOD_COUPLED or state.together:
-                solved = _solve_coupled(state, backend)
-            else:
-                solved = _solve_progressive(options, state, qp, backend)
+            solved = solve_program()
             if not solved or not clip_target(hand, options, state):
                 break
         if not solved:

@@ -28,7 +28,7 @@ TOLERANCE = 1e-12
 RESIDUAL_LIMIT = 1e-6
 """A backend's answer with a larger `kkt_residual` [√J] is called inaccurate; 30 nm at a stiffness of 1 kN/m."""
 
-_BACKEND_OPTIONS: dict[str, dict[str, Any]] = {
+BACKEND_OPTIONS: dict[str, dict[str, Any]] = {
     "clarabel": {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11},
     "cvxopt": {"abstol": 1e-10, "reltol": 1e-10, "feastol": 1e-10},
     "daqp": {"primal_tol": 1e-11},
@@ -191,7 +191,7 @@ def _solve_active_set(problem: QpProblem) -> QpSolution:
     multiplier = np.zeros(m)
     count = work.counts[0]
     multiplier[work.active[:count]] = work.multiplier[:count]
-    return _checked(problem, QpSolution(work.x / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET))
+    return _checked(problem, QpSolution(work.x[:n] / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET))
 
 
 def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
@@ -211,7 +211,7 @@ def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             built = qpsolvers.Problem(identity, np.zeros(target.size), rows, (unit @ target - rhs) / length)
-            solution = qpsolvers.solve_problem(built, backend, **_BACKEND_OPTIONS.get(backend, {}))
+            solution = qpsolvers.solve_problem(built, backend, **BACKEND_OPTIONS.get(backend, {}))
         message = "; ".join(str(warning.message) for warning in caught)
     except Exception as error:  # whatever a foreign solver raises is its answer
         return _refused(problem, backend, f"{type(error).__name__}: {error}")

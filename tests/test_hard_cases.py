@@ -23,23 +23,13 @@ MOST_PAIRS = 4e9
 """Of bodies and spheres that brute force looks at in one run [about 5 s]; beyond that it takes every nth tick."""
 
 
-TWIN_ROWS = (
-    "a row that says the same as an active one cancels the correction for curvature by rounding "
-    "(kernels/second_order.py): the motion differs by up to 0.2 mm where numbers are rounded otherwise"
-)
 LIMIT_CREEP = "a joint limit is missed by the program's tolerance at every linearisation (kernels/tick.py)"
 FORCE_OF_THE_LAST_PROGRAM = (
     "the force is that of a tick's last program: where one of two ticks whose hands agree to 0.1 µm takes one "
     "linearisation more, it differs by up to 0.2 % (5 of 700 ticks, progressive) or 3e-6 (2 of 700, coupled)"
 )
 KNOWN = {
-    **{
-        (name, method): TWIN_ROWS
-        for name in ("gimbal-lock", "stiffness-scale", "scaled-scene", "far-from-origin")
-        for method in METHODS
-    },
     **{("doubled-constraints", method): FORCE_OF_THE_LAST_PROGRAM for method in METHODS},
-    ("quaternion-flips", "coupled"): TWIN_ROWS,
     ("stiffness-ratios", "progressive"): LIMIT_CREEP,
 }
 """What the methods do not pass yet, and why."""

@@ -17,10 +17,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import QpWork, row_violations
+from .active_set import QpWork
 from .curvature import curvature_product
 from .hand import DOF
 from .jit import Record, jit
+from .program_rows import row_violations
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -42,6 +43,9 @@ STRETCH = 20.0
 """Where the Lagrangian curves by less than 1 / STRETCH of the coupling, a direction is stretched by this instead."""
 REDUCTION = 1e-4
 """The squared residual's reduction at which the correction is good enough: the next linearisation starts from there."""
+
+ROUNDING = 1e-3
+"""Share of the program's tolerance by which a row may be violated at the corrected step and still be called kept."""
 
 
 @jit
@@ -120,7 +124,7 @@ def correct_for_curvature(
         step: the whole hand's step as far as it is known [m, rad], shape (21,); this program's own part included.
         offset: first of this program's variables among the 21.
         n, n_common, common, block, rhs, group_start, group_stop, group_block: the program, as in `active_set.solve`.
-        tolerance: a residual below this, in units of x, is not worth a correction.
+        tolerance: of the program; a residual below this, in units of x, is not worth a correction.
         longest: the correction is shortened to this, in units of x.
         work: a CORRECTION_WORK record.
         qp: the solved program; its x is moved.
@@ -188,13 +192,24 @@ def correct_for_curvature(
     for j in range(n):
         correction[j] *= scale
         search[j] = qp.x[j] + correction[j]
-    # Both ends of the stretch: rows satisfied at x may fail at x + z; the first to fail bounds it.
+    # Both ends of the stretch: rows satisfied at x may fail at x + z; the first to fail bounds it. A row that says the
+    # same as an active one is violated by rounding at either end: that is no failure, and would cancel the correction.
+    rounding = ROUNDING * tolerance
     groups = group_block.shape[0]
     for g in range(groups):
         for i in range(group_start[g], group_stop[g]):
             qp.slack[i] = -qp.violation[i]
     row_violations(
-        n_common, common, block, rhs, group_start, group_stop, group_block, search[:], qp.inverse_norm, qp.violation
+        n_common,
+        common,
+        block,
+        rhs,
+        group_start,
+        group_stop,
+        group_block,
+        search[:],
+        qp.inverse_norm[:],
+        qp.violation[:],
     )
     for j in range(k):
         qp.violation[qp.active[j]] = 0.0
@@ -202,8 +217,8 @@ def correct_for_curvature(
     for g in range(groups):
         for i in range(group_start[g], group_stop[g]):
             violated = qp.violation[i]
-            if violated > 0.0:
+            if violated > rounding:
                 slack = max(qp.slack[i], 0.0)
-                fraction = min(fraction, slack / (slack + violated))
+                fraction = min(fraction, (slack + rounding) / (slack + violated))
     for j in range(n):
         qp.x[j] += fraction * correction[j]

@@ -1,0 +1,225 @@
+"""Orthogonal factors of the active rows' normals, kept up to date while rows come and go.
+
+The normals are N = Rᵀ Q, Q with orthonormal rows by Gram-Schmidt, done a second time where the first leaves little of
+the new normal (Daniel, Gragg, Kaufman & Stewart 1976): contact patches bring duplicate and near-parallel rows, and the
+Gram matrix would lose half the digits on them. A row is dropped by Givens rotations.
+
+Vectors are padded with zeros to whole multiples of `LANES`, so that loops over them have no rest and their inner part
+is one instruction. Nothing in a workspace need be set before a solve.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import Record, jit, jit_vector
+
+Array = NDArray[np.float64]
+
+LANES = 8
+"""Numbers that one vector instruction may hold."""
+
+SECOND_PASS = 0.25
+"""Squared share of a unit normal that the first pass must leave, for its rounding not to need a second one."""
+
+
+def work_dtype(n_max: int, capacity: int) -> np.dtype[Any]:
+    """Record of workspace and result of one solve, for up to `n_max` variables and `capacity` rows.
+
+    With p for n_max rounded up to whole lanes:
+
+    | field | meaning | shape |
+    |---|---|---|
+    | x | solution | (p,) |
+    | active | rows of the active set | (p + 1,) |
+    | multiplier | their multipliers, >= 0, for rows as given (not normalised) | (p + 1,) |
+    | counts | [size of the active set, iterations, row that proves it infeasible or -1] | (3,) |
+    | basis | Q: orthonormal rows, of which the active normals are combinations | (p, p) |
+    | column | Rᵀ: active normal j = Σ_i column[j, i] basis[i], i <= j | (p, p) |
+    | inverse_diagonal | 1 / column[j, j] | (p,) |
+    | active_rhs | b - a · x₀ of the active rows, normalised | (p,) |
+    | normal, direction | the row being added, and its part outside the span | (p,) |
+    | coefficient, dual_step | its coordinates in the basis, and the dual direction | (p,) |
+    | share | scratch | (p,) |
+    | violation | b - a · x of every row, normalised | (capacity,) |
+    | inverse_norm | 1 / |a|, 0 for a zero row | (capacity,) |
+    | slack | room for a second look at the rows, see `kernels.second_order` | (capacity,) |
+    """
+    padded = -(-n_max // LANES) * LANES
+    return np.dtype(
+        [
+            ("x", np.float64, (padded,)),
+            ("active", np.int64, (padded + 1,)),
+            ("multiplier", np.float64, (padded + 1,)),
+            ("counts", np.int64, (3,)),
+            ("basis", np.float64, (padded, padded)),
+            ("column", np.float64, (padded, padded)),
+            ("inverse_diagonal", np.float64, (padded,)),
+            ("active_rhs", np.float64, (padded,)),
+            ("normal", np.float64, (padded,)),
+            ("direction", np.float64, (padded,)),
+            ("coefficient", np.float64, (padded,)),
+            ("dual_step", np.float64, (padded,)),
+            ("share", np.float64, (padded,)),
+            ("violation", np.float64, (capacity,)),
+            ("inverse_norm", np.float64, (capacity,)),
+            ("slack", np.float64, (capacity,)),
+        ],
+        align=True,
+    )
+
+
+@jit_vector
+def _square(vector: Array, chunks: int) -> float:
+    total = 0.0
+    for c in range(chunks):
+        for lane in range(LANES):
+            total += vector[LANES * c + lane] * vector[LANES * c + lane]
+    return total
+
+
+@jit_vector
+def _split(chunks: int, k: int, work: Record) -> None:
+    # Take from `direction` its part in the span of the first k rows of the basis, and add that to `coefficient`.
+    basis, direction, share = work.basis, work.direction, work.share
+    for i in range(k):
+        total = 0.0
+        for c in range(chunks):
+            for lane in range(LANES):
+                total += basis[i, LANES * c + lane] * direction[LANES * c + lane]
+        share[i] = total
+        work.coefficient[i] += total
+    # Four rows at a time: each would wait for the other's sum.
+    i = 0
+    while i + 3 < k:
+        s0, s1, s2, s3 = share[i], share[i + 1], share[i + 2], share[i + 3]
+        for c in range(chunks):
+            for lane in range(LANES):
+                j = LANES * c + lane
+                direction[j] -= s0 * basis[i, j] + s1 * basis[i + 1, j] + (s2 * basis[i + 2, j] + s3 * basis[i + 3, j])
+        i += 4
+    while i < k:
+        s0 = share[i]
+        for c in range(chunks):
+            for lane in range(LANES):
+                direction[LANES * c + lane] -= s0 * basis[i, LANES * c + lane]
+        i += 1
+
+
+@jit
+def project(n: int, k: int, work: Record) -> float:
+    """Split work.normal, a unit vector, into coordinates in the basis and the rest.
+
+    Writes work.coefficient (its first k, zeros behind) and work.direction; returns the squared length of the latter.
+    """
+    chunks = (n + LANES - 1) // LANES
+    for j in range(LANES * chunks):
+        work.direction[j] = work.normal[j]
+        work.coefficient[j] = 0.0
+    if k == 0:
+        return _square(work.direction[:], chunks)
+    _split(chunks, k, work)
+    square = _square(work.direction[:], chunks)
+    if square < SECOND_PASS:
+        _split(chunks, k, work)
+        square = _square(work.direction[:], chunks)
+    return square
+
+
+@jit_vector
+def back_substitute(k: int, work: Record, rhs: Array, solution: Array) -> None:
+    """Solve R · solution = rhs for the first k entries; rhs and solution may be one array. Zeros are left behind."""
+    column = work.column
+    chunks = (k + LANES - 1) // LANES
+    for i in range(LANES * chunks):
+        solution[i] = rhs[i] if i < k else 0.0
+    for j in range(k - 1, -1, -1):
+        s = solution[j] * work.inverse_diagonal[j]
+        for c in range((j + LANES - 1) // LANES):
+            for lane in range(LANES):
+                solution[LANES * c + lane] -= s * column[j, LANES * c + lane]
+        solution[j] = s
+
+
+@jit_vector
+def _coordinates(k: int, work: Record, y: Array) -> None:
+    # Rᵀ y = active_rhs.
+    column = work.column
+    for i in range(LANES * ((k + LANES - 1) // LANES)):
+        y[i] = 0.0
+    for i in range(k):
+        total = 0.0
+        for c in range((i + LANES - 1) // LANES):
+            for lane in range(LANES):
+                total += column[i, LANES * c + lane] * y[LANES * c + lane]
+        y[i] = (work.active_rhs[i] - total) * work.inverse_diagonal[i]
+
+
+@jit_vector
+def resolve(n: int, k: int, target: Array, work: Record) -> None:
+    """The optimum with the active rows as equations, straight from the factors, so that no rounding is carried along.
+
+    x = x₀ + Qᵀ y with Rᵀ y = b - N x₀, and the multipliers from R u = y.
+    """
+    basis, x, y = work.basis, work.x, work.coefficient
+    chunks = (n + LANES - 1) // LANES
+    _coordinates(k, work, y[:])
+    for j in range(LANES * chunks):
+        x[j] = 0.0
+    for i in range(k):
+        s = y[i]
+        for c in range(chunks):
+            for lane in range(LANES):
+                x[LANES * c + lane] += s * basis[i, LANES * c + lane]
+    for j in range(n):
+        x[j] += target[j]
+    back_substitute(k, work, y[:], work.multiplier[:])
+
+
+@jit
+def append(n: int, k: int, row: int, rhs: float, length: float, work: Record) -> None:
+    """Make the projected row, whose `direction` has this length, the active set's last; it had k."""
+    inverse = 1.0 / length
+    for j in range(LANES * ((n + LANES - 1) // LANES)):
+        work.basis[k, j] = work.direction[j] * inverse
+        work.column[k, j] = work.coefficient[j]
+    work.column[k, k] = length
+    work.inverse_diagonal[k] = inverse
+    work.active[k] = row
+    work.active_rhs[k] = rhs
+
+
+@jit
+def remove(n: int, k: int, position: int, work: Record) -> None:
+    """Take the row at this position out of an active set of k, with its multiplier."""
+    column, basis, inverse_diagonal = work.column, work.basis, work.inverse_diagonal
+    chunks = (n + LANES - 1) // LANES
+    for j in range(position, k - 1):
+        work.active[j] = work.active[j + 1]
+        work.multiplier[j] = work.multiplier[j + 1]
+        work.active_rhs[j] = work.active_rhs[j + 1]
+        for i in range(LANES * ((j + LANES + 1) // LANES)):
+            column[j, i] = column[j + 1, i]
+    for i in range(position, k - 1):
+        a, b = column[i, i], column[i, i + 1]
+        if b == 0.0:
+            inverse_diagonal[i] = 1.0 / a
+            continue
+        length = math.sqrt(a * a + b * b)
+        inverse = 1.0 / length
+        c, s = a * inverse, b * inverse
+        column[i, i] = length
+        column[i, i + 1] = 0.0
+        inverse_diagonal[i] = inverse
+        for j in range(i + 1, k - 1):
+            a, b = column[j, i], column[j, i + 1]
+            column[j, i] = c * a + s * b
+            column[j, i + 1] = c * b - s * a
+        for chunk in range(chunks):
+            for lane in range(LANES):
+                j = LANES * chunk + lane
+                a, b = basis[i, j], basis[i + 1, j]
+                basis[i, j] = c * a + s * b
+                basis[i + 1, j] = c * b - s * a

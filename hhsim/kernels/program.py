@@ -1,0 +1,64 @@
+"""A program by itself, apart from the tick that built it: to be solved again, and timed."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .active_set import CAPACITY, N_MAX, solve
+from .clock import monotonic_ns
+from .jit import Record, jit
+
+Indices = NDArray[np.int64]
+
+PROGRAM_GROUPS = 11
+PROGRAM_GUESSES = 64
+
+PROGRAM = np.dtype(
+    [
+        ("common", np.float64, (6, CAPACITY)),
+        ("block", np.float64, (3, CAPACITY)),
+        ("rhs", np.float64, (CAPACITY,)),
+        ("target", np.float64, (N_MAX,)),
+        ("group_start", np.int64, (PROGRAM_GROUPS,)),
+        ("group_stop", np.int64, (PROGRAM_GROUPS,)),
+        ("group_block", np.int64, (PROGRAM_GROUPS,)),
+        ("guess", np.int64, (PROGRAM_GUESSES,)),
+        ("guess_count", np.int64),
+        ("variables", np.int64),
+        ("common_columns", np.int64),
+        ("groups", np.int64),
+        ("tolerance", np.float64),
+        ("relaxation", np.float64),
+    ],
+    align=True,
+)
+"""The arguments of `active_set.solve`, laid out as a tick has them."""
+
+
+@jit
+def solve_repeatedly(program: Record, duration_out: Indices, work: Record) -> int:
+    """Solve a program once for each entry of `duration_out`, where the wall time of each solve goes [ns].
+
+    The two readings of the clock are part of it. Returns the status of `active_set.solve`; the result is in `work`.
+    """
+    groups = program.groups
+    status = 0
+    for i in range(duration_out.shape[0]):
+        began = monotonic_ns()
+        status = solve(
+            program.variables,
+            program.common_columns,
+            program.common[:],
+            program.block[:],
+            program.rhs[:],
+            program.group_start[:groups],
+            program.group_stop[:groups],
+            program.group_block[:groups],
+            program.target[: program.variables],
+            program.tolerance,
+            program.relaxation,
+            program.guess[:],
+            program.guess_count,
+            work,
+        )
+        duration_out[i] = monotonic_ns() - began
+    return status

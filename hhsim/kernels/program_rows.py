@@ -1,0 +1,297 @@
+"""Passes over the rows of a program a_i · x >= b_i: their lengths, how far each is violated, and which one most.
+
+Rows are stored as a structure of arrays in groups: all rows share `common` columns 0 … n_common - 1; the rows of group
+g have three more in `block`, which stand for the variables group_block[g] … + 2 (none where it is negative). A contact
+of the coupled problem thus takes 9 numbers, not 21. The widths that a hand's programs have (6 and 6 + 3 in the palm's
+and the coupled one, 3 in a finger's) are read in one go; any other in strips of six columns, three and one.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import as_int64, jit, jit_vector
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ROWS_NAN = 1
+"""A row or its right-hand side holds NaN."""
+ROWS_ZERO = 2
+"""A row is all zeros."""
+
+STRETCH_ROWS = 64
+"""Rows among which the most violated one is looked for at a time."""
+
+
+# Plain loops over slices, few arrays in each and no name used for two of them: for an index that might be negative, and
+# for more arrays than a few comparisons can tell apart, the compiler gives up the vector unit.
+
+
+@jit_vector
+def _add_squares(start: int, stop: int, columns: Array, first: int, square_out: Array) -> None:
+    square = square_out[start:stop]
+    a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
+    for i in range(stop - start):
+        square[i] += a[i] * a[i] + b[i] * b[i] + c[i] * c[i]
+
+
+@jit_vector
+def _nine_squares(start: int, stop: int, common: Array, block: Array, square_out: Array) -> None:
+    square = square_out[start:stop]
+    p, q, r = block[0, start:stop], block[1, start:stop], block[2, start:stop]
+    a, b, c = common[0, start:stop], common[1, start:stop], common[2, start:stop]
+    for i in range(stop - start):
+        square[i] = p[i] * p[i] + q[i] * q[i] + r[i] * r[i] + a[i] * a[i] + b[i] * b[i] + c[i] * c[i]
+    d, e, f = common[3, start:stop], common[4, start:stop], common[5, start:stop]
+    for i in range(stop - start):
+        total = square[i] + d[i] * d[i] + e[i] * e[i] + f[i] * f[i]
+        square[i] = 1.0 / math.sqrt(total) if total > 0.0 else 0.0
+
+
+@jit_vector
+def _add_square(start: int, stop: int, columns: Array, first: int, square_out: Array) -> None:
+    square, a = square_out[start:stop], columns[first, start:stop]
+    for i in range(stop - start):
+        square[i] += a[i] * a[i]
+
+
+@jit_vector
+def _fill(start: int, stop: int, value: float, out: Array) -> None:
+    part = out[start:stop]
+    for i in range(stop - start):
+        part[i] = value
+
+
+@jit_vector
+def _invert_root(start: int, stop: int, square_out: Array) -> None:
+    square = square_out[start:stop]
+    for i in range(stop - start):
+        square[i] = 1.0 / math.sqrt(square[i]) if square[i] > 0.0 else 0.0
+
+
+@jit
+def row_lengths(
+    n_common: int,
+    common: Array,
+    block: Array,
+    group_start: Indices,
+    group_stop: Indices,
+    group_block: Indices,
+    inverse_norm: Array,
+) -> None:
+    """1 / |a| of every row, 0 for a zero row; arguments as in `active_set.solve`."""
+    for g in range(group_block.shape[0]):
+        start, stop = group_start[g], group_stop[g]
+        if start == stop:
+            continue
+        if group_block[g] >= 0 and n_common == 6:
+            _nine_squares(start, stop, common, block, inverse_norm)
+            continue
+        _fill(start, stop, 0.0, inverse_norm)
+        if group_block[g] >= 0:
+            _add_squares(start, stop, block, as_int64(0), inverse_norm)
+        j = as_int64(0)
+        while j + 2 < n_common:
+            _add_squares(start, stop, common, j, inverse_norm)
+            j += 3
+        while j < n_common:
+            _add_square(start, stop, common, j, inverse_norm)
+            j += 1
+        _invert_root(start, stop, inverse_norm)
+
+
+@jit_vector
+def _take_three(
+    start: int, stop: int, columns: Array, first: int, x: Array, offset: int, source: Array, out: Array
+) -> None:
+    # out = source - three columns · x, where source may be out.
+    left, right = out[start:stop], source[start:stop]
+    a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
+    x0, x1, x2 = x[offset], x[offset + 1], x[offset + 2]
+    for i in range(stop - start):
+        left[i] = right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2)
+
+
+@jit_vector
+def _take_three_and_scale(
+    start: int, stop: int, columns: Array, x: Array, offset: int, source: Array, factor: Array, out: Array
+) -> None:
+    left, right, scale = out[start:stop], source[start:stop], factor[start:stop]
+    a, b, c = columns[0, start:stop], columns[1, start:stop], columns[2, start:stop]
+    x0, x1, x2 = x[offset], x[offset + 1], x[offset + 2]
+    for i in range(stop - start):
+        left[i] = (right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2)) * scale[i]
+
+
+@jit_vector
+def _take_six_and_scale(
+    start: int, stop: int, columns: Array, first: int, x: Array, source: Array, factor: Array, out: Array
+) -> None:
+    left, right, scale = out[start:stop], source[start:stop], factor[start:stop]
+    a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
+    d, e, f = columns[first + 3, start:stop], columns[first + 4, start:stop], columns[first + 5, start:stop]
+    x0, x1, x2, x3, x4, x5 = x[first], x[first + 1], x[first + 2], x[first + 3], x[first + 4], x[first + 5]
+    for i in range(stop - start):
+        left[i] = (right[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)) * scale[i]
+
+
+@jit_vector
+def _take_nine_and_scale(
+    start: int,
+    stop: int,
+    common: Array,
+    block: Array,
+    x: Array,
+    offset: int,
+    source: Array,
+    factor: Array,
+    out: Array,
+) -> None:
+    count = stop - start
+    left, right, scale = out[start:stop], source[start:stop], factor[start:stop]
+    p, q, r = block[0, start:stop], block[1, start:stop], block[2, start:stop]
+    x6, x7, x8 = x[offset], x[offset + 1], x[offset + 2]
+    for i in range(count):
+        left[i] = right[i] - (p[i] * x6 + q[i] * x7 + r[i] * x8)
+    a, b, c = common[0, start:stop], common[1, start:stop], common[2, start:stop]
+    d, e, f = common[3, start:stop], common[4, start:stop], common[5, start:stop]
+    x0, x1, x2, x3, x4, x5 = x[0], x[1], x[2], x[3], x[4], x[5]
+    for i in range(count):
+        left[i] = (left[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)) * scale[i]
+
+
+@jit_vector
+def _take_one(start: int, stop: int, columns: Array, first: int, x: Array, source: Array, out: Array) -> None:
+    left, right, a, x0 = out[start:stop], source[start:stop], columns[first, start:stop], x[first]
+    for i in range(stop - start):
+        left[i] = right[i] - a[i] * x0
+
+
+@jit_vector
+def _copy(start: int, stop: int, source: Array, out: Array) -> None:
+    left, right = out[start:stop], source[start:stop]
+    for i in range(stop - start):
+        left[i] = right[i]
+
+
+@jit_vector
+def _scale(start: int, stop: int, source: Array, factor: Array, out: Array) -> None:
+    left, right, scale = out[start:stop], source[start:stop], factor[start:stop]
+    for i in range(stop - start):
+        left[i] = right[i] * scale[i]
+
+
+@jit
+def row_violations(
+    n_common: int,
+    common: Array,
+    block: Array,
+    rhs: Array,
+    group_start: Indices,
+    group_stop: Indices,
+    group_block: Indices,
+    x: Array,
+    inverse_norm: Array,
+    violation: Array,
+) -> None:
+    """Normalised violation (b - a · x) / |a| of every row; arguments as in `active_set.solve`."""
+    for g in range(group_block.shape[0]):
+        start, stop, offset = group_start[g], group_stop[g], group_block[g]
+        if start == stop:
+            continue
+        if offset >= 0 and n_common == 6:
+            _take_nine_and_scale(start, stop, common, block, x, offset, rhs, inverse_norm, violation)
+            continue
+        if offset < 0 and n_common == 6:
+            _take_six_and_scale(start, stop, common, as_int64(0), x, rhs, inverse_norm, violation)
+            continue
+        if n_common == 0 and offset >= 0:
+            _take_three_and_scale(start, stop, block, x, offset, rhs, inverse_norm, violation)
+            continue
+        j = as_int64(0)
+        if offset >= 0:
+            _take_three(start, stop, block, as_int64(0), x, offset, rhs, violation)
+        elif n_common >= 3:
+            _take_three(start, stop, common, j, x, j, rhs, violation)
+            j += 3
+        else:
+            _copy(start, stop, rhs, violation)
+        while j + 6 < n_common:
+            _take_three(start, stop, common, j, x, j, violation, violation)
+            j += 3
+        if j + 6 == n_common:
+            _take_six_and_scale(start, stop, common, j, x, violation, inverse_norm, violation)
+            continue
+        while j < n_common:
+            _take_one(start, stop, common, j, x, violation, violation)
+            j += 1
+        _scale(start, stop, violation, inverse_norm, violation)
+
+
+@jit_vector
+def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tuple[int, int]:
+    values, lengths = violation[start:stop], inverse_norm[start:stop]
+    nan, zero = 0, 0
+    for i in range(stop - start):
+        nan += values[i] != values[i]
+        zero += lengths[i] == 0.0
+    return nan, zero
+
+
+@jit
+def unsound_rows(group_start: Indices, group_stop: Indices, inverse_norm: Array, violation: Array) -> int:
+    """ROWS_NAN and ROWS_ZERO bits of what `row_lengths` and `row_violations` found."""
+    nans, zeros = 0, 0
+    for g in range(group_start.shape[0]):
+        nan, zero = _unsound(group_start[g], group_stop[g], inverse_norm, violation)
+        nans += nan
+        zeros += zero
+    return (ROWS_NAN if nans > 0 else 0) | (ROWS_ZERO if zeros > 0 else 0)
+
+
+@jit
+def _largest(values: Array, start: int, stop: int) -> float:
+    # Eight chains at a time, where one would wait for its own last comparison; NaN never wins.
+    part = values[start:stop]
+    b0 = b1 = b2 = b3 = b4 = b5 = b6 = b7 = -np.inf
+    whole = (stop - start) // 8
+    for c in range(whole):
+        v = part[8 * c : 8 * c + 8]
+        b0 = v[0] if v[0] > b0 else b0
+        b1 = v[1] if v[1] > b1 else b1
+        b2 = v[2] if v[2] > b2 else b2
+        b3 = v[3] if v[3] > b3 else b3
+        b4 = v[4] if v[4] > b4 else b4
+        b5 = v[5] if v[5] > b5 else b5
+        b6 = v[6] if v[6] > b6 else b6
+        b7 = v[7] if v[7] > b7 else b7
+    rest = part[8 * whole :]
+    for i in range(rest.shape[0]):
+        b0 = rest[i] if rest[i] > b0 else b0
+    b0 = b0 if b0 > b1 else b1
+    b2 = b2 if b2 > b3 else b3
+    b4 = b4 if b4 > b5 else b5
+    b6 = b6 if b6 > b7 else b7
+    b0 = b0 if b0 > b2 else b2
+    b4 = b4 if b4 > b6 else b6
+    return b0 if b0 > b4 else b4
+
+
+@jit
+def most_violated(violation: Array, group_start: Indices, group_stop: Indices) -> int:
+    """First row with the largest violation; -1 where there is none to compare (no row, or NaN only)."""
+    best, place = -np.inf, as_int64(-1)
+    for g in range(group_start.shape[0]):
+        start, stop = group_start[g], group_stop[g]
+        while start < stop:
+            end = min(start + STRETCH_ROWS, stop)
+            largest = _largest(violation, start, end)
+            if largest > best:
+                best, place = largest, start
+            start = end
+    if place >= 0:
+        while violation[place] != best:
+            place += 1
+    return place

@@ -1,0 +1,150 @@
+"""Programs that are known to hurt: the degenerate sets, each with what is true of it."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.qp_program import Program, dense_program
+
+FloatArray = NDArray[np.float64]
+Rows = tuple[FloatArray, FloatArray, FloatArray]
+"""Matrix (m, n), right-hand side (m,), target (n,)."""
+
+VARIABLES = (3, 6, 21)
+LEAST_ROWS, MOST_ROWS = 50, 100
+TOLERANCE = 1e-12
+"""Violation that counts as satisfied; the numbers in these sets are of the order of 1."""
+
+
+def _unit_rows(rng: np.random.Generator, n: int, m: int) -> FloatArray:
+    """Rows of length 1 in the pattern of a hand's: six columns of the palm, three of one finger."""
+    matrix: FloatArray = rng.normal(size=(m, n))
+    if n > 6:
+        owner = rng.integers(0, 1 + (n - 6) // 3, size=m)
+        column = np.arange(n - 6) // 3 + 1
+        matrix[:, 6:] *= column[None, :] == owner[:, None]
+    matrix /= np.linalg.norm(matrix, axis=1)[:, None]
+    return matrix
+
+
+def _around(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Rows that a point inside satisfies with some slack, about half of them violated by the target; and the point."""
+    matrix, inside = _unit_rows(rng, n, m), rng.normal(size=n)
+    return matrix, matrix @ inside - rng.exponential(0.3, size=m), inside + 2.0 * rng.normal(size=n), inside
+
+
+def _duplicates(rng: np.random.Generator, n: int, m: int) -> Rows:
+    matrix, rhs, target, _ = _around(rng, n, m)
+    half = m // 2
+    matrix[half : 2 * half], rhs[half : 2 * half] = matrix[:half], rhs[:half]
+    return matrix, rhs, target
+
+
+def _rank_one(rng: np.random.Generator, n: int, m: int) -> Rows:
+    matrix, _, target, inside = _around(rng, n, m)
+    matrix = np.outer(rng.uniform(0.1, 2.0, size=m), matrix[0])
+    return matrix, matrix @ inside - rng.exponential(0.3, size=m), target
+
+
+def _parallel(angle: float) -> Callable[[np.random.Generator, int, int], Rows]:
+    def make(rng: np.random.Generator, n: int, m: int) -> Rows:
+        matrix, rhs, target, inside = _around(rng, n, m)
+        half = m // 2
+        # Where the first of a pair has none, the second has no finger's column either.
+        tilt = angle * rng.normal(size=(half, n)) * (matrix[:half] != 0.0)
+        matrix[half : 2 * half] = matrix[:half] + tilt
+        apart = rng.choice([0.0, angle, 1e-3], size=half) * rng.random(half)
+        rhs[half : 2 * half] = matrix[half : 2 * half] @ inside - (matrix[:half] @ inside - rhs[:half]) - apart
+        return matrix, rhs, target
+
+    return make
+
+
+def _zero_rows(rhs_of_zero: float) -> Callable[[np.random.Generator, int, int], Rows]:
+    def make(rng: np.random.Generator, n: int, m: int) -> Rows:
+        matrix, rhs, target, _ = _around(rng, n, m)
+        zero = rng.random(m) < 0.2
+        zero[0] = True
+        matrix[zero], rhs[zero] = 0.0, rhs_of_zero
+        return matrix, rhs, target
+
+    return make
+
+
+def _boundary(rng: np.random.Generator, n: int, m: int) -> Rows:
+    matrix, rhs, _, inside = _around(rng, n, m)
+    # The target is feasible, and several rows hold there with equality: nothing is to be done.
+    touching = rng.random(m) < 0.2
+    touching[0] = True
+    return matrix, np.where(touching, matrix @ inside, rhs), inside
+
+
+def _scaled(rng: np.random.Generator, n: int, m: int) -> Rows:
+    matrix, rhs, target, _ = _around(rng, n, m)
+    factor = 10.0 ** rng.uniform(-6.0, 6.0, size=m)
+    return matrix * factor[:, None], rhs * factor, target
+
+
+def _mixed_units(rng: np.random.Generator, n: int, m: int) -> Rows:
+    matrix, rhs, target, _ = _around(rng, n, m)
+    # As if some variables were in metres and others in millimetres or milliradians.
+    unit = np.where(np.arange(n) % 3 == 0, 1e3, np.where(np.arange(n) % 3 == 1, 1.0, 1e-1))
+    return matrix / unit, rhs, target * unit
+
+
+def _vertex(rng: np.random.Generator, n: int, m: int) -> Rows:
+    # All rows meet in one point and push: more than n are active there.
+    matrix, _, _, tip = _around(rng, n, m)
+    matrix *= np.where(matrix @ matrix[0] < 0.0, -1.0, 1.0)[:, None]
+    return matrix, matrix @ tip, tip - matrix.T @ rng.exponential(1.0, size=m)
+
+
+def _contradiction(gap: float) -> Callable[[np.random.Generator, int, int], Rows]:
+    def make(rng: np.random.Generator, n: int, m: int) -> Rows:
+        matrix, rhs, target, inside = _around(rng, n, m)
+        if rng.random() < 0.5:
+            # Two opposed walls.
+            matrix[1] = -matrix[0]
+            rhs[:2] = matrix[:2] @ inside + 0.5 * gap
+            return matrix, rhs, target
+        # k + 1 rows around a point, in the k columns that the palm (or the finger) has.
+        k = min(n, 6)
+        matrix[: k + 1, k:] = 0.0
+        matrix[:k] /= np.linalg.norm(matrix[:k], axis=1)[:, None]
+        opposite = -rng.uniform(0.2, 1.0, size=k) @ matrix[:k]
+        matrix[k] = opposite / np.linalg.norm(opposite)
+        rhs[: k + 1] = matrix[: k + 1] @ inside + 0.5 * gap
+        return matrix, rhs, target
+
+    return make
+
+
+FEASIBLE_SETS: dict[str, Callable[[np.random.Generator, int, int], Rows]] = {
+    "duplicate rows": _duplicates,
+    "all rows of rank 1": _rank_one,
+    "pairs parallel to 1e-9": _parallel(1e-9),
+    "pairs parallel to 1e-5": _parallel(1e-5),
+    "zero rows, rhs 0": _zero_rows(0.0),
+    "zero rows, rhs -1": _zero_rows(-1.0),
+    "start on the boundary": _boundary,
+    "rows scaled 1e-6 to 1e6": _scaled,
+    "mm and rad mixed": _mixed_units,
+    "more than n active": _vertex,
+}
+"""Each has a solution."""
+
+INFEASIBLE_SETS: dict[str, Callable[[np.random.Generator, int, int], Rows]] = {
+    "infeasible by 1": _contradiction(1.0),
+    "infeasible by 1e-9": _contradiction(1e-9),
+}
+"""None has a solution."""
+
+
+def degenerate_set(name: str, variables: int, count: int, seed: int) -> Iterator[Program]:
+    """`count` programs of one set with so many variables, 50 to 100 rows each."""
+    make = {**FEASIBLE_SETS, **INFEASIBLE_SETS}[name]
+    rng = np.random.default_rng([seed, variables, *name.encode()])
+    for _ in range(count):
+        rows = int(rng.integers(LEAST_ROWS, MOST_ROWS + 1))
+        yield dense_program(name, *make(rng, variables, rows), tolerance=TOLERANCE)

@@ -1,0 +1,113 @@
+"""The factors of the active rows: orthonormal and exact after many updates, and what is solved with them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hhsim.kernels.active_set import new_work
+from hhsim.kernels.factors import append, back_substitute, project, remove, resolve, work_dtype
+
+Array = NDArray[np.float64]
+
+
+def rubbish_work(n: int) -> Any:
+    """A workspace in which nothing may matter."""
+    work = new_work(n, 1)
+    for name in work.dtype.names:
+        work[name].fill(-7 if work[name].dtype == np.int64 else np.nan)
+    return work
+
+
+def load(work: Any, normal: Array) -> None:
+    work.normal[:] = 0.0
+    work.normal[: normal.size] = normal
+
+
+def factored(work: Any, n: int, k: int) -> tuple[Array, Array]:
+    """Q (k, n) and R (k, k), with everything that pads them checked to be zero."""
+    padded = -(-n // 8) * 8
+    assert not work.basis[:k, n:padded].any()
+    for j in range(k):
+        assert not work.column[j, j + 1 : -(-(j + 1) // 8) * 8].any()
+    return work.basis[:k, :n].copy(), np.triu(work.column[:k, :k].T)
+
+
+@pytest.mark.parametrize("n", [1, 3, 6, 8, 21, 24, 30])
+def test_factors_survive_a_thousand_updates(n: int) -> None:
+    rng = np.random.default_rng(n)
+    work = rubbish_work(n)
+    normals: list[Array] = []
+    for step in range(1000):
+        k = len(normals)
+        if k == n or (k > 0 and rng.random() < 0.45):
+            position = int(rng.integers(0, k))
+            remove(n, k, position, work)
+            del normals[position]
+        else:
+            normal = rng.normal(size=n)
+            if k > 0 and rng.random() < 0.3:
+                normal = normals[int(rng.integers(0, k))] + 1e-6 * normal
+            normal /= np.linalg.norm(normal)
+            load(work, normal)
+            square = project(n, k, work)
+            assert square == pytest.approx(float(work.direction[:n] @ work.direction[:n]), rel=1e-13)
+            append(n, k, step, 0.0, float(np.sqrt(square)), work)
+            normals.append(normal)
+        k = len(normals)
+        basis, triangle = factored(work, n, k)
+        np.testing.assert_allclose(basis @ basis.T, np.eye(k), atol=1e-12)
+        np.testing.assert_allclose(triangle.T @ basis, np.array(normals).reshape(k, n), atol=1e-12)
+        assert np.all(np.diag(triangle) > 0.0)
+        np.testing.assert_allclose(work.inverse_diagonal[:k] * np.diag(triangle), 1.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize("share", [1.0, 1e-1, 1e-3, 1e-6, 1e-9])
+def test_a_second_pass_keeps_nearly_dependent_normals_orthogonal(share: float) -> None:
+    rng = np.random.default_rng(2)
+    n = 21
+    for _ in range(50):
+        work = rubbish_work(n)
+        inside = rng.normal(size=(n - 1, n))
+        for k in range(n):
+            normal = inside[k] if k < n - 1 else rng.normal(size=n - 1) @ inside
+            normal /= np.linalg.norm(normal)
+            if k == n - 1:
+                normal += share * rng.normal(size=n)
+                normal /= np.linalg.norm(normal)
+            load(work, normal)
+            append(n, k, k, 0.0, float(np.sqrt(project(n, k, work))), work)
+        basis, _ = factored(work, n, n)
+        np.testing.assert_allclose(basis @ basis.T, np.eye(n), atol=1e-13)
+
+
+@pytest.mark.parametrize("n", [3, 6, 21])
+def test_equations_are_solved_with_their_multipliers(n: int) -> None:
+    rng = np.random.default_rng(n)
+    for k in range(n + 1):
+        work = rubbish_work(n)
+        matrix = rng.normal(size=(k, n))
+        matrix /= np.linalg.norm(matrix, axis=1)[:, None]
+        rhs, target = rng.normal(size=k), rng.normal(size=n)
+        for i in range(k):
+            load(work, matrix[i])
+            append(n, i, i, rhs[i] - matrix[i] @ target, float(np.sqrt(project(n, i, work))), work)
+        resolve(n, k, target, work)
+        gram = np.linalg.solve(matrix @ matrix.T, rhs - matrix @ target) if k else np.zeros(0)
+        scale = 1.0 + np.abs(gram).max(initial=0.0)
+        np.testing.assert_allclose(work.multiplier[:k], gram, atol=1e-11 * scale)
+        np.testing.assert_allclose(work.x[:n], target + matrix.T @ gram, atol=1e-11 * scale)
+        _, triangle = factored(work, n, k)
+        other = rng.normal(size=work.dual_step.size)
+        expected = np.linalg.solve(triangle, other[:k]) if k else np.zeros(0)
+        back_substitute(k, work, other, work.dual_step)
+        np.testing.assert_allclose(work.dual_step[:k], expected, atol=1e-11 * (1.0 + np.abs(expected).max(initial=0.0)))
+
+
+def test_a_hand_fits_the_common_workspace_and_a_larger_problem_gets_its_own() -> None:
+    assert new_work(3, 10).dtype == new_work(21, 4126).dtype
+    larger = new_work(30, 5000)
+    assert larger.x.shape == (32,)
+    assert larger.violation.shape == (5000,)
+    assert work_dtype(21, 7).fields is not None

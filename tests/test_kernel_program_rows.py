@@ -1,0 +1,93 @@
+"""Passes over a program's rows against the plain matrix that they stand for."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from hhsim.kernels.active_set import CAPACITY, N_MAX
+from hhsim.kernels.hand import DOF
+from hhsim.kernels.linearise import ROW_CAPACITY
+from hhsim.kernels.program_rows import (
+    ROWS_NAN,
+    ROWS_ZERO,
+    most_violated,
+    row_lengths,
+    row_violations,
+    unsound_rows,
+)
+
+Array = NDArray[np.float64]
+
+SIZES = [0, 1, 2, 7, 8, 9, 31, 64, 65, 200]
+
+
+@settings(max_examples=200)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 21),
+    st.lists(st.sampled_from(SIZES), min_size=1, max_size=4),
+    st.booleans(),
+)
+def test_lengths_and_violations_are_those_of_the_dense_matrix(
+    seed: int, n_common: int, sizes: list[int], with_block: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    gap = rng.integers(0, 3, size=len(sizes))
+    start = np.cumsum(np.array(sizes) + gap) - sizes
+    stop = start + sizes
+    rows = int(stop[-1]) + 1
+    blocks = rng.integers(0, 2, size=len(sizes)) if with_block else np.zeros(len(sizes), dtype=np.int64)
+    offset = np.where(blocks > 0, n_common + 3 * np.arange(len(sizes)), -1)
+    n = n_common + 3 * len(sizes)
+    common, block = rng.normal(size=(max(n_common, 1), rows)), rng.normal(size=(3, rows))
+    rhs, x = rng.normal(size=rows), rng.normal(size=n)
+    dense = np.zeros((rows, n))
+    dense[:, :n_common] = common[:n_common].T
+    for a, b, first in zip(start, stop, offset):
+        if first >= 0:
+            dense[a:b, first : first + 3] = block[:, a:b].T
+    used = np.concatenate([np.arange(a, b) for a, b in zip(start, stop)])
+    inverse_norm, violation = np.full(rows, np.nan), np.full(rows, np.nan)
+    row_lengths(n_common, common, block, start, stop, offset, inverse_norm)
+    row_violations(n_common, common, block, rhs, start, stop, offset, x, inverse_norm, violation)
+    norm = np.linalg.norm(dense, axis=1)
+    inverse = np.divide(1.0, norm, out=np.zeros(rows), where=norm > 0.0)
+    np.testing.assert_allclose(inverse_norm[used], inverse[used], rtol=1e-13)
+    np.testing.assert_allclose(violation[used], ((rhs - dense @ x) * inverse)[used], atol=1e-12)
+    unused = np.setdiff1d(np.arange(rows), used)
+    assert np.isnan(violation[unused]).all()
+    assert np.isnan(inverse_norm[unused]).all()
+    expected = -1 if used.size == 0 else used[np.argmax(violation[used])]
+    assert most_violated(violation, start, stop) == expected
+    zero = (norm[used] == 0.0).any()
+    assert unsound_rows(start, stop, inverse_norm, violation) == (ROWS_ZERO if zero else 0)
+
+
+@pytest.mark.parametrize("place", [0, 7, 8, 63, 64, 99])
+def test_the_first_of_equal_rows_is_taken_and_nan_never(place: int) -> None:
+    violation = np.zeros(100)
+    violation[place:] = 1.0
+    start, stop = np.array([0]), np.array([100])
+    assert most_violated(violation, start, stop) == place
+    violation[place] = np.nan
+    assert most_violated(violation, start, stop) == (place + 1 if place < 99 else 0)
+    assert most_violated(np.full(100, np.nan), start, stop) == -1
+    assert most_violated(violation, start, start) == -1
+
+
+def test_unsound_rows_are_told() -> None:
+    start, stop = np.array([1]), np.array([9])
+    lengths, violation = np.ones(10), np.zeros(10)
+    lengths[0], violation[9] = 0.0, np.nan
+    assert unsound_rows(start, stop, lengths, violation) == 0
+    violation[4] = np.nan
+    assert unsound_rows(start, stop, lengths, violation) == ROWS_NAN
+    lengths[5] = 0.0
+    assert unsound_rows(start, stop, lengths, violation) == ROWS_NAN | ROWS_ZERO
+
+
+def test_the_common_workspace_holds_every_program_of_a_hand() -> None:
+    assert N_MAX >= DOF
+    assert CAPACITY >= ROW_CAPACITY

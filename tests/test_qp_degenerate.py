@@ -1,0 +1,130 @@
+"""The degenerate sets: that they are what they say, and that ours solves or refuses every one of them."""
+
+import numpy as np
+import pytest
+
+from hhsim.kernels.active_set import INFEASIBLE, OPTIMAL
+from hhsim.qp_check import CERTIFIED_RADIUS, certified_radius, least_violation, residuals
+from hhsim.qp_degenerate import FEASIBLE_SETS, INFEASIBLE_SETS, VARIABLES, degenerate_set
+from hhsim.qp_program import Program, ProgramSolver, dense_program
+from hhsim.qp_sizes import SIZES, contact_programs
+from hhsim.qp_tally import OWN_LIMIT
+
+COUNT = 20
+SOLVER = ProgramSolver()
+
+
+@pytest.mark.parametrize("variables", VARIABLES)
+@pytest.mark.parametrize("name", FEASIBLE_SETS)
+def test_a_set_with_a_solution_is_solved_exactly(name: str, variables: int) -> None:
+    for program in degenerate_set(name, variables, COUNT, seed=3):
+        assert 50 <= program.rows <= 100
+        outcome = SOLVER.solve(program)
+        assert outcome.status == OPTIMAL
+        assert residuals(program, outcome.x, outcome.multiplier).largest <= OWN_LIMIT
+
+
+@pytest.mark.parametrize("variables", VARIABLES)
+@pytest.mark.parametrize("name", INFEASIBLE_SETS)
+def test_a_set_without_a_solution_is_refused_with_a_proof(name: str, variables: int) -> None:
+    for program in degenerate_set(name, variables, COUNT, seed=3):
+        outcome = SOLVER.solve(program)
+        assert outcome.status == INFEASIBLE
+        assert outcome.certificate is not None
+        assert certified_radius(program, outcome.certificate) > (
+            1e12 if name == "infeasible by 1" else CERTIFIED_RADIUS
+        )
+        least = least_violation(program)
+        assert least > (1e-2 if name == "infeasible by 1" else 0.0)
+
+
+def of(name: str, variables: int = 6) -> list[Program]:
+    return list(degenerate_set(name, variables, COUNT, seed=0))
+
+
+@pytest.mark.parametrize("variables", VARIABLES)
+def test_each_set_is_what_its_name_says(variables: int) -> None:
+    for program in of("duplicate rows", variables):
+        rows = np.column_stack([program.matrix, program.rhs])
+        assert len(np.unique(rows, axis=0)) <= (program.rows + 1) // 2
+    for program in of("all rows of rank 1", variables):
+        assert np.linalg.matrix_rank(program.matrix) == 1
+    for angle in (1e-9, 1e-5):
+        for program in of(f"pairs parallel to {angle:.0e}".replace("e-0", "e-"), variables):
+            unit = program.matrix / np.linalg.norm(program.matrix, axis=1)[:, None]
+            apart = np.array([np.sort(np.linalg.norm(unit - row, axis=1))[1] for row in unit])
+            assert np.median(apart) < 10.0 * angle
+    for program in of("zero rows, rhs 0", variables):
+        zero = ~program.matrix.any(axis=1)
+        assert zero.any()
+        assert not program.rhs[zero].any()
+    for program in of("start on the boundary", variables):
+        slack = program.matrix @ program.target - program.rhs
+        assert slack.min() > -1e-12
+        assert (slack < 1e-12).any()
+        np.testing.assert_allclose(SOLVER.solve(program).x, program.target, atol=1e-12)
+    for program in of("rows scaled 1e-6 to 1e6", variables):
+        norm = np.linalg.norm(program.matrix, axis=1)
+        assert norm.max() / norm.min() > 1e8
+    for program in of("more than n active", variables):
+        x = SOLVER.solve(program).x
+        assert np.sum(np.abs(program.matrix @ x - program.rhs) < 1e-9) > program.variables
+
+
+@pytest.mark.parametrize(("variables", "rows"), SIZES)
+def test_programs_of_the_timed_sizes_have_work_in_them(variables: int, rows: int) -> None:
+    active = []
+    for program in contact_programs(variables, rows, 5, seed=0):
+        assert (program.variables, program.rows) == (variables, rows)
+        outcome = SOLVER.solve(program)
+        assert outcome.status == OPTIMAL
+        assert residuals(program, outcome.x, outcome.multiplier).largest <= OWN_LIMIT
+        active.append(outcome.active.size)
+    assert max(active) >= min(3, rows // 10)
+
+
+def test_a_program_keeps_its_rows_whatever_their_layout() -> None:
+    rng = np.random.default_rng(0)
+    for n in (3, 6, 9, 21):
+        matrix, rhs = np.zeros((30, n)), rng.normal(size=30)
+        matrix[:, : min(n, 6)] = rng.normal(size=(30, min(n, 6)))
+        for i in range(30):
+            if n > 6 and i % 3:
+                first = 6 + 3 * int(rng.integers(0, (n - 6) // 3))
+                matrix[i, first : first + 3] = rng.normal(size=3)
+        program = dense_program("", matrix, rhs, np.zeros(n), 1e-12)
+        order = np.lexsort(program.rhs[None])
+        np.testing.assert_array_equal(program.rhs[order], np.sort(rhs))
+        np.testing.assert_array_equal(program.matrix[order], matrix[np.argsort(rhs)])
+    for shape in ((5, 4), (5, 8)):
+        with pytest.raises(ValueError, match="no palm, finger or hand"):
+            dense_program("", np.ones(shape), np.ones(5), np.zeros(shape[1]), 1e-12)
+    with pytest.raises(ValueError, match="more than one block"):
+        dense_program("", np.ones((5, 12)), np.ones(5), np.zeros(12), 1e-12)
+    with pytest.raises(ValueError, match="no finger, palm or hand"):
+        next(contact_programs(5, 10, 1, 0))
+
+
+def test_residuals_see_each_condition() -> None:
+    program = dense_program("", np.eye(3), np.zeros(3), np.array([-1.0, 1.0, 1.0]), 1e-12)
+    size = program.size
+    assert size == pytest.approx(np.sqrt(3.0))
+    best, push = np.array([0.0, 1.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    assert residuals(program, best, push).largest == 0.0
+    assert residuals(program, best - [0.1, 0.0, 0.0], push).primal == pytest.approx(0.1 / size)
+    assert residuals(program, best, -push).dual == pytest.approx(1.0 / size)
+    assert residuals(program, best, 0.5 * push).stationarity == pytest.approx(0.5 / size)
+    assert residuals(program, best, push + [0.0, 0.2, 0.0]).complementarity == pytest.approx(0.2 / size)
+    assert residuals(program, best * np.nan, push).largest == np.inf
+
+
+def test_a_certificate_must_hold() -> None:
+    matrix = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    program = dense_program("", matrix, np.array([1.0, 1.0, 0.0]), np.zeros(3), 1e-12)
+    assert certified_radius(program, np.array([1.0, 1.0, 0.0])) == np.inf
+    assert certified_radius(program, np.array([1.0, 0.0, 0.0])) == pytest.approx(1.0)
+    assert certified_radius(program, np.array([1.0, 1.0, 1e-9])) == pytest.approx(2e9)
+    assert certified_radius(program, np.array([1.0, 1.0, -1.0])) == 0.0
+    assert certified_radius(program, np.array([1.0, np.nan, 0.0])) == 0.0
+    assert certified_radius(program, np.array([0.0, 0.0, 1.0])) == 0.0
+    assert least_violation(program) == pytest.approx(1.0, abs=1e-8)

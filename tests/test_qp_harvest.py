@@ -1,0 +1,126 @@
+"""Programs taken from real ticks: what they are, and that our solver solves all of them or proves that nothing can."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
+
+from hhsim.contact_problem import coupled_problem
+from hhsim.errors import UnknownNameError
+from hhsim.hand import HandModel
+from hhsim.hand_motion import HandMotion
+from hhsim.kernels.active_set import INFEASIBLE, OPTIMAL
+from hhsim.qp_check import CERTIFIED_RADIUS, certified_radius, least_violation, residuals
+from hhsim.qp_harvest import harvest, harvest_tick
+from hhsim.qp_program import Program, ProgramSolver
+from hhsim.qp_tally import OWN_LIMIT
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+
+HAND = HandModel.default("right")
+BALL = bumpy_ball(300)
+
+
+def programs(method: str, motion: Motion) -> Iterator[Program]:
+    solver = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method))
+    solver.run(*(values[:1] for values in motion))
+    for tick in range(1, len(motion.position)):
+        yield from harvest_tick(solver, HandMotion(*motion), tick, "test")
+
+
+def check(program: Program, solver: ProgramSolver) -> int:
+    """Solved with exact residuals, from nothing and from the guess, or proved infeasible; returns the status."""
+    statuses = set()
+    for candidate in (program, program.unguessed()):
+        outcome = solver.solve(candidate)
+        statuses.add(outcome.status)
+        if outcome.status == INFEASIBLE:
+            assert outcome.certificate is not None
+            assert certified_radius(program, outcome.certificate) > CERTIFIED_RADIUS
+            continue
+        assert outcome.status == OPTIMAL
+        exact = residuals(program, outcome.x, outcome.multiplier).largest <= OWN_LIMIT
+        assert exact or residuals(program, outcome.x, outcome.multiplier, program.relaxation).largest <= OWN_LIMIT
+    assert len(statuses) == 1
+    return statuses.pop()
+
+
+@pytest.mark.parametrize(("method", "kinds"), [("coupled", {"coupled"}), ("progressive", {"palm", "finger"})])
+def test_every_program_of_a_stress_is_solved_or_proved_infeasible(method: str, kinds: set[str]) -> None:
+    solver = ProgramSolver()
+    found: dict[str, int] = {}
+    refused: list[Program] = []
+    for program in programs(method, random_targets(HAND, 500, 3, hold=20)):
+        found[program.kind] = found.get(program.kind, 0) + 1
+        if check(program, solver) == INFEASIBLE:
+            refused.append(program)
+    assert kinds <= set(found)
+    assert sum(found.values()) > 500
+    for program in refused[:20]:
+        assert least_violation(program) > 0.0
+    if method == "progressive":
+        assert found["palm+fingers"] > 0
+        assert {program.kind for program in refused} == {"finger"}
+
+
+def test_two_thousand_programs_of_a_catalogue_s_scenes() -> None:
+    solver = ProgramSolver()
+    kinds: dict[str, int] = {}
+    sources: set[str] = set()
+    for program in harvest(2000, objects=("sphere", "cube"), motions=("grasp", "random"), seed=1):
+        check(program, solver)
+        kinds[program.kind] = kinds.get(program.kind, 0) + 1
+        sources.add(program.source)
+    assert sum(kinds.values()) == 2000
+    assert set(kinds) >= {"coupled", "palm", "finger"}
+    assert len(sources) == 8
+
+
+def test_harvesting_a_tick_does_to_the_hand_what_running_it_does() -> None:
+    motion = random_targets(HAND, 60, 5, hold=20)
+    for method in ("coupled", "progressive"):
+        options = SolverOptions(method=method)
+        run = HandSolver(HAND, BALL.arrays(), options)
+        record = run.run(*motion)
+        driven = HandSolver(HAND, BALL.arrays(), options)
+        driven.run(*(values[:1] for values in motion))
+        for tick in range(1, 60):
+            harvest_tick(driven, HandMotion(*motion), tick, "")
+            np.testing.assert_allclose(driven.states[0].pose.position, record.position[tick], atol=1e-7)
+        assert record_clearance(HAND, BALL, record).min() >= -1e-6
+
+
+def test_a_harvested_program_is_the_tick_s() -> None:
+    # The same rows as `contact_problem` takes from the state, where both are at hand.
+    opened = still(1, [0.0, -0.045, 0.056], flexion=np.full((5, 3), 0.2))
+    closed = still(1, [0.0, -0.045, 0.050], flexion=np.full((5, 3), 0.7))
+    motion = straight_line(opened, closed, 40)
+    solver = HandSolver(HAND, BALL.arrays(), SolverOptions(linearisations=1))
+    solver.run(*(values[:30] for values in motion))
+    taken = harvest_tick(solver, HandMotion(*motion), 30, "here")
+    assert taken
+    program = taken[-1]
+    problem, _ = coupled_problem(solver.states[0])
+    assert (program.kind, program.source, program.variables) == ("coupled", "here", 21)
+    weight = np.sqrt(problem.stiffness)
+    # contact_problem also holds the limits of fingers that touch nothing.
+    theirs = {tuple(np.round(row, 12)) for row in np.column_stack([problem.matrix / weight, problem.rhs])}
+    ours = {tuple(np.round(row, 12)) for row in np.column_stack([program.matrix, program.rhs])}
+    assert ours <= theirs
+    assert len(ours) > 5
+
+
+def test_the_harvest_is_the_same_for_the_same_seed() -> None:
+    def first(seed: int) -> list[Program]:
+        return list(harvest(30, objects=("sphere",), motions=("random",), seed=seed))
+
+    one, same, other = first(0), first(0), first(1)
+    assert len(one) == len(same) == len(other) == 30
+    assert all(np.array_equal(a.rhs, b.rhs) and np.array_equal(a.target, b.target) for a, b in zip(one, same))
+    assert not all(np.array_equal(a.rhs, b.rhs) for a, b in zip(one, other))
+
+
+def test_an_unknown_object_is_named() -> None:
+    with pytest.raises(UnknownNameError, match="sphere"):
+        list(harvest(10, objects=("spere",)))
