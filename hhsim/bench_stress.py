@@ -255,9 +255,9 @@ def table_row(figures: StressFigures) -> dict[str, Any]:
 def coupling_force(case: StressCase, haptic: HandMotion, record: TickRecord) -> Array:
     """What the coupling itself pulls with at each tick [N], shape (T,).
 
-    The palm's force, and each joint's torque over the length of its phalanx. The total of `coupled` balances the palm's
-    force and stays near it. `progressive` holds a joint's torque where the finger touches, and on a lever shorter than
-    the phalanx that takes more force.
+    The palm's force, its torque over the reach of the hand, and each joint's torque over the length of its phalanx.
+    The forces of `coupled` stay near it. `progressive` holds a joint's torque where the finger touches, and on a lever
+    that is shorter than the phalanx that takes more force.
 
     Args:
         case: For the hand and its stiffness.
@@ -266,8 +266,10 @@ def coupling_force(case: StressCase, haptic: HandMotion, record: TickRecord) -> 
     """
     bend = np.clip(haptic.flexion, case.hand.flexion_min, case.hand.flexion_max) - record.flexion
     joint = case.solver.stiffness.flexion * np.abs(bend) / case.hand.length
-    total: Array = np.linalg.norm(record.palm_wrench[:, :3], axis=1) + joint.sum(axis=(1, 2))
-    return total
+    reach = float(case.hand.arrays().reach.max())
+    force, torque = (np.linalg.norm(part, axis=1) for part in (record.palm_wrench[:, :3], record.palm_wrench[:, 3:]))
+    whole: Array = force + torque / reach + joint.sum(axis=(1, 2))
+    return whole
 
 
 def run_case(
