@@ -165,8 +165,12 @@ class Provenance:
         if tuple(used.get("fingers", plain["fingers"])) != tuple(plain["fingers"]):
             words.append("--fingers " + ",".join(used["fingers"]))
         stiffness = used.get("stiffness", plain["stiffness"])
-        if stiffness != plain["stiffness"]:
-            words.append("--stiffness " + ",".join(repr(stiffness[n]) for n in ("translation", "rotation", "flexion")))
+        usual = plain["stiffness"]
+        coupling = ("translation", "rotation", "flexion")
+        if any(stiffness[n] != usual[n] for n in coupling):
+            words.append("--stiffness " + ",".join(repr(stiffness[n]) for n in coupling))
+        if self.method == "penalty" and stiffness.get("penalty", usual["penalty"]) != usual["penalty"]:
+            words.append(f"--penalty-stiffness {stiffness['penalty']!r}")
         return " ".join(words)
 
     @classmethod

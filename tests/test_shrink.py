@@ -198,6 +198,9 @@ def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:
     made = provenance(options, kind="stuck", hand="left", stress=JUMPS.to_json())
     command = keep_failure(tmp_path / "kept.h5", shrunk, made)
     assert command.endswith("--method coupled --samples hold --hand left --force paper --stiffness 2000.0,3.0,0.4")
+    springs = SolverOptions(method="penalty", stiffness=Stiffness(penalty=3000.0))
+    springy = keep_failure(tmp_path / "springs.h5", shrunk, provenance(springs, kind="stuck", hand="left", stress={}))
+    assert springy.endswith("--method penalty --samples hold --hand left --penalty-stiffness 3000.0")
     trajectory = load_trajectory(tmp_path / "kept.h5")
     assert trajectory.name == "kept"
     assert asdict(Provenance.of(trajectory)) == json.loads(json.dumps(asdict(made)))

@@ -343,7 +343,7 @@ WALK_COST = 2000
 def part_cost(margin: float, skin: float, part: int, candidates: Record) -> int:
     """What `evaluate_range` will cost for a finger (0 to 4) or the palm (5), roughly, in distances."""
     if part == FINGER_COUNT:
-        walk = 10 * WALK_COST if _to_be_gathered(margin, skin, candidates, PALM_BODY) else 0
+        walk = 10 * WALK_COST if _to_be_gathered(margin, skin, candidates, as_int64(PALM_BODY)) else 0
         return walk + candidates.count[PALM_BODY]
     cost = 0
     for body in range(PHALANX_COUNT * part, PHALANX_COUNT * (part + 1)):
@@ -381,7 +381,7 @@ def evaluate(
     """
     stack, scratch = candidates.stack[:], candidates.scratch[:]
     first, last = as_int64(0), as_int64(BODY_COUNT)
-    return evaluate_range(hand, pose, tree, margin, skin, first, last, candidates, stack, scratch, work)
+    return evaluate_range(hand, pose, tree, margin, skin, first, last, candidates, stack, scratch, work[:])
 
 
 @jit

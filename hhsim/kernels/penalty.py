@@ -411,7 +411,7 @@ def tick_penalty(
     problem, contacts, duration = state.problem, state.contacts, state.step.duration
     status = 0 if _find(hand, tree, options, state) else STATUS_FULL
     _aim(hand, penalty, state, work)
-    build_rows(hand, state.pose, contacts, 0.0, False, problem)
+    build_rows(hand, state.pose, contacts, 0.0, state.relaxed, problem)
     _springs(penalty, contacts, problem.rhs, work)
     count = contacts.start[FINGER_COUNT + 1]
     state.work[WORK_CANDIDATES] = count
