@@ -382,7 +382,9 @@ class _Measure:
             self._force = float(size[top]), float(own[top])
         pushed = size >= LEAST_FORCE
         if pushed.any():
-            self._force_ratio = max(self._force_ratio, float((size[pushed] / own[pushed]).max()))
+            # A method that is not held back by its coupling can push where the coupling pulls at nothing.
+            with np.errstate(divide="ignore"):
+                self._force_ratio = max(self._force_ratio, float((size[pushed] / own[pushed]).max()))
         self._brute(record)
         unexplained = self._explain(haptic, record)
         self.ticks += motion.ticks

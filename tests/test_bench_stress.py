@@ -160,6 +160,17 @@ def test_a_failure_that_needs_all_that_came_before_is_kept_whole(tmp_path: Path)
     assert failure.reproduced
 
 
+def test_a_force_without_a_pull_has_no_bound() -> None:
+    class Pushing(HandSolver):
+        def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+            record = super().run(position, orientation, flexion, abduction)
+            record.total[:, 0] = 2.0
+            return record
+
+    figures = run_case(case(ticks=30), make_solver=lambda made: Pushing(HAND, BALL.arrays(), made.solver))
+    assert (figures.force_max, figures.coupling_force, figures.force_ratio) == (2.0, 0.0, np.inf)
+
+
 def test_only_a_method_that_promises_can_miss() -> None:
     fields = {**run_case(case(ticks=60)).__dict__, "penetration": 1.0}
     assert StressFigures(**fields).missed
