@@ -81,12 +81,14 @@ def _case(name: str, description: str, variants: Callable[[int], Sequence[Varian
     return HardCase(name, description, build, judge)
 
 
-def _stiffer(translation: float, rotation: float, flexion: float) -> Adapt:
+def _stiffer(translation: float, rotation: float, flexion: float, contact: float = 1.0) -> Adapt:
     def adapt(options: SolverOptions) -> SolverOptions:
         k = options.stiffness
         return replace(
             options,
-            stiffness=Stiffness(k.translation * translation, k.rotation * rotation, k.flexion * flexion, k.contact),
+            stiffness=Stiffness(
+                k.translation * translation, k.rotation * rotation, k.flexion * flexion, k.contact * contact
+            ),
         )
 
     return adapt
@@ -94,7 +96,8 @@ def _stiffer(translation: float, rotation: float, flexion: float) -> Adapt:
 
 def _stiffness_scale(seed: int) -> Sequence[Variant]:
     return [
-        replace(usual(), name=f"{ratio:g} G", adapt=_stiffer(ratio, ratio, ratio), stronger=ratio) for ratio in RATIOS
+        replace(usual(), name=f"springs times {ratio:g}", adapt=_stiffer(*4 * (ratio,)), stronger=ratio)
+        for ratio in RATIOS
     ]
 
 
@@ -194,7 +197,7 @@ def _stiffness_ratios(seed: int) -> Sequence[HardRun]:
 INVARIANCE_CASES = (
     _case("quaternion-flips", "quaternions that change their sign and length: the same motion", _flips),
     _case("gimbal-lock", "the scene turned to β = ±90°: the same motion", _turned),
-    _case("stiffness-scale", "G as a whole times 1e-3 to 1e6: the same motion, forces in proportion", _stiffness_scale),
+    _case("stiffness-scale", "every spring times 1e-3 to 1e6: the same motion, forces in proportion", _stiffness_scale),
     HardCase("stiffness-ratios", "k_t, k_r and k_θ each times 1e-3 to 1e6", _stiffness_ratios),
     _case("scaled-scene", "the scene 0.01 and 100 times as large: the same motion", _scale),
     _case("far-from-origin", "the scene 37 m from the origin: the same motion", _far),
