@@ -26,7 +26,8 @@ MOST_PAIRS = 4e9
 LIMIT_CREEP = "a joint limit is missed by the program's tolerance at every linearisation (kernels/tick.py)"
 FORCE_OF_THE_LAST_PROGRAM = (
     "the force is that of a tick's last program: where one of two ticks whose hands agree to 0.1 µm takes one "
-    "linearisation more, it differs by up to 0.2 % (5 of 700 ticks, progressive) or 3e-6 (2 of 700, coupled)"
+    "linearisation more, it differs by up to 0.2 % (5 of 700 ticks, progressive) or 3e-6 (2 of 700, coupled); rows "
+    "1e-9 rad apart besides cancel the correction for curvature (ROUNDING in kernels/second_order.py): 44 µm"
 )
 KNOWN = {
     **{("doubled-constraints", method): FORCE_OF_THE_LAST_PROGRAM for method in METHODS},
