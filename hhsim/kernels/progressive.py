@@ -111,6 +111,18 @@ def finger_rhs(problem: Record, start: int, stop: int, palm_step: Array, rhs_out
 
 
 @jit
+def _keeps_unmoved_rows(start: int, stop: int, block: Array, slack: float, rhs: Array) -> bool:
+    # A row that no joint of the finger moves is for the palm to keep. The solver judges a zero row by a length in its
+    # own units, which grow with the stiffness; here it is a length in metres, whatever the stiffness.
+    for i in range(start, stop):
+        if rhs[i] > 0.0 and block[0, i] == 0.0 and block[1, i] == 0.0 and block[2, i] == 0.0:
+            if rhs[i] > slack:
+                return False
+            rhs[i] = 0.0
+    return True
+
+
+@jit
 def _join(problem: Record, contacts: Record, finger: int, work: Record) -> None:
     # The finger's rows and joints become the palm program's.
     first = work.variables
@@ -240,6 +252,10 @@ def solve_finger(
     own.stop[1] = limit_start(contacts, finger + 1)
     finger_rhs(problem, start, stop, work.palm_step[:], work.rhs[:])
     finger_rhs(problem, own.start[1], own.stop[1], work.palm_step[:], work.rhs[:])
+    if not _keeps_unmoved_rows(start, stop, problem.block, relaxation * problem.inverse_root[0], work.rhs):
+        own.iterations = 0
+        own.status = INFEASIBLE
+        return
     for k in range(PHALANX_COUNT):
         own.target[k] = problem.target[offset + k]
     guessed = guess_rows(contacts, active, finger + 1, own.guess[:], as_int64(0))
