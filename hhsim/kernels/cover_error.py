@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit, jit_inline, jit_vector
+from .jit import as_int64, jit, jit_inline, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -34,12 +34,12 @@ def _chunk(x: Array, y: Array, z: Array, radius: Array, begin: int) -> tuple[Arr
 def union_distance(points: Array, x: Array, y: Array, z: Array, radius: Array, distance_out: Array) -> None:
     """Distance [m] from points, shape (n, 3), to a union of balls: 0 inside, shape (n,)."""
     balls = radius.shape[0]
-    latest = 0
+    latest = as_int64(0)
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         # Neighbouring samples tend to lie in the same balls: look there first.
         least = _nearest_surface(px, py, pz, *_chunk(x, y, z, radius, latest))
-        begin = 0
+        begin = as_int64(0)
         while begin < balls and least > 0.0:
             least = min(least, _nearest_surface(px, py, pz, *_chunk(x, y, z, radius, begin)))
             if least <= 0.0:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays
-from .jit import Record, jit, jit_vector
+from .jit import Record, as_int64, jit, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -87,7 +87,7 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
         for i in range(start, stop):
             excess[i] = 1.0
         for _ in range(REFERENCES):
-            nearest = -1
+            nearest = as_int64(-1)
             for i in range(start, stop):
                 if 0.0 < excess[i] < KEPT and (nearest < 0 or distance[i] < distance[nearest]):
                     nearest = i

@@ -24,6 +24,9 @@ Record: TypeAlias = Any
 as_int64 = cast(Callable[[int], int], np.int64)
 """Takes an integer literal to a plain integer, so that numba does not compile a callee once more for it."""
 
+as_bool = cast(Callable[[bool], bool], np.bool_)
+"""The same for a truth value."""
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 SOURCES = Path(__file__).parent
@@ -129,8 +132,8 @@ def is_cached() -> bool:
 def jit(function: F) -> F:
     """Compile with strict IEEE arithmetic, no exceptions, cached.
 
-    numba compiles a callee once more for every literal integer it is given, and for every shape of a structured array's
-    field. Callers therefore wrap literals in `as_int64` and pass such fields as `field[:]`, where the callee is large.
+    numba compiles a callee once more for every literal it is given, and for every shape of a structured array's field.
+    Callers therefore wrap literals in `as_int64` or `as_bool` and pass such fields as `field[:]`.
     """
     return _compile(function)
 

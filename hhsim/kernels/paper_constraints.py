@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from .contact import CONTACT_ROWS
 from .frustum import foot, in_range, threshold
 from .hand import PALM_BODY, PHALANX_COUNT
-from .jit import Record, jit
+from .jit import Record, as_int64, jit
 from .paper_detection import ON_FRUSTUM, ON_SPHERE
 
 Array = NDArray[np.float64]
@@ -191,7 +191,7 @@ def _add_contact(
 @jit
 def palm_contacts(candidates: Record, position: Array, rotation: Array, touch: float, contacts: Record) -> int:
     """Contact records of the palm's pairs within `touch` [m]; returns how many."""
-    row = 0
+    row = as_int64(0)
     for i in range(candidates.count[PALM_BODY]):
         hx, hy, hz = candidates.hand_x[i], candidates.hand_y[i], candidates.hand_z[i]
         x, y, z = candidates.object_x[i], candidates.object_y[i], candidates.object_z[i]
@@ -204,7 +204,7 @@ def palm_contacts(candidates: Record, position: Array, rotation: Array, touch: f
         if distance > touch or length == 0.0 or row >= CONTACT_ROWS:
             continue
         nx, ny, nz = vx / length, vy / length, vz / length
-        row = _add_contact(PALM_BODY, i, x, y, z, radius, nx, ny, nz, distance, row, contacts)
+        row = _add_contact(as_int64(PALM_BODY), i, x, y, z, radius, nx, ny, nz, distance, row, contacts)
     return row
 
 

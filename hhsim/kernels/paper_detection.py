@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .contact import COUNT_NODE_TESTS, PALM_PAIRS, PHALANX_PAIRS
 from .frustum import foot, in_range, place_frustum, threshold
 from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from .jit import Record, as_int64, jit
+from .jit import Record, as_bool, as_int64, jit
 from .tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
@@ -128,8 +128,8 @@ def gather_knuckle(
         hand.radius[finger, 0],
         0.0,
         growth,
-        candidates.stack,
-        candidates.scratch,
+        candidates.stack[:],
+        candidates.scratch[:],
     )
     work[COUNT_NODE_TESTS] += tests
     if found < 0 or count + found > capacity:
@@ -187,7 +187,7 @@ def gather_phalanx(
             along, cx, cy, cz = foot(ex, ey, ez, ux, uy, uz, x, y, z)
             limit = threshold(along, radius, thin, tangent, cosine)
             beside = exists and cx * cx + cy * cy + cz * cz <= limit * limit
-            on_frustum = beside and in_range(along, radius, length, sine, False, False)
+            on_frustum = beside and in_range(along, radius, length, sine, as_bool(False), as_bool(False))
             reach = end_radius + radius
             on_sphere = (x - sx) ** 2 + (y - sy) ** 2 + (z - sz) ** 2 <= reach * reach
             if not (on_frustum or on_sphere):

@@ -47,17 +47,17 @@ HAND_POSE = np.dtype(
 @jit
 def update_kinematics(hand: HandArrays, pose: Record) -> None:
     """Bring the derived fields up to date with position, orientation, flexion and abduction."""
-    quaternion_to_matrix(pose.orientation, pose.rotation)
+    quaternion_to_matrix(pose.orientation[:], pose.rotation[:])
     forward_kinematics(
         hand,
-        pose.position,
-        pose.rotation,
-        pose.flexion,
-        pose.abduction,
-        pose.joints,
-        pose.direction,
-        pose.axis,
-        pose.abduction_axis,
+        pose.position[:],
+        pose.rotation[:],
+        pose.flexion[:],
+        pose.abduction[:],
+        pose.joints[:],
+        pose.direction[:],
+        pose.axis[:],
+        pose.abduction_axis[:],
     )
 
 

@@ -371,7 +371,7 @@ def _solve_fingers(
     step: Record,
 ) -> None:
     # The program of every finger that has a contact, by whoever of the crew is free.
-    touched = 0
+    touched = as_int64(0)
     for f in range(FINGER_COUNT):
         contact_count = contacts.start[f + 2] - contacts.start[f + 1]
         if contact_count > 0:

@@ -23,7 +23,7 @@ from .detection import evaluate_together, worth_sharing
 from .dominance import drop_dominated
 from .force import FORCE_PAPER, hand_forces
 from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
-from .jit import Record, jit, jit_inline
+from .jit import Record, as_bool, jit, jit_inline
 from .linearise import build_rows, clamp_to_limits
 from .pose import copy_configuration, is_finite_configuration, move, update_kinematics
 from .progressive import solve_progressive
@@ -394,7 +394,7 @@ def _settle_forces(hand: HandArrays, tree: TreeArrays, options: TickOptions, sta
         state.problem.abduction_step[f] = 0.0
         if state.contacts.start[f + 2] == state.contacts.start[f + 1]:
             clamp_to_limits(hand, state.pose, f, state.problem.target[:])
-    build_rows(hand, state.pose, state.contacts, options.offset, True, state.problem)
+    build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
     for j in range(DOF):
         state.problem.target[j] /= state.problem.inverse_root[j]
     together = state.together
