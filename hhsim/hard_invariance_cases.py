@@ -56,10 +56,28 @@ def usual() -> Variant:
     return Variant("as it is", handling(TICKS), usual_ball(), right_hand())
 
 
-def _case(name: str, description: str, variants: Callable[[int], Sequence[Variant]]) -> HardCase:
+def _after(first: Adapt, then: Adapt) -> Adapt:
+    return lambda options: then(first(options))
+
+
+def _case(
+    name: str,
+    description: str,
+    variants: Callable[[int], Sequence[Variant]],
+    adapt: Adapt = lambda options: options,
+) -> HardCase:
+    """A case of variants of the usual scene; `adapt` changes the options of all its runs."""
+
     def build(seed: int) -> Sequence[HardRun]:
         return [
-            HardRun(variant.name, variant.hand, variant.tree, variant.motion, variant.adapt, scale=variant.scale)
+            HardRun(
+                variant.name,
+                variant.hand,
+                variant.tree,
+                variant.motion,
+                _after(adapt, variant.adapt),
+                scale=variant.scale,
+            )
             for variant in (usual(), *variants(seed))
         ]
 
@@ -166,6 +184,13 @@ def _flips(seed: int) -> Sequence[Variant]:
     ]
 
 
+def _to_convergence(options: SolverOptions) -> SolverOptions:
+    # Until nothing moves: what then differs is due to the rows, and not to when a tick has had enough.
+    if options.method not in ("coupled", "progressive"):
+        return options
+    return replace(options, settled=1e-7, linearisations=60)
+
+
 def _doubled(seed: int) -> Sequence[Variant]:
     random = np.random.default_rng([seed, 21])
     scene = usual()
@@ -201,5 +226,10 @@ INVARIANCE_CASES = (
     HardCase("stiffness-ratios", "k_t, k_r and k_θ each times 1e-3 to 1e6", _stiffness_ratios),
     _case("scaled-scene", "the scene 0.01 and 100 times as large: the same motion", _scale),
     _case("far-from-origin", "the scene 37 m from the origin: the same motion", _far),
-    _case("doubled-constraints", "every sphere eight times, exactly and 1e-9 rad apart: the same motion", _doubled),
+    _case(
+        "doubled-constraints",
+        "every sphere eight times, exactly and 1e-9 rad apart: the same motion",
+        _doubled,
+        _to_convergence,
+    ),
 )

@@ -23,24 +23,6 @@ MOST_PAIRS = 4e9
 """Of bodies and spheres that brute force looks at in one run [about 5 s]; beyond that it takes every nth tick."""
 
 
-LIMIT_CREEP = "a joint limit is missed by the program's tolerance at every linearisation (kernels/tick.py)"
-FORCE_OF_THE_LAST_PROGRAM = (
-    "the force is that of a tick's last program: where one of two ticks whose hands agree to 0.1 µm takes one "
-    "linearisation more, it differs by up to 0.2 % (5 of 700 ticks, progressive) or 3e-6 (2 of 700, coupled); rows "
-    "1e-9 rad apart besides cancel the correction for curvature (ROUNDING in kernels/second_order.py): 44 µm"
-)
-KNOWN = {
-    **{("doubled-constraints", method): FORCE_OF_THE_LAST_PROGRAM for method in METHODS},
-    ("stiffness-ratios", "progressive"): LIMIT_CREEP,
-}
-"""What the methods do not pass yet, and why."""
-
-
-def known_marks(name: str, method: str) -> list[pytest.MarkDecorator]:
-    reason = KNOWN.get((name, method))
-    return [pytest.mark.xfail(reason=reason, strict=True, raises=AssertionError)] if reason else []
-
-
 @cache
 def scenes(name: str, seed: int = 0) -> Sequence[HardRun]:
     return CASES[name].build(seed)
@@ -68,10 +50,8 @@ def assert_passed(case: HardCase, outcomes: Sequence[Outcome]) -> None:
         assert brute_force(outcome) <= DEEPEST * outcome.run.scale, outcome.run.name
 
 
-@pytest.mark.parametrize(
-    ("name", "method"),
-    [pytest.param(name, method, marks=known_marks(name, method)) for name in CASES for method in METHODS],
-)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", CASES)
 def test_every_hard_case_is_passed(name: str, method: str) -> None:
     outcomes = [run_scene(run, SolverOptions(method=method)) for run in scenes(name)]
     assert_passed(CASES[name], outcomes)
@@ -82,8 +62,6 @@ def test_every_hard_case_is_passed(name: str, method: str) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_other_seeds_are_passed_too(seed: int, method: str) -> None:
     for case in CASES.values():
-        if (case.name, method) in KNOWN:
-            continue
         result = judge_case(case, case.build(seed), SolverOptions(method=method))
         assert result.passed, (case.name, result.reason, [figure for figure in result.figures if not figure.passed])
 

@@ -44,7 +44,7 @@ STRETCH = 20.0
 REDUCTION = 1e-4
 """The squared residual's reduction at which the correction is good enough: the next linearisation starts from there."""
 
-ROUNDING = 1e-3
+ROUNDING = 1.0
 """Share of the program's tolerance by which a row may be violated at the corrected step and still be called kept."""
 
 

@@ -289,6 +289,10 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
     began = monotonic_ns()
     candidates, step, problem = state.candidates, state.step, state.problem
     keep_active(state.contacts, step, state.warm)
+    # A program may miss a joint limit by its tolerance, and the next one would start from there: with a palm that is a
+    # million times stiffer than a joint that adds up.
+    for f in range(FINGER_COUNT):
+        clamp_to_limits(hand, state.pose, f, step.delta[:])
     fraction, longest = _shortening(hand, options, state)
     move(state.pose, step.delta, problem.abduction_step, fraction)
     for body in range(BODY_COUNT):
