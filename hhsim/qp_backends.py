@@ -1,9 +1,10 @@
 """Every installed QP solver by its best native call; what can be built once is built beforehand and not timed.
 
 All get the same conditioned program, which is exact to undo: minimise ½ |y|² subject to a_i · y >= r_i with rows of
-length 1, y = (x - x₀) / L, L the largest violation at x₀. The Hessian is the identity, the solution of the order of
-1, and a tolerance means the same to each. Solvers that take the Hessian's factor get it. Solvers that this module has
-no call for are called as qpsolvers does, and timed by the time that qpsolvers measures around their own call.
+length 1, y = (x - x₀) / L, L the largest violation at x₀ (the program's size where nothing is violated there). The
+Hessian is the identity, the solution of the order of 1, and a tolerance means the same to each. Solvers that take the
+Hessian's factor get it. Solvers that this module has no call for are called as qpsolvers does, and timed by the time
+that qpsolvers measures around their own call.
 """
 
 import time
@@ -88,7 +89,8 @@ def condition(program: Program) -> Conditioned:
     matrix = matrix / norm[:, None]
     least = program.rhs / norm - matrix @ program.target
     length = float(least.max(initial=0.0))
-    length = length if length > 0.0 else 1.0
+    # Where nothing is violated but by rounding, that would be no unit.
+    length = length if length > 1e-9 * program.size else program.size
     return Conditioned(matrix, least / length, length, norm, program.target, program.guess)
 
 

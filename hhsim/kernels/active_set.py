@@ -44,6 +44,9 @@ WARM_RANK_TOLERANCE = 1e-6
 MULTIPLIER_TOLERANCE = 1e-13
 """Entries of the dual step direction up to this size, relative to its largest or to 1, are rounding."""
 
+DRIFT = 1e-3
+"""Share of the tolerance by which steps may have carried the active rows off, for x to be taken as it is."""
+
 N_MAX = 24
 CAPACITY = 4160
 """Variables and rows that the workspace of a hand's programs has room for."""
@@ -207,13 +210,15 @@ def solve(
                 n_common, common, block, rhs, group_start, group_stop, group_block, work.x[:], inverse_norm, violations
             )
         known = False
+        drift = 0.0
         for j in range(k):
+            drift = max(drift, abs(violations[work.active[j]] - shift))
             violations[work.active[j]] = 0.0
         row = most_violated(violations, group_start, group_stop)
         worst = violations[row] if row >= 0 else -np.inf
         if worst - shift <= tolerance:
             # Rows are of unit length: none is violated by more than x has moved.
-            if settled or worst - shift + _settle(n, k, target, work) <= tolerance:
+            if settled or drift <= DRIFT * tolerance or worst - shift + _settle(n, k, target, work) <= tolerance:
                 break
             settled = True
             continue
