@@ -1,5 +1,6 @@
 """Closest point of a triangle against the optimality condition of a projection, and against trimesh."""
 
+import numba
 import numpy as np
 import pytest
 import trimesh
@@ -7,13 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
 from hhsim.kernels.triangle import closest_on_triangle, longest_edge
 
 Array = NDArray[np.float64]
 
 
-@jit
+@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def _closest(p: Array, t: Array, out: Array) -> int:
     x, y, z, d2, feature = closest_on_triangle(
         p[0], p[1], p[2], t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2]
@@ -22,7 +22,7 @@ def _closest(p: Array, t: Array, out: Array) -> int:
     return feature
 
 
-@jit
+@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def _longest(t: Array) -> tuple[int, float]:
     return longest_edge(t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2])
 
