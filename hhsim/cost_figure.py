@@ -212,7 +212,7 @@ def draw_costs(path: Path, bins: dict[str, list[CostBin]]) -> None:
         axes.set_xlim(4, 1600)
         axes.set_xticks([5, 10, 20, 50, 100, 200, 500, 1000], ["5", "10", "20", "50", "100", "200", "500", "1,000"])
         axes.minorticks_off()
-        axes.set_xlabel("candidate pairs in the tick's program", fontsize=13)
+        axes.set_xlabel("candidate pairs of the tick", fontsize=13)
         axes.grid(color="0.9", linewidth=0.8)
         axes.set_axisbelow(True)
         axes.tick_params(labelsize=12)
