@@ -118,15 +118,6 @@ def test_a_file_says_with_how_many_threads_and_holds_the_same(hand: HandModel, m
         assert (wall > 0).all()
 
 
-def test_cpu_time_is_that_of_all_threads(hand: HandModel) -> None:
-    scene, motion = bumpy_ball(3000), random_targets(hand, 2000, seed=1)
-    alone, _ = run(hand, scene, motion, method="progressive")
-    shared, _ = run(hand, scene, motion, method="progressive", threads=2)
-    own = alone.duration_cpu.sum() / alone.duration_total.sum()
-    assert own < 1.2
-    assert shared.duration_cpu.sum() > alone.duration_cpu.sum()
-
-
 def test_no_helper_outlives_a_block_that_does_not_fit(hand: HandModel) -> None:
     tree = bumpy_ball(3000)
     deep = still(20, [0.0, -0.045, 0.06])
