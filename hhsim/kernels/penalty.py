@@ -46,8 +46,7 @@ and slide too, at 250 Hz to 2 kHz and with samples held for ten ticks it takes 8
 of rounds in the middle of a grasp. One round is what a plain spring-damper engine does, where a contact is felt a tick
 after it is run into: `linearisations=1`, to be used with k near 1e3. Slower coupling makes larger force steps (9 % at
 τ = 2 ms, 33 % at 5 ms) and a longer delay, faster coupling smaller ones (2.7 % at 0.5 ms) for more rounds; 1 ms is one
-tick. b hardly matters (0 to 5 ms tried): the backward step damps a stiff contact by itself. Two substeps were not
-needed.
+tick. b hardly matters (0 to 5 ms tried): the backward step damps a stiff contact by itself.
 
 What the method cannot do is what it is here to show: it penetrates wherever it pushes, by force / k for each contact;
 and a hand that moves further in a tick than pairs are looked for ends up inside, or comes out on the other side.
