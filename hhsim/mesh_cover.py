@@ -1,15 +1,17 @@
 """Covers a mesh by balls that protrude as little as can be."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.canonical_frame import GRID, canonical_frame
 from hhsim.errors import MeshError
-from hhsim.kernels.cover import assign, covering_radius, greedy_cover
+from hhsim.kernels.cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
 from hhsim.kernels.cover_refine import group_by_owner, move_balls, removal_cost, spare_balls
 from hhsim.kernels.mesh_bvh import MeshBvh, build_mesh_bvh, face_normals
-from hhsim.kernels.micro_triangle import MicroTriangles, cut_mesh, edges_for
+from hhsim.kernels.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -17,23 +19,28 @@ Progress = Callable[[str, int, int], None]
 
 COARSE = 60
 """Micro-triangles for each ball, to begin with."""
-FINE = 240
-"""Micro-triangles for each ball, to end with …"""
-MOST_FINE = 400_000
-"""… but not more than this in all, or COARSE for each ball where that is more."""
-ROUNDS = (12, 12)
-"""Rounds of refinement on each."""
+CYCLES = (4, 12)
+"""Cycles of refinement on these, and on ever finer ones."""
 
 ROUNDING = 1e-12
 """Relative room for rounding: balls are made this much larger than the arithmetic says."""
 
 _REACH = 0.3
 _TRIALS = 6
-_TELEPORT_EVERY = 3
-_TELEPORT_SHARE = 16
-_TELEPORT_LIMIT = 1.05
+_BREATH = (0.2, 0.01)
+"""Balls taken away and placed anew in the first and in the last cycle, as shares of all."""
+_ROUNDS = (2, 3)
+"""Rounds of moves and assignments after balls were taken away, and after they were placed."""
+_HANDICAP = 0.5
+_SLACK = 0.3
 _SPLITS = 8
 _SPLIT_FROM = 0.8
+_FINER_FROM = 0.85
+_FINEST = 0.03
+"""Edges shorter than this share of the footprint of their ball are not halved."""
+_HIGH = 0.9
+_TRIMS = 4
+_TRIM_FROM = 0.95
 _THINNEST = 1e-9
 
 
@@ -43,12 +50,9 @@ class _Cover:
     def __init__(self, bvh: MeshBvh, micro: MicroTriangles, largest: float, balls: int) -> None:
         self.bvh, self.micro, self.largest, self.balls = bvh, micro, largest, balls
         self.center, self.depth, self.step = np.empty((0, 3)), np.empty(0), np.empty(0)
-        self._room()
-
-    def _room(self) -> None:
-        count = len(self.micro.corner)
-        self.owner, self.second_owner = np.empty(count, np.int64), np.empty(count, np.int64)
-        self.cost, self.second_cost = np.empty(count), np.empty(count)
+        count = len(micro.corner)
+        self.owner, self.second_owner = np.full((2, count), -1)
+        self.cost, self.second_cost = np.full((2, count), np.inf)
 
     @property
     def worst(self) -> float:
@@ -60,7 +64,7 @@ class _Cover:
         assign(self.micro, self.center, self.depth, self.owner, self.cost, self.second_owner, self.second_cost)
 
     def fill(self) -> None:
-        """Place the balls that are missing where the cover is worst."""
+        """Place balls, where the cover is worst, until all are there, or another one would gain nothing."""
         for split in range(_SPLITS + 1):
             here = len(self.depth)
             center, depth = np.empty((self.balls, 3)), np.empty(self.balls)
@@ -72,20 +76,31 @@ class _Cover:
             self.step = np.concatenate([self.step, np.zeros(count - here)])
             if count == self.balls or split == _SPLITS:
                 break
-            self._split_worst()
+            # No ball alone could cover one of the worst micro-triangles for less.
+            self.halve(self.cost > _SPLIT_FROM * self.worst)
 
-    def _split_worst(self) -> None:
-        """Halve the micro-triangles that cost most: no ball alone could cover one of them for less."""
-        points = self.micro.corner.reshape(-1, 3, 3)
-        longest = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2).max(axis=1)
-        edge = np.where(self.cost > _SPLIT_FROM * self.worst, 0.5 * longest, np.inf)
-        self.micro = cut_mesh(self.micro.corner, self.micro.normal, edge)
-        self._room()
-        self.assign()
+    def halve(self, chosen: NDArray[np.bool_]) -> None:
+        """Halve micro-triangles; the halves stay with the balls that were the best two."""
+        self.micro, source = halve(self.micro, chosen)
+        self.owner, self.second_owner = self.owner[source], self.second_owner[source]
+        self.cost, self.second_cost = np.empty((2, len(source)))
+        owner_cost(self.micro, self.center, self.depth, self.owner, self.cost)
+        owner_cost(self.micro, self.center, self.depth, self.second_owner, self.second_cost)
 
-    def move(self) -> None:
-        """Move each ball towards less cost."""
+    def refine(self, share: float) -> None:
+        """Halve the micro-triangles that cost more than `share` of the worst: they decide the cost of their balls."""
+        longest, own = np.empty(len(self.owner)), np.empty(len(self.depth))
+        longest_edges(self.micro.corner, longest)
+        removal_cost(self.owner, self.cost, own)
+        high = float(np.quantile(own, _HIGH))
+        footprint = np.sqrt(high * (2.0 * np.maximum(self.depth, 0.0) + high))
+        self.halve((self.cost > share * high) & (longest > _FINEST * footprint[self.owner]))
+
+    def move(self, afresh: bool) -> None:
+        """Move each ball towards less cost, with steps as long as those of the last time or afresh."""
         first, order = self._groups()
+        if afresh:
+            self.step[:] = 0.0
         move_balls(self.bvh, self.micro, first, order, _TRIALS, self.center, self.depth, self.step)
 
     def _groups(self) -> tuple[IntArray, IntArray]:
@@ -93,45 +108,62 @@ class _Cover:
         group_by_owner(self.owner, first, order)
         return first, order
 
-    def teleport(self) -> None:
-        """Take away balls that are hardly missed, and place them anew."""
-        first, order = self._groups()
-        cost = np.empty(len(self.depth))
-        removal_cost(self.owner, self.second_cost, cost)
-        by_cost = np.argsort(cost, kind="stable")
-        candidates = by_cost[cost[by_cost] < _TELEPORT_LIMIT * self.worst]
-        spared = np.empty(len(self.depth), np.bool_)
-        most = max(1, self.balls // _TELEPORT_SHARE)
-        spare_balls(candidates, first, order, self.second_owner, most, spared)
-        stays = ~spared
-        self.center, self.depth, self.step = self.center[stays].copy(), self.depth[stays], self.step[stays]
-        self.assign()
-        self.fill()
+    def shed(self, balls: int) -> None:
+        """Take away those balls that are missed least, until there are `balls`."""
+        while len(self.depth) > balls:
+            first, order = self._groups()
+            cost = np.empty(len(self.depth))
+            removal_cost(self.owner, self.second_cost, cost)
+            spared = np.empty(len(self.depth), np.bool_)
+            spare_balls(
+                np.argsort(cost, kind="stable"), first, order, self.second_owner, len(self.depth) - balls, spared
+            )
+            lost, stays = spared[self.owner], ~spared
+            self.owner[lost], self.cost[lost] = self.second_owner[lost], self.second_cost[lost]
+            self.owner = (np.cumsum(stays) - 1)[self.owner]
+            self.center, self.depth, self.step = self.center[stays].copy(), self.depth[stays], self.step[stays]
+            if len(self.depth) > balls:
+                self.assign()
 
-    def recut(self, target: int) -> None:
-        """Cut the micro-triangles finer, the more so the smaller the footprint of their ball."""
-        footprint = np.sqrt(self.worst * (2.0 * np.maximum(self.depth, 0.0) + self.worst))[self.owner]
-        edge = edges_for(self.micro.corner, footprint, target)
-        self.micro = cut_mesh(self.micro.corner, self.micro.normal, edge)
-        self._room()
-        self.assign()
+    def relax(self, rounds: int) -> None:
+        """Move and assign by turns, and before the first turn take work from the balls that cost most."""
+        own = np.empty(len(self.depth))
+        removal_cost(self.owner, self.cost, own)
+        most = float(own.max())
+        handicap = _HANDICAP * np.clip(own - most, -_SLACK * most, 0.0)
+        assign(
+            self.micro,
+            self.center,
+            self.depth - handicap,
+            self.owner,
+            self.cost,
+            self.second_owner,
+            self.second_cost,
+        )
+        for turn in range(rounds):
+            self.move(afresh=turn % 3 == 0)
+            self.assign()
+
+    def breathe(self, balls: int) -> None:
+        """Take away `balls` where they are missed least, and place as many where the cover is then worst."""
+        self.shed(self.balls - balls)
+        self.relax(_ROUNDS[0])
+        self.fill()
+        self.relax(_ROUNDS[1])
 
 
 def build_cover(
-    vertices: FloatArray,
-    faces: IntArray,
-    balls: int,
-    bvh: MeshBvh | None = None,
-    progress: Progress | None = None,
+    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Cover a mesh with at most `balls` balls.
+
+    Where the mesh lies, how it is turned and how large it is make no difference: the cover is found in its own frame.
 
     Args:
         vertices: [m], shape (V, 3).
         faces: wound outward, shape (F, 3).
         balls: Most balls.
-        bvh: over the mesh; None builds it.
-        progress: called with ("cover", rounds done, rounds).
+        progress: called with ("cover", cycles done, cycles).
 
     Returns:
         Centres [m], shape (n, 3), and radii [m], shape (n,).
@@ -140,42 +172,47 @@ def build_cover(
         MeshError: The mesh encloses no volume.
     """
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
-    extent = float(np.ptp(corner.reshape(-1, 3), axis=0).max())
-    require_inside(corner, extent)
-    bvh = build_mesh_bvh(vertices, faces) if bvh is None else bvh
+    require_inside(corner, float(np.ptp(corner.reshape(-1, 3), axis=0).max()))
+    used = np.unique(faces)
+    frame = canonical_frame(vertices[used])
+    center, radius = _build_in_frame(frame.into(vertices), faces, balls, progress)
+    center, radius = frame.out_of(center), radius * frame.size
+    size = max(float(np.abs(corner).max()), float(np.abs(center).max()))
+    # A vertex was moved by at most half a step of the grid along each axis.
+    return center, radius + GRID * frame.size + ROUNDING * (radius + size)
+
+
+def _build_in_frame(
+    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None
+) -> tuple[FloatArray, FloatArray]:
+    corner = np.ascontiguousarray(vertices[faces]).reshape(-1, 9)
     micro = cut_mesh(corner, face_normals(vertices, faces), edges_for(corner, np.ones(len(corner)), COARSE * balls))
-    cover = _Cover(bvh, micro, 0.5 * extent, balls)
-    done, rounds = 0, sum(ROUNDS) + 1
+    cover = _Cover(build_mesh_bvh(vertices, faces), micro, 1.0, balls)
     cover.fill()
-    for stage, count in enumerate(ROUNDS):
-        if stage:
-            cover.recut(max(COARSE * balls, min(FINE * balls, MOST_FINE)))
-        cover.assign()
-        best = (cover.worst, cover.center.copy(), cover.depth.copy())
-        for turn in range(count):
-            done += 1
-            if progress is not None:
-                progress("cover", done, rounds)
-            if turn % _TELEPORT_EVERY == 0:
-                cover.teleport()
-                cover.assign()
-            cover.move()
-            cover.assign()
-            if cover.worst < best[0]:
-                best = (cover.worst, cover.center.copy(), cover.depth.copy())
-        if len(best[2]) != len(cover.depth):
-            cover.step = np.zeros(len(best[2]))
-        _, cover.center, cover.depth = best
+    cover.assign()
+    least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
+    cycles = sum(CYCLES)
+    for turn in range(cycles):
+        if turn >= CYCLES[0]:
+            cover.refine(_FINER_FROM)
+        share = _BREATH[0] * (_BREATH[1] / _BREATH[0]) ** (turn / max(cycles - 1, 1))
+        cover.breathe(min(max(1, math.floor(share * balls)), balls // 2))
+        if cover.worst < least:
+            least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
+        if progress is not None:
+            progress("cover", turn + 1, cycles + 1)
+    cover.center, cover.depth = best
+    cover.assign()
+    for _ in range(_TRIMS):
+        cover.refine(_TRIM_FROM)
         cover.assign()
     if progress is not None:
-        progress("cover", rounds, rounds)
+        progress("cover", cycles + 1, cycles + 1)
 
     radius = np.empty(len(cover.depth))
     covering_radius(cover.micro, cover.center, cover.owner, radius)
     used = radius >= 0.0
-    center, radius = np.ascontiguousarray(cover.center[used]), radius[used]
-    size = max(float(np.abs(corner).max()), float(np.abs(center).max()))
-    return center, radius + ROUNDING * (radius + size)
+    return np.ascontiguousarray(cover.center[used]), radius[used]
 
 
 def require_inside(corner: FloatArray, extent: float) -> None:

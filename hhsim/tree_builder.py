@@ -108,7 +108,7 @@ def build_sphere_tree(mesh: Mesh, options: TreeOptions | None = None, progress: 
     faces = np.ascontiguousarray(mesh.faces, np.int64)
     bvh = build_mesh_bvh(vertices, faces)
     try:
-        center, radius = build_cover(vertices, faces, options.leaf_limit, bvh, progress)
+        center, radius = build_cover(vertices, faces, options.leaf_limit, progress)
     except MeshError as error:
         raise MeshError(f"{mesh.name}: {error}") from error
     unproved = uncovered_faces(vertices, faces, center, radius)

@@ -22,7 +22,7 @@ MICRO = cut_mesh(VERTICES[FACES].reshape(-1, 9), face_normals(VERTICES, FACES), 
 
 
 def descend(order: NDArray[np.int64], center: Array, trials: int = 60) -> tuple[float, float, int]:
-    work, stack, distance2 = np.empty((WORK, 3)), np.empty(STACK, np.int64), np.empty(STACK)
+    work, stack, distance2 = np.empty((WORK, 8)), np.empty(STACK, np.int64), np.empty(STACK)
     cost, depth, step, good = descend_ball(BVH, MICRO, order, trials, 0.0, center, work, stack, distance2)
     assert step > 0.0
     return cost, depth, good

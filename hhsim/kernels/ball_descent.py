@@ -1,9 +1,11 @@
 """Descent of one ball: it moves to where the micro-triangles that it has to cover cost it less.
 
-Its cost as a function of its centre c is (distance of the farthest corner) − depth(c). A subgradient is the unit vector
-from that corner to c, less the unit vector from the closest surface point to c. The cost has kinks, above all on the
-medial axis, where good balls lie, and a step along one subgradient fails there. So the subgradients of failed steps are
-kept, and the next step goes against the shortest vector of their hull (a bundle method: Wolfe, 1975).
+Its cost as a function of its centre c is (distance of the farthest corner) − depth(c). Both terms have kinks where good
+balls lie: several corners equally far, several places of the surface equally near (the medial axis). So both are
+modelled by cuts, planes that touch them: the corners and the nearest places that were met on the way. Each step goes to
+the minimum of the model plus a proximal term (a bundle method: Lemaréchal, 1975; Kiwiel, 1990), found in its dual, whose
+variables are the weights of the corners and those of the places, each with the sum 1. A step that is no better than
+the model foresaw adds cuts and makes the next step shorter.
 """
 
 import math
@@ -12,76 +14,84 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .inner_ball import depth_at
-from .jit import jit
+from .jit import jit, jit_inline
 from .mesh_bvh import MeshBvh
 from .micro_triangle import MicroTriangles
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_BUNDLE = 8
-_HULL_STEPS = 24
-_STATIONARY = 0.03
+_FAR = 10
+"""Most corners in the model, the first rows of the workspace: position, unit vector from it to the centre, distance
+less the largest, weight."""
+_NEAR = 8
+"""Most places in the model, the next rows: unit vector from it to the centre, depth at the origin, minus the error of
+the depth, weight."""
+_MODEL_STEPS = 30
+_CORNER_ROUNDS = 4
+_GOOD = 0.1
+_VERY_GOOD = 0.5
+_STATIONARY = 1e-3
+_LONGEST = 0.9
+"""Longest step, as a share of the depth: the centre stays inside."""
 
-WORK = _BUNDLE + 3
-"""Rows of workspace that `descend_ball` needs."""
-
-
-@jit
-def _shortest_in_hull(vectors: Array, shortest_out: Array) -> float:
-    """Find about the shortest vector of the hull of vectors (Gilbert, 1966); return its length."""
-    count = vectors.shape[0]
-    last = count - 1
-    x, y, z = vectors[last, 0], vectors[last, 1], vectors[last, 2]
-    for _ in range(_HULL_STEPS):
-        least, chosen = np.inf, 0
-        for i in range(count):
-            along = vectors[i, 0] * x + vectors[i, 1] * y + vectors[i, 2] * z
-            if along < least:
-                least, chosen = along, i
-        length2 = x * x + y * y + z * z
-        if length2 - least <= 1e-3 * length2:
-            break
-        dx, dy, dz = vectors[chosen, 0] - x, vectors[chosen, 1] - y, vectors[chosen, 2] - z
-        t = min(1.0, (length2 - least) / (dx * dx + dy * dy + dz * dz))
-        x, y, z = x + t * dx, y + t * dy, z + t * dz
-    shortest_out[0], shortest_out[1], shortest_out[2] = x, y, z
-    return math.sqrt(x * x + y * y + z * z)
+WORK = _FAR + _NEAR
+"""Rows of workspace, of 8 columns, that `descend_ball` needs."""
 
 
 @jit
-def _evaluate(
-    bvh: MeshBvh,
-    micro: MicroTriangles,
-    members: Indices,
-    x: float,
-    y: float,
-    z: float,
-    limit2: float,
-    stack: Indices,
-    stack_distance2: Array,
-    subgradient_out: Array,
-    closest_out: Array,
-) -> tuple[float, float]:
-    """Cost and depth [m] of a ball centred at (x, y, z) for the micro-triangles `members`."""
-    far2 = -1.0
-    fx = fy = fz = 0.0
+def _farthest(micro: MicroTriangles, members: Indices, x: float, y: float, z: float) -> tuple[float, int, int]:
+    """Squared distance [m²] of the farthest corner from (x, y, z), its micro-triangle and its first column."""
+    far2, which, column = -1.0, 0, 0
     for i in members:
         t = micro.corner[i]
         for v in range(0, 9, 3):
             dx, dy, dz = x - t[v], y - t[v + 1], z - t[v + 2]
             d2 = dx * dx + dy * dy + dz * dz
             if d2 > far2:
-                far2, fx, fy, fz = d2, dx, dy, dz
-    depth, qx, qy, qz = depth_at(bvh, x, y, z, limit2, stack, stack_distance2)
-    far = math.sqrt(far2)
-    inverse = 1.0 / far if far > 0.0 else 0.0
-    back = 1.0 / depth if depth != 0.0 else 0.0
-    subgradient_out[0] = fx * inverse - (x - qx) * back
-    subgradient_out[1] = fy * inverse - (y - qy) * back
-    subgradient_out[2] = fz * inverse - (z - qz) * back
-    closest_out[0], closest_out[1], closest_out[2] = qx, qy, qz
-    return far - depth, depth
+                far2, which, column = d2, i, v
+    return far2, which, column
+
+
+@jit_inline
+def _room_in(work: Array, begin: int, count: int, most: int, weight: int) -> int:
+    """Row for a new cut: the next free one, or that of the cut with the least weight."""
+    if count < most:
+        return begin + count
+    least = begin
+    for i in range(begin, begin + most):
+        if work[i, weight] < work[least, weight]:
+            least = i
+    return least
+
+
+@jit
+def _aim(work: Array, begin: int, count: int, value: int, weight: int, sign: float, t: float, w: Array) -> float:
+    """Shift weight from the worst to the best cut of one group; return how far from the optimum they were."""
+    best, worst = -1, -1
+    least, most = np.inf, -np.inf
+    for i in range(begin, begin + count):
+        slope = sign * t * (work[i, value - 3] * w[0] + work[i, value - 2] * w[1] + work[i, value - 1] * w[2])
+        slope -= work[i, value + (0 if sign > 0.0 else 1)]
+        if slope < least:
+            least, best = slope, i
+        if work[i, weight] > 0.0 and slope > most:
+            most, worst = slope, i
+    if best == worst:
+        return 0.0
+    dx = work[best, value - 3] - work[worst, value - 3]
+    dy = work[best, value - 2] - work[worst, value - 2]
+    dz = work[best, value - 1] - work[worst, value - 1]
+    length2 = dx * dx + dy * dy + dz * dz
+    share = work[worst, weight]
+    if most - least < share * t * length2:
+        share = (most - least) / (t * length2)
+    work[best, weight] += share
+    work[worst, weight] = 0.0 if share >= work[worst, weight] else work[worst, weight] - share
+    w[0] += sign * share * dx
+    w[1] += sign * share * dy
+    w[2] += sign * share * dz
+    return most - least
 
 
 @jit
@@ -103,56 +113,126 @@ def descend_ball(
         micro: the micro-triangles.
         members: those that the ball has to cover, at least one.
         trials: steps to try.
-        step: length of the first [m]; not positive for a guess.
+        step: proximal length of the first [m]; not positive for a guess.
         center: of the ball [m], shape (3,); moved in place, never out of the solid.
-        work: workspace, shape (WORK, 3).
+        work: workspace, shape (WORK, 8).
         stack, stack_distance2: workspace, shape (STACK,).
 
     Returns:
-        (cost [m], depth [m], length of the next step [m], number of good steps).
+        (cost [m], depth [m], proximal length of the next step [m], number of good steps).
     """
-    direction, closest, trial_closest = work[_BUNDLE], work[_BUNDLE + 1], work[_BUNDLE + 2]
     x, y, z = center[0], center[1], center[2]
-    # Row 0 of the bundle is the subgradient at the centre.
-    cost, depth = _evaluate(bvh, micro, members, x, y, z, np.inf, stack, stack_distance2, work[0], closest)
-    kept, good = 1, 0
+    far2, which, column = _farthest(micro, members, x, y, z)
+    far = math.sqrt(far2)
+    depth, qx, qy, qz = depth_at(bvh, x, y, z, np.inf, stack, stack_distance2)
+    cost = far - depth
+    if not (depth > 0.0 and far > 0.0):
+        return cost, depth, max(step, 0.0), 0
     if step <= 0.0:
-        step = 0.5 * math.sqrt(max(cost, 0.0) * max(2.0 * depth + cost, 0.0))
+        step = 0.5 * far
+    for k in range(3):
+        work[0, k] = micro.corner[which, column + k]
+    work[0, 7] = 1.0
+    near = work[_FAR]
+    near[0], near[1], near[2] = (x - qx) / depth, (y - qy) / depth, (z - qz) / depth
+    near[3] = depth - (near[0] * x + near[1] * y + near[2] * z)
+    near[5] = 1.0
+    fars, nears, good = 1, 1, 0
+    w = np.empty(3)
     for _ in range(trials):
-        length = _shortest_in_hull(work[:kept], direction)
-        if depth <= 0.0:
-            break
-        if length < _STATIONARY:
-            # Stationary for steps of this length, whose subgradients are in the hull; perhaps not for shorter ones.
-            if kept == 1:
+        # Values and slopes of the cuts at the centre.
+        for i in range(fars):
+            cut = work[i]
+            dx, dy, dz = x - cut[0], y - cut[1], z - cut[2]
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+            inverse = 1.0 / distance if distance > 0.0 else 0.0
+            cut[3], cut[4], cut[5], cut[6] = dx * inverse, dy * inverse, dz * inverse, distance - far
+        for i in range(_FAR, _FAR + nears):
+            cut = work[i]
+            # Depth is not concave: a cut that is off at the centre counts as if it were off to the safe side.
+            cut[4] = -abs(cut[3] + cut[0] * x + cut[1] * y + cut[2] * z - depth)
+        tx = ty = tz = trial_far = foreseen = 0.0
+        for corner_round in range(_CORNER_ROUNDS):
+            w[:] = 0.0
+            for i in range(fars):
+                for k in range(3):
+                    w[k] += work[i, 7] * work[i, 3 + k]
+            for i in range(_FAR, _FAR + nears):
+                for k in range(3):
+                    w[k] -= work[i, 5] * work[i, k]
+            for _ in range(_MODEL_STEPS):
+                off = _aim(work, 0, fars, 6, 7, 1.0, step, w)
+                off += _aim(work, _FAR, nears, 3, 5, -1.0, step, w)
+                if off <= 1e-3 * _STATIONARY * abs(cost):
+                    break
+            length = step * math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+            scale = step if length <= _LONGEST * depth else step * _LONGEST * depth / length
+            sx, sy, sz = -scale * w[0], -scale * w[1], -scale * w[2]
+            high, low = -np.inf, -np.inf
+            for i in range(fars):
+                high = max(high, work[i, 6] + work[i, 3] * sx + work[i, 4] * sy + work[i, 5] * sz)
+            for i in range(_FAR, _FAR + nears):
+                low = max(low, work[i, 4] - work[i, 0] * sx - work[i, 1] * sy - work[i, 2] * sz)
+            foreseen = -(high + low)
+            if foreseen <= _STATIONARY * abs(cost):
                 break
-            kept = 1
+            tx, ty, tz = x + sx, y + sy, z + sz
+            far2, which, column = _farthest(micro, members, tx, ty, tz)
+            trial_far = math.sqrt(far2)
+            if trial_far - far <= high + 0.25 * foreseen or corner_round + 1 == _CORNER_ROUNDS:
+                break
+            # A corner that the model did not know is farther: with it, before the surface is asked.
+            row = _room_in(work, 0, fars, _FAR, 7)
+            if row == fars:
+                fars += 1
+            else:
+                work[row, 7] = 0.0
+            cut = work[row]
+            for k in range(3):
+                cut[k] = micro.corner[which, column + k]
+            dx, dy, dz = x - cut[0], y - cut[1], z - cut[2]
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+            inverse = 1.0 / distance if distance > 0.0 else 0.0
+            cut[3], cut[4], cut[5], cut[6], cut[7] = dx * inverse, dy * inverse, dz * inverse, distance - far, 0.0
+            total = 0.0
+            for i in range(fars):
+                total += work[i, 7]
+            if total <= 0.0:
+                cut[7] = 1.0
+            else:
+                for i in range(fars):
+                    work[i, 7] /= total
+        if foreseen <= _STATIONARY * abs(cost):
+            break
+        dx, dy, dz = tx - qx, ty - qy, tz - qz
+        limit2 = (dx * dx + dy * dy + dz * dz) * (1.0 + 1e-9)
+        trial_depth, ux, uy, uz = depth_at(bvh, tx, ty, tz, limit2, stack, stack_distance2)
+        if not trial_depth > 0.0:
             step *= 0.3
             continue
-        # Nine tenths of the depth: the centre stays inside.
-        scale = min(step, 0.9 * depth) / length
-        tx, ty, tz = x - scale * direction[0], y - scale * direction[1], z - scale * direction[2]
-        dx, dy, dz = tx - closest[0], ty - closest[1], tz - closest[2]
-        limit2 = (dx * dx + dy * dy + dz * dz) * (1.0 + 1e-9)
-        slot = kept
-        if kept == _BUNDLE:
-            slot = _BUNDLE - 1
-            for i in range(1, slot):
-                for k in range(3):
-                    work[i, k] = work[i + 1, k]
-        trial_cost, trial_depth = _evaluate(
-            bvh, micro, members, tx, ty, tz, limit2, stack, stack_distance2, work[slot], trial_closest
-        )
-        if trial_depth > 0.0 and trial_cost < cost - 1e-6 * abs(cost):
-            x, y, z, cost, depth = tx, ty, tz, trial_cost, trial_depth
-            for k in range(3):
-                closest[k] = trial_closest[k]
-                work[0, k] = work[slot, k]
-            kept = 1
-            step *= 1.3
+        row = _room_in(work, _FAR, nears, _NEAR, 5)
+        if row == _FAR + nears:
+            nears += 1
+            work[row, 5] = 0.0
+        cut = work[row]
+        cut[0], cut[1], cut[2] = (tx - ux) / trial_depth, (ty - uy) / trial_depth, (tz - uz) / trial_depth
+        cut[3] = trial_depth - (cut[0] * tx + cut[1] * ty + cut[2] * tz)
+        total = 0.0
+        for i in range(_FAR, _FAR + nears):
+            total += work[i, 5]
+        if total <= 0.0:
+            cut[5] = total = 1.0
+        for i in range(_FAR, _FAR + nears):
+            work[i, 5] /= total
+        gain = cost - (trial_far - trial_depth)
+        if gain >= _GOOD * foreseen:
+            x, y, z, far, depth = tx, ty, tz, trial_far, trial_depth
+            qx, qy, qz = ux, uy, uz
+            cost = far - depth
             good += 1
+            if gain >= _VERY_GOOD * foreseen:
+                step *= 1.5
         else:
-            kept = slot + 1
-            step *= 0.7
+            step *= 0.6
     center[0], center[1], center[2] = x, y, z
-    return cost, depth, max(step, 1e-3 * max(cost, 0.0)), good
+    return cost, depth, max(step, 1e-3 * far), good

@@ -17,6 +17,7 @@ from .jit import jit, jit_inline
 from .median_tree import STACK
 from .mesh_bvh import MeshBvh
 from .micro_triangle import MicroTriangles
+from .triangle import longest_edge
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -113,7 +114,7 @@ def greedy_cover(
     stack = np.empty(2 * STACK, np.int64)
     stack_distance2 = np.empty(2 * STACK)
     touched = np.empty(micro.start.shape[0], np.int64)
-    work = np.empty((WORK, 3))
+    work = np.empty((WORK, 8))
     one = np.empty(1, np.int64)
     worst = np.empty(micro.start.shape[0])
     if begin == 0:
@@ -290,3 +291,24 @@ def covering_radius(micro: MicroTriangles, center: Array, owner: Indices, radius
         j = owner[i]
         far2 = far_corner2(micro.corner, i, center[j, 0], center[j, 1], center[j, 2])
         radius_out[j] = max(radius_out[j], math.sqrt(far2))
+
+
+@jit
+def owner_cost(micro: MicroTriangles, center: Array, depth: Array, owner: Indices, cost_out: Array) -> None:
+    """Cost of each micro-triangle under its owner [m], shape (M,); infinite where the owner is −1."""
+    for i in range(owner.shape[0]):
+        j = owner[i]
+        if j < 0:
+            cost_out[i] = np.inf
+            continue
+        far2 = far_corner2(micro.corner, i, center[j, 0], center[j, 1], center[j, 2])
+        cost_out[i] = math.sqrt(far2) - depth[j]
+
+
+@jit
+def longest_edges(corner: Array, longest_out: Array) -> None:
+    """Longest edge [m], shape (M,), of triangles a, b, c [m], shape (M, 9)."""
+    for i in range(corner.shape[0]):
+        t = corner[i]
+        _, length2 = longest_edge(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
+        longest_out[i] = math.sqrt(length2)

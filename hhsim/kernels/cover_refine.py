@@ -64,7 +64,7 @@ def move_balls(
     """
     stack = np.empty(STACK, np.int64)
     stack_distance2 = np.empty(STACK)
-    work = np.empty((WORK, 3))
+    work = np.empty((WORK, 8))
     total = 0
     for j in range(depth.shape[0]):
         begin, end = first[j], first[j + 1]

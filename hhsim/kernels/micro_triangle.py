@@ -151,3 +151,38 @@ def cut_mesh(corner: Array, normal: Array, edge: Array) -> MicroTriangles:
     return MicroTriangles(
         micro, np.ascontiguousarray(normal[face[tree.order]]), tree.start, tree.end, tree.right, center, radius
     )
+
+
+@jit
+def _halve_pairs(pair: Indices, corner: Array) -> None:
+    """Make the halves of a triangle, across its longest edge, of each pair of its copies at i and i + 1; in place."""
+    for i in pair:
+        t, s = corner[i], corner[i + 1]
+        longest, _ = longest_edge(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
+        a, b = 3 * longest, 3 * ((longest + 1) % 3)
+        for k in range(3):
+            middle = 0.5 * (t[a + k] + t[b + k])
+            t[a + k] = middle
+            s[b + k] = middle
+
+
+def halve(micro: MicroTriangles, chosen: NDArray[np.bool_]) -> tuple[MicroTriangles, Indices]:
+    """Halve some micro-triangles across their longest edges; the tree stays, its blocks grow.
+
+    Args:
+        micro: the micro-triangles.
+        chosen: which to halve, shape (M,).
+
+    Returns:
+        The new micro-triangles, and for each the old one that it lies in.
+    """
+    source = np.repeat(np.arange(len(chosen)), 1 + chosen)
+    corner = micro.corner[source]
+    before = np.concatenate([[0], np.cumsum(1 + chosen)])
+    _halve_pairs(before[:-1][chosen], corner)
+    return (
+        micro._replace(
+            corner=corner, normal=micro.normal[source], start=before[micro.start], end=before[micro.end]
+        ),
+        source,
+    )
