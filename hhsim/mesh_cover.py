@@ -19,8 +19,12 @@ Progress = Callable[[str, int, int], None]
 
 COARSE = 60
 """Micro-triangles for each ball, to begin with."""
-CYCLES = (4, 12)
-"""Cycles of refinement on these, and on ever finer ones."""
+FINE = 250
+"""Micro-triangles for each ball, at most, to end with, or …"""
+PLENTY = 300_000
+"""… as many in all, if that is more."""
+CYCLES = (3, 12)
+"""Cycles of refinement on the coarse ones, and on ever finer ones."""
 
 ROUNDING = 1e-12
 """Relative room for rounding: balls are made this much larger than the arithmetic says."""
@@ -29,16 +33,19 @@ _REACH = 0.3
 _TRIALS = 6
 _BREATH = (0.2, 0.01)
 """Balls taken away and placed anew in the first and in the last cycle, as shares of all."""
-_ROUNDS = (2, 3)
+_ROUNDS = (2, 2)
 """Rounds of moves and assignments after balls were taken away, and after they were placed."""
 _HANDICAP = 0.5
+"""Share of what a ball costs less than the worst that it is given as an advantage, to take work from that one …"""
 _SLACK = 0.3
+"""… but no more than for this share of the worst."""
 _SPLITS = 8
 _SPLIT_FROM = 0.8
 _FINER_FROM = 0.85
 _FINEST = 0.03
 """Edges shorter than this share of the footprint of their ball are not halved."""
 _HIGH = 0.9
+"""Quantile of the costs of the balls that stands for all: a few that are far worse are none of the others' concern."""
 _TRIMS = 4
 _TRIM_FROM = 0.95
 _THINNEST = 1e-9
@@ -94,7 +101,9 @@ class _Cover:
         removal_cost(self.owner, self.cost, own)
         high = float(np.quantile(own, _HIGH))
         footprint = np.sqrt(high * (2.0 * np.maximum(self.depth, 0.0) + high))
-        self.halve((self.cost > share * high) & (longest > _FINEST * footprint[self.owner]))
+        chosen = (self.cost > share * high) & (longest > _FINEST * footprint[self.owner])
+        if len(chosen) + int(chosen.sum()) <= max(FINE * self.balls, PLENTY):
+            self.halve(chosen)
 
     def move(self, afresh: bool) -> None:
         """Move each ball towards less cost, with steps as long as those of the last time or afresh."""
@@ -125,23 +134,18 @@ class _Cover:
             if len(self.depth) > balls:
                 self.assign()
 
-    def relax(self, rounds: int) -> None:
-        """Move and assign by turns, and before the first turn take work from the balls that cost most."""
+    def handicap(self) -> None:
+        """Assign so that the balls that cost much have less to cover, and those that cost little more."""
         own = np.empty(len(self.depth))
         removal_cost(self.owner, self.cost, own)
         most = float(own.max())
-        handicap = _HANDICAP * np.clip(own - most, -_SLACK * most, 0.0)
-        assign(
-            self.micro,
-            self.center,
-            self.depth - handicap,
-            self.owner,
-            self.cost,
-            self.second_owner,
-            self.second_cost,
-        )
+        deeper = self.depth + _HANDICAP * np.clip(most - own, 0.0, _SLACK * most)
+        assign(self.micro, self.center, deeper, self.owner, self.cost, self.second_owner, self.second_cost)
+
+    def relax(self, rounds: int) -> None:
+        """Move and assign by turns."""
         for turn in range(rounds):
-            self.move(afresh=turn % 3 == 0)
+            self.move(afresh=turn == 0)
             self.assign()
 
     def breathe(self, balls: int) -> None:
@@ -149,6 +153,7 @@ class _Cover:
         self.shed(self.balls - balls)
         self.relax(_ROUNDS[0])
         self.fill()
+        self.handicap()
         self.relax(_ROUNDS[1])
 
 

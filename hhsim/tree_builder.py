@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import mesh_cover, sphere_tree, tree_error
+from hhsim import canonical_frame, mesh_cover, sphere_tree, tree_error
 from hhsim.errors import InputError, MeshError, OutputError
 from hhsim.kernels import (
     ball_descent,
@@ -45,6 +45,7 @@ _SOURCES = (
     mesh_bvh,
     micro_triangle,
     triangle,
+    canonical_frame,
     mesh_cover,
     sphere_tree,
     tree_error,

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from hhsim.kernels.cover import assign, covering_radius, greedy_cover
+from hhsim.kernels.cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
 from hhsim.kernels.cover_certificate import certify_cover
 from hhsim.kernels.cover_error import exposed, union_distance
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
@@ -92,6 +92,24 @@ def test_assignment_among_balls_close_together(case: Case, spread: float) -> Non
     assert second_found == pytest.approx(np.sort(cost, axis=1)[:, 1], abs=1e-15)
     assert cost[rows, owner] == pytest.approx(found, abs=1e-15)
     assert (second != owner).all()
+
+
+def test_costs_under_given_owners_are_those_of_brute_force(case: Case) -> None:
+    rng = np.random.default_rng(9)
+    owner = rng.integers(-1, len(case.depth), size=len(case.cost))
+    cost = np.empty_like(case.cost)
+    owner_cost(case.micro, case.center, case.depth, owner, cost)
+    expected = (far_corner(case.micro.corner, case.center) - case.depth)[np.arange(len(owner)), owner]
+    assert cost[owner >= 0] == pytest.approx(expected[owner >= 0], abs=1e-15)
+    assert np.isinf(cost[owner < 0]).all() and (owner < 0).any()
+
+
+def test_longest_edges(case: Case) -> None:
+    longest = np.empty(len(case.micro.corner))
+    longest_edges(case.micro.corner, longest)
+    points = case.micro.corner.reshape(-1, 3, 3)
+    edges = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2)
+    assert longest == pytest.approx(edges.max(axis=1), rel=1e-12)
 
 
 def test_a_lone_ball_has_no_second(case: Case) -> None:

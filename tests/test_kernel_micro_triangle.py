@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from hhsim.kernels.mesh_bvh import face_normals
-from hhsim.kernels.micro_triangle import cut_faces, cut_mesh, edges_for
+from hhsim.kernels.micro_triangle import cut_faces, cut_mesh, edges_for, halve
 
 
 def areas(
@@ -57,3 +57,30 @@ def test_shares_set_the_sizes() -> None:
 def test_faces_without_area_stay() -> None:
     corner = np.zeros((1, 9))
     assert cut_faces(corner, np.array([1e-3]), np.empty((0, 9)), np.empty(0, np.int64)) == 1
+
+
+def test_halves_tile_what_was_halved_and_stay_in_the_nodes() -> None:
+    shape = trimesh.creation.cylinder(0.03, 0.1, sections=40)
+    vertices, faces = np.array(shape.vertices, float), np.array(shape.faces, np.int64)
+    corner = vertices[faces].reshape(-1, 9)
+    micro = cut_mesh(corner, face_normals(vertices, faces), edges_for(corner, np.ones(len(corner)), 2000))
+    chosen = np.random.default_rng(0).random(len(micro.corner)) < 0.3
+    finer, source = halve(micro, chosen)
+    assert np.array_equal(np.bincount(source), 1 + chosen)
+    assert np.bincount(source, weights=areas(finer.corner)) == pytest.approx(areas(micro.corner), rel=1e-12)
+    assert np.array_equal(finer.corner[~chosen[source]], micro.corner[~chosen])
+    assert np.array_equal(finer.normal, micro.normal[source])
+    # The halves have equal areas, and each keeps the corner opposite the longest edge.
+    halves = areas(finer.corner)[chosen[source]].reshape(-1, 2)
+    assert halves[:, 0] == pytest.approx(halves[:, 1], rel=1e-9)
+    before = np.linalg.norm(np.diff(micro.corner[chosen].reshape(-1, 3, 3)[:, [0, 1, 2, 0]], axis=1), axis=2).max(
+        axis=1
+    )
+    after = np.linalg.norm(np.diff(finer.corner.reshape(-1, 3, 3)[:, [0, 1, 2, 0]], axis=1), axis=2)
+    assert (after[chosen[source]].reshape(-1, 2, 3).min(axis=2) <= 0.5 * before[:, None] * (1.0 + 1e-9)).all()
+    assert np.array_equal(finer.right, micro.right)
+    assert (finer.start[0], finer.end[0]) == (0, len(finer.corner))
+    for node in range(len(finer.start)):
+        inside = finer.corner[finer.start[node] : finer.end[node]].reshape(-1, 3)
+        assert np.linalg.norm(inside - finer.center[node], axis=1).max() <= finer.radius[node]
+        assert set(source[finer.start[node] : finer.end[node]]) == set(range(micro.start[node], micro.end[node]))

@@ -20,7 +20,16 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts"),
         *("shapes", "cup", "rock", "shamrock", "object_catalogue", "object_sources"),
-        *("sphere_tree", "tree_file", "sph_format", "tree_error", "tree_builder", "tree_choice", "mesh_cover"),
+        *(
+            "sphere_tree",
+            "tree_file",
+            "sph_format",
+            "tree_error",
+            "tree_builder",
+            "tree_choice",
+            "mesh_cover",
+            "canonical_frame",
+        ),
         *("hand", "hand_figure", "palm", "placed_hand", "surface", "rendering"),
         *("trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
         *("script", "disturbance", "closing", "closing_search", "slide", "synthesis", "trajectory_catalogue"),

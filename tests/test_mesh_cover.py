@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hhsim import mesh_cover
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh_bvh import build_mesh_bvh
 from hhsim.mesh_cover import build_cover, require_inside
+from hhsim.object_catalogue import load_object
 from hhsim.tree_error import protrusion_bound, uncovered_faces
 
 Array = NDArray[np.float64]
@@ -42,7 +44,7 @@ def test_refinement_beats_the_greedy_start(monkeypatch: pytest.MonkeyPatch) -> N
     vertices, faces = arrays(SHAPES["box"])
     bvh = build_mesh_bvh(vertices, faces)
     refined = protrusion_bound(bvh, *build_cover(vertices, faces, 200))
-    monkeypatch.setattr(mesh_cover, "ROUNDS", (0, 0))
+    monkeypatch.setattr(mesh_cover, "CYCLES", (0, 0))
     greedy = protrusion_bound(bvh, *build_cover(vertices, faces, 200))
     assert refined < 0.8 * greedy
 
@@ -61,7 +63,7 @@ def test_where_the_mesh_lies_does_not_matter() -> None:
         center, radius = build_cover(there, faces, 50)
         assert uncovered_faces(there, faces, center, radius).size == 0
         bounds.append(protrusion_bound(build_mesh_bvh(there, faces), center, radius))
-    assert bounds == pytest.approx([bounds[0]] * 3, rel=0.1)
+    assert bounds == pytest.approx([bounds[0]] * 3, rel=1e-6)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e3])
@@ -71,7 +73,7 @@ def test_size_does_not_matter(scale: float) -> None:
         protrusion_bound(build_mesh_bvh(points, faces), *build_cover(points, faces, 100))
         for points in (scale * vertices, vertices)
     )
-    assert large == pytest.approx(scale * plain, rel=0.1)
+    assert large == pytest.approx(scale * plain, rel=1e-6)
 
 
 def test_progress_counts_the_rounds() -> None:
@@ -87,3 +89,49 @@ def test_what_has_no_inside_is_refused() -> None:
         with pytest.raises(MeshError, match="no inside"):
             build_cover(vertices, np.ascontiguousarray(bad), 8)
     require_inside((vertices[faces] * [1.0, 1.0, 1e-4]).reshape(-1, 9), 0.1)
+
+
+def catalogue_arrays(name: str) -> tuple[Array, Indices]:
+    """A catalogue object with a longest extent of 100 mm."""
+    mesh = load_object(name).mesh
+    return np.array(mesh.vertices * (0.1 / mesh.extent.max())), np.array(mesh.faces, np.int64)
+
+
+MOST_PROTRUSION = {
+    "bunny": 0.70e-3,
+    "teapot": 0.70e-3,
+    "cube": 1.75e-3,
+    "hexagonal-prism": 1.25e-3,
+    "cylinder": 0.70e-3,
+}
+"""Of 512 balls on objects of 100 mm [m]; proved, not only measured."""
+
+
+@pytest.mark.parametrize("name", MOST_PROTRUSION)
+def test_how_little_512_balls_protrude(name: str) -> None:
+    vertices, faces = catalogue_arrays(name)
+    center, radius = build_cover(vertices, faces, 512)
+    assert uncovered_faces(vertices, faces, center, radius).size == 0
+    assert protrusion_bound(build_mesh_bvh(vertices, faces), center, radius) <= MOST_PROTRUSION[name]
+
+
+@pytest.mark.parametrize("name", ["bunny", "cube"])
+def test_a_motion_and_a_scale_do_not_change_the_cover(name: str) -> None:
+    vertices, faces = catalogue_arrays(name)
+    center, radius = build_cover(vertices, faces, 512)
+    plain = protrusion_bound(build_mesh_bvh(vertices, faces), center, radius)
+    rng = np.random.default_rng(11)
+    for seed in range(2):
+        rotation, scale = Rotation.random(random_state=seed), 10.0 ** rng.uniform(-2.0, 2.0)
+        there = scale * rotation.apply(vertices) + scale * rng.normal(size=3)
+        other_center, other_radius = build_cover(there, faces, 512)
+        assert uncovered_faces(there, faces, other_center, other_radius).size == 0
+        bound = protrusion_bound(build_mesh_bvh(there, faces), other_center, other_radius)
+        assert bound == pytest.approx(scale * plain, rel=0.02)
+
+
+def test_the_same_mesh_gives_the_same_bytes() -> None:
+    vertices, faces = catalogue_arrays("teapot")
+    first, second = (build_cover(vertices, faces, 300) for _ in range(2))
+    assert first[0].tobytes() == second[0].tobytes()
+    assert first[1].tobytes() == second[1].tobytes()

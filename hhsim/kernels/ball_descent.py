@@ -3,9 +3,9 @@
 Its cost as a function of its centre c is (distance of the farthest corner) − depth(c). Both terms have kinks where good
 balls lie: several corners equally far, several places of the surface equally near (the medial axis). So both are
 modelled by cuts, planes that touch them: the corners and the nearest places that were met on the way. Each step goes to
-the minimum of the model plus a proximal term (a bundle method: Lemaréchal, 1975; Kiwiel, 1990), found in its dual, whose
-variables are the weights of the corners and those of the places, each with the sum 1. A step that is no better than
-the model foresaw adds cuts and makes the next step shorter.
+the minimum of the model plus a proximal term (a bundle method: Lemaréchal, 1975; Kiwiel, 1990), found in its dual,
+whose variables are the weights of the corners and those of the places, each with the sum 1. A step that is worth much
+less than the model foresaw adds cuts and makes the next step shorter.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .inner_ball import depth_at
-from .jit import jit, jit_inline
+from .jit import as_int64, jit, jit_inline
 from .mesh_bvh import MeshBvh
 from .micro_triangle import MicroTriangles
 
@@ -161,8 +161,8 @@ def descend_ball(
                 for k in range(3):
                     w[k] -= work[i, 5] * work[i, k]
             for _ in range(_MODEL_STEPS):
-                off = _aim(work, 0, fars, 6, 7, 1.0, step, w)
-                off += _aim(work, _FAR, nears, 3, 5, -1.0, step, w)
+                off = _aim(work, as_int64(0), fars, as_int64(6), as_int64(7), 1.0, step, w)
+                off += _aim(work, as_int64(_FAR), nears, as_int64(3), as_int64(5), -1.0, step, w)
                 if off <= 1e-3 * _STATIONARY * abs(cost):
                     break
             length = step * math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])

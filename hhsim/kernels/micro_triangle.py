@@ -181,8 +181,6 @@ def halve(micro: MicroTriangles, chosen: NDArray[np.bool_]) -> tuple[MicroTriang
     before = np.concatenate([[0], np.cumsum(1 + chosen)])
     _halve_pairs(before[:-1][chosen], corner)
     return (
-        micro._replace(
-            corner=corner, normal=micro.normal[source], start=before[micro.start], end=before[micro.end]
-        ),
+        micro._replace(corner=corner, normal=micro.normal[source], start=before[micro.start], end=before[micro.end]),
         source,
     )
