@@ -19,7 +19,7 @@ Progress = Callable[[str, int, int], None]
 
 COARSE = 60
 """Micro-triangles for each ball, to begin with."""
-FINE = 250
+FINE = 220
 """Micro-triangles for each ball, at most, to end with, or …"""
 PLENTY = 300_000
 """… as many in all, if that is more."""
