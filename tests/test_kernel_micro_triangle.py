@@ -84,3 +84,16 @@ def test_halves_tile_what_was_halved_and_stay_in_the_nodes() -> None:
         inside = finer.corner[finer.start[node] : finer.end[node]].reshape(-1, 3)
         assert np.linalg.norm(inside - finer.center[node], axis=1).max() <= finer.radius[node]
         assert set(source[finer.start[node] : finer.end[node]]) == set(range(micro.start[node], micro.end[node]))
+
+
+def test_halving_again_and_again_is_cutting() -> None:
+    # The certificate halves the faces anew: it must meet the same micro-triangles, also where edges are equally long.
+    shape = trimesh.creation.box((0.1, 0.1, 0.1))
+    vertices, faces = np.array(shape.vertices, float), np.array(shape.faces, np.int64)
+    corner, normal = vertices[faces].reshape(-1, 9), face_normals(vertices, faces)
+    halved = cut_mesh(corner, normal, np.full(12, 1.0))
+    for _ in range(6):
+        halved, _ = halve(halved, np.ones(len(halved.corner), np.bool_))
+    cut = cut_mesh(corner, normal, np.full(12, 0.0177))
+    assert len(cut.corner) == len(halved.corner) == 12 * 2**6
+    assert np.array_equal(np.unique(cut.corner, axis=0), np.unique(halved.corner, axis=0))

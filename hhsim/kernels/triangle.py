@@ -12,6 +12,10 @@ _SLIVER = 1e-12
 """Squared sine of an angle under which a triangle counts as its three edges: its barycentric weights are noise."""
 
 
+_EQUAL = 1.0 - 1e-6
+"""Ratio of squared lengths from which on edges count as equal: a turned triangle is halved like the triangle."""
+
+
 @jit_inline
 def _closest_on_segment(
     px: float, py: float, pz: float, ax: float, ay: float, az: float, bx: float, by: float, bz: float
@@ -131,12 +135,13 @@ def closest_on_triangle(
 def longest_edge(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float
 ) -> tuple[int, float]:
-    """Return (edge, length²): 0 is ab, 1 bc, 2 ca; the first of equals."""
+    """Return (edge, longest length²): 0 is ab, 1 bc, 2 ca; the first of equals, whatever their rounding."""
     ab = (bx - ax) * (bx - ax) + (by - ay) * (by - ay) + (bz - az) * (bz - az)
     bc = (cx - bx) * (cx - bx) + (cy - by) * (cy - by) + (cz - bz) * (cz - bz)
     ca = (ax - cx) * (ax - cx) + (ay - cy) * (ay - cy) + (az - cz) * (az - cz)
-    if ab >= bc and ab >= ca:
-        return 0, ab
-    if bc >= ca:
-        return 1, bc
-    return 2, ca
+    most = max(ab, bc, ca)
+    if ab >= _EQUAL * most:
+        return 0, most
+    if bc >= _EQUAL * most:
+        return 1, most
+    return 2, most
