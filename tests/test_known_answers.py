@@ -132,9 +132,8 @@ METHODS = ("coupled", "progressive")
 @pytest.mark.parametrize("depth", [0.5e-3, 2e-3, 6e-3])
 def test_a_palm_pressed_on_a_ball_through_its_origin(method: str, depth: float) -> None:
     """One line: no lever, hence no turn; the palm stands ε off the ball and the force is k_t (depth + ε)."""
-    # The ball's centre lies on the ray from the palm's origin through a sphere, the lowest that is alone there; the ball
-    # is small enough to touch no other, and the command does not reach past its centre, where the other side would be
-    # nearer.
+    # The ball's centre lies on the ray from the palm's origin through a sphere, the lowest that is alone there.
+    # The ball is small enough to touch no other, and the command stops short of its centre.
     ball = 2e-3
     lowest = np.argsort(HAND.palm_tree.leaf_center[:, 2] - HAND.palm_tree.leaf_radius)
     for sphere in lowest:
