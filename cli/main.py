@@ -17,12 +17,16 @@ COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
     "objects": "List the objects that come with hhsim.",
     "trajectories": "List the trajectories that come with hhsim.",
+    "import": "Make a trajectory of a recording of a hand.",
     "bench": "Measure the methods against each other: speed, error, stress.",
     "build-tree": "Build the sphere tree of an object and measure its error.",
     "info": "Show versions, processor, clock and what is missing.",
     "completion": "Print the script that completes hhsim commands in a shell.",
 }
 """Every command with its one line; the module of a command is its name with underscores, and holds `command`."""
+
+KEYWORDS = {"import": "import_"}
+"""Commands whose name no module can have."""
 
 COMPLETION_VARIABLE = "_HHSIM_COMPLETE"
 INTERRUPTED = 130
@@ -32,6 +36,7 @@ BROKEN_PIPE = 141
 @click.group(
     cls=LazyGroup,
     lines=COMMANDS,
+    module=lambda name: KEYWORDS.get(name, name.replace("-", "_")),
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

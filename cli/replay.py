@@ -86,7 +86,9 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
     help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
 )
 @click.option(
-    "--hand", type=click.Choice(["right", "left"]), default="right", show_default=True, help="Which hand grasps."
+    "--hand",
+    type=click.Choice(["right", "left"]),
+    help="Which hand grasps. Default: the recording's, else the right one.",
 )
 @click.option(
     "--hand-file",
@@ -164,7 +166,7 @@ def command(
     fingers: tuple[str, ...] | None,
     rate: float,
     samples: Literal["interpolate", "hold"],
-    hand: Literal["right", "left"],
+    hand: Literal["right", "left"] | None,
     hand_file: Path | None,
     stiffness: tuple[float, ...] | None,
     penalty_stiffness: float | None,
@@ -218,7 +220,7 @@ def command(
     check_result_destination(destination)
     print_notes(mesh.warnings, prefix="warning")
     with progress(quiet=quiet) as report:
-        model = _hand(hand, hand_file)
+        model = _hand(hand or _side(motion), hand_file)
         chosen = tree_level.choose_tree(mesh, level, usual_level, max_error, report)
         scene = make_scene(mesh, chosen.tree, model, motion, rate=rate, mode=samples, seed=seed)
         description = {
@@ -284,6 +286,11 @@ def _motion(trajectory: str, tremor: tuple[float, ...] | None) -> "Script | Traj
     position, rotation = tremor
     shaken = replace(motion.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
     return replace(motion, disturbance=shaken)
+
+
+def _side(motion: "Script | Trajectory") -> Literal["right", "left"]:
+    """The hand that a recording is of; scripts close either."""
+    return "left" if getattr(motion, "hand", "") == "left" else "right"
 
 
 def _hand(side: Literal["right", "left"], file: Path | None) -> "HandModel":

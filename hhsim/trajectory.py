@@ -5,7 +5,7 @@ distal. Positive flexion curls towards the palm, positive abduction turns a fing
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple, Self, get_args
+from typing import Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,8 @@ from hhsim.trajectory_checks import (
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.uint32]
+HandSide = Literal["", "right", "left"]
 ResampleMode = Literal["interpolate", "hold"]
 
 MAX_ANGLE = 2.0 * np.pi
@@ -126,10 +128,13 @@ class Trajectory:
         licence: under which it may be used.
         device: what measured it; "" for synthetic ones.
         raw: channels as the device gave them.
+        hand: which hand moved; "" where nobody said, or where it fits both.
+        flags: bits of `hhsim.sample_flags.SampleFlag`, shape (T,), what was mended or is in doubt; None where nobody
+            looked.
 
     Raises:
         TrajectoryError: wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
-            zero, angles in degrees, positions in millimetres, phases out of order.
+            zero, angles in degrees, positions in millimetres, phases out of order, flags that are no whole numbers.
     """
 
     time: Array
@@ -145,6 +150,8 @@ class Trajectory:
     licence: str = ""
     device: str = ""
     raw: tuple[RawChannel, ...] = ()
+    hand: HandSide = ""
+    flags: Flags | None = None
 
     def __post_init__(self) -> None:
         """Check and normalise every field."""
@@ -180,6 +187,10 @@ class Trajectory:
         object.__setattr__(self, "phases", tuple(self.phases))
         _check_phases(self.phases)
         object.__setattr__(self, "raw", tuple(_checked_channel(channel, count) for channel in self.raw))
+        if self.hand not in get_args(HandSide):
+            raise TrajectoryError(f"hand is '{self.hand}'; expected right, left, or nothing")
+        if self.flags is not None:
+            object.__setattr__(self, "flags", _checked_flags(self.flags, count))
 
     @property
     def sample_count(self) -> int:
@@ -276,6 +287,18 @@ def _checked_channel(channel: RawChannel, count: int) -> RawChannel:
         raise TrajectoryError(f"{label} has shape {values.shape}; expected ({count}, …), one row a sample")
     values.setflags(write=False)
     return replace(channel, values=values)
+
+
+def _checked_flags(flags: Any, count: int) -> Flags:
+    given = np.asarray(flags)
+    if given.shape != (count,):
+        raise TrajectoryError(f"flags has shape {given.shape}; expected ({count},), one number a sample")
+    numbers = as_numbers("flags", given)
+    if not ((numbers >= 0.0) & (numbers < 2.0**32) & (numbers == np.floor(numbers))).all():
+        raise TrajectoryError("flags holds what is no sum of bits; expected whole numbers from 0 to 2^32 - 1")
+    checked = numbers.astype(np.uint32)
+    checked.setflags(write=False)
+    return checked
 
 
 def _phase_ticks(phases: tuple[Phase, ...], start: float, tick_count: int, rate: float) -> tuple[TickPhase, ...]:

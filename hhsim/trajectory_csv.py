@@ -11,10 +11,12 @@ same motion bit for bit. Columns, in any order:
 | thumb_flex1, thumb_flex2, thumb_flex3, index_flex1, …, little_flex3 | rad | flexion, proximal to distal |
 | thumb_abd, index_abd, …, little_abd | rad | abduction, positive towards the thumb side |
 | phase (may be left out) | | phase that the sample belongs to, or empty |
+| flags (may be left out) | | sum of the bits of `hhsim.sample_flags.SampleFlag` |
 
-Lines `# key: value` before the header carry name, source, licence and device, and object_position (x y z) and
-object_orientation (w x y z) as numbers with spaces between; other such lines are remarks. Equal phase names on
-neighbouring lines are one phase; it ends where the next line begins. Raw channels are not part of a CSV file.
+Lines `# key: value` before the header carry name, source, licence, device and hand, object_position (x y z) and
+object_orientation (w x y z) as numbers with spaces between, and samples, the number of lines, so that a file that was
+cut short is noticed; other such lines are remarks. Equal phase names on neighbouring lines are one phase; it ends where
+the next line begins. Raw channels are not part of a CSV file.
 """
 
 import csv
@@ -28,13 +30,16 @@ from numpy.typing import NDArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand import FINGERS
 from hhsim.trajectory import Phase, Trajectory
+from hhsim.trajectory_checks import as_numbers
 
 POSE_COLUMNS = ("time", "px", "py", "pz", "qw", "qx", "qy", "qz")
 FLEXION_COLUMNS = tuple(f"{finger}_flex{joint}" for finger in FINGERS for joint in (1, 2, 3))
 ABDUCTION_COLUMNS = tuple(f"{finger}_abd" for finger in FINGERS)
 COLUMNS = (*POSE_COLUMNS, *FLEXION_COLUMNS, *ABDUCTION_COLUMNS)
 PHASE = "phase"
-TEXTS = ("name", "source", "licence", "device")
+FLAGS = "flags"
+TEXTS = ("name", "source", "licence", "device", "hand")
+SAMPLES = "samples"
 POSE_SIZES = {"object_position": 3, "object_orientation": 4}
 
 
@@ -48,9 +53,15 @@ def format_csv(trajectory: Trajectory) -> str:
             text.write(f"# {key}: {value}\n")
     for key in POSE_SIZES:
         text.write(f"# {key}: {' '.join(repr(float(x)) for x in getattr(trajectory, key))}\n")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow((*COLUMNS, PHASE) if trajectory.phases else COLUMNS)
     count = trajectory.sample_count
+    text.write(f"# {SAMPLES}: {count}\n")
+    writer = csv.writer(text, lineterminator="\n")
+    extra: dict[str, list[str]] = {}
+    if trajectory.phases:
+        extra[PHASE] = _phase_names(trajectory)
+    if trajectory.flags is not None:
+        extra[FLAGS] = [str(bits) for bits in trajectory.flags.tolist()]
+    writer.writerow((*COLUMNS, *extra))
     numbers = np.column_stack(
         [
             trajectory.time,
@@ -60,11 +71,8 @@ def format_csv(trajectory: Trajectory) -> str:
             trajectory.abduction,
         ]
     ).tolist()
-    if trajectory.phases:
-        names = _phase_names(trajectory)
-        writer.writerows([*map(repr, row), name] for row, name in zip(numbers, names, strict=True))
-    else:
-        writer.writerows(map(repr, row) for row in numbers)
+    added = zip(*extra.values(), strict=True) if extra else [()] * count
+    writer.writerows([*map(repr, row), *more] for row, more in zip(numbers, added, strict=True))
     return text.getvalue()
 
 
@@ -80,15 +88,17 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             line), or a motion that cannot be replayed.
     """
     lines = text.splitlines()
-    remarks, first = _read_remarks(lines)
+    remarks, first = read_remarks(lines)
     if first == len(lines):
         raise TrajectoryError("no header line; expected time,px,py,pz,qw,qx,qy,qz,thumb_flex1,…")
     header = [word.strip() for word in next(csv.reader([lines[first]]))]
     _check_header(header)
     rows: list[list[float]] = []
     names: list[str] = []
+    flags: list[str] = []
     order = [header.index(column) for column in COLUMNS]
     phase_column = header.index(PHASE) if PHASE in header else None
+    flags_column = header.index(FLAGS) if FLAGS in header else None
     for number, cells in enumerate(csv.reader(lines[first + 1 :]), start=first + 2):
         if not any(cell.strip() for cell in cells):
             continue
@@ -96,20 +106,31 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             raise TrajectoryError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
         rows.append(_numbers(cells, order, number))
         names.append(cells[phase_column].strip() if phase_column is not None else "")
+        if flags_column is not None:
+            flags.append(cells[flags_column])
+    if remarks.get(SAMPLES, str(len(rows))) != str(len(rows)):
+        raise TrajectoryError(
+            f"it holds {len(rows)} sample(s) but says # {SAMPLES}: {remarks[SAMPLES]}; was it cut short? Expected as "
+            "many as it says, or no such line"
+        )
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(COLUMNS))
-    said: dict[str, Any] = {"name": name} | {key: remarks[key] for key in TEXTS if key in remarks} | _pose(remarks)
+    said: dict[str, Any] = (
+        {"name": name} | {key: remarks[key] for key in TEXTS if key in remarks} | object_pose(remarks)
+    )
+    if flags_column is not None:
+        said[FLAGS] = as_numbers(FLAGS, flags)
     return Trajectory(
         time=table[:, 0],
         position=table[:, 1:4],
         orientation=table[:, 4:8],
         flexion=table[:, 8:23].reshape(-1, 5, 3),
         abduction=table[:, 23:],
-        phases=_phases(names, table[:, 0]),
+        phases=phases_of(names, table[:, 0]),
         **said,
     )
 
 
-def _read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:
+def read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:
     """The `# key: value` lines, and the index of the header line."""
     remarks = {}
     for index, line in enumerate(lines):
@@ -129,7 +150,7 @@ def _check_header(header: Sequence[str]) -> None:
     if missing:
         shown = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
         raise TrajectoryError(f"the header lacks {shown}; expected {len(COLUMNS)} columns and perhaps {PHASE}")
-    known = (*COLUMNS, PHASE)
+    known = (*COLUMNS, PHASE, FLAGS)
     for column in header:
         if column not in known:
             raise TrajectoryError(f"the header has an {UnknownNameError('column', column, known)}")
@@ -147,7 +168,12 @@ def _numbers(cells: Sequence[str], order: Sequence[int], line: int) -> list[floa
     return values
 
 
-def _pose(remarks: dict[str, str]) -> dict[str, NDArray[np.float64]]:
+def object_pose(remarks: dict[str, str]) -> dict[str, NDArray[np.float64]]:
+    """The object's pose in the remarks, as far as it is there.
+
+    Raises:
+        TrajectoryError: no numbers, or another count of them.
+    """
     pose = {}
     for key, size in POSE_SIZES.items():
         if key in remarks:
@@ -161,8 +187,11 @@ def _pose(remarks: dict[str, str]) -> dict[str, NDArray[np.float64]]:
     return pose
 
 
-def _phases(names: Sequence[str], time: NDArray[np.float64]) -> tuple[Phase, ...]:
-    """Runs of equal names; a run ends at the stamp after it, the last one at the last stamp."""
+def phases_of(names: Sequence[str], time: NDArray[np.float64]) -> tuple[Phase, ...]:
+    """Phases from the name at each sample: runs of equal names.
+
+    A run ends at the stamp after it, the last one at the last stamp.
+    """
     found = []
     start = 0
     for index in range(1, len(names) + 1):

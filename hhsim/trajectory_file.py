@@ -1,8 +1,10 @@
 """Trajectory files: HDF5 (format `hhsim-trajectory`), in and out; `.csv` goes to `hhsim.trajectory_csv`.
 
-schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device. Datasets, each with
-`units` and `long_name`: time (T,), position (T, 3), orientation (T, 4), flexion (T, 5, 3), abduction (T, 5),
-object/position (3,), object/orientation (4,), phase/{name, start_time, end_time} (P,), and raw/<channel> (T, …).
+schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device, hand. Datasets, each
+with `units` and `long_name`: time (T,), position (T, 3), orientation (T, 4), flexion (T, 5, 3), abduction (T, 5),
+object/position (3,), object/orientation (4,), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and, where
+somebody looked the samples over, flags (T,): bits whose meaning its attributes `flag_masks` and `flag_meanings` hold,
+as in the CF metadata conventions.
 """
 
 from pathlib import Path
@@ -12,6 +14,7 @@ import h5py
 import numpy as np
 
 from hhsim.errors import OutputError, TrajectoryError
+from hhsim.sample_flags import SampleFlag
 from hhsim.trajectory import Phase, RawChannel, Trajectory
 from hhsim.trajectory_csv import format_csv, parse_csv
 from hhsim.whole_file import hdf5_image, write_whole_file
@@ -21,7 +24,7 @@ SCHEMA_VERSION = 1
 HDF5_SUFFIXES = (".h5", ".hdf5")
 CSV_SUFFIX = ".csv"
 
-TEXTS = ("name", "source", "licence", "device")
+TEXTS = ("name", "source", "licence", "device", "hand")
 SAMPLES = {
     "time": ("s", "time stamp of the sample"),
     "position": ("m", "palm origin, world"),
@@ -99,6 +102,10 @@ def _write(trajectory: Trajectory, file: h5py.File) -> None:
         values = [getattr(phase, key) for phase in trajectory.phases]
         kind = h5py.string_dtype() if key == "name" else np.float64
         _put(file, f"phase/{key}", np.array(values, dtype=kind), units, long_name)
+    if trajectory.flags is not None:
+        _put(file, "flags", trajectory.flags, "1", "what was mended in the sample or is in doubt, sum of bits")
+        file["flags"].attrs["flag_masks"] = np.array([flag.value for flag in SampleFlag], dtype=np.uint32)
+        file["flags"].attrs["flag_meanings"] = " ".join(flag.word for flag in SampleFlag)
     for channel in trajectory.raw:
         _put(file, f"raw/{channel.name}", channel.values, channel.unit, channel.meaning)
 
@@ -132,6 +139,8 @@ def _read(path: Path) -> Trajectory:
         fields = {key: _get(file, key) for key in SAMPLES}
         fields |= {key.replace("/", "_"): _get(file, key) for key in CONSTANTS if key in file}
         fields |= {key: str(file.attrs.get(key, "")) for key in TEXTS}
+        if "flags" in file:
+            fields["flags"] = _get(file, "flags")
         return Trajectory(
             **fields,
             phases=tuple(

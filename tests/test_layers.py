@@ -32,6 +32,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         ),
         *("hand", "hand_figure", "palm", "placed_hand", "surface", "rendering"),
         *("trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
+        *("sample_flags", "recording", "hand_change", "recorded_axes", "column_map", "csv_table"),
+        *("recording_csv", "recording_npz", "recording_file"),
+        *("recording_stamps", "recording_units", "recording_glitches", "recording_repair", "import_report"),
         *("script", "disturbance", "closing", "closing_search", "slide", "synthesis", "trajectory_catalogue"),
         *("hand_motion", "brute_distance", "stress", "scene", "haptic_motion", "hard_objects", "hard_postures"),
     ),
@@ -50,7 +53,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("bench_threads",),
     ("qp_program", "qp_check", "qp_backends", "qp_tally", "qp_degenerate", "qp_sizes", "qp_harvest", "bench_qp"),
     # Pictures of them.
-    ("replay_figure", "cost_figure", "speed_error_figure"),
+    ("replay_figure", "cost_figure", "speed_error_figure", "recording_figure"),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
 

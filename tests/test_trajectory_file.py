@@ -6,8 +6,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from hhsim.errors import OutputError, TrajectoryError
+from hhsim.sample_flags import SampleFlag
 from hhsim.trajectory import Phase, RawChannel, Trajectory
 from hhsim.trajectory_file import FORMAT, load_trajectory, save_trajectory
 
@@ -29,6 +31,8 @@ def motion() -> Trajectory:
         source="made for a test: µ",
         licence="Apache-2.0",
         device="Dexmo",
+        hand="left",
+        flags=np.arange(50, dtype=np.uint32),
         raw=(RawChannel("bend", np.floor(rng.uniform(0, 4096, size=(50, 5))), "1", "sensor counts"),),
     )
 
@@ -36,8 +40,10 @@ def motion() -> Trajectory:
 def assert_same(one: Trajectory, other: Trajectory) -> None:
     for key in ("time", "position", "orientation", "flexion", "abduction", "object_position", "object_orientation"):
         assert getattr(one, key).tobytes() == getattr(other, key).tobytes(), key
-    for key in ("phases", "name", "source", "licence", "device"):
+    for key in ("phases", "name", "source", "licence", "device", "hand"):
         assert getattr(one, key) == getattr(other, key)
+    assert (one.flags is None) == (other.flags is None)
+    assert one.flags is None or (one.flags == other.flags).all()
 
 
 def test_hdf5_gives_back_every_bit(motion: Trajectory, tmp_path: Path) -> None:
@@ -74,12 +80,44 @@ def test_every_dataset_carries_its_unit_and_meaning(motion: Trajectory, tmp_path
         file.visititems(lambda key, item: seen.update({key: dict(item.attrs)}) if hasattr(item, "shape") else None)
     assert set(seen) == {
         "time", "position", "orientation", "flexion", "abduction", "object/position", "object/orientation",
-        "phase/name", "phase/start_time", "phase/end_time", "raw/bend",
+        "phase/name", "phase/start_time", "phase/end_time", "raw/bend", "flags",
     }  # fmt: skip
     for key, attributes in seen.items():
-        assert set(attributes) == {"units", "long_name"}, key
+        assert set(attributes) - {"flag_masks", "flag_meanings"} == {"units", "long_name"}, key
         assert attributes["long_name"], key
     assert seen["time"]["units"] == "s" and seen["flexion"]["units"] == "rad" and seen["position"]["units"] == "m"
+
+
+def test_the_file_says_what_its_flags_mean(motion: Trajectory, tmp_path: Path) -> None:
+    save_trajectory(motion, tmp_path / "m.h5")
+    with h5py.File(tmp_path / "m.h5") as file:
+        attributes = dict(file["flags"].attrs)
+        assert file["flags"].dtype == np.uint32
+    words = attributes["flag_meanings"].split()
+    assert words == [flag.word for flag in SampleFlag]
+    assert attributes["flag_masks"].tolist() == [flag.value for flag in SampleFlag]
+
+
+@pytest.mark.parametrize("flags", [np.zeros(49), np.full(50, -1), np.full(50, 0.5), np.full(50, np.nan)])
+def test_flags_are_sums_of_bits(motion: Trajectory, flags: NDArray[np.uint32]) -> None:
+    with pytest.raises(TrajectoryError, match="flags"):
+        replace(motion, flags=flags)
+
+
+def test_the_hand_is_right_or_left(motion: Trajectory) -> None:
+    with pytest.raises(TrajectoryError, match="hand is 'both'; expected right, left"):
+        replace(motion, hand="both")  # type: ignore[arg-type]
+
+
+def test_a_csv_that_was_cut_short_is_noticed(motion: Trajectory, tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    save_trajectory(motion, path)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:-10]))
+    with pytest.raises(TrajectoryError, match=r"it holds 40 sample\(s\) but says # samples: 50"):
+        load_trajectory(path)
+    path.write_text("".join(line for line in lines[:-10] if not line.startswith("# samples")))
+    assert load_trajectory(path).sample_count == 40
 
 
 @pytest.mark.parametrize("name", ["m.h5", "m.csv"])
@@ -190,7 +228,7 @@ ROW = "0.0,0,0,0.1,1,0,0,0" + ",0.2" * 15 + ",0" * 5
 def test_the_documented_header_is_what_is_written(motion: Trajectory, tmp_path: Path) -> None:
     save_trajectory(motion, tmp_path / "m.csv")
     lines = [line for line in (tmp_path / "m.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#"]
-    assert lines[0] == f"{HEADER},phase"
+    assert lines[0] == f"{HEADER},phase,flags"
     assert len(lines) == 51
 
 

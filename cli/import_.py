@@ -1,0 +1,186 @@
+"""`hhsim import`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from . import options
+from .console import print_json, print_notes, print_table
+
+if TYPE_CHECKING:
+    from hhsim.recording_file import ReadOptions
+    from hhsim.recording_repair import JointLimits
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
+@click.option("--format", "form", metavar="NAME", help="Format of the file. Default: the content decides.")
+@click.option(
+    "--columns",
+    type=click.Path(path_type=Path),
+    metavar="TOML",
+    help="What the columns of a CSV mean: units, signs, offsets, which joint (hhsim/column_map.py has an example).",
+)
+@click.option("--hand", type=click.Choice(["right", "left"]), help="Which hand it is, where the file does not say.")
+@click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the stamps.")
+@click.option("--length-unit", type=click.Choice(["m", "cm", "mm", "inch"]), help="Unit of the positions.")
+@click.option("--angle-unit", type=click.Choice(["rad", "deg"]), help="Unit of the joint angles.")
+@click.option(
+    "--palm-axes",
+    metavar="X,Y,Z",
+    help="Axes of the recording's palm that point to the little finger, to the fingers and out of the back of a right "
+    "hand, such as -y,x,z. Default: what the file says, else x,y,z.",
+)
+@click.option(
+    "--world-up",
+    type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
+    help="Axis of the recording's world that points up. Default: what the file says, else z.",
+)
+@click.option("--from", "start", type=float, metavar="S", help="Keep samples from this stamp on [s].")
+@click.option("--to", "end", type=float, metavar="S", help="Keep samples up to this stamp [s].")
+@click.option(
+    "--max-gap",
+    type=click.FloatRange(0.0, min_open=True),
+    default=1.0,
+    show_default=True,
+    metavar="S",
+    help="Longest hole that is interpolated [s].",
+)
+@click.option(
+    "--hand-length",
+    type=click.FloatRange(50.0, 400.0),
+    metavar="MM",
+    help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, if it has any.",
+)
+@click.option(
+    "--scale-to",
+    type=click.FloatRange(50.0, 400.0),
+    metavar="MM",
+    help="Scale the palm's way to a hand of this length [mm]. Default: metres stay metres; angles fit every hand.",
+)
+@click.option("--mirror", is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
+@click.option(
+    "--hand-file",
+    type=click.Path(path_type=Path),
+    metavar="TOML",
+    help="Hand whose joint limits bound the angles. Default: the usual one.",
+)
+@click.option("--keep-angles", is_flag=True, help="Keep joint angles beyond the hand's limits.")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw what came in and what went out.")
+@options.out
+@options.json
+@options.quiet
+def command(
+    file: Path,
+    form: str | None,
+    columns: Path | None,
+    hand: Literal["right", "left"] | None,
+    time_unit: str | None,
+    length_unit: str | None,
+    angle_unit: str | None,
+    palm_axes: str | None,
+    world_up: str | None,
+    start: float | None,
+    end: float | None,
+    max_gap: float,
+    hand_length: float | None,
+    scale_to: float | None,
+    mirror: bool,
+    hand_file: Path | None,
+    keep_angles: bool,
+    plot: Path | None,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Make a trajectory of a recording of a hand.
+
+    FILE is hhsim's own .csv or .h5, .npz arrays, or any CSV with --columns. What is wrong in it and safe to mend is
+    mended, marked in each sample and listed; what is not safe is refused with the reason. hhsim replay OBJECT OUT.h5
+    plays what comes out.
+
+    \b
+    Examples:
+      hhsim import grab.npz --out grab.h5 --plot grab.png
+      hhsim import glove.csv --columns glove.toml --hand left
+      hhsim import session.csv --from 2 --to 7.5 --length-unit mm
+    """
+    from hhsim.destination import check_destination, dated_destination
+    from hhsim.errors import InputError, OutputError
+    from hhsim.import_report import COLUMNS, make_report
+    from hhsim.recording_file import read_recording
+    from hhsim.recording_repair import RepairOptions, repair
+    from hhsim.trajectory_file import save_trajectory
+
+    destination = out or dated_destination(file.stem or "recording")
+    if destination.suffix.lower() not in (".h5", ".hdf5", ".csv"):
+        raise click.UsageError(f"--out {destination}: a trajectory is a .h5 or a .csv file")
+    check_destination(destination)
+    if destination.exists() and destination.resolve() == file.resolve():
+        raise OutputError(f"{destination} is the recording itself, so it is not replaced: name another file")
+    if plot is not None:
+        check_destination(plot)
+    asked = RepairOptions(
+        max_gap=max_gap,
+        start=start,
+        end=end,
+        time_unit=time_unit,
+        length_unit=length_unit,
+        angle_unit=angle_unit,
+        mirror=mirror,
+        hand_length=None if hand_length is None else 1e-3 * hand_length,
+        scale_to=None if scale_to is None else 1e-3 * scale_to,
+        **_limits(hand_file, keep_angles),
+    )
+    recording = read_recording(file, _read_options(form, columns, hand, palm_axes, world_up))
+    try:
+        repaired = repair(recording, asked)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    save_trajectory(repaired.trajectory, destination)
+    report = make_report(recording, repaired)
+    if plot is not None:
+        from hhsim.recording_figure import draw_import
+
+        draw_import(recording, repaired.trajectory, plot)
+    if as_json:
+        print_json(
+            {"file": str(file), **report.to_json(), "path": str(destination), "plot": str(plot) if plot else None}
+        )
+    elif not quiet:
+        side = f"{report.hand} hand" if report.hand else "hand of a side that the file does not tell"
+        long = f" of {1e3 * report.hand_length:.0f} mm" if report.hand_length is not None else ""
+        print_table(COLUMNS, report.rows(), title=f"{file.name}, {report.form}: {side}{long}", numbers=COLUMNS[1:3])
+        print(
+            f"{report.samples_out:,} of {report.samples_in:,} samples, {report.duration:.3f} s at "
+            f"{report.mean_rate:.1f} Hz, longest step {1e3 * report.longest_step:.1f} ms, {report.mended:,} mended"
+        )
+        print(f"written to {destination}" + (f", drawn in {plot}" if plot else ""))
+        if destination.suffix.lower() == ".csv" and repaired.trajectory.raw:
+            print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])
+
+
+def _read_options(
+    form: str | None, columns: Path | None, hand: Literal["right", "left"] | None, palm_axes: str | None, up: str | None
+) -> "ReadOptions":
+    from hhsim.column_map import read_column_map
+    from hhsim.recording_file import ReadOptions
+
+    return ReadOptions(
+        form=form,
+        columns=read_column_map(columns) if columns is not None else None,
+        hand=hand or "",
+        palm_axes=None if palm_axes is None else tuple(part.strip() for part in palm_axes.split(",")),
+        world_up=up,
+    )
+
+
+def _limits(hand_file: Path | None, keep: bool) -> "dict[str, JointLimits | None] | dict[str, Any]":
+    """The joint limits, as an argument of RepairOptions; nothing where the default holds."""
+    from hhsim.hand import HandModel
+    from hhsim.recording_repair import limits_of
+
+    if keep:
+        return {"limits": None}
+    return {} if hand_file is None else {"limits": limits_of(HandModel.from_toml(hand_file))}

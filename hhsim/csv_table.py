@@ -1,0 +1,155 @@
+"""CSV tables of any maker, read with patience: what cannot be read is missing, and said to be.
+
+Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks.
+"""
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.recording import MOST_SAMPLES, Finding, note
+
+Array = NDArray[np.float64]
+
+DELIMITERS = (",", ";", "\t", " ")
+MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity", "-infinity"}
+MOST_BROKEN = 0.25
+"""Where more lines or cells than this cannot be read, the file is refused."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text.
+
+    Attributes:
+        header: names of the columns.
+        rows: cells, as many a row as names.
+        remarks: the `# key: value` lines before the header.
+        decimal: the decimal sign.
+        findings: lines that were left out.
+    """
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    remarks: dict[str, str]
+    decimal: str
+    findings: tuple[Finding, ...]
+
+    def numbers(self, columns: Sequence[str]) -> tuple[Array, int]:
+        """The numbers of some columns, shape (T, C), NaN where there is none, and how many cells are no number at all.
+
+        Raises:
+            TrajectoryError: a column holds no number.
+            UnknownNameError: a column that the table has not; the message lists the near ones.
+        """
+        values = np.full((len(self.rows), len(columns)), np.nan)
+        broken = 0
+        for place, column in enumerate(columns):
+            if column not in self.header:
+                raise UnknownNameError("column", column, self.header)
+            index = self.header.index(column)
+            bad = 0
+            for row, cells in enumerate(self.rows):
+                number = _number(cells[index], self.decimal)
+                if number is None:
+                    bad += 1
+                else:
+                    values[row, place] = number
+            if bad > MOST_BROKEN * max(len(self.rows), 1):
+                example = next(c[index] for c in self.rows if _number(c[index], self.decimal) is None)
+                raise TrajectoryError(f"column '{column}' holds '{example[:40]}'; expected numbers")
+            broken += bad
+        return values, broken
+
+    def text(self, column: str) -> list[str]:
+        """The cells of a column as they are."""
+        index = self.header.index(column)
+        return [cells[index].strip() for cells in self.rows]
+
+
+def read_table(text: str, *, delimiter: str | None = None, decimal: str = ".") -> Table:
+    """Read a table.
+
+    Args:
+        text: the content of the file.
+        delimiter: between cells; found in the header if not given.
+        decimal: the decimal sign.
+
+    Raises:
+        TrajectoryError: no header, no line below it, columns of the same name, or most lines of another length.
+    """
+    lines = text.splitlines()
+    first, remarks = 0, {}
+    while first < len(lines) and (lines[first].startswith("#") or not lines[first].strip()):
+        key, colon, value = lines[first][1:].partition(":")
+        if colon:
+            remarks[key.strip()] = value.strip()
+        first += 1
+    if first == len(lines):
+        raise TrajectoryError("no header line; expected the names of the columns")
+    if len(lines) > MOST_SAMPLES:
+        raise TrajectoryError(f"{len(lines):,} lines; expected at most {MOST_SAMPLES:,}")
+    sign = delimiter or _delimiter(lines[first])
+    header = tuple(cell.strip() for cell in _cells(lines[first], sign))
+    twice = next((name for name in header if name and header.count(name) > 1), None)
+    if twice is not None:
+        raise TrajectoryError(f"the header has column '{twice}' twice")
+    findings = []
+    if len(lines) > first + 2 and not text.endswith(("\n", "\r")):
+        # A number that was cut in the middle is a wrong number that looks like a right one.
+        findings.append(note(f"line {len(lines)}, the last one, has no line end: left out, it may have been cut"))
+        lines.pop()
+    rows: list[tuple[str, ...]] = []
+    broken: list[int] = []
+    for number, line in enumerate(lines[first + 1 :], start=first + 2):
+        if not line.strip() or line.startswith("#"):
+            continue
+        cells = _cells(line, sign)
+        if len(cells) == len(header):
+            rows.append(tuple(cells))
+        else:
+            broken.append(number)
+    if len(broken) > MOST_BROKEN * (len(rows) + len(broken)):
+        raise TrajectoryError(
+            f"{len(broken)} of {len(rows) + len(broken)} lines have another number of cells than the header's "
+            f"{len(header)}, first line {broken[0]}; expected a table"
+        )
+    if not rows:
+        raise TrajectoryError("no line below the header; expected one a sample")
+    if broken:
+        findings.append(
+            note(f"{len(broken)} line(s) with another number of cells than the header left out, first line {broken[0]}")
+        )
+    return Table(header, tuple(rows), remarks, decimal, tuple(findings))
+
+
+def _delimiter(line: str) -> str:
+    return max(DELIMITERS, key=lambda sign: (line.strip().count(sign), -DELIMITERS.index(sign)))
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    try:
+        # Line by line, so that a stray quotation mark spoils one line and not the rest of the file.
+        return next(csv.reader([line.replace("\0", "?")], delimiter=delimiter), [])
+    except csv.Error:
+        return []
+
+
+def _number(cell: str, decimal: str) -> float | None:
+    """The number in a cell, NaN where it says that there is none; None where it is no number."""
+    word = cell.strip().strip('"').lower()
+    if word in MISSING:
+        return math.nan
+    if "_" in word:
+        return None
+    try:
+        return float(word.replace(decimal, ".") if decimal != "." else word)
+    except ValueError:
+        return None

@@ -1,0 +1,49 @@
+"""How much a hand changes between samples of a recording, as one length: what tells a motion from a heap of samples.
+
+A turn of the palm counts as the way of a point `PALM_ARM` away from its origin, a joint angle as that of a fingertip.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.haptic_motion import conjugate, quaternion_product, rotation_vector
+from hhsim.recording import Recording
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PALM_ARM = 0.1
+"""From the palm's origin to a straight fingertip [m]."""
+FINGER_ARM = 0.04
+"""From a joint to the fingertip, of a usual joint [m]."""
+
+
+def turn(first: Array, second: Array) -> Array:
+    """Rotation vectors [rad] from quaternions `first` to `second`, in the frame of `first`, shape (…, 3).
+
+    Any length and sign; NaN or a length of zero gives NaN.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        a = first / np.linalg.norm(first, axis=-1, keepdims=True)
+        b = second / np.linalg.norm(second, axis=-1, keepdims=True)
+        return rotation_vector(quaternion_product(conjugate(a), b))
+
+
+def change(recording: Recording, first: Indices, second: Indices) -> Array:
+    """How far the hand is in samples `second` from where it is in `first` [m]; missing numbers count as unchanged."""
+    parts = [
+        recording.position[second] - recording.position[first],
+        PALM_ARM * turn(recording.orientation[first], recording.orientation[second]),
+        FINGER_ARM * (recording.flexion[second] - recording.flexion[first]).reshape(len(first), -1),
+        FINGER_ARM * (recording.abduction[second] - recording.abduction[first]),
+    ]
+    square = sum(np.nansum(part * part, axis=1) for part in parts)
+    return np.asarray(np.sqrt(square))
+
+
+def deviation(recording: Recording, sample: int, neighbours: tuple[int, ...]) -> float:
+    """How far a sample is from its nearest neighbour of those given [m]; 0 without any."""
+    if not neighbours:
+        return 0.0
+    others = np.array(neighbours, dtype=np.int64)
+    return float(change(recording, others, np.full(others.shape, sample)).min())

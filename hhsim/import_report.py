@@ -1,0 +1,92 @@
+"""What an import found and did, for people and for machines."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhsim.recording import Finding, Recording
+from hhsim.recording_repair import Repaired
+from hhsim.sample_flags import FLAG_MEANINGS, SampleFlag, marked
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """The outcome of an import.
+
+    Attributes:
+        form: format of the file, in a word.
+        samples_in, samples_out: before and after.
+        duration: of the trajectory [s].
+        mean_rate: samples a second [Hz].
+        longest_step: longest time between samples [s].
+        hand: right, left, or "" where nobody said.
+        hand_length: of the recorded hand [m], None where it is not known.
+        mended: samples of which a number was changed.
+        findings: in the order of the repairs.
+        flags: how many samples bear each flag.
+    """
+
+    form: str
+    samples_in: int
+    samples_out: int
+    duration: float
+    mean_rate: float
+    longest_step: float
+    hand: str
+    hand_length: float | None
+    mended: int
+    findings: tuple[Finding, ...]
+    flags: dict[str, int]
+
+    def to_json(self) -> dict[str, Any]:
+        """The report as a document, SI units."""
+        return {
+            "format": self.form,
+            "samples_in": self.samples_in,
+            "samples_out": self.samples_out,
+            "duration": self.duration,
+            "mean_rate": self.mean_rate,
+            "longest_step": self.longest_step,
+            "hand": self.hand,
+            "hand_length": self.hand_length,
+            "mended": self.mended,
+            "flags": self.flags,
+            "flag_meanings": {flag.word: FLAG_MEANINGS[flag] for flag in SampleFlag if flag.word in self.flags},
+            "findings": [vars(finding) for finding in self.findings],
+        }
+
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """Rows of the table: finding, samples, first at [s], what was done."""
+        return [
+            (
+                finding.kind.replace("_", " "),
+                f"{finding.samples:,}" if finding.samples else "",
+                "" if finding.first_time is None else f"{finding.first_time:.3f}",
+                finding.text,
+            )
+            for finding in self.findings
+        ]
+
+
+COLUMNS = ("finding", "samples", "first at [s]", "what, and what was done")
+
+
+def make_report(recording: Recording, repaired: Repaired) -> ImportReport:
+    """The report of a recording and of what became of it."""
+    motion = repaired.trajectory
+    flags = motion.flags if motion.flags is not None else np.zeros(motion.sample_count, dtype=np.uint32)
+    counts = {flag.word: int(marked(flags, flag).sum()) for flag in SampleFlag}
+    return ImportReport(
+        form=recording.form,
+        samples_in=recording.sample_count,
+        samples_out=motion.sample_count,
+        duration=motion.duration,
+        mean_rate=motion.mean_rate,
+        longest_step=float(np.diff(motion.time).max(initial=0.0)),
+        hand=motion.hand,
+        hand_length=repaired.hand_length,
+        mended=repaired.mended,
+        findings=repaired.findings,
+        flags={word: count for word, count in counts.items() if count},
+    )

@@ -1,0 +1,76 @@
+"""Frames of recordings, and how they become ours: world z up, palm x to the little finger, y to the fingers, z out of
+the back (of a right hand; of a left hand x points to the thumb, so that the frame stays right-handed).
+
+A world whose y points up, as in most motion capture and games, is turned about x: (x, y, z) becomes (x, -z, y). A palm
+frame is described by our three axes in terms of the recording's, such as ("-y", "x", "z"): our x is its -y, our y is
+its x.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.haptic_motion import quaternion_product
+from hhsim.synthesis import quaternion_from_matrix
+
+Array = NDArray[np.float64]
+
+OURS = ("x", "y", "z")
+WORLD_UP = ("x", "y", "z", "-x", "-y", "-z")
+_UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> Array:
+    """Rotation from our frame to the recording's, shape (3, 3): its columns are our axes in the recording's.
+
+    Args:
+        axes: our x, y, z, each as one of x, y, z, -x, -y, -z of the recording.
+        where: names them in messages.
+
+    Raises:
+        InputError: not three axes across each other, or a left-handed frame.
+    """
+    if len(axes) != 3 or any(not isinstance(axis, str) or axis.strip("+-") not in _UNIT for axis in axes):
+        raise InputError(f'{where} {list(axes)}: expected three of x, y, z, -x, -y, -z, such as ["-y", "x", "z"]')
+    columns = [(-1.0 if axis.startswith("-") else 1.0) * np.array(_UNIT[axis.strip("+-")]) for axis in axes]
+    matrix = np.stack(columns, axis=1)
+    if not np.isclose(np.linalg.det(matrix), 1.0):
+        raise InputError(f"{where} {list(axes)}: left-handed or not across each other; expected a right-handed frame")
+    return matrix
+
+
+def world_matrix(up: str, where: str = "world_up") -> Array:
+    """Rotation from the recording's world to ours, shape (3, 3).
+
+    Args:
+        up: the axis of the recording that points up.
+        where: names it in messages.
+
+    Raises:
+        InputError: no axis.
+    """
+    turns = {
+        "z": ("x", "y", "z"),
+        "-z": ("x", "-y", "-z"),
+        "y": ("x", "-z", "y"),
+        "-y": ("x", "z", "-y"),
+        "x": ("-z", "y", "x"),
+        "-x": ("z", "y", "-x"),
+    }
+    if up not in turns:
+        raise InputError(f"{where} = {up!r}: expected one of {', '.join(WORLD_UP)}")
+    # Rows: our axes in terms of the recording's.
+    return axes_matrix(turns[up], where).T
+
+
+def to_our_world(position: Array, orientation: Array, up: str) -> tuple[Array, Array]:
+    """Palm positions (T, 3) and orientations (T, 4, w x y z) of a recording's world in ours."""
+    turn = world_matrix(up)
+    return position @ turn.T, quaternion_product(quaternion_from_matrix(turn), orientation)
+
+
+def to_our_palm(orientation: Array, axes: Sequence[str]) -> Array:
+    """Orientations of our palm frame from those of the recording's, (T, 4), w x y z."""
+    return quaternion_product(orientation, quaternion_from_matrix(axes_matrix(axes)))

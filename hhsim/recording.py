@@ -1,0 +1,135 @@
+"""A recording as a device or a file gave it: unchecked, with holes, and what its reader has to say about it.
+
+Readers (`recording_csv`, `recording_npz`, …) make one; `hhsim.recording_repair` turns it into a
+`hhsim.trajectory.Trajectory`, or refuses. A missing number is NaN.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.trajectory import HandSide, Phase, RawChannel
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.uint32]
+
+MOST_SAMPLES = 10_000_000
+"""More samples than this are no hand recording: three hours at 1 kHz."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that was found in a recording, and what was done about it.
+
+    Attributes:
+        kind: a word of `hhsim.sample_flags.SampleFlag`, or "note".
+        text: one line.
+        samples: how many it concerns; 0 where it is not about single samples.
+        first_time: stamp of the first of them [s]; None where it is not about single samples.
+    """
+
+    kind: str
+    text: str
+    samples: int = 0
+    first_time: float | None = None
+
+
+def note(text: str) -> Finding:
+    """A remark that is not about single samples."""
+    return Finding("note", text)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Samples as they came; frames and units are already ours where the reader knows them.
+
+    Attributes:
+        time: stamps [s], or in another unit if `stated` lacks "time"; any order, NaN where missing, shape (T,).
+        position: palm origin [m, or another unit if `stated` lacks "length"], world, shape (T, 3).
+        orientation: palm to world (w, x, y, z), any length and sign, shape (T, 4).
+        flexion: [rad, or another unit if `stated` lacks "angle"], shape (T, 5, 3).
+        abduction: the same, shape (T, 5).
+        flags: what the reader already found in each sample, shape (T,); made if not given.
+        stated: the units that the file or the user stated: "time", "length", "angle". Those are not guessed.
+        form: format that it was read from, in a word.
+        name, source, licence, device, hand, phases, object_position, object_orientation, raw: as in `Trajectory`.
+        hand_length: of the recorded hand, wrist crease to middle fingertip [m]; None where it is not known.
+        findings: of the reader.
+    """
+
+    time: Array
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
+    flags: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
+    stated: frozenset[str] = frozenset()
+    form: str = ""
+    name: str = ""
+    source: str = ""
+    licence: str = ""
+    device: str = ""
+    hand: HandSide = ""
+    hand_length: float | None = None
+    phases: tuple[Phase, ...] = ()
+    object_position: Array | None = None
+    object_orientation: Array | None = None
+    raw: tuple[RawChannel, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make every array float64 of its own and check the shapes."""
+        count = len(np.atleast_1d(self.time))
+        if count > MOST_SAMPLES:
+            raise TrajectoryError(f"{count:,} samples; expected at most {MOST_SAMPLES:,}")
+        shapes = {
+            "time": (count,),
+            "position": (count, 3),
+            "orientation": (count, 4),
+            "flexion": (count, 5, 3),
+            "abduction": (count, 5),
+        }
+        for key, shape in shapes.items():
+            values = _numbers(key, getattr(self, key))
+            if values.shape != shape:
+                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {count} stamp(s)")
+            # Infinity is as little a reading as NaN is.
+            values[~np.isfinite(values)] = np.nan
+            object.__setattr__(self, key, values)
+        flags = np.array(self.flags, dtype=np.uint32) if len(self.flags) else np.zeros(count, dtype=np.uint32)
+        if flags.shape != (count,):
+            raise TrajectoryError(f"flags has shape {flags.shape}; expected ({count},)")
+        object.__setattr__(self, "flags", flags)
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples T."""
+        return int(self.time.shape[0])
+
+    def chosen(self, index: NDArray[Any]) -> Self:
+        """The samples of these numbers (or where a mask is true), in this order."""
+        samples = {key: getattr(self, key)[index] for key in ("time", *MOTION, "flags")}
+        raw = tuple(replace(channel, values=channel.values[index]) for channel in self.raw)
+        return replace(self, **samples, raw=raw)
+
+    def changed(self, **fields: Any) -> Self:
+        """With these fields replaced."""
+        return replace(self, **fields)
+
+    def found(self, *findings: Finding) -> Self:
+        """With these findings added."""
+        return replace(self, findings=(*self.findings, *findings))
+
+
+MOTION = ("position", "orientation", "flexion", "abduction")
+"""The arrays of a motion, one row a sample."""
+
+
+def _numbers(label: str, values: Any) -> Array:
+    try:
+        return np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise TrajectoryError(f"{label} is not an array of numbers") from None

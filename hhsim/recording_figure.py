@@ -1,0 +1,125 @@
+"""A picture of an import: what came in, grey, what went out, in colour, and the samples that bear a flag."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.destination import check_destination
+from hhsim.hand import FINGERS
+from hhsim.hand_change import turn
+from hhsim.recording import Recording
+from hhsim.rendering import save_figure
+from hhsim.sample_flags import SampleFlag, marked
+from hhsim.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
+"""Of Okabe & Ito: told apart by every eye."""
+BANDS: tuple[tuple[str, SampleFlag, str], ...] = (
+    ("interpolated", SampleFlag.PALM_FILLED | SampleFlag.FINGERS_FILLED, "#56B4E9"),
+    ("outlier replaced", SampleFlag.PALM_OUTLIER | SampleFlag.FINGERS_OUTLIER, "#D55E00"),
+    ("at a joint limit", SampleFlag.LIMITED, "#E69F00"),
+    ("suspect, jump or frozen", SampleFlag.SUSPECT | SampleFlag.JUMP | SampleFlag.FROZEN, "#CC79A7"),
+    ("stamps: gap, cut, sorted", SampleFlag.GAP_BEFORE | SampleFlag.CUT_BEFORE | SampleFlag.REORDERED, "#000000"),
+    ("device unsure, estimated", SampleFlag.INVALID | SampleFlag.ESTIMATED, "#999999"),
+    ("quaternion turned or scaled", SampleFlag.FLIPPED | SampleFlag.RENORMALISED, "#009E73"),
+)
+"""Rows of the strip of flags: what they say, the flags, the colour."""
+
+
+def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
+    """Draw a recording and the trajectory that became of it.
+
+    Args:
+        recording: as it was read, in the units of its file.
+        motion: with its flags.
+        path: picture file; matplotlib chooses the format by its ending.
+
+    Raises:
+        InputError: matplotlib has no such picture format.
+        OutputError: the picture cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    check_destination(path)
+    figure = Figure(figsize=(13, 15), dpi=100, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(9, 1, sharex=True, height_ratios=[2, 2, 2, 2, 2, 2, 2, 2, 1.5])
+    time_in, time_out = recording.time, motion.time
+    scale = _time_scale(recording, motion)
+    grey = _Grey(time_in * scale[0] + scale[1], time_out)
+    _panel(rows[0], grey, 1e3 * recording.position, 1e3 * motion.position, ("x", "y", "z"), "palm [mm]")
+    _panel(rows[1], grey, _angle(recording.orientation), _angle(motion.orientation), ("x", "y", "z"), "turn [°]")
+    for f, finger in enumerate(FINGERS):
+        names = ("first", "second", "third")
+        came, went = np.degrees(recording.flexion[:, f]), np.degrees(motion.flexion[:, f])
+        _panel(rows[2 + f], grey, came, went, names, f"{finger}\nflexion [°]")
+    came, went = np.degrees(recording.abduction), np.degrees(motion.abduction)
+    _panel(rows[7], grey, came, went, FINGERS, "abduction [°]")
+    _strip(rows[8], motion)
+    rows[0].set_title(f"{motion.name}: grey what came in, coloured what went out", fontsize=13, loc="left")
+    rows[8].set_xlabel("time [s]")
+    save_figure(figure, path)
+
+
+class _Grey:
+    """The clocks of what came in and of what went out."""
+
+    def __init__(self, time_in: Array, time_out: Array) -> None:
+        self.time_in, self.time_out = time_in, time_out
+
+
+def _time_scale(recording: Recording, motion: Trajectory) -> tuple[float, float]:
+    """Factor and shift from the file's clock to the trajectory's, whose unit and zero may be others."""
+    given = recording.time[np.isfinite(recording.time)]
+    step_in = float(np.median(np.diff(np.unique(given)))) if given.size > 1 else 1.0
+    step_out = float(np.median(np.diff(motion.time)))
+    factor = next((f for f in (1.0, 1e-3, 1e-6, 1e-9) if 0.2 < step_in * f / step_out < 5.0), 1.0)
+    shift = 0.0 if factor == 1.0 and motion.time[0] >= given.min() else motion.time[0] - factor * float(given.min())
+    return factor, shift
+
+
+def _angle(orientation: Array) -> Array:
+    """Rotation vectors [degrees] from the first whole quaternion on, shape (T, 3)."""
+    whole = np.isfinite(orientation).all(axis=1) & (np.linalg.norm(np.nan_to_num(orientation), axis=1) > 0.0)
+    first = orientation[np.argmax(whole)]
+    return np.asarray(np.degrees(turn(np.broadcast_to(first, orientation.shape), orientation)))
+
+
+def _panel(axes: "Axes", clock: _Grey, came: Array, went: Array, names: tuple[str, ...], label: str) -> None:
+    for column in range(went.shape[1]):
+        axes.plot(clock.time_in, came[:, column], color="0.65", linewidth=2.5, marker=".", markersize=4)
+    for column, name in enumerate(names):
+        axes.plot(clock.time_out, went[:, column], color=COLOURS[column], linewidth=1.0, label=name)
+    low, high = float(np.min(went)), float(np.max(went))
+    room = 0.35 * max(high - low, 1.0)
+    # Outliers leave the panel rather than flatten it.
+    shown = came[np.isfinite(came)]
+    inside = shown[(shown > low - 3 * room) & (shown < high + 3 * room)]
+    axes.set_ylim(min(low, inside.min(initial=low)) - 0.2 * room, max(high, inside.max(initial=high)) + 0.2 * room)
+    axes.set_xlim(clock.time_out[0], clock.time_out[-1])
+    axes.set_ylabel(label)
+    axes.grid(color="0.92")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+
+
+def _strip(axes: "Axes", motion: Trajectory) -> None:
+    """A row of marks for each group of flags."""
+    flags = motion.flags if motion.flags is not None else np.zeros(motion.sample_count, dtype=np.uint32)
+    for row, (_, flag, colour) in enumerate(BANDS):
+        at = motion.time[marked(flags, flag)]
+        axes.plot(at, np.full(at.shape, -row), "|", color=colour, markersize=8)
+    axes.set_yticks(
+        [-row for row in range(len(BANDS))],
+        [f"{name}: {int(marked(flags, flag).sum())}" for name, flag, _ in BANDS],
+        fontsize=8,
+    )
+    axes.set_ylim(-len(BANDS) + 0.4, 0.6)
+    axes.grid(axis="x", color="0.92")

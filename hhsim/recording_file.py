@@ -1,0 +1,162 @@
+"""A file of any known format as a `hhsim.recording.Recording`; the content decides which format it is.
+
+| format | begins with | reader |
+|---|---|---|
+| hhsim | HDF5's signature | `hhsim.trajectory_file` |
+| npz | the signature of a zip archive | `hhsim.recording_npz` |
+| csv | anything else that is text | `hhsim.recording_csv`, by our columns or by a mapping |
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import get_args
+
+from hhsim.column_map import OWN_COLUMNS, ColumnMap, is_own_header
+from hhsim.csv_table import read_table
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError
+from hhsim.recorded_axes import axes_matrix
+from hhsim.recording import Recording
+from hhsim.recording_csv import read_csv_recording
+from hhsim.recording_npz import read_npz_recording
+from hhsim.trajectory import HandSide, Trajectory
+
+FORMATS = {
+    "hhsim": "a trajectory of hhsim, .h5",
+    "npz": "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
+    "csv": "a table: hhsim's own columns, or any with --columns",
+}
+"""Every format with its one line."""
+MOST_BYTES = 1 << 30
+"""A file larger than this [byte] is no hand recording."""
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What the user says about a file.
+
+    Attributes:
+        form: a word of `FORMATS`; None lets the content decide.
+        columns: what the columns of a table mean.
+        hand: which hand it is, where the file does not say it, or says it wrong.
+        palm_axes: our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
+        world_up: the axis of the recording's world that points up; None takes the file's.
+    """
+
+    form: str | None = None
+    columns: ColumnMap | None = None
+    hand: HandSide = ""
+    palm_axes: Sequence[str] | None = None
+    world_up: str | None = None
+
+
+def read_recording(path: str | Path, options: ReadOptions | None = None) -> Recording:
+    """Read a recording.
+
+    Args:
+        path: the file.
+        options: what the user says about it.
+
+    Raises:
+        TrajectoryError: no such file, none of the formats, or a damaged one; one line that begins with the path.
+        InputError: options that do not fit the file.
+    """
+    source = Path(path)
+    asked = options or ReadOptions()
+    if source.is_dir():
+        raise TrajectoryError(f"{source}: a folder; expected a recording")
+    try:
+        if source.stat().st_size > MOST_BYTES:
+            raise TrajectoryError(f"{source}: more than 1 GB; expected a recording of a hand")
+        data = source.read_bytes()
+    except OSError as error:
+        raise TrajectoryError(f"{source}: cannot be read: {error.strerror or error}") from None
+    try:
+        recording = read_bytes(data, asked, name=source.stem, path=source)
+    except TrajectoryError as error:
+        said = str(error)
+        raise TrajectoryError(said if said.startswith(f"{source}: ") else f"{source}: {said}") from None
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    return recording.changed(hand=asked.hand) if asked.hand else recording
+
+
+def read_bytes(data: bytes, options: ReadOptions, *, name: str, path: Path | None = None) -> Recording:
+    """The recording in the content of a file; arguments and errors as for `read_recording`."""
+    form = options.form or format_of(data)
+    if form not in FORMATS:
+        raise UnknownNameError("format", form, FORMATS)
+    if options.palm_axes is not None:
+        axes_matrix(options.palm_axes, "--palm-axes")
+    if options.columns is not None and form != "csv":
+        raise InputError(f"--columns explains a table, and this is {FORMATS[form]}")
+    if form == "hhsim":
+        from hhsim.trajectory_file import load_trajectory
+
+        if path is None:
+            raise InputError("an HDF5 file is read from its path")
+        return from_trajectory(load_trajectory(path))
+    if form == "npz":
+        return read_npz_recording(data, name=name, palm_axes=options.palm_axes, world_up=options.world_up)
+    text = as_text(data)
+    columns = options.columns
+    if columns is None and (options.palm_axes or options.world_up) and is_own_header(read_table(text).header):
+        columns = OWN_COLUMNS
+    if columns is not None:
+        axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
+        columns = replace(columns, palm_axes=tuple(axes), world_up=up)
+    return read_csv_recording(text, columns, name=name)
+
+
+def format_of(data: bytes) -> str:
+    """The word of `FORMATS` for a file's content.
+
+    Raises:
+        TrajectoryError: nothing in it.
+    """
+    if not data.strip():
+        raise TrajectoryError("empty; expected a recording")
+    if data.startswith(b"\x89HDF"):
+        return "hhsim"
+    if data.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+        return "npz"
+    return "csv"
+
+
+def as_text(data: bytes) -> str:
+    """The text in the content of a file; what is no UTF-8 becomes a sign that no number holds.
+
+    Raises:
+        TrajectoryError: no text.
+    """
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        text = data.decode("utf-16", errors="replace")
+    else:
+        text = data.decode("utf-8-sig", errors="replace")
+    sample = text[:4096]
+    if sum(sign in "\x00\ufffd" for sign in sample) > 0.1 * len(sample):
+        raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(FORMATS)}")
+    return text
+
+
+def from_trajectory(trajectory: Trajectory) -> Recording:
+    """A trajectory as a recording, to be looked over once more."""
+    assert trajectory.hand in get_args(HandSide)
+    return Recording(
+        time=trajectory.time,
+        position=trajectory.position,
+        orientation=trajectory.orientation,
+        flexion=trajectory.flexion,
+        abduction=trajectory.abduction,
+        flags=trajectory.flags if trajectory.flags is not None else (),  # type: ignore[arg-type]
+        form="hhsim",
+        name=trajectory.name,
+        source=trajectory.source,
+        licence=trajectory.licence,
+        device=trajectory.device,
+        hand=trajectory.hand,
+        phases=trajectory.phases,
+        object_position=trajectory.object_position,
+        object_orientation=trajectory.object_orientation,
+        raw=trajectory.raw,
+    )

@@ -1,0 +1,320 @@
+"""Samples that no hand made: spikes, jumps, broken order, a tracker that froze.
+
+A step is impossible where it is faster than a hand (`PALM_SPEED`, `PALM_TURN`, `JOINT_SPEED`, each above what is known
+of punches, flicks and pianists), a sample where going there and back would take more than `PALM_FORCE` and its like.
+Runs of samples that the recording reaches and leaves by impossible steps are outliers: their numbers become NaN, to be
+filled like any other hole. What a hand could have done is left as it is, and marked where it sticks out.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand_change import change, turn
+from hhsim.recording import Finding, Recording
+from hhsim.sample_flags import SampleFlag, mark
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Distance = Callable[[NDArray[np.int64], NDArray[np.int64]], Array]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a hand can do with one kind of coordinate.
+
+    Attributes:
+        name: as messages call it.
+        unit: of its values.
+        speed: fastest change [unit/s].
+        force: largest second derivative [unit/s²].
+        noise: changes below this are the tracker's [unit].
+        outlier: flag of a sample that is replaced.
+    """
+
+    name: str
+    unit: str
+    speed: float
+    force: float
+    noise: float
+    outlier: SampleFlag
+
+
+POSITION = Kind("palm position", "m", 10.0, 500.0, 0.01, SampleFlag.PALM_OUTLIER)
+ORIENTATION = Kind("palm orientation", "rad", 50.0, 4000.0, 0.15, SampleFlag.PALM_OUTLIER)
+JOINT = Kind("joint angle", "rad", 60.0, 5000.0, 0.25, SampleFlag.FINGERS_OUTLIER)
+
+LONGEST_RUN = 0.25
+"""An outlier lasts no longer than this [s]; what does is another place of the hand."""
+LONGEST_COUNT = 25
+MOST_JUMPS = 0.1
+"""Where more of the steps than this are jumps, the rows are no motion."""
+STICKS_OUT = 8.0
+"""A sample whose deviation is so many times the one around it is suspect."""
+SUSPECT_FLOOR = 0.008
+"""Deviations below this [m of a fingertip] are noise."""
+WINDOW = 7
+"""Samples on either side that the local deviation is taken from."""
+DISORDER = 0.9
+"""Ways of one step over ways of two: 0.5 for a smooth motion, 0.71 for a random walk, 1 for rows in no order."""
+DISORDER_FLOOR = 0.02
+"""Steps below this on average [m of a fingertip] are noise, whose order does not matter."""
+FROZEN_RUN = 5
+"""So many equal samples in a row are a tracker that repeats itself."""
+
+
+def repair_glitches(recording: Recording) -> Recording:
+    """Outliers made NaN, jumps and suspects marked.
+
+    Args:
+        recording: stamps increasing, units ours.
+
+    Raises:
+        TrajectoryError: jumps all over: the rows are no motion.
+    """
+    _refuse_disorder(recording)
+    recording = _without_outliers(recording, POSITION)
+    recording = _without_outliers(recording, ORIENTATION)
+    recording = _without_joint_outliers(recording)
+    return _suspects(_frozen(recording))
+
+
+def _refuse_disorder(recording: Recording) -> None:
+    if recording.sample_count < 8:
+        return
+    index = np.arange(recording.sample_count)
+    # Medians: a few spikes are no disorder.
+    one = float(np.median(change(recording, index[:-1], index[1:])))
+    two = float(np.median(change(recording, index[:-2], index[2:])))
+    if one > DISORDER_FLOOR and one > DISORDER * two:
+        raise TrajectoryError(
+            f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others: the rows are no motion; are "
+            "they out of order?"
+        )
+
+
+def _without_outliers(recording: Recording, kind: Kind) -> Recording:
+    values = recording.position if kind is POSITION else recording.orientation
+    valid = np.asarray(np.isfinite(values).all(axis=1))
+    if kind is POSITION:
+
+        def distance(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
+            return np.asarray(np.linalg.norm(values[b] - values[a], axis=1))
+
+        def vector(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
+            return np.asarray(values[b] - values[a])
+
+    else:
+        valid &= np.linalg.norm(np.nan_to_num(values), axis=1) > 0.0
+
+        def distance(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
+            return np.asarray(np.linalg.norm(turn(values[a], values[b]), axis=1))
+
+        def vector(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
+            return turn(values[a], values[b])
+
+    index = np.flatnonzero(valid)
+    bad, jump, worst = impossible(recording.time, index, distance, vector, kind)
+    return _judged(recording, kind, bad, jump, worst, lambda: _blank(recording, kind, bad))
+
+
+def _without_joint_outliers(recording: Recording) -> Recording:
+    count = recording.sample_count
+    angles = np.concatenate([recording.flexion.reshape(count, 15), recording.abduction], axis=1)
+    bad = np.zeros(angles.shape, dtype=bool)
+    jump = np.zeros(count, dtype=bool)
+    worst = 0.0
+    for column in range(angles.shape[1]):
+        values = angles[:, column]
+
+        def vector(a: NDArray[np.int64], b: NDArray[np.int64], values: Array = values) -> Array:
+            return np.asarray((values[b] - values[a])[:, None])
+
+        def distance(a: NDArray[np.int64], b: NDArray[np.int64], values: Array = values) -> Array:
+            return np.asarray(np.abs(values[b] - values[a]))
+
+        index = np.flatnonzero(np.isfinite(values))
+        bad[:, column], jumps, most = impossible(recording.time, index, distance, vector, JOINT)
+        jump |= jumps
+        worst = max(worst, most)
+
+    def blanked() -> Recording:
+        clean = np.where(bad, np.nan, angles)
+        return recording.changed(flexion=clean[:, :15].reshape(count, 5, 3), abduction=clean[:, 15:])
+
+    return _judged(recording, JOINT, np.asarray(bad.any(axis=1)), jump, worst, blanked)
+
+
+def impossible(
+    time: Array, index: NDArray[np.int64], distance: Distance, vector: Distance, kind: Kind
+) -> tuple[Mask, Mask, float]:
+    """Samples that are outliers, samples that a jump leads to, and how far the worst outlier is off.
+
+    Args:
+        time: stamps [s], increasing, shape (T,).
+        index: samples that have a value.
+        distance: between samples of two arrays of numbers, shape (N,).
+        vector: from the first to the second, shape (N, C).
+        kind: what a hand can do.
+    """
+    bad, jump = np.zeros(time.shape[0], dtype=bool), np.zeros(time.shape[0], dtype=bool)
+    worst = 0.0
+    if index.size < 3:
+        return bad, jump, worst
+    step = distance(index[:-1], index[1:])
+    fast = step > kind.noise + kind.speed * np.diff(time[index])
+    if fast.any():
+        worst = _runs(time, index, distance, kind, fast, bad, jump)
+    index = index[~bad[index]]
+    if index.size >= 3:
+        worst = max(worst, _spikes(time, index, vector, kind, bad))
+    return bad, jump, worst
+
+
+def _runs(
+    time: Array, index: NDArray[np.int64], distance: Distance, kind: Kind, fast: Mask, bad: Mask, jump: Mask
+) -> float:
+    """Mark runs that the main motion cannot reach, or jumps where they are too long to be outliers."""
+    edges = [0, *(np.flatnonzero(fast) + 1).tolist(), index.size]
+    runs = [index[a:b] for a, b in pairwise(edges)]
+    longest = int(np.argmax([run.size for run in runs]))
+    worst = 0.0
+    for direction in (1, -1):
+        # From the longest run outwards, each time from the last sample that was believed.
+        believed = runs[longest]
+        for run in runs[longest + 1 :] if direction > 0 else runs[:longest][::-1]:
+            a, b = (believed[-1:], run[:1]) if direction > 0 else (run[-1:], believed[:1])
+            off = float(distance(a, b)[0])
+            if off <= kind.noise + kind.speed * float(time[b[0]] - time[a[0]]):
+                believed = run
+            elif run.size <= LONGEST_COUNT and time[run[-1]] - time[run[0]] <= LONGEST_RUN:
+                bad[run] = True
+                worst = max(worst, off)
+            else:
+                jump[b] = True
+                believed = run
+    return worst
+
+
+def _spikes(time: Array, index: NDArray[np.int64], vector: Distance, kind: Kind, bad: Mask) -> float:
+    """Mark single samples that no force could have moved there and back."""
+    a, b, c = index[:-2], index[1:-1], index[2:]
+    before, after = time[b] - time[a], time[c] - time[b]
+    over = vector(a, c)
+    off = np.linalg.norm(vector(a, b) - (before / (before + after))[:, None] * over, axis=1)
+    spike = (2.0 * off > kind.force * before * after) & (off > kind.noise) & (np.linalg.norm(over, axis=1) < off)
+    # Of neighbours the one that is off most is the spike: beside it the chord itself is bent.
+    padded = np.concatenate([[0.0], off, [0.0]])
+    spike &= (off >= padded[:-2]) & (off >= padded[2:])
+    bad[b[spike]] = True
+    return float(off[spike].max(initial=0.0))
+
+
+def _blank(recording: Recording, kind: Kind, bad: Mask) -> Recording:
+    key = "position" if kind is POSITION else "orientation"
+    return recording.changed(**{key: np.where(bad[:, None], np.nan, getattr(recording, key))})
+
+
+def _judged(
+    recording: Recording, kind: Kind, bad: Mask, jump: Mask, worst: float, blanked: Callable[[], Recording]
+) -> Recording:
+    total = recording.sample_count
+    if (bad | jump).sum() > MOST_JUMPS * total + 3:
+        raise TrajectoryError(
+            f"the {kind.name} jumps at {int((bad | jump).sum())} of {total} samples, faster than {kind.speed:g} "
+            f"{kind.unit}/s: no hand moves so; are the rows out of order, or the stamps wrong?"
+        )
+    if bad.any():
+        mark(recording.flags, bad, kind.outlier)
+        text = f"{kind.name} off by up to {_amount(worst, kind.unit)}, which no hand does: interpolated"
+        recording = blanked().found(
+            Finding(kind.outlier.word, text, int(bad.sum()), float(recording.time[np.argmax(bad)]))
+        )
+    if jump.any():
+        mark(recording.flags, jump, SampleFlag.JUMP)
+        text = f"{kind.name} jumps faster than {kind.speed:g} {kind.unit}/s and stays there: left as it is"
+        recording = recording.found(
+            Finding(SampleFlag.JUMP.word, text, int(jump.sum()), float(recording.time[np.argmax(jump)]))
+        )
+    return recording
+
+
+def _frozen(recording: Recording) -> Recording:
+    count = recording.sample_count
+    rows = np.concatenate(
+        [recording.position, recording.orientation, recording.flexion.reshape(count, 15), recording.abduction], axis=1
+    )
+    same = (rows[1:] == rows[:-1]).all(axis=1)
+    if same.all():
+        return recording
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
+    frozen = np.zeros(count, dtype=bool)
+    for first, last in edges.reshape(-1, 2):
+        if last - first + 1 >= FROZEN_RUN:
+            frozen[first : last + 1] = True
+    if not frozen.any():
+        return recording
+    mark(recording.flags, frozen, SampleFlag.FROZEN)
+    text = "the same numbers over and over: the tracker may have lost the hand; left as they are"
+    return recording.found(
+        Finding(SampleFlag.FROZEN.word, text, int(frozen.sum()), float(recording.time[np.argmax(frozen)]))
+    )
+
+
+def _suspects(recording: Recording) -> Recording:
+    """Mark what a hand could do, but what its neighbours do not do."""
+    count = recording.sample_count
+    if count < 2 * WINDOW + 1:
+        return recording
+    off = np.zeros(count)
+    off[1:-1] = bend(recording)
+    padded = np.pad(off, WINDOW, mode="reflect")
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1)
+    # The sample itself and those beside it, whose chord it bends, are not its surroundings.
+    usual = np.median(np.delete(around, (WINDOW - 1, WINDOW, WINDOW + 1), axis=1), axis=1)
+    suspect = (off > SUSPECT_FLOOR) & (off > STICKS_OUT * usual)
+    suspect |= _local_disorder(recording)
+    if not suspect.any():
+        return recording
+    mark(recording.flags, suspect, SampleFlag.SUSPECT)
+    first = int(np.argmax(suspect))
+    text = f"out of line with the samples around by up to {_amount(off[suspect].max(), 'm')} of a fingertip: left"
+    return recording.found(Finding(SampleFlag.SUSPECT.word, text, int(suspect.sum()), float(recording.time[first])))
+
+
+def bend(recording: Recording) -> Array:
+    """How far each sample but the first and last is from the chord of its neighbours [m of a fingertip]."""
+    from hhsim.hand_change import FINGER_ARM, PALM_ARM
+
+    time, count = recording.time, recording.sample_count
+    share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
+    angles = FINGER_ARM * np.concatenate([recording.flexion.reshape(count, 15), recording.abduction], axis=1)
+    square = np.zeros(count - 2)
+    for values in (recording.position, angles):
+        off = values[1:-1] - values[:-2] - share * (values[2:] - values[:-2])
+        square += np.nansum(off * off, axis=1)
+    q = recording.orientation
+    off = PALM_ARM * (turn(q[:-2], q[1:-1]) - share * turn(q[:-2], q[2:]))
+    return np.asarray(np.sqrt(square + np.nansum(off * off, axis=1)))
+
+
+def _local_disorder(recording: Recording) -> Mask:
+    """Where a window of samples is in no order, though the recording as a whole is."""
+    index = np.arange(recording.sample_count)
+    one = change(recording, index[:-1], index[1:])
+    two = change(recording, index[:-2], index[2:])
+    width = 2 * WINDOW
+    kernel = np.ones(width)
+    ways = np.convolve(one[:-1], kernel, "same") / width
+    wide = np.convolve(two, kernel, "same") / width
+    found = np.zeros(recording.sample_count, dtype=bool)
+    found[1:-1] = (ways > DISORDER_FLOOR) & (ways > DISORDER * wide)
+    return found
+
+
+def _amount(value: float, unit: str) -> str:
+    return f"{1e3 * value:.0f} mm" if unit == "m" else f"{np.degrees(value):.0f}°"

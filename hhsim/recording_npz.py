@@ -1,0 +1,139 @@
+"""Recordings from `.npz`: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3),
+abd [rad] (T, 5), and, if they are there, valid (T,) and meta, a JSON text with source, frame and hand.
+
+The pose is that of the palm. What its axes are, the text `frame` says in words; the ones that are known (`FRAMES`) are
+turned into ours, for any other the axes are taken as ours, unless the user says which they are.
+"""
+
+import io
+import json
+import zipfile
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.recorded_axes import OURS, to_our_palm, to_our_world
+from hhsim.recording import Finding, Recording, note
+from hhsim.sample_flags import SampleFlag, mark
+
+Array = NDArray[np.float64]
+
+QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
+"""Names of the orientation, and where w, x, y, z are in its rows."""
+MOST_BYTES = 1 << 31
+"""An array that says it is larger than this is damaged."""
+
+FRAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("z to fingers, -y palm normal", ("-x", "z", "y")),
+    ("x=direction, z=-palmnormal", ("-y", "x", "z")),
+    ("x=top-mid(left,right), y=left-right", ("-y", "x", "z")),
+)
+"""Words of `frame`, and our palm's x, y, z in that frame: y to the fingers, z out of the back, x = y × z."""
+UPRIGHT = (("y up", "y"), ("y-up", "y"), ("x up", "x"))
+"""Words of `frame`, and the world axis that points up; z where none is found."""
+
+
+def read_npz_recording(
+    data: bytes, *, name: str = "", palm_axes: Sequence[str] | None = None, world_up: str | None = None
+) -> Recording:
+    """The recording in the bytes of an `.npz` file.
+
+    Args:
+        data: the content of the file.
+        name: of the recording.
+        palm_axes: our palm's x, y, z in the recording's palm frame; None takes what the file says.
+        world_up: the world axis that points up; None takes what the file says.
+
+    Raises:
+        TrajectoryError: no archive, a damaged one, or arrays missing or of another shape.
+    """
+    arrays = _arrays(data)
+    count = _array(arrays, "t", ()).shape[0]
+    key = next((key for key in QUATERNIONS if key in arrays), "wrist_quat_wxyz")
+    orientation = _array(arrays, key, (4,), count)[:, QUATERNIONS[key]]
+    position = _array(arrays, "wrist_pos", (3,), count)
+    meta = _meta(arrays)
+    frame = meta.get("frame", "").lower()
+    findings: list[Finding] = []
+    axes = tuple(palm_axes) if palm_axes else next((axes for words, axes in FRAMES if words in frame), None)
+    up = world_up or next((up for words, up in UPRIGHT if words in frame), "z")
+    if axes is None:
+        said = f"frame '{meta['frame']}' is not known" if frame else "the file names no frame"
+        findings.append(note(f"{said}: the palm's axes are taken as ours (y to the fingers, z out of the back)"))
+        axes = OURS
+    if tuple(axes) != OURS or up != "z":
+        findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
+    position, orientation = to_our_world(position, to_our_palm(orientation, axes), up)
+    recording = Recording(
+        time=_array(arrays, "t", ()),
+        position=position,
+        orientation=orientation,
+        flexion=_array(arrays, "flex", (5, 3), count),
+        abduction=_array(arrays, "abd", (5,), count),
+        form="npz",
+        name=name,
+        source=meta.get("source", ""),
+        licence=meta.get("licence", ""),
+        device=meta.get("device", ""),
+        hand="left" if meta.get("hand", "").lower().startswith("left") else "right" if "hand" in meta else "",
+    )
+    if meta.get("note"):
+        findings.append(note(f"the file says: {meta['note']}"))
+    if "valid" in arrays:
+        doubtful = _array(arrays, "valid", (), count) == 0.0
+        if doubtful.any():
+            mark(recording.flags, doubtful, SampleFlag.INVALID)
+            first = float(recording.time[int(np.argmax(doubtful))])
+            text = "not valid, says the file: kept where there are numbers"
+            findings.append(Finding(SampleFlag.INVALID.word, text, int(doubtful.sum()), first))
+    return recording.found(*findings)
+
+
+def _arrays(data: bytes) -> dict[str, Any]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = archive.infolist()
+            if any(entry.file_size > MOST_BYTES for entry in entries):
+                raise TrajectoryError("an array of more than 2 GB; expected a hand recording")
+            arrays = {}
+            for entry in entries:
+                name, dot, suffix = entry.filename.rpartition(".")
+                if dot and suffix == "npy":
+                    # The archive checks the bytes it gives against their CRC-32.
+                    arrays[name] = np.lib.format.read_array(io.BytesIO(archive.read(entry)), allow_pickle=False)
+            return arrays
+    except TrajectoryError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError) as error:
+        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise TrajectoryError(f"not an .npz archive, or a damaged one: {reason}") from None
+    except (MemoryError, SyntaxError, TypeError, KeyError, OverflowError) as error:
+        raise TrajectoryError(f"a damaged .npz archive: {type(error).__name__}") from None
+
+
+def _array(arrays: dict[str, Any], key: str, tail: tuple[int, ...], count: int | None = None) -> Array:
+    if key not in arrays:
+        have = ", ".join(sorted(arrays)[:8]) or "nothing"
+        raise TrajectoryError(f"no array '{key}', it holds {have}; expected t, wrist_pos, wrist_quat, flex and abd")
+    try:
+        values = np.array(arrays[key], dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
+    expected = (values.shape[0] if values.ndim and count is None else count, *tail)
+    if values.ndim == 0 or values.shape != expected:
+        raise TrajectoryError(
+            f"array '{key}' has shape {values.shape}; expected {('T', *tail) if count is None else expected}"
+        )
+    return values
+
+
+def _meta(arrays: dict[str, Any]) -> dict[str, str]:
+    try:
+        meta = json.loads(str(arrays["meta"])) if "meta" in arrays else {}
+    except (ValueError, RecursionError):
+        return {}
+    return {str(key): value for key, value in meta.items() if isinstance(value, str)} if isinstance(meta, dict) else {}

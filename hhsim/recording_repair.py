@@ -1,0 +1,345 @@
+"""From a recording to a trajectory: what is wrong is mended where that is safe, marked in each sample, and reported.
+
+In this order: units, the part that is asked for, stamps, quaternions, outliers, holes, signs, scale and side, joint
+limits. What is not safe raises one line that says what is wrong, where, and what would be right.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, FINGERS, HandModel, default_fingers
+from hhsim.recording import Finding, Recording, note
+from hhsim.recording_glitches import repair_glitches
+from hhsim.recording_stamps import repair_stamps
+from hhsim.recording_units import in_units, repair_units
+from hhsim.resample import interpolate_orientation
+from hhsim.sample_flags import MENDED, SampleFlag, mark, marked
+from hhsim.trajectory import Phase, Trajectory
+from hhsim.trajectory_checks import MIN_QUATERNION_NORM, continuous_orientation
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NORM_TOLERANCE = 1e-3
+"""A quaternion this close to unit length was rounded, not scaled."""
+NORM_DAMAGE = 0.02
+"""One whose length differs by this share from the others' has a wrong component."""
+MOST_FILLED = 0.5
+"""Where more of the samples than this would be made up, the file is refused."""
+LIMIT_TOLERANCE = 1e-6
+"""A joint beyond its limit by less than this [rad] is at the limit."""
+OFTEN = 0.3
+"""A joint that is beyond its limit in more of the samples than this probably has its zero elsewhere."""
+
+JOINTS = tuple(f"{finger} flexion {joint}" for finger in FINGERS for joint in (1, 2, 3)) + tuple(
+    f"{finger} abduction" for finger in FINGERS
+)
+"""The 20 joint angles by name: flexion finger by finger, then abduction."""
+
+
+class JointLimits(NamedTuple):
+    """What a hand can bend [rad]: flexion (5, 3), abduction (5,)."""
+
+    flexion_min: Array
+    flexion_max: Array
+    abduction_min: Array
+    abduction_max: Array
+
+
+def default_limits() -> JointLimits:
+    """The limits of the default hand; they do not depend on its size."""
+    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    return JointLimits(*(sizes[key] for key in JointLimits._fields))
+
+
+def limits_of(hand: HandModel) -> JointLimits:
+    """The limits of a hand."""
+    return JointLimits(*(getattr(hand, key) for key in JointLimits._fields))
+
+
+@dataclass(frozen=True)
+class RepairOptions:
+    """What the user says about a recording.
+
+    Attributes:
+        max_gap: longest hole that is interpolated [s].
+        start, end: the part to keep, on the stamps' clock [s]; None for all.
+        time_unit, length_unit, angle_unit: of the numbers in the file; None where the file says it, or it is guessed.
+        limits: joint angles beyond them are set to them; None leaves them.
+        mirror: make a right hand's motion of a left hand's and the other way round, in the world's yz-plane.
+        hand_length: of the recorded hand [m]; None where the recording says it or nobody knows.
+        scale_to: hand length [m] that the palm's way is scaled to, about its mean; None leaves it metric.
+    """
+
+    max_gap: float = 1.0
+    start: float | None = None
+    end: float | None = None
+    time_unit: str | None = None
+    length_unit: str | None = None
+    angle_unit: str | None = None
+    limits: JointLimits | None = field(default_factory=default_limits)
+    mirror: bool = False
+    hand_length: float | None = None
+    scale_to: float | None = None
+
+
+class Repaired(NamedTuple):
+    """A trajectory, with the bits of each sample in its `flags`.
+
+    Attributes:
+        trajectory: the motion.
+        findings: what was found and done, in the order of the repairs.
+        hand_length: of the recorded hand [m], None where it is not known.
+    """
+
+    trajectory: Trajectory
+    findings: tuple[Finding, ...]
+    hand_length: float | None
+
+    @property
+    def mended(self) -> int:
+        """Samples of which a number was changed."""
+        flags = self.trajectory.flags
+        return int(marked(flags, MENDED).sum()) if flags is not None else 0
+
+
+def repair(recording: Recording, options: RepairOptions | None = None) -> Repaired:
+    """Make a trajectory of a recording.
+
+    Args:
+        recording: as a reader gave it; unchanged.
+        options: what the user says about it.
+
+    Raises:
+        TrajectoryError: nothing in it, or something wrong that cannot be mended safely.
+        InputError: options that contradict each other or the recording.
+    """
+    asked = options or RepairOptions()
+    if recording.sample_count == 0:
+        raise TrajectoryError("no samples; expected at least 2")
+    recording = recording.chosen(np.arange(recording.sample_count))
+    recording = in_units(recording, time=asked.time_unit, length=asked.length_unit, angle=asked.angle_unit)
+    recording = _cut(repair_units(recording), asked.start, asked.end)
+    recording = repair_stamps(recording, asked.max_gap)
+    recording = _unit_quaternions(recording)
+    recording = repair_glitches(recording)
+    recording = _filled(recording, asked.max_gap)
+    recording = _steady_signs(recording)
+    recording = _mirrored(_scaled(recording, asked), asked.mirror)
+    recording = _limited(recording, asked.limits)
+    return Repaired(_trajectory(recording), recording.findings, recording.hand_length)
+
+
+def _cut(recording: Recording, start: float | None, end: float | None) -> Recording:
+    if start is None and end is None:
+        return recording
+    low, high = -np.inf if start is None else start, np.inf if end is None else end
+    inside = (recording.time >= low) & (recording.time <= high)
+    if not inside.any():
+        span = f"{np.nanmin(recording.time):.6g} to {np.nanmax(recording.time):.6g} s"
+        raise InputError(f"no sample from {low:g} to {high:g} s; the recording has stamps from {span}")
+    return recording.chosen(inside).found(note(f"cut to the samples from {low:g} to {high:g} s, as asked"))
+
+
+def _unit_quaternions(recording: Recording) -> Recording:
+    norm = np.linalg.norm(recording.orientation, axis=1)
+    given = np.isfinite(norm)
+    if not given.any():
+        return recording
+    usual = float(np.median(norm[given]))
+    damaged = given & (norm < MIN_QUATERNION_NORM) | given & (np.abs(norm - usual) > NORM_DAMAGE * usual)
+    if usual < MIN_QUATERNION_NORM or damaged.sum() > MOST_FILLED * recording.sample_count:
+        raise TrajectoryError(
+            f"orientation is no unit quaternion in {int((damaged | (given & (norm < MIN_QUATERNION_NORM))).sum())} of "
+            f"{recording.sample_count} samples (median length {usual:.3g}); expected (w, x, y, z) of length 1"
+        )
+    if damaged.any():
+        zero = int((norm[damaged] < MIN_QUATERNION_NORM).sum())
+        mark(recording.flags, damaged, SampleFlag.PALM_FILLED)
+        recording = recording.changed(orientation=np.where(damaged[:, None], np.nan, recording.orientation)).found(
+            Finding(
+                SampleFlag.PALM_FILLED.word,
+                f"quaternions that are none ({zero} of length zero, the rest off unit length): interpolated",
+                int(damaged.sum()),
+                float(recording.time[np.argmax(damaged)]),
+            )
+        )
+    scaled = given & ~damaged & (np.abs(norm - 1.0) > NORM_TOLERANCE)
+    if scaled.any():
+        mark(recording.flags, scaled, SampleFlag.RENORMALISED)
+        text = f"quaternions not of unit length (median {usual:.4g}): scaled"
+        first = float(recording.time[np.argmax(scaled)])
+        recording = recording.found(Finding(SampleFlag.RENORMALISED.word, text, int(scaled.sum()), first))
+    return recording
+
+
+def _filled(recording: Recording, max_gap: float) -> Recording:
+    time, count = recording.time, recording.sample_count
+    position, turned = _holes_filled(time, recording.position, max_gap, "palm position")
+    lost = np.asarray(np.isnan(recording.orientation).any(axis=1))
+    _check_holes(time, lost, max_gap, "palm orientation")
+    orientation = recording.orientation
+    if lost.any():
+        good = np.flatnonzero(~lost)
+        inside = np.clip(time, time[good[0]], time[good[-1]])
+        sound = continuous_orientation(orientation[good], time[good])
+        made = interpolate_orientation(time[good] - time[0], sound, inside - time[0])
+        orientation = np.where(lost[:, None], made, orientation)
+    angles = np.concatenate([recording.flexion.reshape(count, 15), recording.abduction], axis=1)
+    missing = np.isnan(angles)
+    for column, joint in enumerate(JOINTS):
+        if missing[:, column].any():
+            angles[:, column : column + 1], _ = _holes_filled(time, angles[:, column : column + 1], max_gap, joint)
+    filled = recording.changed(
+        position=position,
+        orientation=orientation,
+        flexion=angles[:, :15].reshape(count, 5, 3),
+        abduction=angles[:, 15:],
+    )
+    already = SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER
+    filled = _told(filled, turned | lost, already, SampleFlag.PALM_FILLED, "palm pose missing")
+    return _told(
+        filled, missing.any(axis=1), SampleFlag.FINGERS_OUTLIER, SampleFlag.FINGERS_FILLED, "joint angles missing"
+    )
+
+
+def _told(recording: Recording, filled: Mask, already: SampleFlag, flag: SampleFlag, what: str) -> Recording:
+    """Mark and report what was filled for no reason that another finding gives."""
+    new = filled & ~marked(recording.flags, already)
+    if not new.any():
+        return recording
+    mark(recording.flags, new, flag)
+    first = float(recording.time[np.argmax(new)])
+    return recording.found(Finding(flag.word, f"{what}: interpolated", int(new.sum()), first))
+
+
+def _holes_filled(time: Array, values: Array, max_gap: float, what: str) -> tuple[Array, Mask]:
+    """Values with their holes interpolated, shape (T, C), and where those were, shape (T,)."""
+    lost = np.asarray(np.isnan(values).any(axis=1))
+    _check_holes(time, lost, max_gap, what)
+    if not lost.any():
+        return values, lost
+    good = ~lost
+    made = np.stack([np.interp(time, time[good], column[good]) for column in values.T], axis=1)
+    return np.where(lost[:, None], made, values), lost
+
+
+def _check_holes(time: Array, lost: Mask, max_gap: float, what: str) -> None:
+    if not lost.any():
+        return
+    if lost.all():
+        raise TrajectoryError(
+            f"{what} is missing in every sample; leave that column out of the mapping if there is none"
+        )
+    if lost.mean() > MOST_FILLED:
+        raise TrajectoryError(f"{what} is missing in {int(lost.sum())} of {lost.size} samples; too many to make up")
+    good = np.flatnonzero(~lost)
+    holes = np.diff(time[good])
+    within = np.diff(good) > 1
+    ends = [(float(time[good[0]] - time[0]), float(time[0])), (float(time[-1] - time[good[-1]]), float(time[good[-1]]))]
+    inside = [(float(h), float(t)) for h, t in zip(holes[within], time[good[:-1]][within])]
+    length, place = max([*ends, *inside])
+    if length > max_gap:
+        raise TrajectoryError(
+            f"{what} is missing for {length:.3g} s after {place:.6g} s: too long to bridge; cut a part out with --from "
+            "and --to, or allow it with --max-gap"
+        )
+
+
+def _steady_signs(recording: Recording) -> Recording:
+    given = recording.orientation
+    steady = continuous_orientation(given, recording.time)
+    flipped = (steady * given).sum(axis=1) < 0.0
+    changed = recording.changed(orientation=steady)
+    if not flipped.any():
+        return changed
+    mark(changed.flags, flipped, SampleFlag.FLIPPED)
+    first = float(recording.time[np.argmax(flipped)])
+    text = "quaternions of the other sign than the one before: turned, the rotation is the same"
+    return changed.found(Finding(SampleFlag.FLIPPED.word, text, int(flipped.sum()), first))
+
+
+def _scaled(recording: Recording, asked: RepairOptions) -> Recording:
+    length = asked.hand_length if asked.hand_length is not None else recording.hand_length
+    if asked.scale_to is None:
+        return recording.changed(hand_length=length)
+    if length is None:
+        raise InputError(
+            "--scale-to needs the length of the recorded hand, which the recording does not tell: --hand-length"
+        )
+    factor = asked.scale_to / length
+    middle = recording.position.mean(axis=0)
+    lengths = f"from a hand of {1e3 * length:.0f} mm to one of {1e3 * asked.scale_to:.0f} mm"
+    text = f"palm's way scaled by {factor:.3f}, {lengths}"
+    scaled = recording.changed(position=middle + factor * (recording.position - middle), hand_length=length)
+    return scaled.found(note(text))
+
+
+def _mirrored(recording: Recording, wanted: bool) -> Recording:
+    if not wanted:
+        return recording
+    other = {"right": "left", "left": "right", "": ""}[recording.hand]
+    changed = recording.changed(
+        position=recording.position * [-1.0, 1.0, 1.0],
+        orientation=recording.orientation * [1.0, 1.0, -1.0, -1.0],
+        hand=other,
+    )
+    return changed.found(note(f"mirrored: x became -x{f', a {other} hand' if other else ''}"))
+
+
+def _limited(recording: Recording, limits: JointLimits | None) -> Recording:
+    if limits is None:
+        return recording
+    count = recording.sample_count
+    angles = np.concatenate([recording.flexion.reshape(count, 15), recording.abduction], axis=1)
+    least = np.concatenate([limits.flexion_min.ravel(), limits.abduction_min])
+    most = np.concatenate([limits.flexion_max.ravel(), limits.abduction_max])
+    clipped = np.clip(angles, least, most)
+    excess = np.abs(angles - clipped)
+    beyond = excess > LIMIT_TOLERANCE
+    changed = recording.changed(flexion=clipped[:, :15].reshape(count, 5, 3), abduction=clipped[:, 15:])
+    limited = beyond.any(axis=1)
+    if not limited.any():
+        return changed
+    mark(changed.flags, limited, SampleFlag.LIMITED)
+    share = beyond.mean(axis=0)
+    worst = [column for column in np.argsort(-share, kind="stable")[:3] if share[column] > 0.0]
+    names = ", ".join(f"{JOINTS[c]} {100.0 * share[c]:.0f} %" for c in worst)
+    more = int((share > 0.0).sum()) - len(worst)
+    hint = "; is a zero elsewhere? A mapping can shift it" if share.max() > OFTEN else ""
+    text = (
+        f"joints beyond the hand's limits by up to {np.degrees(excess.max()):.0f}° ({names}"
+        f"{f' and {more} more' if more else ''}): set to the limit{hint}"
+    )
+    first = float(recording.time[np.argmax(limited)])
+    return changed.found(Finding(SampleFlag.LIMITED.word, text, int(limited.sum()), first))
+
+
+def _trajectory(recording: Recording) -> Trajectory:
+    time = recording.time
+    phases = [
+        Phase(phase.name, max(phase.start_time, float(time[0])), min(phase.end_time, float(time[-1])))
+        for phase in recording.phases
+        if phase.end_time > time[0] and phase.start_time < time[-1]
+    ]
+    given = {"object_position": recording.object_position, "object_orientation": recording.object_orientation}
+    return Trajectory(
+        time=time,
+        position=recording.position,
+        orientation=recording.orientation,
+        flexion=recording.flexion,
+        abduction=recording.abduction,
+        phases=tuple(phases),
+        name=recording.name,
+        source=recording.source,
+        licence=recording.licence,
+        device=recording.device,
+        raw=recording.raw,
+        hand=recording.hand,
+        flags=recording.flags,
+        **{key: value for key, value in given.items() if value is not None},
+    )

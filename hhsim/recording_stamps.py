@@ -1,0 +1,196 @@
+"""Stamps that repeat, go backwards, are missing or have a hole: put right where the samples themselves say how.
+
+A sample that comes out of order is sorted in where its place by stamp fits its neighbours at least as well as its place
+in the file; otherwise its stamp is wrong, and it is left out. Where that is true of many, two clocks or two recordings
+are mixed, and nobody can tell which: refused.
+"""
+
+from bisect import bisect_right
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand_change import deviation
+from hhsim.recording import MOTION, Finding, Recording
+from hhsim.sample_flags import SampleFlag, mark
+
+Array = NDArray[np.float64]
+
+SAME_STAMP = 1e-6
+"""Stamps closer than this [s] are one stamp: no glove samples at 1 MHz."""
+GAP_STEPS = 3.0
+"""A step longer than so many median ones is a gap."""
+MOST_DROPPED = 0.25
+"""Where a larger share of samples would be left out, the file is refused."""
+PIECE_SHARE = 0.9
+"""Of pieces far apart in time, the one with at least this share of the samples is the recording."""
+CONTRADICTION = 3.0
+"""A place by stamp that fits so many times worse than the place in the file says that the stamp is wrong."""
+NOISE = 2e-3
+"""Deviations below this [m] decide nothing about an order."""
+
+
+def repair_stamps(recording: Recording, max_gap: float) -> Recording:
+    """Samples with strictly increasing stamps.
+
+    Args:
+        recording: stamps in seconds, in any state.
+        max_gap: longest time without samples that may be bridged [s].
+
+    Raises:
+        TrajectoryError: too many stamps are missing, repeat or contradict the motion, or a hole is too long to bridge.
+    """
+    recording = _without_missing(recording)
+    recording = _in_order(recording)
+    recording = _without_repeats(recording)
+    recording = _one_piece(recording, max_gap)
+    time = recording.time
+    step = np.diff(time)
+    usual = float(np.median(step))
+    gap = np.concatenate([[False], step > GAP_STEPS * usual])
+    if gap.any():
+        mark(recording.flags, gap, SampleFlag.GAP_BEFORE)
+        longest = int(np.argmax(step))
+        recording = recording.found(
+            Finding(
+                SampleFlag.GAP_BEFORE.word,
+                f"gaps, the longest {1e3 * step[longest]:.0f} ms where {1e3 * usual:.1f} ms is usual: the stamps stay, "
+                "replays interpolate",
+                int(gap.sum()),
+                float(time[np.argmax(gap)]),
+            )
+        )
+    return recording
+
+
+def _without_missing(recording: Recording) -> Recording:
+    missing = np.isnan(recording.time)
+    if not missing.any():
+        return recording
+    _bound(int(missing.sum()), recording.sample_count, "have no time stamp")
+    return _dropped(recording, ~missing, "without a time stamp: left out")
+
+
+def _in_order(recording: Recording) -> Recording:
+    time = recording.time
+    if (np.diff(time) >= 0.0).all():
+        return recording
+    order = np.argsort(time, kind="stable")
+    moved = ~_longest_rise(time)
+    wrong = _contradicting(recording, order, moved)
+    if wrong.sum() > MOST_DROPPED * recording.sample_count:
+        first = int(np.argmax(np.diff(time) < 0.0)) + 1
+        raise TrajectoryError(
+            f"the stamps go backwards at sample {first} ({time[first - 1]:.6g} s, then {time[first]:.6g} s) and "
+            f"sorting them does not give one motion: {wrong.sum()} samples do not fit where their stamps put them; "
+            "are these two recordings in one file?"
+        )
+    if wrong.any():
+        recording = _dropped(recording, ~wrong, "whose stamp contradicts the motion around it: left out")
+        moved = moved[~wrong]
+        order = np.argsort(recording.time, kind="stable")
+    if not moved.any():
+        return recording
+    count, first_time = int(moved.sum()), float(np.min(recording.time[moved]))
+    mark(recording.flags, moved, SampleFlag.REORDERED)
+    sorted_ = recording.chosen(order)
+    return sorted_.found(Finding(SampleFlag.REORDERED.word, "out of order: sorted by their stamps", count, first_time))
+
+
+def _longest_rise(time: Array) -> NDArray[np.bool_]:
+    """Members of a longest non-decreasing subsequence (patience sorting), shape (T,)."""
+    count = time.shape[0]
+    ends: list[int] = []
+    tails: list[float] = []
+    before = np.full(count, -1)
+    for i, stamp in enumerate(time.tolist()):
+        place = bisect_right(tails, stamp)
+        if place:
+            before[i] = ends[place - 1]
+        if place == len(tails):
+            tails.append(stamp)
+            ends.append(i)
+        else:
+            tails[place] = stamp
+            ends[place] = i
+    member = np.zeros(count, dtype=bool)
+    i = ends[-1]
+    while i >= 0:
+        member[i] = True
+        i = int(before[i])
+    return member
+
+
+def _contradicting(recording: Recording, order: NDArray[np.int64], moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Moved samples that fit their place in the file much better than their place by stamp, shape (T,)."""
+    count = recording.sample_count
+    rank = np.empty(count, dtype=np.int64)
+    rank[order] = np.arange(count)
+    by_rank = np.sort(rank[~moved])
+    wrong = np.zeros(count, dtype=bool)
+    for i in np.flatnonzero(moved).tolist():
+        in_file = deviation(recording, i, tuple(j for j in (i - 1, i + 1) if 0 <= j < count))
+        # By stamp, only the samples that keep their order count: other moved ones say nothing.
+        place = int(np.searchsorted(by_rank, rank[i]))
+        beside = by_rank[max(place - 1, 0) : place + 1]
+        by_stamp = deviation(recording, i, tuple(int(order[r]) for r in beside))
+        wrong[i] = by_stamp > CONTRADICTION * in_file + NOISE
+    return wrong
+
+
+def _without_repeats(recording: Recording) -> Recording:
+    time = recording.time
+    repeat = np.concatenate([[False], np.diff(time) < SAME_STAMP])
+    if not repeat.any():
+        return recording
+    # A run of close stamps must not be eaten up one by one: what counts is the distance to the last one kept.
+    kept = -np.inf
+    for i, stamp in enumerate(time.tolist()):
+        repeat[i] = stamp - kept < SAME_STAMP
+        kept = kept if repeat[i] else stamp
+    pairs = ((getattr(recording, key)[1:], getattr(recording, key)[:-1]) for key in MOTION)
+    same = all(np.array_equal(now[repeat[1:]], before[repeat[1:]], equal_nan=True) for now, before in pairs)
+    _bound(int(repeat.sum()), recording.sample_count, "repeat the stamp before them")
+    how = "with the same values" if same else "with other values, of which the first are kept"
+    return _dropped(recording, ~repeat, f"repeat the stamp before them, {how}: left out")
+
+
+def _one_piece(recording: Recording, max_gap: float) -> Recording:
+    time = recording.time
+    if time.shape[0] < 2:
+        raise TrajectoryError(f"{time.shape[0]} usable sample(s); expected at least 2 with stamps that differ")
+    broken = np.flatnonzero(np.diff(time) > max_gap) + 1
+    if not broken.size:
+        return recording
+    edges = [0, *broken.tolist(), time.shape[0]]
+    sizes = np.diff(edges)
+    largest = int(np.argmax(sizes))
+    if sizes[largest] >= PIECE_SHARE * time.shape[0]:
+        keep = np.zeros(time.shape[0], dtype=bool)
+        keep[edges[largest] : edges[largest + 1]] = True
+        return _dropped(recording, keep, f"more than {max_gap:g} s away from the others: left out")
+    i = int(broken[0])
+    raise TrajectoryError(
+        f"no sample for {time[i] - time[i - 1]:.3g} s after {time[i - 1]:.6g} s, {broken.size} such hole(s) of more "
+        f"than {max_gap:g} s: too long to bridge; cut a part out with --from and --to, or allow it with --max-gap"
+    )
+
+
+def _dropped(recording: Recording, keep: NDArray[np.bool_], why: str) -> Recording:
+    """Without the samples that are not kept; the next one in the file is marked."""
+    if not keep.any():
+        raise TrajectoryError("no usable sample is left; expected at least 2")
+    kept = np.flatnonzero(keep)
+    after = np.concatenate([[keep[: kept[0]].size > 0], np.diff(kept) > 1])
+    gone = recording.time[~keep]
+    gone = gone[np.isfinite(gone)]
+    left = recording.chosen(keep)
+    mark(left.flags, after, SampleFlag.CUT_BEFORE)
+    first = float(gone.min()) if gone.size else None
+    return left.found(Finding(SampleFlag.CUT_BEFORE.word, why, int((~keep).sum()), first))
+
+
+def _bound(count: int, total: int, what: str) -> None:
+    if count > MOST_DROPPED * total:
+        raise TrajectoryError(f"{count} of {total} samples {what}; expected a stamp of its own for each")

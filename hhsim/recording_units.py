@@ -1,0 +1,175 @@
+"""Recordings in another unit than they say: told by what no hand can do, and converted where only one unit fits.
+
+| what | is wrong where | becomes |
+|---|---|---|
+| stamps | the median step is above 0.5 s | ms if it is 1 to 100, µs (10³ to 10⁵), ns (10⁶ to 10⁸): 10 to 1,000 Hz |
+| positions | most samples are farther than 100 from the origin, or move faster than 200 a second | mm |
+| positions | else, most samples are farther than 8, or faster than 20 | refused: mm, cm and inches are all possible |
+| joint angles | one beyond ±200° in more than a fifth of the samples, read as radians | degrees |
+
+A unit that the file's mapping or the user stated is not guessed again: there the same signs refuse.
+"""
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.recording import Finding, Recording, note
+from hhsim.sample_flags import SampleFlag, mark
+from hhsim.trajectory import Phase
+
+Array = NDArray[np.float64]
+
+TimeUnit = Literal["s", "ms", "us", "ns"]
+LengthUnit = Literal["m", "cm", "mm", "inch"]
+AngleUnit = Literal["rad", "deg"]
+
+TIME_UNITS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+LENGTH_UNITS: dict[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.0254}
+ANGLE_UNITS: dict[str, float] = {"rad": 1.0, "deg": np.pi / 180.0}
+
+SLOWEST_STEP = 0.5
+"""A median step above this [s] is another unit: nobody records a hand at less than 2 Hz."""
+LATE = 1e6
+"""Stamps that begin later than this [s] count from 1970 or from when a computer was started."""
+FASTEST_STEP = 1e-4
+"""A median step below this [s] is another unit: no glove samples at more than 10 kHz."""
+STEP_RANGES = {"ms": (1.0, 100.0), "us": (1e3, 1e5), "ns": (1e6, 1e8)}
+FAR = 8.0
+"""A hand whose usual place is farther than this from the origin [m] is not in metres."""
+CERTAINLY_FAR = 100.0
+FAST = 20.0
+"""A usual speed of the palm above this [m/s] is not in metres: a punch reaches 10."""
+JOINT_LIMIT = np.radians(200.0)
+"""A joint angle beyond this [rad] is no joint's."""
+CERTAINLY_FAST = 200.0
+MANY = 0.2
+"""A unit is wrong in all samples; a glitch is in few."""
+FEW = 0.05
+
+
+def repair_units(recording: Recording) -> Recording:
+    """Stamps in s, positions in m, angles in rad.
+
+    Raises:
+        TrajectoryError: a unit is wrong, and several others are possible or the unit was stated.
+    """
+    return _angles(_lengths(_from_zero(_stamps(recording))))
+
+
+def _stamps(recording: Recording) -> Recording:
+    time = np.unique(recording.time[np.isfinite(recording.time)])
+    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    if time.size < 2 or FASTEST_STEP <= step <= SLOWEST_STEP:
+        return recording
+    if step < FASTEST_STEP:
+        raise TrajectoryError(
+            f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} samples a second; expected [s]: say --time-unit"
+        )
+    fitting = [unit for unit, (low, high) in STEP_RANGES.items() if low <= step <= high]
+    if "time" in recording.stated or not fitting:
+        raise TrajectoryError(
+            f"the stamps step by {step:.6g} s, too slow for a hand; expected [s]: are they in another unit? Say "
+            "--time-unit"
+        )
+    text = f"stamps step by {step:.4g}: taken for {_shown(fitting[0])}; if they are not, say --time-unit"
+    factor = TIME_UNITS[fitting[0]]
+    return _converted(recording, text).changed(time=recording.time * factor, phases=_rescaled(recording, factor))
+
+
+def _from_zero(recording: Recording) -> Recording:
+    time = recording.time[np.isfinite(recording.time)]
+    if not time.size or float(np.median(time)) <= LATE:
+        return recording
+    moved = recording.changed(time=recording.time - time[0], phases=_rescaled(recording, 1.0, -float(time[0])))
+    return moved.found(note(f"stamps begin at {time[0]:.6f} s: they count from the first one now"))
+
+
+def _lengths(recording: Recording) -> Recording:
+    place = recording.position[np.isfinite(recording.position).all(axis=1)]
+    if not place.size:
+        return recording
+    distance = float(np.median(np.linalg.norm(place, axis=1)))
+    speed = _usual_speed(recording)
+    if distance <= FAR and speed <= FAST:
+        return recording
+    said = f"palm {distance:.4g} m from the origin" if distance > FAR else f"palm moves at {speed:.4g} m/s"
+    if "length" in recording.stated:
+        raise TrajectoryError(f"{said}, which is no hand's; expected another unit or origin: check --length-unit")
+    if distance <= CERTAINLY_FAR and speed <= CERTAINLY_FAST:
+        raise TrajectoryError(f"{said}: not in metres, but cm, mm and inch are all possible; say --length-unit")
+    text = f"positions: {said}: taken for millimetres; if they are not, say --length-unit"
+    return _converted(recording, text).changed(position=recording.position * LENGTH_UNITS["mm"])
+
+
+def _usual_speed(recording: Recording) -> float:
+    """Median speed of the palm [m/s] where it moves at all; 0 without any."""
+    way = np.linalg.norm(np.diff(recording.position, axis=0), axis=1)
+    step = np.diff(recording.time)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speed = (way / step)[(step > 0.0) & (way > 0.0)]
+    # A hand rests at times, a unit never does: the faster half decides.
+    return float(np.percentile(speed, 75.0)) if speed.size else 0.0
+
+
+def _angles(recording: Recording) -> Recording:
+    angles = np.concatenate([recording.flexion.reshape(recording.sample_count, -1), recording.abduction], axis=1)
+    beyond = np.abs(angles) > JOINT_LIMIT
+    share = float(beyond.any(axis=1).mean()) if beyond.size else 0.0
+    if share <= FEW:
+        return recording
+    worst = float(np.nanmax(np.abs(angles)))
+    said = f"joint angles reach {worst:.4g} rad, beyond what a joint can do in {100.0 * share:.0f} % of the samples"
+    if "angle" in recording.stated or share <= MANY:
+        raise TrajectoryError(f"{said}; expected [rad]: are they in degrees? Say --angle-unit")
+    factor = ANGLE_UNITS["deg"]
+    return _converted(recording, f"{said}: taken for degrees; if they are not, say --angle-unit").changed(
+        flexion=recording.flexion * factor, abduction=recording.abduction * factor
+    )
+
+
+def _rescaled(recording: Recording, factor: float, shift: float = 0.0) -> tuple[Phase, ...]:
+    return tuple(
+        replace(phase, start_time=factor * phase.start_time + shift, end_time=factor * phase.end_time + shift)
+        for phase in recording.phases
+    )
+
+
+def in_units(
+    recording: Recording, *, time: str | None = None, length: str | None = None, angle: str | None = None
+) -> Recording:
+    """A recording whose units the user states, in ours.
+
+    Args:
+        recording: as it was read.
+        time, length, angle: what its numbers are in; None where that is left to the file and to guessing.
+    """
+    stated = set(recording.stated)
+    changed: dict[str, Any] = {}
+    if time is not None:
+        changed["time"] = recording.time * TIME_UNITS[time]
+        changed["phases"] = _rescaled(recording, TIME_UNITS[time])
+        stated.add("time")
+    if length is not None:
+        changed["position"] = recording.position * LENGTH_UNITS[length]
+        stated.add("length")
+    if angle is not None:
+        changed["flexion"] = recording.flexion * ANGLE_UNITS[angle]
+        changed["abduction"] = recording.abduction * ANGLE_UNITS[angle]
+        stated.add("angle")
+    return recording.changed(stated=frozenset(stated), **changed)
+
+
+def _converted(recording: Recording, text: str) -> Recording:
+    mark(recording.flags, np.ones(recording.sample_count, dtype=bool), SampleFlag.UNIT)
+    first = recording.time[np.isfinite(recording.time)]
+    return recording.found(
+        Finding(SampleFlag.UNIT.word, text, recording.sample_count, float(first.min()) if first.size else None)
+    )
+
+
+def _shown(unit: str) -> str:
+    return {"us": "µs"}.get(unit, unit)

@@ -1,0 +1,34 @@
+"""Recordings that test modules share: a synthetic hand that moves like one, and ways to damage it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.haptic_motion import quaternion
+from hhsim.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+def smooth_recording(count: int = 300, rate: float = 100.0, seed: int = 1, jitter: float = 0.1) -> Recording:
+    """A reach with closing fingers: sums of sines well below the sampling rate, irregular stamps, a little noise."""
+    random = np.random.default_rng(seed)
+    time = (np.arange(count) + jitter * random.uniform(-1.0, 1.0, count)) / rate
+    time -= time[0]
+
+    def waves(size: int, amplitude: float) -> Array:
+        frequency = random.uniform(0.2, 1.2, (3, size))
+        phase = random.uniform(0.0, 2.0 * np.pi, (3, size))
+        return np.asarray(amplitude * np.sin(2.0 * np.pi * frequency * time[:, None, None] + phase).sum(axis=1) / 3.0)
+
+    noise = random.normal(0.0, 1e-4, (count, 3))
+    return Recording(
+        time=time,
+        position=np.array([0.1, -0.2, 0.3]) + waves(3, 0.12) + noise,
+        orientation=quaternion(waves(3, 0.6)),
+        flexion=(0.5 + waves(15, 0.4)).reshape(count, 5, 3) * [0.5, 1.0, 1.0],
+        abduction=waves(5, 0.06),
+        stated=frozenset(),
+        form="test",
+        name="smooth",
+        hand="right",
+    )

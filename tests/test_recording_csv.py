@@ -1,0 +1,181 @@
+"""CSV of any maker, by a mapping; our own CSV; and what a table may be like."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_samples import smooth_recording
+
+from hhsim.column_map import OWN_COLUMNS, parse_column_map, read_column_map
+from hhsim.csv_table import read_table
+from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.haptic_motion import rotation_matrix
+from hhsim.recording_csv import euler_quaternion, read_csv_recording, turned
+from hhsim.recording_repair import repair
+from hhsim.sample_flags import SampleFlag, marked
+from hhsim.trajectory_csv import format_csv
+
+GLOVE = """
+device = "ExampleGlove 2"
+hand = "left"
+hand_length = 0.182
+world_up = "y"
+palm_axes = ["-y", "x", "z"]
+palm_offset = [0.0, 0.075, 0.0]
+
+[time]
+column = "Time"
+unit = "ms"
+
+[position]
+columns = ["X", "Y", "Z"]
+unit = "mm"
+
+[orientation]
+columns = ["qx", "qy", "qz", "qw"]
+order = "xyzw"
+
+[angle]
+unit = "deg"
+
+[joint]
+index_flex1 = "MCP"
+index_flex2 = { column = "PIP", offset = 12.0, scale = -1.0 }
+index_flex3 = { joint = "index_flex2", scale = 0.667 }
+index_abd = { column = "Abd", unit = "rad" }
+
+[raw]
+emg = { column = "EMG", unit = "V", meaning = "forearm" }
+"""
+TABLE = """Time;X;Y;Z;qx;qy;qz;qw;MCP;PIP;Abd;EMG
+0;100;200;300;0;0;0;1;10;2;0.1;0.5
+10;100;200;300;0;0;0;1;20;-8;0.1;0.6
+20;100;200;300;0;0;0;1;30;-18;0.1;0.7
+"""
+
+
+def test_a_mapping_says_what_columns_are() -> None:
+    recording = read_csv_recording(TABLE, parse_column_map(GLOVE, where="glove.toml"), name="take 1")
+    assert np.allclose(recording.time, [0.0, 0.01, 0.02])
+    assert np.allclose(recording.flexion[:, 1], np.radians([[10, 10, 6.67], [20, 20, 13.34], [30, 30, 20.01]]))
+    assert np.allclose(recording.abduction[:, 1], 0.1)
+    assert (recording.flexion[:, [0, 2, 3, 4]] == 0.0).all()
+    assert (recording.device, recording.hand, recording.hand_length) == ("ExampleGlove 2", "left", 0.182)
+    assert recording.raw[0].unit == "V" and recording.raw[0].values.tolist() == [0.5, 0.6, 0.7]
+    assert marked(recording.flags, SampleFlag.ESTIMATED).all()
+    # The recording's world has y up and its palm x to the fingers, z out of the back: ours, seen from our world.
+    palm = rotation_matrix(recording.orientation[0])
+    assert np.allclose(palm[:, 1], [1.0, 0.0, 0.0]) and np.allclose(palm[:, 2], [0.0, -1.0, 0.0])
+    assert np.allclose(recording.position[0], [0.1 + 0.075, -0.3, 0.2])
+
+
+@pytest.mark.parametrize("order", ["XYZ", "ZYX", "ZXY", "XYX", "xyz", "zyx", "yxz"])
+def test_euler_angles_are_scipys(order: str) -> None:
+    from scipy.spatial.transform import Rotation
+
+    angles = np.random.default_rng(2).uniform(-2.0, 2.0, (20, 3))
+    expected = Rotation.from_euler(order, angles).as_matrix()
+    for quaternion, matrix in zip(euler_quaternion(angles, order), expected):
+        assert np.allclose(rotation_matrix(quaternion), matrix)
+    point = np.array([1.0, -2.0, 0.5])
+    assert np.allclose(turned(euler_quaternion(angles, order), point), expected @ point)
+
+
+def test_our_own_csv_comes_in_bit_for_bit() -> None:
+    motion = repair(smooth_recording()).trajectory
+    again = repair(read_csv_recording(format_csv(motion)))
+    assert again.findings == ()
+    assert format_csv(again.trajectory) == format_csv(motion)
+    header = next(line for line in format_csv(motion).splitlines() if not line.startswith("#"))
+    assert set(OWN_COLUMNS.joints) <= set(header.split(","))
+
+
+def test_tables_of_many_makers() -> None:
+    for text in (
+        "a,b\n1,2\n",
+        "a;b\n1;2\n",
+        "a\tb\n1\t2\n",
+        "a b\n1  2\n",
+        "# by: me\n\na,b\r\n1,2\r\n",
+        "a,b\n1,2\n3",
+    ):
+        table = read_table(text)
+        values, broken = table.numbers(["b", "a"])
+        assert table.header == ("a", "b") and values.tolist() == [[2.0, 1.0]] and broken == 0
+    assert read_table("# by: me\na\n1\n").remarks == {"by": "me"}
+    german = read_table("a;b\n1,5;2,25\n", decimal=",")
+    assert german.numbers(["a", "b"])[0].tolist() == [[1.5, 2.25]]
+
+
+def test_what_cannot_be_read_is_missing_and_counted() -> None:
+    table = read_table("a,b\n" + "1,2\n" * 8 + "x,2\n1,2,3\n1,nan\n1,\n1_0,2\n1,2")
+    values, broken = table.numbers(["a", "b"])
+    assert len(values) == 12 and broken == 2 and np.isnan(values).sum() == 4
+    assert [finding.text[:20] for finding in table.findings] == ["line 15, the last on", "1 line(s) with anoth"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "no header line"),
+        ("# only: remarks\n", "no header line"),
+        ("a,b\n", "no line below the header"),
+        ("a,a\n1,2\n", "has column 'a' twice"),
+        ("a,b\n1\n2\n3,4\n", "2 of 3 lines have another number of cells than the header's 2, first line 2"),
+        ("a,b\nx,1\ny,2\n", "column 'a' holds 'x'; expected numbers"),
+        ("c,b\n1,1\n1,2\n", "unknown column 'a'"),
+    ],
+)
+def test_what_is_no_table_is_refused(text: str, words: str) -> None:
+    with pytest.raises(HhsimError, match=words.replace("(", r"\(")):
+        read_table(text).numbers(["a"])
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("[time", "not TOML"),
+        ("hnad = 'left'", "unknown key 'hnad': did you mean hand"),
+        ("hand = 'both'", "expected right or left"),
+        ("hand_length = 18.0", "expected a number from 0.05 to 0.4"),
+        ("rate = true", "expected a number from"),
+        ("palm_axes = ['x', 'y', 'y']", "right-handed frame"),
+        ("palm_axes = ['x', 'z', 'y']", "right-handed frame"),
+        ("palm_axes = ['x', 'q', 'y']", "expected three of x, y, z"),
+        ("world_up = 'up'", "expected one of x, y, z"),
+        ("palm_offset = [1]", "three numbers"),
+        ("delimiter = ''", "expected text in quotes"),
+        ("decimal = '..'", "expected one character"),
+        ("angle = 3", "expected a table"),
+        ("[position]\ncolumns = ['X']", "expected 3 names in a list"),
+        ("[position]\ncolumns = ['X', 'Y', 'Z']\nunit = 'km'", "expected m, cm, mm, inch"),
+        ("[orientation]\ncolumns = ['a', 'b', 'c']\norder = 'XyZ'", "expected an Euler order"),
+        ("[orientation]\ncolumns = ['a', 'b', 'c', 'd']\norder = 'xywz'", "expected wxyz or xyzw"),
+        ("[time]\nunit = 's'", "names no column"),
+        ("[joint]\nindex_flex4 = 'a'", "unknown joint 'index_flex4': did you mean index_flex"),
+        ("[joint]\nindex_flex1 = {}", "expected a column, or another joint"),
+        ("[joint]\nindex_flex1 = { joint = 'index_flex2' }", "which has no column of its own"),
+        ("[joint]\nindex_flex1 = 3", "expected a table"),
+        ("[joint]\nindex_flex1 = 'a'\n[raw]\nemg = {}", "raw.emg names no column"),
+    ],
+)
+def test_mappings_that_are_none(line: str, words: str) -> None:
+    text = line if "rate" in line or "[time" in line else f"rate = 100\n{line}"
+    if "[joint]" not in text:
+        text += "\n[joint]\nindex_flex1 = 'a'\n"
+    with pytest.raises(InputError, match=words.replace("(", r"\(")) as error:
+        parse_column_map(text, where="m.toml")
+    assert str(error.value).startswith("m.toml: ") and "\n" not in str(error.value)
+
+
+def test_mappings_need_time_and_joints(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no .time. and no rate"):
+        parse_column_map("[joint]\nindex_flex1 = 'a'", where="m.toml")
+    with pytest.raises(InputError, match=r"no .joint. table"):
+        parse_column_map("rate = 100", where="m.toml")
+    with pytest.raises(InputError, match=r"none.toml: cannot be read"):
+        read_column_map(tmp_path / "none.toml")
+    made = read_csv_recording("a\n1\n2\n", parse_column_map("rate = 50\n[joint]\nindex_flex1 = 'a'", where="m"))
+    assert made.time.tolist() == [0.0, 0.02] and "made from the rate, 50 Hz" in made.findings[0].text
+    with pytest.raises(TrajectoryError, match="the columns are a, b; expected hhsim's own"):
+        read_csv_recording("a,b\n1,2\n")

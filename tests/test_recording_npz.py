@@ -1,0 +1,104 @@
+"""Recordings in NumPy archives."""
+
+import io
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from recording_samples import smooth_recording
+
+from hhsim.errors import TrajectoryError
+from hhsim.haptic_motion import rotation_matrix
+from hhsim.recorded_axes import WORLD_UP, axes_matrix, to_our_palm, to_our_world, world_matrix
+from hhsim.recording_npz import FRAMES, read_npz_recording
+from hhsim.sample_flags import SampleFlag, marked
+
+CLEAN = smooth_recording(50)
+
+
+def archive(**changes: Any) -> bytes:
+    arrays: dict[str, Any] = {
+        "t": CLEAN.time,
+        "wrist_pos": CLEAN.position,
+        "wrist_quat": CLEAN.orientation,
+        "flex": CLEAN.flexion,
+        "abd": CLEAN.abduction,
+    }
+    arrays = {key: value for key, value in (arrays | changes).items() if value is not None}
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)
+    return stream.getvalue()
+
+
+def test_arrays_come_in_as_they_are() -> None:
+    recording = read_npz_recording(archive(), name="take")
+    for key in ("time", "flexion", "abduction"):
+        assert getattr(recording, key).tobytes() == getattr(CLEAN, key).tobytes()
+    assert np.allclose(recording.position, CLEAN.position) and np.allclose(recording.orientation, CLEAN.orientation)
+    assert recording.hand == "" and "names no frame" in recording.findings[0].text
+
+
+@pytest.mark.parametrize(("key", "order"), [("wrist_quat_wxyz", [0, 1, 2, 3]), ("wrist_quat_xyzw", [1, 2, 3, 0])])
+def test_both_orders_of_quaternions(key: str, order: list[int]) -> None:
+    data = archive(wrist_quat=None, **{key: CLEAN.orientation[:, order]})
+    assert np.allclose(read_npz_recording(data).orientation, CLEAN.orientation)
+
+
+def test_what_the_file_says_of_itself() -> None:
+    valid = np.ones(50, dtype=bool)
+    valid[7:9] = False
+    meta = json.dumps(
+        {"source": "a lab", "hand": "left one", "frame": "palm: x=direction, z=-palmNormal; y up", "note": "!"}
+    )
+    recording = read_npz_recording(archive(valid=valid, meta=np.array(meta)))
+    assert (recording.hand, recording.source) == ("left", "a lab")
+    assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [7, 8]
+    assert "palm axes x, y, z are the recording's -y, x, z; its world's y points up" in recording.findings[0].text
+    palm, theirs = rotation_matrix(recording.orientation[3]), rotation_matrix(CLEAN.orientation[3])
+    up = world_matrix("y")
+    assert np.allclose(palm[:, 1], up @ theirs[:, 0]), "their x points to the fingers"
+    assert np.allclose(palm[:, 2], up @ theirs[:, 2]), "their z points out of the back"
+    assert np.allclose(recording.position, CLEAN.position @ up.T)
+    asked = read_npz_recording(archive(meta=np.array(meta)), palm_axes=("x", "y", "z"), world_up="z")
+    assert np.allclose(asked.orientation, CLEAN.orientation)
+    assert read_npz_recording(archive(meta=np.array("no json"))).source == ""
+
+
+def test_every_frame_is_right_handed_and_every_world_stands_up() -> None:
+    for _, axes in FRAMES:
+        assert np.linalg.det(axes_matrix(axes)) == pytest.approx(1.0)
+    for up in WORLD_UP:
+        matrix = world_matrix(up)
+        axis = (-1.0 if up.startswith("-") else 1.0) * np.eye(3)["xyz".index(up[-1])]
+        assert np.allclose(matrix @ axis, [0.0, 0.0, 1.0]) and np.linalg.det(matrix) == pytest.approx(1.0)
+        position, orientation = to_our_world(CLEAN.position, CLEAN.orientation, up)
+        assert np.allclose(position, CLEAN.position @ matrix.T)
+        assert np.allclose(rotation_matrix(orientation[0]), matrix @ rotation_matrix(CLEAN.orientation[0]))
+    turned = to_our_palm(CLEAN.orientation, ("-x", "z", "y"))
+    assert np.allclose(rotation_matrix(turned[0])[:, 1], rotation_matrix(CLEAN.orientation[0])[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"PK\x03\x04", "damaged"),
+        (archive()[:-200], "damaged"),
+        (archive(t=None), "no array 't', it holds abd, flex, wrist_pos, wrist_quat; expected"),
+        (archive(flex=CLEAN.flexion[:-1]), r"array 'flex' has shape (49, 5, 3); expected (50, 5, 3)"),
+        (archive(abd=np.array([["a"] * 5] * 50)), "array 'abd' does not hold numbers"),
+        (archive(t=np.array(3.0)), "array 't' has shape ()"),
+        (archive(wrist_pos=np.array([object()] * 50)), "damaged"),
+    ],
+)
+def test_what_is_no_recording_is_refused(data: bytes, words: str) -> None:
+    with pytest.raises(TrajectoryError) as error:
+        read_npz_recording(data)
+    assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_flipped_bit_is_noticed() -> None:
+    data = bytearray(archive())
+    data[data.index(b"flex.npy") + 400] ^= 1
+    with pytest.raises(TrajectoryError, match="damaged"):
+        read_npz_recording(bytes(data))

@@ -1,0 +1,332 @@
+"""Every kind of damage: mended where that is safe, and flagged; refused in one line where it is not."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from recording_samples import smooth_recording
+
+from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.hand_change import turn
+from hhsim.recording import Recording
+from hhsim.recording_repair import Repaired, RepairOptions, default_limits, repair
+from hhsim.sample_flags import FLAG_MEANINGS, MENDED, SampleFlag, marked
+from hhsim.trajectory import Phase, RawChannel
+
+Array = NDArray[np.float64]
+CLEAN = smooth_recording()
+PLAIN = repair(CLEAN).trajectory
+
+
+def flagged(repaired: Repaired, flag: SampleFlag) -> list[int]:
+    assert repaired.trajectory.flags is not None
+    return np.flatnonzero(marked(repaired.trajectory.flags, flag)).tolist()
+
+
+def kinds(repaired: Repaired) -> set[str]:
+    return {finding.kind for finding in repaired.findings}
+
+
+def changed(**arrays: Array) -> Recording:
+    return replace(CLEAN, **arrays)  # type: ignore[arg-type]
+
+
+def with_rows(key: str, rows: slice | int | list[int], value: float) -> Recording:
+    values = getattr(CLEAN, key).copy()
+    values[rows] = value
+    return changed(**{key: values})
+
+
+def test_a_clean_recording_comes_out_as_it_went_in() -> None:
+    repaired = repair(CLEAN)
+    motion = repaired.trajectory
+    assert repaired.findings == () and repaired.mended == 0
+    assert motion.flags is not None and not motion.flags.any()
+    for key in ("time", "position", "flexion", "abduction"):
+        assert getattr(motion, key).tobytes() == getattr(CLEAN, key).tobytes(), key
+    assert motion.hand == "right" and motion.name == "smooth"
+
+
+def test_every_flag_has_a_meaning_and_a_bit_of_its_own() -> None:
+    assert set(FLAG_MEANINGS) == set(SampleFlag)
+    assert sum(flag.value for flag in SampleFlag) == 2 ** len(SampleFlag) - 1
+    assert SampleFlag.GAP_BEFORE.word == "gap_before"
+
+
+@pytest.mark.parametrize("key", ["position", "orientation", "flexion", "abduction"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_missing_numbers_are_interpolated_and_flagged(key: str, value: float) -> None:
+    repaired = repair(with_rows(key, slice(100, 110), value))
+    flag = SampleFlag.PALM_FILLED if key in ("position", "orientation") else SampleFlag.FINGERS_FILLED
+    assert flagged(repaired, flag) == list(range(100, 110))
+    assert kinds(repaired) == {flag.word}
+    assert repaired.mended == 10
+    motion = repaired.trajectory
+    # 11 steps of 10 ms of waves below 1.2 Hz: |x''| < (2π 1.2)² amplitude, and the chord is off by h²/8 of it.
+    if key == "orientation":
+        assert np.degrees(np.abs(turn(PLAIN.orientation, motion.orientation))).max() < 3.0
+    else:
+        amplitude = {"position": 0.12, "flexion": 0.4, "abduction": 0.06}[key]
+        bound = 0.12**2 / 8.0 * (2.0 * np.pi * 1.2) ** 2 * amplitude + 1e-3
+        assert np.abs(getattr(motion, key) - getattr(PLAIN, key)).max() < bound
+
+
+def test_holes_at_the_ends_hold_the_nearest_reading() -> None:
+    position = CLEAN.position.copy()
+    position[:5], position[-4:] = np.nan, np.nan
+    repaired = repair(changed(position=position))
+    assert flagged(repaired, SampleFlag.PALM_FILLED) == [*range(5), *range(296, 300)]
+    assert (repaired.trajectory.position[:5] == CLEAN.position[5]).all()
+
+
+def test_holes_too_long_to_bridge_are_refused_with_the_place() -> None:
+    with pytest.raises(TrajectoryError, match=r"palm position is missing for 1\.2\d* s after 0\.9\d* s: too long"):
+        repair(with_rows("position", slice(100, 220), np.nan))
+    assert repair(with_rows("position", slice(100, 220), np.nan), RepairOptions(max_gap=1.5)).mended == 120
+    flexion = CLEAN.flexion.copy()
+    flexion[:, 2, 1] = np.nan
+    with pytest.raises(TrajectoryError, match="middle flexion 2 is missing in every sample; leave that column out"):
+        repair(changed(flexion=flexion))
+    with pytest.raises(TrajectoryError, match=r"is missing in 160 of 300 samples; too many to make up"):
+        repair(with_rows("abduction", slice(0, 160), np.nan), RepairOptions(max_gap=9.0))
+
+
+def test_zero_quaternions_are_interpolated_and_scaled_ones_scaled() -> None:
+    repaired = repair(with_rows("orientation", [40, 41], 0.0))
+    assert flagged(repaired, SampleFlag.PALM_FILLED) == [40, 41]
+    assert "2 of length zero" in repaired.findings[0].text
+    assert np.degrees(np.abs(turn(PLAIN.orientation, repaired.trajectory.orientation))).max() < 0.5
+    doubled = repair(changed(orientation=2.0 * CLEAN.orientation))
+    assert len(flagged(doubled, SampleFlag.RENORMALISED)) == 300
+    assert np.allclose(doubled.trajectory.orientation, PLAIN.orientation, atol=1e-12)
+    with pytest.raises(TrajectoryError, match="orientation is no unit quaternion in 300 of 300 samples"):
+        repair(changed(orientation=np.zeros((300, 4))))
+
+
+def test_sign_flips_are_turned_and_flagged() -> None:
+    orientation = CLEAN.orientation.copy()
+    orientation[50:60] *= -1.0
+    repaired = repair(changed(orientation=orientation))
+    assert flagged(repaired, SampleFlag.FLIPPED) == list(range(50, 60))
+    assert kinds(repaired) == {"flipped"} and repaired.mended == 0
+    assert repaired.trajectory.orientation.tobytes() == PLAIN.orientation.tobytes()
+
+
+@pytest.mark.parametrize("length", [1, 2, 5, 20])
+def test_spikes_are_replaced(length: int) -> None:
+    position, orientation, flexion = CLEAN.position.copy(), CLEAN.orientation.copy(), CLEAN.flexion.copy()
+    position[50 : 50 + length] += [0.0, 0.5, 0.0]
+    orientation[120 : 120 + length] = orientation[120 : 120 + length, [1, 0, 3, 2]]
+    flexion[200 : 200 + length, 3, 1] += 1.5
+    repaired = repair(replace(CLEAN, position=position, orientation=orientation, flexion=flexion))
+    assert flagged(repaired, SampleFlag.PALM_OUTLIER) == [*range(50, 50 + length), *range(120, 120 + length)]
+    assert flagged(repaired, SampleFlag.FINGERS_OUTLIER) == list(range(200, 200 + length))
+    assert np.abs(repaired.trajectory.position - PLAIN.position).max() < 0.02
+    assert np.abs(repaired.trajectory.flexion - PLAIN.flexion).max() < 0.1
+
+
+def test_a_spike_within_what_speed_allows_is_told_by_its_force() -> None:
+    position = CLEAN.position.copy()
+    position[77] += [0.04, 0.0, 0.0]
+    repaired = repair(changed(position=position))
+    assert flagged(repaired, SampleFlag.PALM_OUTLIER) == [77]
+    smaller = CLEAN.position.copy()
+    smaller[77] += [0.012, 0.0, 0.0]
+    left = repair(changed(position=smaller))
+    assert flagged(left, SampleFlag.SUSPECT) == [77] and left.mended == 0
+    assert (left.trajectory.position == smaller).all()
+
+
+def test_a_jump_that_stays_is_left_and_told() -> None:
+    position = CLEAN.position.copy()
+    position[150:] += [0.3, 0.0, 0.0]
+    repaired = repair(changed(position=position))
+    assert flagged(repaired, SampleFlag.JUMP) == [150]
+    assert (repaired.trajectory.position == position).all()
+
+
+def test_a_tracker_that_repeats_itself_is_marked() -> None:
+    index = np.arange(300)
+    index[100:108] = 100
+    motion = CLEAN.chosen(index)
+    repaired = repair(replace(motion, time=CLEAN.time))
+    assert flagged(repaired, SampleFlag.FROZEN) == list(range(100, 108))
+    still = replace(CLEAN.chosen(np.zeros(300, dtype=np.int64)), time=CLEAN.time)
+    assert repair(still).findings == (), "a hand that rests through the whole file is no lost hand"
+
+
+def test_samples_out_of_order_are_sorted_by_their_stamps() -> None:
+    index = np.arange(300)
+    index[[20, 23]] = 23, 20
+    index[100:110] = np.random.default_rng(3).permutation(index[100:110])
+    repaired = repair(CLEAN.chosen(index))
+    assert kinds(repaired) == {"reordered"}
+    assert repaired.trajectory.position.tobytes() == CLEAN.position.tobytes()
+    everything = repair(CLEAN.chosen(np.random.default_rng(4).permutation(300)))
+    assert everything.trajectory.flexion.tobytes() == CLEAN.flexion.tobytes()
+
+
+def test_a_stamp_that_contradicts_the_motion_loses_its_sample() -> None:
+    time = CLEAN.time.copy()
+    time[100] = time[250] + 1e-3
+    repaired = repair(changed(time=time))
+    assert repaired.trajectory.sample_count == 299
+    assert flagged(repaired, SampleFlag.CUT_BEFORE) == [100]
+    assert np.allclose(repaired.trajectory.time, np.delete(CLEAN.time, 100))
+
+
+def test_two_recordings_in_one_file_are_refused() -> None:
+    both = np.concatenate([np.arange(150), np.arange(150)])
+    other = replace(CLEAN.chosen(both), position=CLEAN.position)
+    with pytest.raises(TrajectoryError, match=r"the stamps go backwards at sample 150 \(.* two recordings in one file"):
+        repair(other)
+
+
+def test_stamps_that_repeat() -> None:
+    index = np.sort(np.concatenate([np.arange(300), [10, 11, 12]]))
+    repaired = repair(CLEAN.chosen(index))
+    assert repaired.trajectory.sample_count == 300
+    assert "with the same values: left out" in repaired.findings[0].text
+    time = CLEAN.time.copy()
+    time[200] = time[199]
+    other = repair(changed(time=time))
+    assert other.trajectory.sample_count == 299 and "with other values" in other.findings[0].text
+    with pytest.raises(TrajectoryError, match="299 of 300 samples repeat the stamp before them"):
+        repair(changed(time=np.zeros(300)))
+
+
+def test_stamps_that_are_missing() -> None:
+    repaired = repair(with_rows("time", [5, 6], np.nan))
+    assert repaired.trajectory.sample_count == 298 and flagged(repaired, SampleFlag.CUT_BEFORE) == [5]
+    with pytest.raises(TrajectoryError, match="100 of 300 samples have no time stamp"):
+        repair(with_rows("time", slice(0, 100), np.nan))
+
+
+def test_gaps_are_flagged_and_holes_refused() -> None:
+    keep = np.ones(300, dtype=bool)
+    keep[100:140] = False
+    repaired = repair(CLEAN.chosen(keep))
+    assert flagged(repaired, SampleFlag.GAP_BEFORE) == [100]
+    time = CLEAN.time + np.where(np.arange(300) >= 150, 5.0, 0.0)
+    with pytest.raises(TrajectoryError, match=r"no sample for 5\.\d+ s after 1\.4\d+ s, 1 such hole"):
+        repair(changed(time=time))
+    assert repair(changed(time=time), RepairOptions(max_gap=6.0)).trajectory.duration > 7.0
+    late = CLEAN.time.copy()
+    late[-2:] += 60.0
+    assert repair(changed(time=late)).trajectory.sample_count == 298
+
+
+@pytest.mark.parametrize(("factor", "word"), [(1e3, "ms"), (1e6, "µs"), (1e9, "ns")])
+def test_stamps_in_another_unit(factor: float, word: str) -> None:
+    phased = replace(CLEAN, time=factor * CLEAN.time, phases=(Phase("reach", 0.0, factor * 1.5),))
+    repaired = repair(phased)
+    assert f"taken for {word}" in repaired.findings[0].text
+    assert np.allclose(repaired.trajectory.time, CLEAN.time)
+    (phase,) = repaired.trajectory.phases
+    assert phase.end_time == pytest.approx(1.5)
+    assert len(flagged(repaired, SampleFlag.UNIT)) == 300
+
+
+def test_stamps_that_no_unit_explains_are_refused() -> None:
+    for factor in (1e-3, 70.0, 1e12):
+        with pytest.raises(TrajectoryError, match="--time-unit"):
+            repair(changed(time=factor * CLEAN.time))
+    stated = RepairOptions(time_unit="s")
+    with pytest.raises(TrajectoryError, match="too slow for a hand"):
+        repair(changed(time=1e3 * CLEAN.time), stated)
+
+
+def test_stamps_since_1970_count_from_the_first() -> None:
+    repaired = repair(changed(time=CLEAN.time + 1.7e9))
+    assert repaired.trajectory.time[0] == 0.0 and kinds(repaired) == {"note"}
+    assert np.allclose(repaired.trajectory.time, CLEAN.time, atol=1e-6)
+
+
+def test_positions_in_millimetres_and_angles_in_degrees() -> None:
+    repaired = repair(changed(position=1e3 * CLEAN.position))
+    assert np.allclose(repaired.trajectory.position, CLEAN.position) and len(flagged(repaired, SampleFlag.UNIT)) == 300
+    degrees = changed(flexion=np.degrees(CLEAN.flexion), abduction=np.degrees(CLEAN.abduction))
+    assert np.allclose(repair(degrees).trajectory.flexion, PLAIN.flexion)
+    with pytest.raises(TrajectoryError, match="cm, mm and inch are all possible; say --length-unit"):
+        repair(changed(position=50.0 * CLEAN.position))
+    stated = repair(changed(position=50.0 * CLEAN.position), RepairOptions(length_unit="cm"))
+    assert np.allclose(stated.trajectory.position, 0.5 * CLEAN.position)
+    with pytest.raises(TrajectoryError, match="check --length-unit"):
+        repair(changed(position=1e3 * CLEAN.position), RepairOptions(length_unit="m"))
+    with pytest.raises(TrajectoryError, match="in degrees"):
+        repair(degrees, RepairOptions(angle_unit="rad"))
+
+
+def test_rows_in_no_order_are_refused() -> None:
+    index = np.random.default_rng(5).permutation(300)
+    with pytest.raises(TrajectoryError, match="out of order"):
+        repair(replace(CLEAN.chosen(index), time=CLEAN.time))
+
+
+def test_joints_stay_within_the_hand() -> None:
+    flexion = CLEAN.flexion.copy()
+    flexion[30:40, 1, 0] = np.linspace(1.2, 2.6, 10)
+    flexion[40:50, 1, 0] = np.linspace(2.6, flexion[50, 1, 0], 10)
+    repaired = repair(changed(flexion=flexion))
+    limits = default_limits()
+    assert flagged(repaired, SampleFlag.LIMITED) and "index flexion 1" in repaired.findings[-1].text
+    assert (repaired.trajectory.flexion <= limits.flexion_max).all()
+    kept = repair(changed(flexion=flexion), RepairOptions(limits=None))
+    assert kept.trajectory.flexion.max() == pytest.approx(2.6) and not flagged(kept, SampleFlag.LIMITED)
+
+
+def test_a_left_hand_can_become_a_right_one_and_back() -> None:
+    once = repair(replace(CLEAN, hand="left"), RepairOptions(mirror=True)).trajectory
+    assert once.hand == "right"
+    assert np.allclose(once.position, PLAIN.position * [-1.0, 1.0, 1.0])
+    # A point of the palm, seen in the mirror, is the mirror image's point of the mirrored palm.
+    from hhsim.recording_csv import turned
+
+    point = np.array([0.02, 0.07, -0.01])
+    seen = (PLAIN.position + turned(PLAIN.orientation, point)) * [-1.0, 1.0, 1.0]
+    assert np.allclose(once.position + turned(once.orientation, point * [-1.0, 1.0, 1.0]), seen)
+
+
+def test_the_palms_way_is_scaled_only_when_asked() -> None:
+    sized = replace(CLEAN, hand_length=0.2)
+    assert (repair(sized).trajectory.position == CLEAN.position).all() and repair(sized).hand_length == 0.2
+    scaled = repair(sized, RepairOptions(scale_to=0.19)).trajectory
+    middle = CLEAN.position.mean(axis=0)
+    assert np.allclose(scaled.position - middle, 0.95 * (CLEAN.position - middle))
+    assert (scaled.flexion == PLAIN.flexion).all()
+    with pytest.raises(InputError, match="--hand-length"):
+        repair(CLEAN, RepairOptions(scale_to=0.19))
+
+
+def test_a_part_is_cut_out_and_raw_channels_come_along() -> None:
+    raw = RawChannel("count", np.arange(300.0), "1", "")
+    repaired = repair(replace(CLEAN, raw=(raw,)), RepairOptions(start=0.5, end=1.0))
+    motion = repaired.trajectory
+    assert motion.time[0] >= 0.5 and motion.time[-1] <= 1.0
+    assert (CLEAN.time[motion.raw[0].values.astype(int)] == motion.time).all()
+    with pytest.raises(InputError, match="no sample from 50 to inf s; the recording has stamps from 0 to"):
+        repair(CLEAN, RepairOptions(start=50.0))
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_nothing_to_repair(count: int) -> None:
+    with pytest.raises(TrajectoryError, match="expected at least 2"):
+        repair(CLEAN.chosen(np.arange(count)))
+
+
+Damage = Callable[[Recording, np.random.Generator], Recording]
+
+
+def test_repairing_twice_changes_nothing() -> None:
+    position = CLEAN.position.copy()
+    position[50:53] += 0.4
+    once = repair(changed(position=position, orientation=-1.5 * CLEAN.orientation)).trajectory
+    from hhsim.recording_file import from_trajectory
+
+    twice = repair(from_trajectory(once))
+    assert twice.trajectory.position.tobytes() == once.position.tobytes()
+    assert twice.trajectory.flags is not None and (twice.trajectory.flags == once.flags).all()
+    assert twice.findings == ()
+    assert isinstance(HhsimError(), Exception) and MENDED
