@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from . import options
+from . import options, tree_file
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 from .object_argument import complete_object, read_object
 
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 @click.option(
     "--branching", type=click.IntRange(2, 64), default=8, show_default=True, help="Most children of a sphere."
 )
+@tree_file.source
+@tree_file.frame
+@tree_file.unit
 @options.unit
 @options.size
 @options.seed
@@ -36,6 +39,9 @@ def command(
     level: int | None,
     leaves: int | None,
     branching: int,
+    source: Path | None,
+    frame: str | None,
+    source_unit: str | None,
     unit: str | None,
     size: float | None,
     seed: int,
@@ -52,22 +58,30 @@ def command(
     Examples:
       hhsim build-tree bunny
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
+      hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
     from hhsim.destination import check_destination, dated_destination
     from hhsim.tree_builder import TreeOptions, cache_path, cached_sphere_tree
 
     announce_compilation(quiet=quiet)
+    tree_file.check_source(source, frame, source_unit)
     mesh, usual_level = read_object(object_, unit, size)
     wanted = TreeOptions(level=level or usual_level or 4, branching=branching, leaves=leaves, seed=seed)
-    path = out or dated_destination(f"{mesh.name}-tree-{wanted.level}")
+    path = out or dated_destination(f"{mesh.name}-tree-{source.stem if source else wanted.level}")
     if path.suffix not in (".h5", ".sph"):
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
     check_destination(path)
     _check_replaceable(path)
-    cached = cache_path(mesh, wanted).exists()
+    cached = source is None and cache_path(mesh, wanted).exists()
+    found = None
     start = time.perf_counter()
     with progress(quiet=quiet) as report:
-        tree = cached_sphere_tree(mesh, wanted, report)
+        if source is None:
+            tree = cached_sphere_tree(mesh, wanted, report)
+        else:
+            unit_length = tree_file.length_unit(object_, unit, size, source_unit)
+            found = tree_file.imported_tree(source, mesh, frame, unit_length, seed, report)
+            tree = found.tree
     seconds = time.perf_counter() - start
     if path.suffix == ".sph":
         tree.save_sph(path)
@@ -86,6 +100,9 @@ def command(
                 "levels": [vars(error) for error in tree.errors],
                 "seconds": seconds,
                 "cached": cached,
+                "frame": found.frame if found else "mesh",
+                "notes": found.notes if found else (),
+                "unproved_faces": found.unproved if found else 0,
                 "path": str(path),
             }
         )
@@ -93,8 +110,13 @@ def command(
         print_table(COLUMNS, _rows(tree), title=f"{mesh.name}: {len(mesh.faces):,} triangles", numbers=COLUMNS)
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
-        print("the levels above the leaves hold what is below them; for a coarser model build one with --level")
+        for note in found.notes if found else ():
+            print(f"note: {note}")
+        if found is None:
+            print("the levels above the leaves hold what is below them; for a coarser model build one with --level")
         how = "read from the cache" if cached else f"built in {seconds:.1f} s"
+        if source is not None:
+            how = f"read from {source}"
         print(f"{tree.leaf_count:,} leaves, {how}, written to {path}")
 
 

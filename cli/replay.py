@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from click.shell_completion import CompletionItem
 
-from . import options, tree_level
+from . import options, tree_file, tree_level
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 from .number_list import number_list
 from .object_argument import complete_object, read_object
@@ -63,6 +63,7 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
 )
 @tree_level.level
 @tree_level.max_error
+@tree_file.tree
 @click.option(
     "--fingers",
     callback=read_fingers,
@@ -163,6 +164,7 @@ def command(
     force: str | None,
     level: int | None,
     max_error: float | None,
+    tree_path: Path | None,
     fingers: tuple[str, ...] | None,
     rate: float,
     samples: Literal["interpolate", "hold"],
@@ -195,6 +197,7 @@ def command(
       hhsim replay
       hhsim replay cube pinch --method progressive --out pinch.h5
       hhsim replay mug.stl grasp --unit mm --tremor 0.1,0.2
+      hhsim replay mug.stl grasp --unit mm --tree mug.h5
     """
     from hhsim.destination import dated_destination
     from hhsim.replay import replay as run
@@ -221,7 +224,8 @@ def command(
     print_notes(mesh.warnings, prefix="warning")
     with progress(quiet=quiet) as report:
         model = _hand(hand or _side(motion), hand_file)
-        chosen = tree_level.choose_tree(mesh, level, usual_level, max_error, report)
+        unit_length = tree_file.length_unit(object_, unit, size) if tree_path else 1.0
+        chosen = tree_level.choose_tree(mesh, level, usual_level, max_error, report, tree_path, unit_length)
         scene = make_scene(mesh, chosen.tree, model, motion, rate=rate, mode=samples, seed=seed)
         description = {
             "object": object_,
@@ -230,6 +234,8 @@ def command(
             "size_mm": size,
             "level": chosen.level,
             "max_error": max_error,
+            "tree": str(tree_path) if tree_path else None,
+            "tree_options": dict(chosen.tree.options),
             "trajectory": trajectory,
             "samples": samples,
             "hand_file": str(hand_file) if hand_file else None,

@@ -1,6 +1,7 @@
 """How fine the sphere tree of a replay is: a level, or the coarsest one within an error budget."""
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
@@ -65,12 +66,25 @@ max_error = click.option(
 
 
 def choose_tree(
-    mesh: "Mesh", wanted: int | None, usual: int | None, budget: float | None, report: Report | None
+    mesh: "Mesh",
+    wanted: int | None,
+    usual: int | None,
+    budget: float | None,
+    report: Report | None,
+    file: Path | None = None,
+    unit_length: float = 1.0,
 ) -> ChosenTree:
-    """Build or load the tree that the options ask for."""
+    """Build or load the tree that the options ask for; `unit_length` [m] is that of a .sph `file`."""
     from hhsim.tree_builder import TreeOptions, cached_sphere_tree
     from hhsim.tree_choice import coarsest_sphere_tree
 
+    if file is not None:
+        from hhsim.tree_import import load_tree_for
+
+        if wanted is not None or budget is not None:
+            raise click.UsageError(f"--tree {file} has its own level: leave --level and --max-error out")
+        found = load_tree_for(file, mesh, unit_length)
+        return ChosenTree(found.tree, found.tree.depth, (f"the sphere tree is that of {file}", *found.notes))
     if wanted == AUTO and budget is None:
         raise click.UsageError("--level auto needs --max-error, such as --max-error 0.3mm")
     if budget is not None and wanted not in (None, AUTO):

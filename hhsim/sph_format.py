@@ -4,7 +4,7 @@ First line: number of levels including the root, and branching factor B. Then on
 tree, `x y z radius importance`, breadth first: the children of slot n are the slots n·B + 1 to n·B + B. A radius that
 is not positive marks an unused slot. Further columns, and lines after the last slot (the toolkit appends statistics),
 are ignored.
-The format has no unit; centres are in the frame that the toolkit was given.
+The format has no unit. The toolkit's centres count from the centre of the mesh's bounding box; see `hhsim.tree_import`.
 """
 
 from pathlib import Path
@@ -17,6 +17,7 @@ from hhsim.sphere_tree import SphereTree, enclosing_radius
 from hhsim.whole_file import write_whole_file
 
 _MOST_SLOTS = 20_000_000
+_ROUNDING = 1e-9
 
 
 def save_sph(tree: SphereTree, path: str | Path) -> None:
@@ -42,7 +43,8 @@ def load_sph(path: str | Path) -> SphereTree:
     """Read a tree.
 
     The toolkit's parents do not always enclose what is below them: their radii grow until they do. A sphere that has no
-    children above the last level is repeated down to it, so that all leaves lie at one depth.
+    children above the last level is repeated down to it, so that all leaves lie at one depth. The options of the tree
+    say how often: `parents_grown`, by how much at most, `parents_grown_most` [unit of the file], and `repeated`.
 
     Raises:
         InputError: No such file, or not a sphere tree.
@@ -65,11 +67,13 @@ def load_sph(path: str | Path) -> SphereTree:
     center, radius, level, parent = [spheres[0, :3]], [spheres[0, 3]], [0], [-1]
     # Slot of each node of the level above; None below a sphere that is repeated.
     above: list[tuple[int, int | None]] = [(0, 0)]
+    repeated = 0
     for depth in range(1, levels):
         here: list[tuple[int, int | None]] = []
         for node, slot in above:
             first = slots if slot is None else slot * branching + 1
             children: list[int | None] = [k for k in range(first, min(first + branching, slots)) if used[k]]
+            repeated += not children
             for child in children or [None]:
                 here.append((len(radius), child))
                 center.append(center[node] if child is None else spheres[child, :3])
@@ -78,8 +82,16 @@ def load_sph(path: str | Path) -> SphereTree:
                 parent.append(node)
         above = here
     centers, levels_array, parents = np.array(center), np.array(level), np.array(parent)
-    radii = enclosing_radius(centers, np.array(radius), levels_array, parents)
-    return SphereTree(centers, radii, levels_array, parents, options={"source": source.name})
+    read = np.array(radius)
+    radii = enclosing_radius(centers, read, levels_array, parents)
+    growth = radii - read
+    options = {
+        "source": source.name,
+        "parents_grown": int((growth > _ROUNDING * radii).sum()),
+        "parents_grown_most": float(growth.max()),
+        "repeated": repeated,
+    }
+    return SphereTree(centers, radii, levels_array, parents, options=options)
 
 
 def _slots(levels: int, branching: int) -> int:

@@ -27,6 +27,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
             "tree_error",
             "tree_builder",
             "tree_choice",
+            "tree_import",
             "mesh_cover",
             "canonical_frame",
         ),

@@ -1,0 +1,181 @@
+"""Sphere trees that were built elsewhere: brought into the mesh's frame and measured against the mesh.
+
+A `.sph` file has neither unit nor frame. The toolkit that the format comes from counts from the centre of the mesh's
+bounding box, other programs from the mesh's own origin: where the spheres leave less of the mesh outside is where they
+belong.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.kernels.cover_error import union_distance
+from hhsim.kernels.mesh_bvh import build_mesh_bvh
+from hhsim.mesh import Mesh
+from hhsim.sphere_tree import SphereTree
+from hhsim.tree_error import measure_levels, protrusion_bound, sample_mesh, uncovered_faces
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+Frame = Literal["auto", "mesh", "centred"]
+FRAMES: tuple[Frame, ...] = get_args(Frame)
+"""Where the centres count from: the mesh's origin, the centre of its bounding box, or whichever fits."""
+
+SUFFIXES = (".h5", ".sph")
+
+_SAMPLES = 4000
+_SAME = 1e-6
+"""Frames that differ by less than this share of the mesh's extent are one; gaps too."""
+_OFF_SIZE = 5.0
+_OFF_PLACE = 0.1
+
+
+@dataclass(frozen=True)
+class ImportedTree:
+    """A tree from a file, in the mesh's frame and in metres, with the measured errors of its levels.
+
+    Attributes:
+        tree: It knows the mesh that it was measured against.
+        frame: Where its centres counted from: "mesh" or "centred".
+        notes: What was assumed and mended, and what its leaves do not prove, a sentence each.
+        unproved: Faces of the mesh that the leaves are not proved to cover; 0 for a certified cover.
+    """
+
+    tree: SphereTree
+    frame: str
+    notes: tuple[str, ...]
+    unproved: int
+
+
+def import_tree(
+    path: str | Path,
+    mesh: Mesh,
+    unit_length: float = 1.0,
+    frame: Frame = "auto",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> ImportedTree:
+    """Read a tree that any program has built, and measure how far it is from a mesh.
+
+    Args:
+        path: A `.sph` file, or a `.h5` file of hhsim, which is in metres and in the frame of its mesh.
+        mesh: Watertight and wound outward.
+        unit_length: Of the `.sph` file [m].
+        frame: Where the centres of the `.sph` file count from.
+        seed: Of the samples that measure the errors.
+        progress: As for `hhsim.tree_builder.build_sphere_tree`.
+
+    Raises:
+        InputError: No sphere tree, an unknown frame, or spheres that are not on this mesh.
+    """
+    source = Path(path)
+    if frame not in FRAMES:
+        raise InputError(f"unknown frame '{frame}': known: {', '.join(FRAMES)}")
+    if source.suffix not in SUFFIXES:
+        raise InputError(f"{source}: a sphere tree is a .h5 or a .sph file")
+    notes: list[str] = []
+    if source.suffix == ".h5":
+        tree, chosen = SphereTree.load(source), "mesh"
+        if tree.mesh_sha256 not in ("", mesh.sha256):
+            notes.append(f"{source.name} was built for another mesh than {mesh.name}, and is measured against this one")
+    else:
+        tree, chosen, told = _placed(source, mesh, unit_length, frame)
+        notes += told
+    _require_near(source, mesh, tree)
+    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    unproved = uncovered_faces(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius).size
+    errors = measure_levels(mesh.vertices, mesh.faces, bvh, tree, seed, progress)
+    if unproved:
+        notes.append(
+            f"the leaves are not proved to cover {unproved:,} of {len(mesh.faces):,} triangles: a hand that stays out "
+            f"of them can be inside the mesh; gap {1e3 * errors[-1].gap_max:.3g} mm at most, as sampled"
+        )
+    options = {**tree.options, "imported": source.name, "frame": chosen}
+    tree = replace(tree, errors=errors, mesh_sha256=mesh.sha256, options=options)
+    return ImportedTree(tree, chosen, tuple(notes), int(unproved))
+
+
+def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> ImportedTree:
+    """Read the tree of a mesh for a replay: `import_tree`, but a tree of another mesh is refused.
+
+    Raises:
+        InputError: As `import_tree`, or a `.h5` file that was built for another mesh.
+    """
+    source = Path(path)
+    if source.suffix == ".h5":
+        sha256 = SphereTree.load(source).mesh_sha256
+        if sha256 not in ("", mesh.sha256):
+            raise InputError(
+                f"{source}: built for the mesh {sha256[:12]}…, but {mesh.name} is {mesh.sha256[:12]}…; name the "
+                "object, unit and size that it was built with, or build it again"
+            )
+    return import_tree(source, mesh, unit_length)
+
+
+def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple[SphereTree, str, list[str]]:
+    """A .sph tree in metres and in the mesh's frame, where its centres counted from, and what to say of it."""
+    tree = SphereTree.load_sph(source).scaled(unit_length)
+    notes = []
+    grown, repeated = tree.options["parents_grown"], tree.options["repeated"]
+    if grown:
+        most = 1e3 * unit_length * tree.options["parents_grown_most"]
+        inner = tree.leaf_start
+        notes.append(
+            f"{grown:,} of {inner:,} inner spheres did not enclose the leaves below them: grown by up to {most:.3g} mm"
+        )
+    if repeated:
+        notes.append(f"{repeated:,} spheres without children above the last level stand for their own children")
+    middle = mesh.bounds.mean(axis=0)
+    shifted = tree.transformed(np.eye(3), middle)
+    extent = float(mesh.extent.max())
+    if frame == "mesh" or (frame == "auto" and np.abs(middle).max() <= _SAME * extent):
+        return tree, "mesh", notes
+    if frame == "centred":
+        return shifted, "centred", notes
+    points = sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0))
+    given, centred = (_mean_gap(points, placed) for placed in (tree, shifted))
+    if abs(given - centred) <= _SAME * extent:
+        # Both cover the mesh: the one that sticks out less is where it belongs.
+        bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+        first, second = (protrusion_bound(bvh, t.leaf_center, t.leaf_radius) for t in (tree, shifted))
+        chosen = "mesh" if first <= second else "centred"
+        reason = f"the spheres protrude by {1e3 * min(first, second):.3g} mm, else by {1e3 * max(first, second):.3g} mm"
+    else:
+        chosen = "mesh" if given < centred else "centred"
+        reason = f"mean gap {1e3 * min(given, centred):.3g} mm, else {1e3 * max(given, centred):.3g} mm"
+    where = "the mesh's own origin" if chosen == "mesh" else "the centre of the mesh's bounding box"
+    notes.append(f"taken to count from {where}: {reason}")
+    return (tree if chosen == "mesh" else shifted), chosen, notes
+
+
+def _mean_gap(points: FloatArray, tree: SphereTree) -> float:
+    """Mean distance [m] of points to the leaves, 0 inside."""
+    x, y, z = (np.ascontiguousarray(tree.leaf_center[:, k]) for k in range(3))
+    gap = np.empty(len(points))
+    union_distance(points, x, y, z, np.ascontiguousarray(tree.leaf_radius), gap)
+    return float(gap.mean())
+
+
+def _require_near(source: Path, mesh: Mesh, tree: SphereTree) -> None:
+    """Refuse spheres of another size than the mesh, or elsewhere: another unit, or another mesh."""
+    low = (tree.leaf_center - tree.leaf_radius[:, None]).min(axis=0)
+    high = (tree.leaf_center + tree.leaf_radius[:, None]).max(axis=0)
+    spheres, extent = float((high - low).max()), float(mesh.extent.max())
+    points = sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0))
+    gap = _mean_gap(points, tree)
+    if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
+        raise InputError(
+            f"{source}: its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm: is it in "
+            "another unit, or of another mesh?"
+        )
+    if gap > _OFF_PLACE * extent:
+        raise InputError(
+            f"{source}: its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean: is it in another frame, or of "
+            "another mesh?"
+        )

@@ -1,0 +1,88 @@
+"""Sphere trees from files, as users meet them: `build-tree --from` and `replay --tree`."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hhsim.result import load_result
+from hhsim.sphere_tree import SphereTree
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def box(tmp_path: Path) -> Path:
+    """A box away from the origin, in millimetres."""
+    from hhsim import shapes
+
+    mesh = shapes.cube(0.07)
+    lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices + [200.0, 0.0, 30.0]]
+    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    (tmp_path / "box.obj").write_text("\n".join(lines))
+    return tmp_path / "box.obj"
+
+
+def test_a_file_of_the_toolkit_becomes_a_measured_tree(run: Run, tmp_path: Path, box: Path) -> None:
+    assert run("build-tree", box.name, "--unit", "mm", "--level", "1", "--out", "own.h5", "--quiet").code == 0
+    own = SphereTree.load(tmp_path / "own.h5")
+    # In the unit of the mesh file, counted from the middle of the box.
+    own.transformed(np.eye(3), [-0.2, 0.0, -0.03]).scaled(1e3).save_sph(tmp_path / "theirs.sph")
+    answer = run("build-tree", box.name, "--unit", "mm", "--from", "theirs.sph", "--out", "found.h5")
+    assert answer.code == 0, answer.err
+    assert "note: taken to count from the centre of the mesh's bounding box: mean gap " in answer.out
+    assert answer.out.splitlines()[-1] == "8 leaves, read from theirs.sph, written to found.h5"
+    found = SphereTree.load(tmp_path / "found.h5")
+    np.testing.assert_allclose(found.center, own.center, atol=1e-12)
+    assert found.mesh_sha256 == own.mesh_sha256
+    forced = run("build-tree", box.name, "--size", "70", "--from", "theirs.sph", "--frame", "centred", "--json")
+    document = json.loads(forced.out)
+    assert document["frame"] == "centred"
+    assert document["levels"][-1]["bound"] == pytest.approx(own.errors[-1].bound)
+    wrong = run("build-tree", box.name, "--unit", "mm", "--from", "theirs.sph", "--from-unit", "m")
+    assert wrong.code == 2
+    assert "is it in another unit" in wrong.err
+
+
+def test_a_replay_takes_the_tree_of_a_file(run: Run, tmp_path: Path, box: Path) -> None:
+    (tmp_path / "short.toml").write_text(
+        'title = "short"\n[[phase]]\nname = "approach"\nduration = 0.05\n[[phase]]\nname = "grasp"\nduration = 0.1\n'
+    )
+    assert run("build-tree", "cube", "--level", "2", "--out", "cube.h5", "--quiet").code == 0
+    assert run("build-tree", "cube", "--level", "2", "--out", "cube.sph", "--quiet").code == 0
+    joints = []
+    for options in (["--level", "2"], ["--tree", "cube.h5"], ["--tree", "cube.sph"]):
+        answer = run("replay", "cube", "short.toml", *options, "--out", "run.h5")
+        assert answer.code == 0, answer.err
+        result = load_result(tmp_path / "run.h5")
+        assert result.scene["level"] == 2
+        assert result.scene["tree"] == (options[1] if options[0] == "--tree" else None)
+        assert (f"note: the sphere tree is that of {options[1]}" in answer.out) == (options[0] == "--tree")
+        joints.append(result["graphic/joints"])
+    assert np.array_equal(joints[0], joints[1])
+    assert np.array_equal(joints[0], joints[2])
+    other = run("replay", box.name, "short.toml", "--unit", "mm", "--tree", "cube.h5")
+    assert other.code == 2
+    assert "cube.h5: built for the mesh" in other.err
+    assert run("replay", "cube", "short.toml", "--tree", "cube.h5", "--level", "3").code == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--frame", "mesh"], "--frame is for --from FILE.sph"),
+        (["--from-unit", "mm"], "--from-unit is for --from FILE.sph"),
+        (["--from", "a.sph", "--level", "3"], "--level is for trees that are built; a.sph has its own"),
+        (["--from", "a.sph", "--branching", "8"], "--branching is for trees that are built; a.sph has its own"),
+        (["--from", "a.h5", "--frame", "mesh"], "a.h5 is in metres and has its frame"),
+        (["--from", "a.sph"], "a.sph: No such file or directory; expected a sphere tree (.sph)"),
+        (["--from", "a.txt"], "a.txt: a sphere tree is a .h5 or a .sph file"),
+    ],
+)
+def test_options_that_do_not_go_together(run: Run, arguments: list[str], message: str) -> None:
+    answer = run("build-tree", "cube", *arguments)
+    assert (answer.code, answer.out) == (2, "")
+    assert message in answer.err

@@ -1,0 +1,148 @@
+"""Trees of other programs: their frame, unit and faults, as the toolkit leaves them, and the errors they have."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from hhsim.errors import InputError
+from hhsim.mesh import Mesh
+from hhsim.sphere_tree import SphereTree
+from hhsim.tree_builder import TreeOptions, build_sphere_tree
+from hhsim.tree_import import import_tree, load_tree_for
+
+AWAY = np.array([0.3, -0.1, 0.05])
+BOX = trimesh.creation.box((0.1, 0.06, 0.04))
+MESH = Mesh(np.asarray(BOX.vertices) + AWAY, np.asarray(BOX.faces), name="box")
+BUILT = build_sphere_tree(MESH, TreeOptions(level=2))
+
+
+def toolkit_file(
+    path: Path, tree: SphereTree, *, shift: NDArray[np.float64], unit: float = 1.0, drop: int = 0, parents: float = 0.6
+) -> None:
+    """Write a two-level tree as the toolkit does.
+
+    Six decimals, small parents, unused slots of radius -1, statistics at the end.
+
+    Args:
+        path: Where to.
+        tree: In the frame of its mesh [m].
+        shift: Subtracted from the centres [m].
+        unit: Of the file [m].
+        drop: Leaves to leave out, the first ones.
+        parents: Share of their radius that inner spheres keep.
+    """
+    branching = 9
+    lines = ["0.000000 0.000000 0.000000 -1.000000 0.000000"] * (1 + branching + branching**2)
+    slot, children = np.zeros(len(tree.radius), np.int64), np.zeros(len(tree.radius), np.int64)
+    for node in range(len(tree.radius)):
+        above = int(tree.parent[node])
+        if above >= 0:
+            slot[node] = slot[above] * branching + 1 + children[above]
+            children[above] += 1
+        if tree.leaf_start <= node < tree.leaf_start + drop:
+            continue
+        radius = tree.radius[node] * (1.0 if node >= tree.leaf_start else parents)
+        numbers = [*((tree.center[node] - shift) / unit), radius / unit, 0.5]
+        lines[slot[node]] = " ".join(f"{number:.6f}" for number in numbers)
+    statistics = ["", "Efficiency 0.25", "Level 1: 8 spheres, worst 1.000000"]
+    path.write_text("\n".join([f"3 {branching}", *lines, *statistics]) + "\n")
+
+
+@pytest.mark.parametrize(("frame", "shift"), [("centred", AWAY), ("mesh", np.zeros(3))])
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_the_frame_is_found_and_the_parents_are_mended(
+    tmp_path: Path, frame: str, shift: NDArray[np.float64], unit: float
+) -> None:
+    path = tmp_path / "box.sph"
+    toolkit_file(path, BUILT, shift=shift, unit=unit)
+    found = import_tree(path, MESH, unit_length=unit)
+    assert found.frame == frame
+    assert found.tree.mesh_sha256 == MESH.sha256
+    assert found.tree.options["frame"] == frame
+    rounding = 1e-6 * unit
+    assert np.abs(found.tree.leaf_center - BUILT.leaf_center).max() <= rounding
+    assert np.abs(found.tree.leaf_radius - BUILT.leaf_radius).max() <= rounding
+    # Every ancestor holds its leaves, one by one.
+    ancestor = np.arange(found.tree.leaf_start, len(found.tree.radius))
+    for _ in range(2):
+        ancestor = found.tree.parent[ancestor]
+        reach = np.linalg.norm(found.tree.leaf_center - found.tree.center[ancestor], axis=1) + found.tree.leaf_radius
+        assert (reach <= found.tree.radius[ancestor] * (1.0 + 1e-9)).all()
+    told = " ".join(found.notes)
+    assert "9 of 9 inner spheres did not enclose" in told
+    assert f"count from {'the centre of the mesh' if frame == 'centred' else 'the mesh'}" in told
+    for ours, theirs in zip(BUILT.errors[-1:], found.tree.errors[-1:]):
+        assert theirs.bound == pytest.approx(ours.bound, abs=3.0 * rounding)
+        assert theirs.protrusion_max == pytest.approx(ours.protrusion_max, abs=0.03 * ours.bound)
+        assert theirs.gap_max <= 3.0 * rounding
+
+
+def test_a_tree_with_holes_has_its_gap_measured_and_no_proof(tmp_path: Path) -> None:
+    path = tmp_path / "box.sph"
+    toolkit_file(path, BUILT, shift=AWAY, drop=6)
+    found = import_tree(path, MESH)
+    assert found.unproved > 0
+    error = found.tree.errors[-1]
+    points, _ = trimesh.sample.sample_surface(trimesh.Trimesh(MESH.vertices, MESH.faces), 40_000, seed=1)
+    gap = (cdist(points, found.tree.leaf_center) - found.tree.leaf_radius).min(axis=1)
+    assert error.gap_max == pytest.approx(gap.max(), rel=0.05)
+    assert error.gap_mean == pytest.approx(np.maximum(gap, 0.0).mean(), rel=0.1)
+    assert f"are not proved to cover {found.unproved}" in found.notes[-1]
+
+
+def test_a_whole_cover_stays_proved(tmp_path: Path) -> None:
+    BUILT.save_sph(tmp_path / "box.sph")
+    found = import_tree(tmp_path / "box.sph", MESH)
+    assert (found.frame, found.unproved) == ("mesh", 0)
+    assert found.tree.errors[-1] == BUILT.errors[-1]
+    assert not any("enclose" in note or "proved" in note for note in found.notes)
+
+
+def test_where_both_frames_leave_no_gap_the_one_that_sticks_out_less(tmp_path: Path) -> None:
+    near = Mesh(MESH.vertices - AWAY + [0.0, 0.0, 0.01], MESH.faces, name="box")
+    for middle, frame in ((0.0, "centred"), (0.01, "mesh")):
+        (tmp_path / "ball.sph").write_text(f"1 2\n0 0 {middle} 0.08 1\n")
+        found = import_tree(tmp_path / "ball.sph", near)
+        assert found.frame == frame
+        assert found.tree.center[0, 2] == pytest.approx(0.01)
+        assert "the spheres protrude by" in found.notes[0]
+
+
+def test_a_frame_can_be_forced_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "box.sph"
+    toolkit_file(path, BUILT, shift=AWAY)
+    assert import_tree(path, MESH, frame="centred").frame == "centred"
+    with pytest.raises(InputError, match="is it in another frame"):
+        import_tree(path, MESH, frame="mesh")
+    with pytest.raises(InputError, match=r"span 0\.1.* mm, but box 100 mm: is it in another unit"):
+        import_tree(path, MESH, unit_length=1e-3)
+    with pytest.raises(InputError, match="unknown frame 'centre'"):
+        import_tree(path, MESH, frame="centre")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"\.h5 or a \.sph"):
+        import_tree(tmp_path / "box.txt", MESH)
+
+
+def test_a_tree_of_another_mesh_is_measured_but_not_replayed(tmp_path: Path) -> None:
+    path = tmp_path / "box.h5"
+    BUILT.save(path)
+    assert load_tree_for(path, MESH).notes == ()
+    longer = Mesh(AWAY + 1.05 * (MESH.vertices - AWAY), MESH.faces, name="longer")
+    found = import_tree(path, longer)
+    assert "another mesh than longer" in found.notes[0]
+    assert found.unproved > 0
+    assert found.tree.errors[-1].gap_max > 1e-3
+    with pytest.raises(InputError, match=r"built for the mesh .* but longer is"):
+        load_tree_for(path, longer)
+
+
+def test_childless_spheres_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "box.sph"
+    unused = ["0 0 0 -1 0"] * 4
+    path.write_text("\n".join(["3 2", "0 0 0 0.08 1", "-0.02 0 0 0.05 1", "0.02 0 0 0.05 1", *unused]) + "\n")
+    found = import_tree(path, MESH)
+    assert "2 spheres without children" in " ".join(found.notes)
+    assert found.tree.depth == 2
