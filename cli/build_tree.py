@@ -14,6 +14,13 @@ if TYPE_CHECKING:
     from hhsim.sphere_tree import SphereTree
 
 
+def complete_method(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[str]:
+    """Names of the ways to build a tree that begin with what was typed."""
+    from hhsim.tree_methods import METHODS
+
+    return [name for name in METHODS if name.startswith(incomplete)]
+
+
 @click.command()
 @click.argument("object_", metavar="OBJECT|MESH", shell_complete=complete_object)
 @click.option(
@@ -24,6 +31,21 @@ if TYPE_CHECKING:
 @click.option("--leaves", type=click.IntRange(1), metavar="N", help="Most leaves. Default: branching to the level.")
 @click.option(
     "--branching", type=click.IntRange(2, 64), default=8, show_default=True, help="Most children of a sphere."
+)
+@click.option(
+    "--cover",
+    type=click.Choice(["outer", "balanced"]),
+    default="outer",
+    show_default=True,
+    help="outer: the spheres contain the whole surface; balanced: all radii less half the bound, so that the spheres "
+    "are off to both sides, by half as much.",
+)
+@click.option(
+    "--method",
+    default="certified",
+    metavar="NAME",
+    shell_complete=complete_method,
+    help="How to build it. Default: certified, every level a proved cover.",
 )
 @tree_file.source
 @tree_file.frame
@@ -39,6 +61,8 @@ def command(
     level: int | None,
     leaves: int | None,
     branching: int,
+    cover: str,
+    method: str,
     source: Path | None,
     frame: str | None,
     source_unit: str | None,
@@ -51,12 +75,14 @@ def command(
 ) -> None:
     """Build the sphere tree of an object and measure its error.
 
-    The spheres of each level cover the whole mesh; the table says how far they protrude from it. A tree that was built
-    before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of Bradshaw's toolkit.
+    The spheres of each level cover the whole mesh, with a proof in the file; the table says how far they protrude from
+    it. A tree that was built before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of
+    Bradshaw's toolkit.
 
     \b
     Examples:
       hhsim build-tree bunny
+      hhsim build-tree bunny --level 3 --cover balanced
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
@@ -66,7 +92,7 @@ def command(
     announce_compilation(quiet=quiet)
     tree_file.check_source(source, frame, source_unit)
     mesh, usual_level = read_object(object_, unit, size)
-    wanted = TreeOptions(level=level or usual_level or 4, branching=branching, leaves=leaves, seed=seed)
+    wanted = TreeOptions(level or usual_level or 4, branching, leaves, seed, method, cover)
     path = out or dated_destination(f"{mesh.name}-tree-{source.stem if source else wanted.level}")
     if path.suffix not in (".h5", ".sph"):
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
@@ -87,6 +113,7 @@ def command(
         tree.save_sph(path)
     else:
         tree.save(path)
+    faults = tree.check(mesh)
     print_notes(mesh.warnings, prefix="warning")
     if as_json:
         print_json(
@@ -97,7 +124,10 @@ def command(
                 "repairs": mesh.repairs,
                 "warnings": mesh.warnings,
                 "leaves": tree.leaf_count,
-                "levels": [vars(error) for error in tree.errors],
+                "levels": [vars(error) | _of_level(tree, error.level) for error in tree.errors],
+                "options": dict(tree.options),
+                "proved": not faults,
+                "faults": faults,
                 "seconds": seconds,
                 "cached": cached,
                 "frame": found.frame if found else "mesh",
@@ -112,8 +142,11 @@ def command(
             print(f"repaired: {repair}")
         for note in found.notes if found else ():
             print(f"note: {note}")
-        if found is None:
-            print("the levels above the leaves hold what is below them; for a coarser model build one with --level")
+        if found is None or tree.covers:
+            for fault in faults:
+                print(f"not proved: {fault}")
+        if not faults:
+            print(_proved(tree))
         how = "read from the cache" if cached else f"built in {seconds:.1f} s"
         if source is not None:
             how = f"read from {source}"
@@ -128,27 +161,38 @@ COLUMNS = (
     "mean [mm]",
     "proved bound [mm]",
     "gap max [mm]",
+    "CPU [s]",
 )
 
 
 def _rows(tree: "SphereTree") -> list[tuple[str, ...]]:
-    return [
-        (
-            str(error.level),
-            f"{error.spheres:,}",
-            *(
-                f"{1e3 * length:.3f}"
-                for length in (
-                    error.protrusion_max,
-                    error.protrusion_p99,
-                    error.protrusion_mean,
-                    error.bound,
-                    error.gap_max,
-                )
-            ),
+    rows = []
+    for error in tree.errors:
+        lengths = (error.protrusion_max, error.protrusion_p99, error.protrusion_mean, error.bound, error.gap_max)
+        seconds = _of_level(tree, error.level)["cpu_seconds"]
+        rows.append(
+            (
+                str(error.level),
+                f"{error.spheres:,}",
+                *(f"{1e3 * length:.3f}" for length in lengths),
+                "" if seconds is None else f"{seconds:.2f}",
+            )
         )
-        for error in tree.errors
-    ]
+    return rows
+
+
+def _of_level(tree: "SphereTree", level: int) -> dict[str, float | None]:
+    return {
+        "gap_bound": tree.covers[level].gap if tree.covers and tree.covers[level].proved else None,
+        "cpu_seconds": tree.cpu_seconds[level] if tree.cpu_seconds else None,
+    }
+
+
+def _proved(tree: "SphereTree") -> str:
+    gap = tree.covers[-1].gap
+    if gap == 0.0:
+        return "proved and checked: each level covers the whole mesh"
+    return f"proved and checked: no part of the mesh is farther than {1e3 * gap:.3f} mm outside of the leaves"
 
 
 def _check_replaceable(path: Path) -> None:

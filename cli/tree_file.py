@@ -51,7 +51,7 @@ def check_source(source: Path | None, frame: str | None, source_unit: str | None
                 raise click.UsageError(f"{option} is for --from FILE.sph")
         return
     context = click.get_current_context()
-    for name in ("level", "leaves", "branching"):
+    for name in ("level", "leaves", "branching", "cover", "method"):
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             raise click.UsageError(f"--{name} is for trees that are built; {source} has its own")
     if source.suffix == ".h5" and (frame or source_unit):

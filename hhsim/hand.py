@@ -339,7 +339,7 @@ def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
         for key in ("base", "distal", "dorsal"):
             arrays[key] = arrays[key] * mirror
         mesh = Mesh(mesh.vertices * mirror, mesh.faces[:, ::-1], name=mesh.name, source=f"{mesh.source}, left")
-        tree = replace(tree, center=tree.center * mirror, mesh_sha256=mesh.sha256)
+        tree = replace(tree.transformed(np.diag(mirror), np.zeros(3)), mesh_sha256=mesh.sha256)
     return HandModel(
         side=side,
         hand_length=hand_length,

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.hand import HandModel
 from hhsim.haptic_motion import HapticMotion, rotation_matrix
 from hhsim.mesh import Mesh
 from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import build_hierarchy
 
 Array = NDArray[np.float64]
 

@@ -3,13 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
 from hhsim.kernels.tree import STACK_SIZE, TreeArrays
+from hhsim.level_cover import LevelCover
+
+if TYPE_CHECKING:
+    from hhsim.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -53,7 +57,9 @@ LENGTHS = tuple(item.name for item in fields(LevelError) if item.name not in ("l
 class SphereTree:
     """Spheres in breadth-first order: node 0 is the root, children are contiguous, the leaves are the last nodes.
 
-    All leaves lie at the same depth, and every node encloses the spheres of the leaves below it.
+    All leaves lie at the same depth, and every node encloses the spheres of the leaves below it, so that a walk may
+    refuse all of them at once. Such a node is a poor model of what is below it: as models the levels have covers of
+    their own, with as many spheres, that are as tight as those of a tree that ends there. `at_level` makes it.
 
     Attributes:
         center: [m], shape (N, 3), frame of the mesh.
@@ -63,6 +69,9 @@ class SphereTree:
         errors: Measured error of each level, coarse to fine; empty if it was not measured.
         mesh_sha256: Content hash of the mesh that the tree was built for; empty if unknown.
         options: How it was built.
+        covers: The cover of each level, 0 to the leaves', whose balls are the leaves; empty if there are none.
+        cpu_seconds: CPU time that each cover took to build [s]; empty for a tree that was read from a file: the same
+            input gives the same bytes, so they hold no times.
     """
 
     center: FloatArray
@@ -72,12 +81,15 @@ class SphereTree:
     errors: tuple[LevelError, ...] = ()
     mesh_sha256: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
+    covers: tuple[LevelCover, ...] = ()
+    cpu_seconds: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Normalise the arrays and check that they are a tree.
 
         Raises:
-            InputError: Wrong shapes or order, a value not finite, a negative radius, or a leaf outside an ancestor.
+            InputError: Wrong shapes or order, a value not finite, a negative radius, a leaf outside an ancestor, or
+                covers that are not one a level, the last of them the leaves.
         """
         for name, kind in (("center", np.float64), ("radius", np.float64), ("level", np.int64), ("parent", np.int64)):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=kind, order="C"))
@@ -88,6 +100,17 @@ class SphereTree:
                 f"sphere tree: a leaf sticks {sticking_out:.3g} m out of its ancestor, node {node}; "
                 "every node must enclose the leaves below it"
             )
+        if self.covers:
+            self._require_covers()
+
+    def _require_covers(self) -> None:
+        if len(self.covers) != self.depth + 1:
+            raise InputError(
+                f"sphere tree: {len(self.covers)} covers, expected {self.depth + 1}, one for each level from 0 on"
+            )
+        last = self.covers[-1]
+        if not (np.array_equal(last.center, self.leaf_center) and np.array_equal(last.radius, self.leaf_radius)):
+            raise InputError("sphere tree: the cover of the last level must be the leaves")
 
     def _require_tree(self) -> None:
         count = len(self.radius)
@@ -166,12 +189,45 @@ class SphereTree:
         x, y, z = (np.ascontiguousarray(self.center[:, k]).copy() for k in range(3))
         return TreeArrays(x, y, z, self.radius.copy(), first_child, child_count, self.leaf_start)
 
-    def truncated(self, depth: int) -> "SphereTree":
-        """Return the coarse tree that ends at a level: its spheres cover what the finer ones cover."""
-        if not 0 <= depth <= self.depth:
-            raise InputError(f"sphere tree: no level {depth}; it has levels 0 to {self.depth}")
-        keep = self.level <= depth
-        errors = tuple(error for error in self.errors if error.level <= depth)
+    def spheres(self, level: int) -> tuple[FloatArray, FloatArray]:
+        """Centres [m], shape (n, 3), and radii [m], shape (n,), that stand for the mesh at a level.
+
+        Those of its cover, or of its nodes where the tree has no covers.
+        """
+        self._require_level(level)
+        if self.covers:
+            return self.covers[level].center, self.covers[level].radius
+        chosen = self.level == level
+        return self.center[chosen], self.radius[chosen]
+
+    def _require_level(self, level: int) -> None:
+        if not 0 <= level <= self.depth:
+            raise InputError(f"sphere tree: no level {level}; it has levels 0 to {self.depth}")
+
+    def at_level(self, level: int) -> "SphereTree":
+        """Return the tree whose leaves are what stands for the mesh at a level: its own cover, as `spheres` says.
+
+        The same tree that is built when this level is asked for.
+        """
+        self._require_level(level)
+        if level == self.depth:
+            return self
+        errors, seconds = self.errors[: level + 1], self.cpu_seconds[: level + 1]
+        if self.covers:
+            from hhsim.ball_hierarchy import cover_hierarchy
+
+            branching, leaves = int(self.options.get("branching", 8)), self.options.get("leaves")
+            tree, cover = cover_hierarchy(self.covers[level], level, branching)
+            return replace(
+                tree,
+                errors=errors,
+                mesh_sha256=self.mesh_sha256,
+                options=dict(self.options)
+                | {"level": level, "leaves": leaves if leaves and leaves < branching**level else None},
+                covers=(*self.covers[:level], cover),
+                cpu_seconds=seconds,
+            )
+        keep = self.level <= level
         # The inner spheres now are leaves: they need not enclose each other, only what was below.
         radius = enclosing_radius(self.center[keep], self.radius[keep], self.level[keep], self.parent[keep])
         return replace(
@@ -181,22 +237,35 @@ class SphereTree:
             level=self.level[keep],
             parent=self.parent[keep],
             errors=errors,
+            cpu_seconds=seconds,
         )
 
+    def check(self, mesh: "Mesh") -> tuple[str, ...]:
+        """What does not hold of the tree's covers and their proofs; see `hhsim.cover_check.faults`."""
+        from hhsim.cover_check import faults
+
+        return faults(mesh, self.covers)
+
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "SphereTree":
-        """Return the tree moved by `rotation @ center + translation`; shapes (3, 3) and (3,) [m]."""
+        """Return the tree moved by `rotation @ center + translation`; shapes (3, 3) and (3,) [m].
+
+        Its mirror image for a matrix of determinant −1; the covers then lose their proofs.
+        """
         matrix = np.asarray(rotation, dtype=np.float64)
-        return replace(self, center=self.center @ matrix.T + np.asarray(translation, dtype=np.float64))
+        center = self.center @ matrix.T + np.asarray(translation, dtype=np.float64)
+        covers = tuple(cover.transformed(rotation, translation) for cover in self.covers)
+        return replace(self, center=center, covers=covers)
 
     def scaled(self, factor: float) -> "SphereTree":
-        """Return the tree, with its errors, scaled about the origin by a positive factor [-]."""
+        """Return the tree, with its covers and errors, scaled about the origin by a positive factor [-]."""
         if not (np.isfinite(factor) and factor > 0.0):
             raise InputError(f"sphere tree: scale {factor}, expected a positive number")
         errors = tuple(
             replace(error, **{name: value * factor for name, value in asdict(error).items() if name in LENGTHS})
             for error in self.errors
         )
-        return replace(self, center=self.center * factor, radius=self.radius * factor, errors=errors)
+        covers = tuple(cover.scaled(factor) for cover in self.covers)
+        return replace(self, center=self.center * factor, radius=self.radius * factor, errors=errors, covers=covers)
 
     def save(self, path: str | Path) -> None:
         """Write the hhsim-tree file; see `hhsim.tree_file.save_tree`."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from hhsim.errors import InputError
 from hhsim.mesh import Mesh
 from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import MOST_LEVEL, Progress, TreeOptions, cached_sphere_tree
+from hhsim.tree_builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
+from hhsim.tree_methods import Progress
 
 
 @dataclass(frozen=True)

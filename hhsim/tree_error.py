@@ -16,6 +16,7 @@ from hhsim.sphere_tree import LevelError, SphereTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Codes = NDArray[np.int32]
 Progress = Callable[[str, int, int], None]
 
 MESH_SAMPLES = 20_000
@@ -60,19 +61,41 @@ def protrusion_bound(bvh: MeshBvh, center: FloatArray, radius: FloatArray) -> fl
 
 def uncovered_faces(vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray) -> IntArray:
     """Faces for which there is no proof that the balls cover them; empty for a certified cover."""
+    return prove_cover(vertices, faces, center, radius)[0]
+
+
+def prove_cover(
+    vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray
+) -> tuple[IntArray, Codes]:
+    """Prove that balls cover a mesh.
+
+    Args:
+        vertices: [m], shape (V, 3).
+        faces: shape (F, 3).
+        center: [m], shape (n, 3).
+        radius: [m], shape (n,).
+
+    Returns:
+        Faces without a proof, and the codes of the proof, as `hhsim.kernels.cover_certificate` explains them; no codes
+        if there is a face without.
+    """
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
     size = max(float(np.abs(vertices[faces]).max()), float(np.abs(center).max()))
     extent = float(np.ptp(corner.reshape(-1, 3), axis=0).max())
-    unproved = np.empty(len(faces), np.int64)
-    count = certify_cover(
-        corner,
-        np.ascontiguousarray(center, np.float64),
-        np.ascontiguousarray(radius, np.float64),
-        0.5 * ROUNDING * size,
-        1e-5 * extent,
-        unproved,
-    )
-    return unproved[:count]
+    unproved, room = np.empty(len(faces), np.int64), 2 * len(faces) + 32 * len(radius)
+    while True:
+        proof = np.empty(room, np.int32)
+        count, room = certify_cover(
+            corner,
+            np.ascontiguousarray(center, np.float64),
+            np.ascontiguousarray(radius, np.float64),
+            0.5 * ROUNDING * size,
+            1e-5 * extent,
+            unproved,
+            proof,
+        )
+        if count or room <= len(proof):
+            return unproved[:count].copy(), proof[: 0 if count else room].copy()
 
 
 def measure_levels(
@@ -83,27 +106,25 @@ def measure_levels(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[LevelError, ...]:
-    """Measure every level of a tree against a mesh.
+    """Measure the spheres of every level of a tree against a mesh: its cover of each level, or else its nodes.
 
     Args:
         vertices: [m], shape (V, 3).
         faces: shape (F, 3).
         bvh: over the same mesh.
         tree: in the frame of the mesh.
-        seed: of the samples.
+        seed: of the samples; those of a level do not depend on which others there are.
         progress: called with ("measure", levels done, levels).
     """
-    rng = np.random.default_rng(seed)
-    surface = sample_mesh(vertices, faces, MESH_SAMPLES, rng)
+    surface = sample_mesh(vertices, faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))
     errors = []
     for level in range(tree.depth + 1):
-        chosen = tree.level == level
-        center, radius = tree.center[chosen], np.ascontiguousarray(tree.radius[chosen])
+        center, radius = tree.spheres(level)
         x, y, z = (np.ascontiguousarray(center[:, k]) for k in range(3))
         gap = np.empty(len(surface))
         union_distance(surface, x, y, z, radius, gap)
 
-        points, owner, area = sample_spheres(center, radius, SPHERE_SAMPLES, rng)
+        points, owner, area = sample_spheres(center, radius, SPHERE_SAMPLES, np.random.default_rng([seed, 1 + level]))
         free = np.empty(len(points), np.bool_)
         exposed(points, owner, x, y, z, radius, free)
         height, area = mesh_signed_distance(bvh, points[free]), area[free]

@@ -8,17 +8,32 @@ import h5py
 import numpy as np
 
 from hhsim.errors import InputError
+from hhsim.level_cover import LevelCover
 from hhsim.sphere_tree import LENGTHS, LevelError, SphereTree
 from hhsim.whole_file import hdf5_image, write_whole_file
 
 FORMAT = "hhsim-tree"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""Version 1 has no covers."""
+
+_WORTH_PACKING = 1000
 
 _DATASETS = {
     "center": ("m", "sphere centres, frame of the mesh"),
     "radius": ("m", "sphere radii"),
     "level": ("1", "depth of each sphere, 0 is the root"),
     "parent": ("1", "index of the parent, -1 for the root"),
+}
+_COVER_DATASETS = {
+    "center": ("m", "sphere centres, frame of the mesh"),
+    "radius": ("m", "sphere radii"),
+    "depth": ("m", "how deep each centre lies inside the mesh, negative outside"),
+    "proof": (
+        "1",
+        "proof that the spheres, grown by the gap, cover the mesh; a binary tree of triangles for each face, preorder: "
+        "j >= 0: its three corners lie in sphere j; -1 - k: it is halved at the middle m of the edge from its corner k "
+        "to the next; with the corners turned to make that ab, the halves are a m c, whole, then m b c",
+    ),
 }
 _ERROR_NAMES = {
     "level": "level that the errors belong to",
@@ -50,6 +65,15 @@ def _write(tree: SphereTree, file: h5py.File) -> None:
     for name, (units, long_name) in _DATASETS.items():
         dataset = file.create_dataset(name, data=getattr(tree, name), track_times=False)
         dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
+    covers = file.create_group("covers")
+    for level, cover in enumerate(tree.covers):
+        group = covers.create_group(str(level))
+        group.attrs["gap"], group.attrs["bound"] = cover.gap, cover.bound
+        for name, (units, long_name) in _COVER_DATASETS.items():
+            data = getattr(cover, name)
+            packing = {"compression": "gzip", "shuffle": True} if data.size > _WORTH_PACKING else {}
+            dataset = group.create_dataset(name, data=data, track_times=False, **packing)
+            dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
     group = file.create_group("errors")
     for name, long_name in _ERROR_NAMES.items():
         kind = np.float64 if name in LENGTHS else np.int64
@@ -99,4 +123,15 @@ def _read(file: h5py.File) -> SphereTree:
         errors=errors,
         mesh_sha256=str(file.attrs["mesh_sha256"]),
         options=json.loads(file.attrs["options"]),
+        covers=_read_covers(file["covers"]) if version >= 2 else (),
     )
+
+
+def _read_covers(group: h5py.Group) -> tuple[LevelCover, ...]:
+    if set(group) != {str(level) for level in range(len(group))}:
+        raise InputError(f"covers of the levels {', '.join(group)}; expected one for each level from 0 on")
+    covers = []
+    for level in range(len(group)):
+        data = group[str(level)]
+        covers.append(LevelCover(**{name: data[name][()] for name in _COVER_DATASETS}, gap=float(data.attrs["gap"])))
+    return tuple(covers)

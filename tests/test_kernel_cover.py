@@ -146,8 +146,8 @@ def test_more_balls_cost_less(case: Case) -> None:
 
 
 def certify(case: Case, center: Array, radius: Array, slack: float = 1e-14) -> Indices:
-    unproved = np.empty(len(case.faces), np.int64)
-    count = certify_cover(case.corner, center, radius, slack, 1e-6, unproved)
+    unproved, proof = np.empty(len(case.faces), np.int64), np.empty(0, np.int32)
+    count, _ = certify_cover(case.corner, center, radius, slack, 1e-6, unproved, proof)
     return unproved[:count]
 
 

@@ -126,11 +126,11 @@ def test_a_hand_far_away_is_a_hand_that_costs_next_to_nothing() -> None:
 
 def scaled_run(tree: SphereTree, motion: Motion, options: SolverOptions, factor: float) -> TickRecord:
     """Hand, object and motion `factor` times as large."""
-    palm = replace(HAND.palm_tree, center=factor * HAND.palm_tree.center, radius=factor * HAND.palm_tree.radius)
+    palm = HAND.palm_tree.scaled(factor)
     hand = replace(
         HAND, base=factor * HAND.base, length=factor * HAND.length, radius=factor * HAND.radius, palm_tree=palm
     )
-    larger = replace(tree, center=factor * tree.center, radius=factor * tree.radius)
+    larger = tree.scaled(factor)
     return HandSolver(hand, larger.arrays(), options.scaled(factor)).run(factor * motion.position, *motion[1:])
 
 

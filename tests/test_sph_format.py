@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import InputError, OutputError
 from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import build_hierarchy
 
 
 @settings(max_examples=30)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import InputError
 from hhsim.sphere_tree import LevelError, SphereTree
-from hhsim.tree_builder import build_hierarchy
 
 ERROR = LevelError(0, 1, 0.0, 0.0, 0.0, 3e-3, 2e-3, 2.9e-3, 4e-3)
 
@@ -80,16 +80,16 @@ def test_moved_and_scaled() -> None:
             tree.scaled(factor)
 
 
-def test_truncated_keeps_the_upper_levels() -> None:
+def test_a_level_without_a_cover_keeps_the_upper_levels() -> None:
     tree = random_tree(60, 3)
-    coarse = tree.truncated(1)
+    coarse = tree.at_level(1)
     assert coarse.depth == 1
     assert np.array_equal(coarse.leaf_center, tree.center[tree.level == 1])
     assert np.array_equal(coarse.leaf_radius, tree.radius[tree.level == 1])
     assert [error.level for error in coarse.errors] == [0, 1]
-    assert_equal(tree.truncated(3), tree)
+    assert_equal(tree.at_level(3), tree)
     with pytest.raises(InputError, match="no level 4"):
-        tree.truncated(4)
+        tree.at_level(4)
 
 
 BROKEN = {

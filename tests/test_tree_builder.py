@@ -3,21 +3,28 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hhsim import tree_builder
+from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh import Mesh
+from hhsim.mesh_cover import build_cover
 from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import TreeOptions, build_hierarchy, build_sphere_tree, cache_path, cached_sphere_tree
+from hhsim.tree_builder import GROWTH, TreeOptions, build_sphere_tree, cache_path, cached_sphere_tree
 from hhsim.tree_error import sample_mesh, uncovered_faces
+
+Array = NDArray[np.float64]
 
 
 def mesh_of(shape: trimesh.Trimesh, name: str = "shape") -> Mesh:
@@ -35,6 +42,7 @@ SHAPES = {
 
 def assert_sound(tree: SphereTree, mesh: Mesh) -> None:
     """Every node encloses its leaves without tolerance, every level covers the mesh by proof and by sampling."""
+    assert tree.check(mesh) == ()
     ancestor = np.arange(tree.leaf_start, len(tree.radius))
     for _ in range(tree.depth):
         ancestor = tree.parent[ancestor]
@@ -44,6 +52,8 @@ def assert_sound(tree: SphereTree, mesh: Mesh) -> None:
     for level in range(tree.depth + 1):
         center, radius = tree.center[tree.level == level], tree.radius[tree.level == level]
         assert uncovered_faces(mesh.vertices, mesh.faces, center, radius).size == 0
+        center, radius = tree.spheres(level)
+        assert tree.errors[level].bound == pytest.approx(tree.covers[level].bound)
         assert (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1).max() <= 0.0
         assert tree.errors[level].gap_max == 0.0
 
@@ -58,8 +68,15 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
     assert 0.5 * 8**level < tree.leaf_count <= 8**level
     assert np.bincount(tree.parent[1:]).max() <= 8
     assert tree.mesh_sha256 == mesh.sha256
-    assert dict(tree.options) == {"level": level, "branching": 8, "leaves": None, "seed": 0}
-    assert [error.spheres for error in tree.errors] == np.bincount(tree.level).tolist()
+    assert dict(tree.options) == {
+        "level": level,
+        "branching": 8,
+        "leaves": None,
+        "seed": 0,
+        "method": "certified",
+        "cover": "outer",
+    }
+    assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
 
 
 @settings(max_examples=12)
@@ -113,6 +130,54 @@ def test_leaf_limit() -> None:
     assert 10 < tree.leaf_count <= 20
 
 
+@pytest.mark.parametrize("name", ["box", "torus"])
+def test_a_level_is_the_tree_that_is_built_for_it(name: str) -> None:
+    mesh = mesh_of(SHAPES[name])
+    fine, coarse = (build_sphere_tree(mesh, TreeOptions(level=level)) for level in (3, 2))
+    cut = fine.at_level(2)
+    for field in ("center", "radius", "level", "parent"):
+        assert getattr(cut, field).tobytes() == getattr(coarse, field).tobytes()
+    assert (cut.errors, cut.options, cut.check(mesh)) == (coarse.errors, coarse.options, ())
+    for one, other in zip(cut.covers, coarse.covers, strict=True):
+        assert (one.center.tobytes(), one.proof.tobytes()) == (other.center.tobytes(), other.proof.tobytes())
+    assert fine.at_level(0).check(mesh) == ()
+    turned = fine.transformed(Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix(), [0.1, 0, 0])
+    assert turned.at_level(1).leaf_count == fine.covers[1].radius.size
+
+
+def test_a_balanced_cover_halves_the_error() -> None:
+    mesh = mesh_of(SHAPES["box"])
+    outer, balanced = (build_sphere_tree(mesh, TreeOptions(level=2, cover=cover)) for cover in ("outer", "balanced"))
+    assert balanced.check(mesh) == ()
+    for level in range(3):
+        full, half = outer.covers[level], balanced.covers[level]
+        assert half.gap == pytest.approx(0.5 * full.bound)
+        assert half.bound == pytest.approx(half.gap)
+        error = balanced.errors[level]
+        assert 0.0 < error.gap_max <= half.gap
+        assert 0.0 < error.protrusion_max <= half.bound == pytest.approx(error.bound)
+    assert full.gap == 0.0
+
+
+def test_rounding_in_the_way_of_a_proof_makes_the_balls_a_little_larger(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = mesh_of(SHAPES["box"])
+
+    def less(by: float) -> SphereTree:
+        def build(*arguments: Any) -> tuple[Array, Array]:
+            center, radius = build_cover(*arguments)
+            return center, radius - by
+
+        monkeypatch.setattr(tree_builder, "build_cover", build)
+        return build_sphere_tree(mesh, TreeOptions(level=1))
+
+    exact, grown = less(0.0), less(2e-8)
+    assert grown.check(mesh) == ()
+    assert grown.leaf_radius == pytest.approx(exact.leaf_radius + GROWTH * 0.1 - 2e-8, rel=1e-12)
+    assert grown.errors[-1].bound == pytest.approx(exact.errors[-1].bound + GROWTH * 0.1 - 2e-8, rel=1e-9)
+    with pytest.raises(MeshError, match=r"shape: \d+ faces could not be covered"):
+        less(1e-6)
+
+
 def test_same_bytes_every_time() -> None:
     one, two = (build_sphere_tree(mesh_of(SHAPES["torus"]), TreeOptions(level=2)) for _ in range(2))
     assert one.center.tobytes() == two.center.tobytes()
@@ -146,10 +211,19 @@ def test_meshes_without_an_inside_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"level": 0}, {"level": 6}, {"branching": 1}, {"leaves": 0}, {"leaves": 65, "level": 2}]
+    "wrong",
+    [
+        {"level": 0},
+        {"level": 6},
+        {"branching": 1},
+        {"leaves": 0},
+        {"leaves": 65, "level": 2},
+        {"method": "certifed"},
+        {"cover": "inner"},
+    ],
 )
-def test_options_check_themselves(wrong: dict[str, int]) -> None:
-    with pytest.raises(InputError, match="expected"):
+def test_options_check_themselves(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=r"expected|did you mean|known: "):
         TreeOptions(**wrong)
 
 
@@ -206,7 +280,7 @@ def test_real_scan(shared_data: Path) -> None:
 SIGNATURES = """
 import numpy as np
 import trimesh
-from hhsim import mesh_cover, tree_builder, tree_error
+from hhsim import ball_hierarchy, cover_check, mesh_cover, tree_builder, tree_error
 from hhsim.kernels import mesh_bvh, micro_triangle
 from hhsim.mesh import Mesh
 
@@ -216,11 +290,11 @@ for array in (vertices, faces):
     array.setflags(write=False)
 tree_builder.build_sphere_tree(Mesh(vertices, faces), tree_builder.TreeOptions(level=1))
 mesh_cover.build_cover(vertices, faces, 8)
-tree = tree_builder.build_hierarchy(np.asfortranarray(np.eye(3)), np.ones(3, np.float32), 1, 8)
+tree = ball_hierarchy.build_hierarchy(np.asfortranarray(np.eye(3)), np.ones(3, np.float32), 1, 8)
 bvh = mesh_bvh.build_mesh_bvh(vertices, faces)
 mesh_bvh.mesh_signed_distance(bvh, np.asfortranarray(np.eye(3)))
 tree_error.uncovered_faces(vertices, faces, tree.leaf_center[::-1], tree.leaf_radius[::-1])
-for module in (mesh_cover, mesh_bvh, micro_triangle, tree_builder.enclosing_ball, tree_error):
+for module in (mesh_cover, mesh_bvh, micro_triangle, ball_hierarchy, tree_error, cover_check):
     for name, kernel in vars(module).items():
         if len(getattr(kernel, "signatures", ())) > 1:
             print(name, kernel.signatures)

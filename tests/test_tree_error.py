@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.kernels.mesh_bvh import build_mesh_bvh
 from hhsim.mesh import Mesh
-from hhsim.tree_builder import TreeOptions, build_hierarchy, build_sphere_tree
+from hhsim.tree_builder import TreeOptions, build_sphere_tree
 from hhsim.tree_error import (
     LEAST_SAMPLES_EACH,
     measure_levels,
@@ -25,7 +26,7 @@ def test_errors_are_true() -> None:
     tree = build_sphere_tree(mesh, TreeOptions(level=2))
     rng = np.random.default_rng(17)
     for error in tree.errors:
-        center, radius = tree.center[tree.level == error.level], tree.radius[tree.level == error.level]
+        center, radius = tree.spheres(error.level)
         points, owner, area = sample_spheres(center, radius, 40_000, rng)
         distance = np.linalg.norm(points[:, None] - center, axis=2) - radius
         distance[np.arange(len(points)), owner] = np.inf

@@ -1,5 +1,6 @@
 """The hhsim-tree file: every bit comes back, units stand beside the numbers, and what is no tree is refused."""
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -7,9 +8,10 @@ import h5py
 import numpy as np
 import pytest
 
+from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import InputError, OutputError
+from hhsim.level_cover import LevelCover
 from hhsim.sphere_tree import LevelError, SphereTree
-from hhsim.tree_builder import build_hierarchy
 
 ERROR = LevelError(0, 1, 0.0, 0.0, 0.0, 3e-3, 2e-3, 2.9e-3, 4e-3)
 
@@ -33,12 +35,63 @@ def test_file_brings_back_every_bit(tmp_path: Path) -> None:
     assert_equal(SphereTree.load(tmp_path / "tree.h5"), tree)
     assert [path.name for path in tmp_path.iterdir()] == ["tree.h5"]
     with h5py.File(tmp_path / "tree.h5") as file:
-        assert (file.attrs["format"], file.attrs["schema_version"]) == ("hhsim-tree", 1)
+        assert (file.attrs["format"], file.attrs["schema_version"]) == ("hhsim-tree", 2)
         for name in ("center", "radius", "level", "parent"):
             assert file[name].attrs["units"] == ("m" if name in ("center", "radius") else "1")
             assert file[name].attrs["long_name"]
         assert set(file["errors"]) == set(asdict(ERROR))
         assert all(data.attrs["units"] and data.attrs["long_name"] for data in file["errors"].values())
+
+
+def with_covers() -> SphereTree:
+    tree = random_tree(level=1, count=8)
+    covers = (
+        LevelCover(np.zeros((1, 3)), np.ones(1), np.ones(1), 0.0, np.array([0], np.int32)),
+        LevelCover(tree.leaf_center, tree.leaf_radius, np.full(8, 2e-3), 1e-3, np.array([-1, 7, 3], np.int32)),
+    )
+    return replace(tree, covers=covers)
+
+
+def test_covers_come_back(tmp_path: Path) -> None:
+    tree = with_covers()
+    tree.save(tmp_path / "tree.h5")
+    back = SphereTree.load(tmp_path / "tree.h5")
+    for one, other in zip(back.covers, tree.covers, strict=True):
+        for name in ("center", "radius", "depth", "proof"):
+            assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        assert (one.gap, one.bound) == (other.gap, other.bound)
+    with h5py.File(tmp_path / "tree.h5") as file:
+        assert file["covers/1"].attrs["bound"] == tree.covers[1].bound
+        assert all(data.attrs["units"] and data.attrs["long_name"] for data in file["covers/1"].values())
+
+
+def test_a_file_without_covers_is_still_read(tmp_path: Path) -> None:
+    path = tmp_path / "tree.h5"
+    with_covers().save(path)
+    with h5py.File(path, "a") as file:
+        del file["covers"]
+        file.attrs["schema_version"] = 1
+    assert SphereTree.load(path).covers == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda file: file.__delitem__("covers/0"), "expected one for each level"),
+        (lambda file: file.__delitem__("covers/1"), "1 covers, expected 2"),
+        (lambda file: file["covers/1/radius"].__setitem__(0, 9.0), "must be the leaves"),
+        (lambda file: file["covers/0/radius"].__setitem__(0, -9.0), "negative"),
+        (lambda file: file["covers/0/depth"].__setitem__(0, np.nan), "not finite"),
+        (lambda file: file["covers/0"].attrs.__setitem__("gap", -1.0), "negative"),
+    ],
+)
+def test_broken_covers_are_refused(tmp_path: Path, change: Callable[[h5py.File], None], message: str) -> None:
+    path = tmp_path / "tree.h5"
+    with_covers().save(path)
+    with h5py.File(path, "a") as file:
+        change(file)
+    with pytest.raises(InputError, match=message):
+        SphereTree.load(path)
 
 
 def test_file_is_the_same_every_time(tmp_path: Path) -> None:

@@ -137,7 +137,7 @@ def descend_ball(
     near[0], near[1], near[2] = (x - qx) / depth, (y - qy) / depth, (z - qz) / depth
     near[3] = depth - (near[0] * x + near[1] * y + near[2] * z)
     near[5] = 1.0
-    fars, nears, good = 1, 1, 0
+    fars, nears, good = as_int64(1), as_int64(1), 0
     w = np.empty(3)
     for _ in range(trials):
         # Values and slopes of the cuts at the centre.
@@ -182,7 +182,7 @@ def descend_ball(
             if trial_far - far <= high + 0.25 * foreseen or corner_round + 1 == _CORNER_ROUNDS:
                 break
             # A corner that the model did not know is farther: with it, before the surface is asked.
-            row = _room_in(work, 0, fars, _FAR, 7)
+            row = _room_in(work, as_int64(0), fars, as_int64(_FAR), as_int64(7))
             if row == fars:
                 fars += 1
             else:
@@ -210,7 +210,7 @@ def descend_ball(
         if not trial_depth > 0.0:
             step *= 0.3
             continue
-        row = _room_in(work, _FAR, nears, _NEAR, 5)
+        row = _room_in(work, as_int64(_FAR), nears, as_int64(_NEAR), as_int64(5))
         if row == _FAR + nears:
             nears += 1
             work[row, 5] = 0.0

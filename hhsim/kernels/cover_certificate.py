@@ -1,4 +1,10 @@
-"""Proof that balls cover a mesh, made from nothing but the mesh and the balls."""
+"""Proof that balls cover a mesh, made from nothing but the mesh and the balls.
+
+The proof is a row of codes, face after face. Each face is a binary tree of triangles in preorder. A code j ≥ 0 ends a
+branch: the three corners of that triangle lie in ball j. A code −1 − k halves it at the middle m of the edge from its
+corner k to the next one. With the corners turned so that this is the edge a b, the halves follow: (a, m, c), whole,
+then (m, b, c).
+"""
 
 import math
 
@@ -11,12 +17,13 @@ from .triangle import longest_edge
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Codes = NDArray[np.int32]
 
 
 @jit
 def certify_cover(
-    corner: Array, center: Array, radius: Array, slack: float, finest: float, uncovered_out: Indices
-) -> int:
+    corner: Array, center: Array, radius: Array, slack: float, finest: float, uncovered_out: Indices, proof_out: Codes
+) -> tuple[int, int]:
     """Prove for each face that it lies in the union of the balls.
 
     A triangle whose three corners lie in one ball lies in it, since balls are convex. Any other is halved across its
@@ -29,9 +36,11 @@ def certify_cover(
         slack: how far inside a ball a corner must lie to count [m]; covers the rounding.
         finest: edge length [m] below which an unproved triangle is given up, and its face counts as uncovered.
         uncovered_out: faces without a proof, shape (F,); only the first of them, up to the returned number, are set.
+        proof_out: codes of the proof, shape (room,); those beyond the room are counted but not stored. Not a proof
+            unless every face has one.
 
     Returns:
-        Number of faces without a proof.
+        (faces without a proof, codes of the proof).
     """
     balls = radius.shape[0]
     triangle = np.empty((CUT_STACK, 9))
@@ -42,7 +51,7 @@ def certify_cover(
     for j in range(balls):
         lists[0, j] = j
     length[0] = balls
-    unproved = 0
+    unproved = codes = 0
     for face in range(corner.shape[0]):
         for k in range(9):
             triangle[0, k] = corner[face, k]
@@ -60,7 +69,7 @@ def certify_cover(
                 extent = max(extent, (t[v] - mx) ** 2 + (t[v + 1] - my) ** 2 + (t[v + 2] - mz) ** 2)
             extent = math.sqrt(extent)
             count = 0
-            inside = False
+            owner = -1
             for k in range(length[depth - 1]):
                 j = lists[depth - 1, k]
                 x, y, z, r = center[j, 0], center[j, 1], center[j, 2], radius[j] - slack
@@ -71,14 +80,17 @@ def certify_cover(
                 for v in range(0, 9, 3):
                     far2 = max(far2, (t[v] - x) ** 2 + (t[v + 1] - y) ** 2 + (t[v + 2] - z) ** 2)
                 if r >= 0.0 and far2 <= r * r:
-                    inside = True
+                    owner = j
                     break
                 lists[depth, count] = j
                 count += 1
-            if inside:
+            longest, length2 = longest_edge(ax, ay, az, bx, by, bz, cx, cy, cz)
+            if codes < proof_out.shape[0]:
+                proof_out[codes] = owner if owner >= 0 else -1 - longest
+            codes += 1
+            if owner >= 0:
                 continue
             length[depth] = count
-            longest, length2 = longest_edge(ax, ay, az, bx, by, bz, cx, cy, cz)
             if count == 0 or length2 < finest * finest or depth + 1 >= CUT_STACK:
                 proved = False
                 continue
@@ -99,4 +111,4 @@ def certify_cover(
         if not proved:
             uncovered_out[unproved] = face
             unproved += 1
-    return unproved
+    return unproved, codes

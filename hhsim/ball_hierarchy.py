@@ -1,0 +1,79 @@
+"""Puts balls as leaves under a tree, so that a walk can refuse many at once."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.enclosing_ball import enclosing_ball
+from hhsim.level_cover import LevelCover
+from hhsim.sphere_tree import SphereTree
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def build_hierarchy(center: FloatArray, radius: FloatArray, level: int, branching: int) -> SphereTree:
+    """Put balls as leaves under a tree: halved along principal axes, each inner node the least ball around its leaves.
+
+    Args:
+        center: [m], shape (n, 3), 1 ≤ n ≤ branching ** level.
+        radius: [m], shape (n,).
+        level: Level of the leaves; 0 for a lone ball.
+        branching: Most children of a node.
+    """
+    return _grow(np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64), level, branching)[
+        0
+    ]
+
+
+def cover_hierarchy(cover: LevelCover, level: int, branching: int) -> tuple[SphereTree, LevelCover]:
+    """Put the balls of a cover as leaves under a tree, as `build_hierarchy`; return the cover in the leaves' order too.
+
+    The order in which the balls come makes no difference.
+    """
+    by_place = cover.reordered(np.lexsort((cover.radius, *cover.center.T)))
+    tree, leaves = _grow(by_place.center, by_place.radius, level, branching)
+    return tree, by_place.reordered(leaves)
+
+
+def _grow(center: FloatArray, radius: FloatArray, level: int, branching: int) -> tuple[SphereTree, IntArray]:
+    """Return the tree, and which ball became which leaf."""
+    center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
+    nodes, balls, levels, parents = [np.arange(len(radius))], [np.empty((0, 4))], [0], [-1]
+    ball = np.empty(4)
+    first = 0
+    for depth in range(level):
+        capacity = branching ** (level - depth - 1)
+        last = len(nodes)
+        for node in range(first, last):
+            enclosing_ball(center, radius, nodes[node], ball)
+            balls.append(ball.copy()[None])
+            for group in _split(center, nodes[node], min(branching, len(nodes[node])), capacity):
+                nodes.append(group)
+                levels.append(depth + 1)
+                parents.append(node)
+        first = last
+    leaves = np.concatenate(nodes[first:])
+    inner = np.concatenate(balls)
+    tree = SphereTree(
+        center=np.concatenate([inner[:, :3], center[leaves]]),
+        radius=np.concatenate([inner[:, 3], radius[leaves]]),
+        level=np.array(levels),
+        parent=np.array(parents),
+    )
+    return tree, leaves
+
+
+def _split(center: FloatArray, members: IntArray, groups: int, capacity: int) -> list[IntArray]:
+    """Halve along the principal axis until there are `groups` groups of nearly equal size, none above `capacity`."""
+    if groups == 1:
+        return [members]
+    left = groups // 2
+    count = int(
+        np.clip(round(len(members) * left / groups), len(members) - (groups - left) * capacity, left * capacity)
+    )
+    points = center[members] - center[members].mean(axis=0)
+    _, axes = np.linalg.eigh(points.T @ points)
+    order = np.argsort(points @ axes[:, 2], kind="stable")
+    return _split(center, members[order[:count]], left, capacity) + _split(
+        center, members[order[count:]], groups - left, capacity
+    )

@@ -1,0 +1,69 @@
+"""Whether what a sphere tree claims of a mesh holds: its covers, their proofs, how far they reach out.
+
+It believes nothing of the builder: the proofs are followed by code of their own, the depths are measured again.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.cover_check import (
+    CORNER_OUTSIDE,
+    HOLDS,
+    NO_SUCH_BALL,
+    NO_SUCH_CODE,
+    TOO_DEEP,
+    TOO_LONG,
+    TOO_SHORT,
+    check_proof,
+)
+from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.level_cover import LevelCover
+from hhsim.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+
+_ROOM = 1e-14
+_DEPTH_ROOM = 1e-9
+
+_WRONG = {
+    NO_SUCH_BALL: "names a ball that does not exist",
+    CORNER_OUTSIDE: "puts a corner into a ball that does not contain it",
+    NO_SUCH_CODE: "has a code without a meaning",
+    TOO_SHORT: "ends too early",
+    TOO_LONG: "goes on after the last face",
+    TOO_DEEP: "halves a face too often",
+}
+
+
+def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
+    """What does not hold of the covers of a tree's levels, coarse to fine, one plain sentence each; empty if all does.
+
+    Args:
+        mesh: That the covers are said to cover.
+        covers: Of the levels from 0 on.
+    """
+    if not covers:
+        return ("the tree holds no covers, so nothing is proved of it",)
+    corner = np.ascontiguousarray(mesh.triangles.reshape(-1, 9))
+    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    found = []
+    for level, cover in enumerate(covers):
+        fault = _cover_fault(corner, cover)
+        if fault:
+            found.append(f"level {level}: {fault}")
+        size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
+        short = cover.depth + mesh_signed_distance(bvh, cover.center)
+        if not short.max() <= _DEPTH_ROOM * size:
+            ball = int(np.argmax(short))
+            found.append(f"level {level}: the centre of ball {ball} is {short[ball]:.3g} m less deep than stated")
+    return tuple(found)
+
+
+def _cover_fault(corner: FloatArray, cover: LevelCover) -> str:
+    if not cover.proved:
+        return "no proof that it covers the mesh"
+    size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
+    what, face, code = check_proof(corner, cover.center, cover.radius + cover.gap, _ROOM * size, cover.proof)
+    if what == HOLDS:
+        return ""
+    return f"the proof {_WRONG[what]}, face {face}, code {code}"

@@ -1,0 +1,85 @@
+"""The cover of one level: balls that contain the whole surface of a mesh, with the proof that they do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Codes = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class LevelCover:
+    """Balls that stand for a mesh at one level of a sphere tree.
+
+    Attributes:
+        center: [m], shape (n, 3), frame of the mesh.
+        radius: [m], shape (n,).
+        depth: How deep each centre lies inside the mesh, negative outside [m], shape (n,).
+        gap: How far the surface may lie outside of the balls [m]: grown by this they cover it. 0 for a full cover.
+        proof: That the grown balls cover each face, as `hhsim.kernels.cover_certificate` writes it, shape (m,); empty
+            for balls of which nothing is proved.
+    """
+
+    center: FloatArray
+    radius: FloatArray
+    depth: FloatArray
+    gap: float
+    proof: Codes
+
+    def __post_init__(self) -> None:
+        """Normalise the arrays.
+
+        Raises:
+            InputError: Wrong shapes, no ball, a value not finite, a negative radius or gap.
+        """
+        for name in ("center", "radius", "depth"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64, order="C"))
+        object.__setattr__(self, "proof", np.array(self.proof, dtype=np.int32, order="C"))
+        object.__setattr__(self, "gap", float(self.gap))
+        count = self.radius.size
+        shapes = (self.center.shape, self.radius.shape, self.depth.shape, self.proof.ndim)
+        if count == 0 or shapes != ((count, 3), (count,), (count,), 1):
+            raise InputError(f"cover: center, radius, depth have shapes {shapes[:3]}, expected (n, 3), (n,), (n,)")
+        for values in (self.center, self.radius, self.depth, np.float64(self.gap)):
+            if not np.isfinite(values).all():
+                raise InputError("cover: a centre, radius, depth or gap is not finite")
+        if not ((self.radius >= 0.0).all() and self.gap >= 0.0):
+            raise InputError("cover: a radius or the gap is negative")
+
+    @property
+    def proved(self) -> bool:
+        """Whether there is a proof; `hhsim.cover_check` checks it."""
+        return self.proof.size > 0
+
+    @property
+    def bound(self) -> float:
+        """Farthest that the balls can reach out of the mesh [m]: the largest of (radius − depth)."""
+        return float((self.radius - self.depth).max())
+
+    def reordered(self, order: IntArray) -> "LevelCover":
+        """Return the cover with its balls in another order, a permutation of shape (n,); the proof follows."""
+        place = np.empty(len(order), np.int32)
+        place[order] = np.arange(len(order), dtype=np.int32)
+        proof = np.where(self.proof >= 0, place[np.maximum(self.proof, 0)], self.proof)
+        return LevelCover(self.center[order], self.radius[order], self.depth[order], self.gap, proof)
+
+    def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "LevelCover":
+        """Return the cover moved by `rotation @ center + translation`; shapes (3, 3) and (3,) [m].
+
+        A mirror image loses its proof: that goes by the order of the corners of each face.
+        """
+        matrix = np.asarray(rotation, dtype=np.float64)
+        moved = self.center @ matrix.T + np.asarray(translation, dtype=np.float64)
+        proof = self.proof if np.linalg.det(matrix) > 0.0 else np.empty(0, np.int32)
+        return LevelCover(moved, self.radius, self.depth, self.gap, proof)
+
+    def scaled(self, factor: float) -> "LevelCover":
+        """Return the cover scaled about the origin by a positive factor [-]."""
+        return LevelCover(
+            self.center * factor, self.radius * factor, self.depth * factor, self.gap * factor, self.proof
+        )

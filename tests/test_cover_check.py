@@ -1,0 +1,179 @@
+"""The check of a cover's proof: it passes what the builder made, and nothing that was tampered with."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hhsim.cover_check import faults
+from hhsim.kernels.cover_check import HOLDS, check_proof
+from hhsim.level_cover import LevelCover
+from hhsim.mesh import Mesh
+from hhsim.rock import rock
+from hhsim.tree_builder import TreeOptions, build_sphere_tree
+from hhsim.tree_error import prove_cover
+
+Array = NDArray[np.float64]
+Codes = NDArray[np.int32]
+
+
+def mesh_of(shape: trimesh.Trimesh) -> Mesh:
+    return Mesh(np.asarray(shape.vertices), np.asarray(shape.faces), name="shape")
+
+
+MESH = mesh_of(trimesh.creation.torus(0.04, 0.012, major_sections=24, minor_sections=12))
+TREE = build_sphere_tree(MESH, TreeOptions(level=2))
+
+
+def pieces(triangle: Array, codes: list[int]) -> list[tuple[int, Array]]:
+    """The triangles at the ends of a face's branches with their codes, by recursion as the format is written down."""
+    code = codes.pop(0)
+    if code >= 0:
+        return [(code, triangle)]
+    a, b, c = np.roll(triangle, code + 1, axis=0)
+    middle = 0.5 * (a + b)
+    return pieces(np.array([a, middle, c]), codes) + pieces(np.array([middle, b, c]), codes)
+
+
+def changed(cover: LevelCover, place: int, code: int) -> LevelCover:
+    proof = cover.proof.copy()
+    proof[place] = code
+    return replace(cover, proof=proof)
+
+
+def faults_of(cover: LevelCover) -> tuple[str, ...]:
+    return faults(MESH, (cover,))
+
+
+def test_what_the_builder_proves_holds() -> None:
+    assert TREE.check(MESH) == ()
+    assert all(cover.proved for cover in TREE.covers)
+
+
+def test_a_proof_says_what_its_format_says() -> None:
+    cover = TREE.covers[-1]
+    codes = cover.proof.tolist()
+    area = 0.0
+    for triangle in MESH.triangles:
+        for ball, piece in pieces(triangle, codes):
+            assert (np.linalg.norm(piece - cover.center[ball], axis=1) <= cover.radius[ball]).all()
+            area += 0.5 * float(np.linalg.norm(np.cross(piece[1] - piece[0], piece[2] - piece[0])))
+    assert codes == []
+    a, b, c = MESH.triangles.transpose(1, 0, 2)
+    assert area == pytest.approx(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum(), rel=1e-9)
+
+
+def test_a_wrong_owner_is_found() -> None:
+    cover = TREE.covers[-1]
+    ends = np.flatnonzero(cover.proof >= 0)
+    for place in ends[:: len(ends) // 40]:
+        ball = cover.proof[place]
+        far = int(np.argmax(np.linalg.norm(cover.center - cover.center[ball], axis=1)))
+        assert "does not contain it" in faults_of(changed(cover, place, far))[0]
+
+
+def test_a_ball_taken_away_is_found() -> None:
+    cover = TREE.covers[-1]
+    last = len(cover.radius) - 1
+    assert last in cover.proof
+    fewer = LevelCover(cover.center[:last], cover.radius[:last], cover.depth[:last], 0.0, cover.proof)
+    assert "ball that does not exist" in faults_of(fewer)[0]
+
+
+def test_a_smaller_ball_is_found() -> None:
+    cover = TREE.covers[-1]
+    for ball in np.unique(cover.proof[cover.proof >= 0])[::7]:
+        radius = cover.radius.copy()
+        radius[ball] *= 0.7
+        assert "does not contain it" in faults_of(replace(cover, radius=radius))[0]
+    # Each of them is as small as it can be: less by a thousandth of the bound, no proof whatever would do.
+    radius = cover.radius - 1e-3 * cover.bound
+    assert prove_cover(MESH.vertices, MESH.faces, cover.center, radius)[0].size
+    assert faults_of(replace(cover, radius=radius))
+
+
+def test_a_moved_corner_of_the_mesh_is_found() -> None:
+    vertices = MESH.vertices.copy()
+    vertices[5] *= 1.3
+    assert TREE.check(Mesh(vertices, MESH.faces))
+    other_faces = np.concatenate([MESH.faces, MESH.faces[:1]])
+    assert "ends too early" in TREE.check(Mesh(MESH.vertices, other_faces))[0]
+    assert "goes on after" in TREE.check(Mesh(MESH.vertices, MESH.faces[:-1]))[0]
+
+
+def test_a_centre_less_deep_than_stated_is_found() -> None:
+    cover = TREE.covers[-1]
+    depth = cover.depth.copy()
+    depth[3] += 1e-5
+    assert faults_of(replace(cover, depth=depth)) == ("level 0: the centre of ball 3 is 1e-05 m less deep than stated",)
+
+
+def test_broken_codes_are_found_and_nothing_is_read_beyond_them() -> None:
+    cover = TREE.covers[-1]
+    balls = len(cover.radius)
+    halved = int(np.flatnonzero(cover.proof < 0)[0])
+    for place, code, message in [
+        (halved, -4, "a code without a meaning"),
+        (halved, -(2**31), "a code without a meaning"),
+        (halved, balls, "a ball that does not exist"),
+        (halved, 2**31 - 1, "a ball that does not exist"),
+    ]:
+        assert message in faults_of(changed(cover, place, code))[0]
+    assert "ends too early" in faults_of(replace(cover, proof=cover.proof[:-1]))[0]
+    assert "goes on after" in faults_of(replace(cover, proof=np.append(cover.proof, 0)))[0]
+    assert "too often" in faults_of(replace(cover, proof=np.full(10_000, -1, np.int32)))[0]
+    assert faults_of(replace(cover, proof=np.empty(0, np.int32))) == ("level 0: no proof that it covers the mesh",)
+    assert faults(MESH, ()) == ("the tree holds no covers, so nothing is proved of it",)
+
+
+@settings(max_examples=60)
+@given(st.data())
+def test_no_change_of_a_code_goes_unseen_unless_it_is_as_true(data: st.DataObject) -> None:
+    cover = TREE.covers[1]
+    place = data.draw(st.integers(0, len(cover.proof) - 1))
+    code = data.draw(st.integers(-5, len(cover.radius) + 1))
+    other = changed(cover, place, code)
+    found = faults_of(other)
+    codes = other.proof.tolist()
+    try:
+        ends = [end for triangle in MESH.triangles for end in pieces(triangle, codes)]
+        true = not codes and all(
+            ball < len(cover.radius)
+            and (np.linalg.norm(piece - cover.center[ball], axis=1) <= cover.radius[ball] - 1e-14).all()
+            for ball, piece in ends
+        )
+    except (IndexError, RecursionError):
+        true = False
+    assert (found == ()) == (true and code >= -3)
+
+
+@settings(max_examples=8)
+@given(st.integers(0, 2**31), st.sampled_from([(2, 8), (3, 4), (1, 30)]))
+def test_rocks(seed: int, shape: tuple[int, int]) -> None:
+    mesh = rock(seed=seed, subdivisions=3)
+    level, branching = shape
+    tree = build_sphere_tree(mesh, TreeOptions(level=level, branching=branching))
+    assert tree.check(mesh) == ()
+    assert [len(cover.radius) for cover in tree.covers] == [branching**at for at in range(level + 1)]
+
+
+def test_a_moved_tree_is_proved_of_the_moved_mesh() -> None:
+    rotation = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix()
+    moved = TREE.scaled(0.3).transformed(rotation, [0.2, -0.1, 0.4])
+    assert moved.check(MESH.scaled(0.3).transformed(rotation, [0.2, -0.1, 0.4])) == ()
+    assert moved.check(MESH) != ()
+    mirrored = TREE.transformed(np.diag([-1.0, 1.0, 1.0]), np.zeros(3))
+    assert not any(cover.proved for cover in mirrored.covers)
+
+
+def test_a_corner_must_lie_inside_by_the_room() -> None:
+    corner = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]])
+    center, proof = np.zeros((1, 3)), np.zeros(1, np.int32)
+    assert check_proof(corner, center, np.array([1.0]), 0.0, proof)[0] == HOLDS
+    for radius, room in ((1.0, 1e-12), (np.nan, 0.0), (-1.0, 0.0)):
+        assert check_proof(corner, center, np.array([radius]), room, proof)[0] != HOLDS
