@@ -27,11 +27,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
             "tree_error",
             "tree_builder",
             "tree_choice",
-<<<<<<< HEAD
             "tree_import",
-=======
             "tree_methods",
->>>>>>> 084997d (Give every level of a tree a certified cover of its own, with a proof in the file that is checked along its codes; balanced covers; a table of methods)
             "mesh_cover",
             "canonical_frame",
             "ball_hierarchy",
