@@ -11,12 +11,13 @@ from .console import print_json, print_table
 def command(as_json: bool) -> None:
     """List the trajectories that come with hhsim.
 
-    Any of the names, a .toml script or a .csv or .h5 recording of your own goes into hhsim replay. A script names no
-    coordinates: it closes on whatever object it is given.
+    Any of the names, a .toml script or a .csv or .h5 recording of your own goes into hhsim replay. Those for any object
+    find their place on whatever they are given; the others hold one object at named parts, such as the cup's handle.
 
     \b
-    Example:
+    Examples:
       hhsim trajectories
+      hhsim replay cup handle
     """
     from dataclasses import asdict
 
@@ -30,13 +31,15 @@ def command(as_json: bool) -> None:
         (
             item.name,
             item.title,
+            ", ".join(item.objects) or "any",
             f"{item.duration:.1f}",
             f"{item.rate:,.0f}",
             ", ".join(item.fingers) or "none",
             ", ".join(item.phases),
+            ", ".join(item.figures),
             item.stresses,
         )
         for item in descriptions
     ]
-    columns = ("name", "what", "duration [s]", "rate [Hz]", "fingers", "phases", "stresses")
+    columns = ("name", "what", "object", "duration [s]", "rate [Hz]", "fingers", "phases", "paper's figure", "stresses")
     print_table(columns, rows, numbers=("duration [s]", "rate [Hz]"))

@@ -86,3 +86,42 @@ def brute_clearance(
         distance = np.linalg.norm(leaf_center - place, axis=1) - leaf_radius - size
         least = float(np.minimum(least, distance.min()))
     return least
+
+
+def sphere_contact(leaf_center: Array, leaf_radius: Array, center: Array, radius: float) -> tuple[Array, Array]:
+    """Signed distances [m] of a sphere to leaves, and the point of each leaf that is nearest to it.
+
+    Args:
+        leaf_center: [m], shape (L, 3).
+        leaf_radius: [m], shape (L,).
+        center: of the sphere [m], shape (3,).
+        radius: of the sphere [m].
+
+    Returns:
+        distance (L,) and point (L, 3); of a leaf with the same centre, the point is that centre.
+    """
+    away = center - leaf_center
+    length = np.linalg.norm(away, axis=1)
+    unit = away / np.where(length > 0.0, length, 1.0)[:, None]
+    return length - leaf_radius - radius, leaf_center + leaf_radius[:, None] * unit
+
+
+def round_cone_contact(
+    leaf_center: Array, leaf_radius: Array, a: Array, b: Array, radius_a: float, radius_b: float
+) -> tuple[Array, Array]:
+    """As `sphere_contact`, for the hull of two spheres (`round_cone_distance`).
+
+    The nearest place lies in the direction in which the distance grows least, the negative of its gradient.
+    """
+    distance = round_cone_distance(leaf_center, a, b, radius_a, radius_b)
+    step = 1e-7
+    gradient = np.stack(
+        [
+            round_cone_distance(leaf_center + step * axis, a, b, radius_a, radius_b)
+            - round_cone_distance(leaf_center - step * axis, a, b, radius_a, radius_b)
+            for axis in np.eye(3)
+        ],
+        axis=1,
+    )
+    gradient /= np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-300)
+    return distance - leaf_radius, leaf_center - leaf_radius[:, None] * gradient

@@ -17,7 +17,8 @@ class Closing:
     """A grasp of one object: a palm pose, an open hand and the postures that touch and press.
 
     Attributes:
-        rotation: palm to world, shape (3, 3); its third column is the way back to the start.
+        rotation: palm to world, shape (3, 3).
+        back: unit direction of the way back to the start, shape (3,), world; the palm's normal if not told otherwise.
         position: palm origin where the fingers close [m], shape (3,), world; a palm that is to touch does so there.
         open: flexion of the open hand [rad], shape (5, 3).
         contact: flexion at first contact; the open one for fingers that do not close [rad], shape (5, 3).
@@ -30,6 +31,7 @@ class Closing:
     """
 
     rotation: Array
+    back: Array
     position: Array
     open: Array
     contact: Array

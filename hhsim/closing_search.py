@@ -230,6 +230,7 @@ class _Search:
         reached = [f for f in self.fingers if distances[3 * f : 3 * f + 3].min() < -REACH_DEPTH]
         closing = Closing(
             rotation=rotation,
+            back=back,
             position=position,
             open=self.open,
             contact=contact,

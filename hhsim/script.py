@@ -1,7 +1,9 @@
 """Trajectory scripts: TOML files that say what a hand does to an object, whichever object that is.
 
 A script holds no coordinates. It names phases and the fingers that close in them; where the hand goes and how far each
-finger closes is found on the object (`hhsim.closing_search`). Keys, with their defaults where they have one::
+finger closes is found on the object (`hhsim.closing_search`). A script that has to touch named parts of an object keeps
+its place on it (`hhsim.placement`) and says what it touches (`hhsim.touch`). Keys, with their defaults where they have
+one::
 
     title = "Five-finger grasp"
     stresses = "many contacts at once"
@@ -13,6 +15,7 @@ finger closes is found on the object (`hhsim.closing_search`). Keys, with their 
     palm_depth = 0.0       # > 0: the palm touches too and is commanded this deep [m]
     start_distance = 0.12  # the hand starts so far back from its place [m]
     curl = 1.0             # flexion of the second joint for 1 rad of the first; the third follows with 2/3 of it
+    objects = ["cup"]      # made for these objects of the catalogue only, and placed on each; default: for any object
 
     [[phase]]
     name = "approach"      # comes near with open fingers
@@ -26,6 +29,7 @@ finger closes is found on the object (`hhsim.closing_search`). Keys, with their 
     [[phase]]
     name = "hold"          # nothing moves
     duration = 0.9
+    touch = { thumb = "handle", index = "anywhere" }   # what must be touched at its end, see hhsim.touch
 
     [[phase]]
     name = "slide"         # the palm moves along the object, fingers still commanded deep
@@ -45,6 +49,15 @@ finger closes is found on the object (`hhsim.closing_search`). Keys, with their 
     counts = 0             # a full turn, 0 for no quantisation
     noise = 0.0            # standard deviation before quantisation [rad]
 
+    [[placement]]          # see hhsim.placement
+    object = "cup"
+
+    [[paper]]              # where the paper shows it
+    figure = "15"
+    objects = ["cup", "bunny"]
+    case = "SF"            # the row of that figure, if it has several
+    instances = 100        # seeded variations of the hand's place
+
 Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J. Neuroscience 5, 1985).
 """
 
@@ -58,6 +71,9 @@ from typing import Any
 from hhsim.disturbance import LIMITS, Disturbance
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand import FINGERS
+from hhsim.object_catalogue import object_names
+from hhsim.placement import Placement, parse_placements
+from hhsim.touch import ANYWHERE, PALM, Touch, parse_touch
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
 """The fingers that a closing phase closes where it names none."""
@@ -75,12 +91,31 @@ class ScriptPhase:
         duration: [s].
         fingers: those that are closed at its end; closing phases only.
         distance: how far it slides [m]; slide only.
+        touch: what must be touched at its end; None where the script leaves it open; hold only.
     """
 
     name: str
     duration: float
     fingers: tuple[str, ...] = ()
     distance: float = 0.0
+    touch: tuple[Touch, ...] | None = None
+
+
+@dataclass(frozen=True)
+class PaperUse:
+    """Where the paper shows a script's motion.
+
+    Attributes:
+        figure: such as "13".
+        objects: of the catalogue, on which it does.
+        case: the figure's name for it; empty where it has none.
+        instances: seeded variations of the hand's place; 1 for the script's own.
+    """
+
+    figure: str
+    objects: tuple[str, ...]
+    case: str = ""
+    instances: int = 1
 
 
 @dataclass(frozen=True)
@@ -90,6 +125,9 @@ class Script:
     Attributes:
         name: of the catalogue, or the file's stem.
         phases: the first one is an approach.
+        objects: that it is made for; empty for any.
+        placements: of the hand, on some objects.
+        paper: where the paper shows it.
     """
 
     name: str
@@ -105,6 +143,9 @@ class Script:
     start_distance: float = 0.12
     curl: float = 1.0
     disturbance: Disturbance = field(default_factory=Disturbance)
+    objects: tuple[str, ...] = ()
+    placements: tuple[Placement, ...] = ()
+    paper: tuple[PaperUse, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -127,6 +168,21 @@ class Script:
         named = {finger for phase in self.phases for finger in phase.fingers}
         return tuple(finger for finger in FINGERS if finger in named)
 
+    @property
+    def hold_touches(self) -> tuple[tuple[Touch, ...], ...]:
+        """What each hold must touch at its end, in order."""
+        found: list[tuple[Touch, ...]] = []
+        usual: tuple[Touch, ...] = ()
+        for phase in self.phases:
+            if phase.name == "hold":
+                found.append(usual if phase.touch is None else phase.touch)
+            elif phase.name in DEFAULT_FINGERS:
+                parts = [*phase.fingers, *([PALM] if self.palm_depth > 0.0 else [])] if self.contact else []
+                usual = tuple(Touch(part) for part in parts)
+            else:
+                usual = ()
+        return tuple(found)
+
 
 _NUMBERS: dict[str, tuple[float, float]] = {
     "rate": (1.0, 1e5),
@@ -139,11 +195,11 @@ _NUMBERS: dict[str, tuple[float, float]] = {
 }
 _TEXTS = ("title", "stresses")
 _TABLES = ("tremor", "sensor")
-_KEYS = (*_TEXTS, *_NUMBERS, "contact", "phase", *_TABLES)
+_KEYS = (*_TEXTS, *_NUMBERS, "contact", "objects", "phase", "placement", "paper", *_TABLES)
 
 
-def read_script(path: Path) -> Script:
-    """Read a script from a TOML file.
+def read_script(path: Path, *, unplaced: bool = False) -> Script:
+    """Read a script from a TOML file; `unplaced` as in `parse_script`.
 
     Raises:
         TrajectoryError: no such file, no TOML, or a key, value or phase that no script has.
@@ -154,16 +210,17 @@ def read_script(path: Path) -> Script:
         raise TrajectoryError(f"{path}: not a text file; expected a TOML script") from None
     except OSError as error:
         raise TrajectoryError(f"{path}: cannot be read: {error.strerror or error}") from error
-    return parse_script(text, name=path.stem, where=str(path))
+    return parse_script(text, name=path.stem, where=str(path), unplaced=unplaced)
 
 
-def parse_script(text: str, *, name: str, where: str) -> Script:
+def parse_script(text: str, *, name: str, where: str, unplaced: bool = False) -> Script:
     """Make a script from TOML text.
 
     Args:
         text: the TOML document.
         name: of the script.
         where: names the text in messages.
+        unplaced: the script may lack placements on the objects that it is made for, since they are to be searched for.
 
     Raises:
         TrajectoryError: no TOML, or a key, value or phase that no script has.
@@ -180,13 +237,20 @@ def parse_script(text: str, *, name: str, where: str) -> Script:
     contact = table.get("contact", True)
     if not isinstance(contact, bool):
         raise TrajectoryError(f"{where}: contact = {contact!r}; expected true or false")
+    phases = _phases(where, table.get("phase"), contact)
     script = Script(
         name=name,
-        phases=_phases(where, table.get("phase"), contact),
+        phases=phases,
         contact=contact,
         disturbance=_disturbance(where, table),
+        objects=_objects(where, table.get("objects", [])),
+        placements=parse_placements(
+            where, table.get("placement", []), slides=any(phase.name == "slide" for phase in phases)
+        ),
+        paper=_paper(where, table.get("paper", [])),
         **values,
     )
+    _check_placed(where, script, unplaced)
     if not contact and script.palm_depth > 0.0:
         raise TrajectoryError(f"{where}: palm_depth = {script.palm_depth:g} with contact = false; expected one of them")
     if script.sample_count > MAX_SAMPLES:
@@ -208,7 +272,7 @@ def _phases(where: str, given: Any, contact: bool) -> tuple[ScriptPhase, ...]:
 
 
 def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
-    _check_keys(where, table, ("name", "duration", "fingers", "distance"))
+    _check_keys(where, table, ("name", "duration", "fingers", "distance", "touch"))
     for key in ("name", "duration"):
         if key not in table:
             raise TrajectoryError(f"{where} has no {key}")
@@ -221,6 +285,10 @@ def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
         raise TrajectoryError(f"{where}: distance belongs to a slide")
     if "fingers" in table and name not in DEFAULT_FINGERS:
         raise TrajectoryError(f"{where}: fingers belong to {', '.join(DEFAULT_FINGERS)}")
+    if "touch" in table and name != "hold":
+        raise TrajectoryError(f"{where}: touch belongs to a hold")
+    if name == "hold":
+        return ScriptPhase(name, duration, touch=parse_touch(where, table["touch"]) if "touch" in table else None)
     if name == "slide":
         if "distance" not in table:
             raise TrajectoryError(f"{where} has no distance [m]")
@@ -234,6 +302,47 @@ def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
         if finger not in FINGERS:
             raise TrajectoryError(f"{where}: {UnknownNameError('finger', str(finger), FINGERS)}")
     return ScriptPhase(name, duration, fingers=tuple(finger for finger in FINGERS if finger in fingers))
+
+
+def _objects(where: str, given: Any) -> tuple[str, ...]:
+    if not isinstance(given, list):
+        raise TrajectoryError(f'{where}: objects = {given!r}; expected a list such as ["cup"]')
+    known = object_names()
+    for name in given:
+        if name not in known:
+            raise TrajectoryError(f"{where}: {UnknownNameError('object', str(name), known)}")
+    return tuple(given)
+
+
+def _paper(where: str, given: Any) -> tuple[PaperUse, ...]:
+    if not isinstance(given, list) or not all(isinstance(entry, dict) for entry in given):
+        raise TrajectoryError(f"{where}: paper = {given!r}; expected [[paper]] tables")
+    found = []
+    for number, entry in enumerate(given, start=1):
+        label = f"{where}: paper {number}"
+        _check_keys(label, entry, ("figure", "objects", "case", "instances"))
+        objects = _objects(label, entry.get("objects", []))
+        if not objects or "figure" not in entry:
+            raise TrajectoryError(f"{label}: expected a figure and the objects that it shows")
+        instances = int(_check_number(label, "instances", entry.get("instances", 1), 1, 10_000))
+        figure, case = _text(label, "figure", entry["figure"]), _text(label, "case", entry.get("case", ""))
+        found.append(PaperUse(figure, objects, case, instances))
+    return tuple(found)
+
+
+def _check_placed(where: str, script: Script, unplaced: bool) -> None:
+    """A script that names parts of an object, or the objects that it is made for, must be placed on each of them."""
+    placed = {placement.object_name for placement in script.placements}
+    named = {touch.region for touches in script.hold_touches for touch in touches if touch.region != ANYWHERE}
+    if named and not script.objects:
+        raise TrajectoryError(
+            f"{where}: {min(named)} is a part of some objects; expected objects = …, those that have it"
+        )
+    missing = [name for name in script.objects if name not in placed]
+    if missing and not unplaced:
+        raise TrajectoryError(
+            f"{where}: no placement on {', '.join(missing)}; expected a [[placement]] for each object"
+        )
 
 
 def _disturbance(where: str, table: Mapping[str, Any]) -> Disturbance:

@@ -37,7 +37,7 @@ def best_slide(script: Script, closing: Closing, hand: HandArrays, tree: TreeArr
     if not reached:
         return closing.rotation[:, 0].copy(), 0.0
     before = _finger_depth(closing.distance)[reached]
-    start = closing.position - script.palm_depth * closing.rotation[:, 2]
+    start = closing.position - script.palm_depth * closing.back
     best, best_score = closing.rotation[:, 0], -math.inf
     for k in range(DIRECTIONS):
         angle = 2.0 * math.pi * k / DIRECTIONS

@@ -7,6 +7,9 @@ from hhsim.closing import Closing
 from hhsim.closing_search import plan_closing
 from hhsim.disturbance import Disturbance
 from hhsim.hand import FINGERS, HandModel
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.placed_closing import close_placed, find_placement
+from hhsim.placement import Placement
 from hhsim.script import DEFAULT_FINGERS, Script, ScriptPhase
 from hhsim.sphere_tree import SphereTree
 from hhsim.trajectory import Phase, Trajectory
@@ -30,6 +33,7 @@ def synthesize(
     seed: int = 0,
     *,
     disturbance: Disturbance | None = None,
+    placement: Placement | None = None,
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
 ) -> Trajectory:
@@ -41,6 +45,7 @@ def synthesize(
         tree: the object at rest, world frame.
         seed: of tremor and sensor noise; the motion itself is the same for every seed.
         disturbance: instead of the script's own.
+        placement: instead of the script's own, or of a search.
         object_position: recorded with the motion [m], shape (3,); `tree` is already there.
         object_orientation: recorded with the motion (w, x, y, z), shape (4,).
 
@@ -50,11 +55,10 @@ def synthesize(
     Raises:
         TrajectoryError: the script cannot be done on this object.
     """
-    closing = plan_closing(script, hand, tree)
+    closing = planned(script, hand, tree, object_position, object_orientation, placement)
     time = np.arange(script.sample_count) / script.rate
     course = _Course(script, time)
-    back = closing.rotation[:, 2]
-    position = closing.position + course.retreat[:, None] * back + course.slide[:, None] * closing.slide
+    position = closing.position + course.retreat[:, None] * closing.back + course.slide[:, None] * closing.slide
     flexion = closing.open + course.closure[:, :, None] * (closing.command - closing.open)
     orientation = np.tile(quaternion_from_matrix(closing.rotation), (time.shape[0], 1))
     abduction = np.tile(closing.abduction, (time.shape[0], 1))
@@ -73,6 +77,27 @@ def synthesize(
         source=_source(script, closing, hand, seed, noise),
         licence="Apache-2.0",
     )
+
+
+def planned(
+    script: Script,
+    hand: HandModel,
+    tree: SphereTree,
+    object_position: ArrayLike = (0.0, 0.0, 0.0),
+    object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+    placement: Placement | None = None,
+) -> Closing:
+    """How the hand closes: at the given place, at the script's own on this object, or where a search finds it best.
+
+    Arguments and errors as `synthesize`.
+    """
+    if placement is None:
+        placement = find_placement(script, hand, tree)
+    if placement is None:
+        return plan_closing(script, hand, tree)
+    rotation = np.empty((3, 3))
+    quaternion_to_matrix(np.array(object_orientation, dtype=np.float64), rotation)
+    return close_placed(script, hand, tree, placement, np.asarray(object_position, dtype=np.float64), rotation)
 
 
 def quaternion_from_matrix(matrix: Array) -> Array:

@@ -16,7 +16,7 @@ SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", ".csv")
 DEFAULT_TRAJECTORY = "grasp"
 ORDER = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence", "never")
-"""From one finger to the whole hand; scripts that are not named here follow by name."""
+"""Those for any object, from one finger to the whole hand; the others, made for one object, follow by name."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class TrajectoryDescription:
         rate: samples a second [Hz].
         fingers: those that close.
         phases: names in order.
+        objects: that it is made for; empty for any.
+        figures: of the paper that show it.
     """
 
     name: str
@@ -40,6 +42,8 @@ class TrajectoryDescription:
     rate: float
     fingers: tuple[str, ...]
     phases: tuple[str, ...]
+    objects: tuple[str, ...]
+    figures: tuple[str, ...]
 
 
 def trajectory_names() -> list[str]:
@@ -77,6 +81,8 @@ def describe(name: str) -> TrajectoryDescription:
         rate=script.rate,
         fingers=script.fingers if script.contact else (),
         phases=tuple(phase.name for phase in script.phases),
+        objects=script.objects,
+        figures=tuple(use.figure for use in script.paper),
     )
 
 

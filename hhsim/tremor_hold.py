@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from hhsim.disturbance import Disturbance
 from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
 from hhsim.kernels.tree import TreeArrays
 from hhsim.metrics import HandPoses, Statistics, force_variation_rate, statistics
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 TREMOR = Disturbance(tremor_position=1e-4, tremor_rotation=math.radians(0.2), tremor_frequency=10.0)
 """0.1 mm and 0.2° at 10 Hz: physiological tremor of the hand is 8 to 12 Hz and 0.05 to 0.1 mm."""
@@ -55,12 +57,34 @@ def tremor_variation(
     Returns:
         Mean, spread and maximum; undefined where the hold is no longer than the onset.
     """
-    ticks = len(haptic.position)
-    time = np.arange(ticks) / rate
-    position, orientation, flexion = TREMOR.apply(
+    record, settled = trembling_hold(hand, tree, options, haptic, graphic, abduction, rate, seed)
+    return statistics(force_variation_rate(record.total), settled)
+
+
+def trembling_hold(
+    hand: HandModel,
+    tree: TreeArrays,
+    options: SolverOptions,
+    haptic: HandPoses,
+    graphic: HandPoses,
+    abduction: FloatArray,
+    rate: float,
+    seed: int = 0,
+    disturbance: Disturbance = TREMOR,
+) -> tuple[TickRecord, BoolArray]:
+    """Repeat a hold with a hand that is not still.
+
+    Args:
+        hand, tree, options, haptic, graphic, abduction, rate, seed: As `tremor_variation`.
+        disturbance: What moves it.
+
+    Returns:
+        The ticks of the repetition, and which of them come after the onset, shape (T,).
+    """
+    time = np.arange(len(haptic.position)) / rate
+    position, orientation, flexion = disturbance.apply(
         seed, time, haptic.position.copy(), haptic.orientation.copy(), haptic.flexion.copy()
     )
     solver = HandSolver(hand, tree, options)
     solver.place(graphic.position[0], graphic.orientation[0], graphic.flexion[0], abduction[0])
-    record = solver.run(position, orientation, flexion, abduction)
-    return statistics(force_variation_rate(record.total), time >= ONSET)
+    return solver.run(position, orientation, flexion, abduction), time >= ONSET

@@ -41,12 +41,13 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("recording_csv", "recording_npz", "recording_file"),
         *("recording_stamps", "recording_units", "recording_glitches", "recording_repair", "import_report"),
         *("script", "disturbance", "closing", "closing_search", "slide", "synthesis", "trajectory_catalogue"),
+        *("regions", "touch", "placement", "placed_closing", "paper_scenarios"),
         *("hand_motion", "brute_distance", "stress", "scene", "haptic_motion", "hard_objects", "hard_postures"),
     ),
     # One tick of it, and what is measured.
     (
         *("qp", "contact_problem", "solver", "solver_options", "crew", "backend", "workspace"),
-        *("metrics", "mesh_penetration"),
+        *("metrics", "mesh_penetration", "hold_touches", "placement_search"),
     ),
     # Runs and their files.
     ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),

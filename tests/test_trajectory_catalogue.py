@@ -30,7 +30,14 @@ STRIDE = 20
 
 
 def test_the_catalogue_is_what_the_contract_names() -> None:
-    assert trajectory_names() == NAMES
+    assert trajectory_names()[: len(NAMES)] == NAMES
+    assert not any(describe(name).objects for name in NAMES)
+
+
+def test_the_others_are_made_for_one_object_and_say_which() -> None:
+    others = [describe(name) for name in trajectory_names()[len(NAMES) :]]
+    assert others and all(len(item.objects) == 1 and item.title and item.stresses and item.figures for item in others)
+    assert {item.name for item in others} >= {"handle", "spout", "ears", "ear-to-ear", "leaf-and-stem"}
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,0 +1,51 @@
+"""Whether a run touches what its script demands, at the end of each hold."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand import HandModel
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.script import Script
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+from hhsim.touch import touch_distances
+from hhsim.trajectory import TickInput, Trajectory
+
+Array = NDArray[np.float64]
+
+
+def hold_distances(
+    script: Script, object_name: str, hand: HandModel, tree: SphereTree, ticks: TickInput, record: TickRecord
+) -> list[Array]:
+    """For each hold, how far each demanded touch is from happening at its last tick [m]; see `touch_distances`.
+
+    Args:
+        script: that the motion was made from.
+        object_name: of the catalogue.
+        hand: the hand.
+        tree: the object, whose frame is the world's.
+        ticks: the motion.
+        record: the run.
+    """
+    found = []
+    holds = [phase.last_tick for phase in ticks.phases if phase.name == "hold"]
+    rotation = np.empty((3, 3))
+    for tick, touches in zip(holds, script.hold_touches, strict=True):
+        quaternion_to_matrix(record.orientation[tick].copy(), rotation)
+        found.append(
+            touch_distances(touches, object_name, hand, tree, record.joints[tick], record.position[tick], rotation)
+        )
+    return found
+
+
+def check_holds(
+    script: Script, object_name: str, hand: HandModel, tree: SphereTree, motion: Trajectory, options: SolverOptions
+) -> list[Array]:
+    """Play a motion at 1 kHz and look at its holds, as `hold_distances`."""
+    ticks = motion.resampled(1000.0)
+    record = HandSolver(hand, tree.arrays(), options).run(
+        ticks.position, ticks.orientation, ticks.flexion, ticks.abduction
+    )
+    return hold_distances(script, object_name, hand, tree, ticks, record)

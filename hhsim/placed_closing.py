@@ -1,0 +1,153 @@
+"""Closing a hand at a given place on an object, instead of where a search finds it best."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.closing import Closing, body_distances, make_work
+from hhsim.closing_search import OPEN_SHARE, REACH_DEPTH, closing_rates
+from hhsim.errors import TrajectoryError
+from hhsim.hand import FINGERS, HandModel
+from hhsim.kernels import closing as kernel
+from hhsim.kernels.hand import BODY_COUNT, HandArrays
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.kernels.tree import TreeArrays
+from hhsim.object_catalogue import object_description
+from hhsim.placement import Placement
+from hhsim.script import Script
+from hhsim.sphere_tree import SphereTree
+
+Array = NDArray[np.float64]
+
+PALM_WAY = 0.03
+"""A palm that touches is looked for this far [m] before and behind its stored place."""
+
+
+def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placement | None:
+    """The script's own placement on the object that a tree was built for; None where it finds one by itself.
+
+    Raises:
+        TrajectoryError: the script is made for other objects, or for a right hand.
+    """
+    for placement in script.placements:
+        if tree.mesh_sha256 and object_description(placement.object_name)["sha256"] == tree.mesh_sha256:
+            if hand.side == "right":
+                return placement
+            if script.objects:
+                raise TrajectoryError(
+                    f"script {script.name}: its place on the {placement.object_name} is one of a right hand"
+                )
+            return None
+    if script.objects:
+        raise TrajectoryError(f"script {script.name} is made for {' and '.join(script.objects)}, not for this object")
+    return None
+
+
+def close_placed(
+    script: Script,
+    hand: HandModel,
+    tree: SphereTree,
+    placement: Placement,
+    object_position: Array | None = None,
+    object_rotation: Array | None = None,
+) -> Closing:
+    """Close the script's fingers with the palm at a place.
+
+    Args:
+        script: which fingers close, and how deep they are commanded.
+        hand: the hand.
+        tree: the object, world frame.
+        placement: the place, object's frame.
+        object_position: [m], shape (3,), world; None for the origin.
+        object_rotation: object to world, shape (3, 3); None for upright.
+
+    Raises:
+        TrajectoryError: no named finger reaches the object from there, or the palm that is to touch does not.
+    """
+    closing = PlacedCloser(script, hand, tree).close(placement, object_position, object_rotation)
+    if script.contact and not closing.reached:
+        raise TrajectoryError(
+            f"script {script.name}: {', '.join(script.fingers)} cannot reach the object from its place"
+        )
+    if script.palm_depth > 0.0 and closing.distance[-1] >= 0.0:
+        raise TrajectoryError(f"script {script.name}: the palm cannot touch the object from its place")
+    return closing
+
+
+class PlacedCloser:
+    """Closes one script's hand on one object, at any number of places.
+
+    Args:
+        script: which fingers close, and how deep they are commanded.
+        hand: the hand.
+        tree: the object, world frame.
+    """
+
+    def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
+        """Nothing is closed yet."""
+        self.script = script
+        self.hand: HandArrays = hand.arrays()
+        self.tree: TreeArrays = tree.arrays()
+        self.work = make_work()
+        self.rates = closing_rates(script.curl)
+        self.fingers = [FINGERS.index(name) for name in script.fingers] if script.contact else []
+
+    def opened(self, placement: Placement) -> Array:
+        """Flexion of the open hand at a place [rad], shape (5, 3)."""
+        wide = OPEN_SHARE * np.minimum(self.hand.flexion_min, 0.0) + placement.open[:, None] * self.rates
+        return np.ascontiguousarray(np.clip(wide, self.hand.flexion_min, self.hand.flexion_max))
+
+    def close(
+        self,
+        placement: Placement,
+        object_position: Array | None = None,
+        object_rotation: Array | None = None,
+        clear: Callable[[Array, Array, Array], bool] | None = None,
+    ) -> Closing:
+        """Close the hand; arguments as `close_placed`.
+
+        `clear`, called with position, rotation and open flexion, may refuse a place before the fingers close: they then
+        stay open.
+        """
+        script, work = self.script, self.work
+        turn = np.eye(3) if object_rotation is None else object_rotation
+        rotation = np.empty((3, 3))
+        quaternion_to_matrix(placement.orientation.copy(), rotation)
+        rotation = np.ascontiguousarray(turn @ rotation)
+        back = np.ascontiguousarray(turn @ placement.back)
+        position = turn @ placement.position + (0.0 if object_position is None else object_position)
+        opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
+        if script.palm_depth > 0.0:
+            start = position + PALM_WAY * back
+            travel, _ = kernel.advance_hand(
+                *(self.hand, self.tree, start, rotation, opened, abduction, -back),
+                *(np.zeros(BODY_COUNT), 2.0 * PALM_WAY, work),
+            )
+            position = start - travel * back
+        contact, touching = opened.copy(), np.zeros((len(FINGERS), 3))
+        fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
+        for f in fingers:
+            kernel.close_finger(
+                self.hand, self.tree, position, rotation, f, self.rates[f], abduction, contact, work, touching
+            )
+        command = contact.copy()
+        for f in fingers:
+            if touching[f].any():
+                kernel.deepen_finger(self.hand, f, self.rates[f], abduction, script.depth, command, work)
+        pressed = position - script.palm_depth * back
+        distances = body_distances(self.hand, self.tree, pressed, rotation, command, abduction, work)
+        reached = [f for f in self.fingers if distances[3 * f : 3 * f + 3].min() < -REACH_DEPTH]
+        return Closing(
+            rotation=rotation,
+            back=back,
+            position=position,
+            open=opened,
+            contact=contact,
+            command=command,
+            abduction=abduction,
+            reached=tuple(FINGERS[f] for f in reached),
+            missed=tuple(FINGERS[f] for f in self.fingers if f not in reached),
+            slide=turn @ placement.slide,
+            distance=distances,
+        )

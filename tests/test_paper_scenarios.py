@@ -1,0 +1,113 @@
+"""The paper's scenes, and that in each the named fingers touch the named parts of the object."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hhsim.errors import UnknownNameError
+from hhsim.hand import FINGERS, HandModel
+from hhsim.hold_touches import check_holds
+from hhsim.object_catalogue import load_object
+from hhsim.paper_scenarios import Scenario, paper_scenarios
+from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+from hhsim.synthesis import synthesize
+from hhsim.touch import TOUCHING
+from hhsim.trajectory_catalogue import load_script
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+HAND = HandModel.default()
+SIMPLE = ["sphere", "cylinder", "triangular-prism", "cube", "hexagonal-prism"]
+COMPLEX = ["rock", "shamrock", "cup", "teapot", "bunny"]
+PLAYED = sorted({(s.object_name, s.motion) for s in paper_scenarios()})
+
+
+@cache
+def object_tree(name: str) -> SphereTree:
+    item = load_object(name)
+    return cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
+
+
+def figure(name: str) -> list[Scenario]:
+    return paper_scenarios([name])
+
+
+def test_figure_11_is_five_objects_and_three_behaviours() -> None:
+    assert [s.object_name for s in figure("11")] == [name for name in SIMPLE for _ in range(3)]
+    for k, (motion, parts) in enumerate((("touch", 1), ("pinch", 2), ("whole-hand", 6))):
+        assert [s.motion for s in figure("11")[k::3]] == [motion] * 5
+        assert len(load_script(motion).hold_touches[0]) == parts
+
+
+def test_figure_12_goes_from_none_to_five_and_back() -> None:
+    assert [s.name for s in figure("12")] == ["cylinder sequence", "hexagonal-prism sequence"]
+    assert [len(touches) for touches in load_script("sequence").hold_touches] == [1, 2, 5, 2, 1]
+
+
+def test_sliding_is_on_the_five_simple_objects() -> None:
+    assert [s.name for s in figure("sliding")] == [f"{name} slide" for name in SIMPLE]
+
+
+def test_figure_13_shows_each_complex_object_from_several_sides() -> None:
+    sides = {name: [s.motion for s in figure("13") if s.object_name == name] for name in COMPLEX}
+    assert all(len(motions) >= 3 for motions in sides.values()), sides
+    assert "handle" in sides["cup"] and "spout" in sides["teapot"]
+    assert "leaf-and-stem" in sides["shamrock"] and "ears" in sides["bunny"]
+
+
+def test_figure_14_squeezes_holds_and_slides() -> None:
+    assert [s.name for s in figure("14")] == ["cup squeeze", "bunny ear-to-ear"]
+    for scenario in figure("14"):
+        phases = [phase.name for phase in load_script(scenario.motion).phases]
+        assert phases == ["approach", "grasp", "hold", "slide", "hold", "release"]
+    first, second = load_script("ear-to-ear").hold_touches
+    assert {t.region for t in first if t.part == "index"} == {"ear_right"}
+    assert {t.region for t in second if t.part == "index"} == {"ear_left"}
+
+
+def test_figure_15_is_four_cases_a_hundred_times_on_each_complex_object() -> None:
+    assert [(s.object_name, s.case) for s in figure("15")] == [
+        (name, case) for name in COMPLEX for case in ("SF", "TF", "FF", "WH")
+    ]
+    assert {s.instances for s in figure("15")} == {100}
+    for case, count in {"SF": 1, "TF": 2, "FF": 5, "WH": 5}.items():
+        (motion,) = {s.motion for s in figure("15") if s.case == case}
+        assert len(load_script(motion).fingers) == count
+        assert (load_script(motion).palm_depth > 0.0) == (case == "WH")
+
+
+def test_an_unknown_figure_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="unknown figure '16'"):
+        paper_scenarios(["16"])
+
+
+@pytest.mark.parametrize(("object_name", "motion"), PLAYED)
+def test_every_scene_touches_what_it_names(object_name: str, motion: str) -> None:
+    script, tree = load_script(motion), object_tree(object_name)
+    trajectory = synthesize(script, HAND, tree)
+    found = check_holds(script, object_name, HAND, tree, trajectory, SolverOptions())
+    demanded = [str(touch) for touches in script.hold_touches for touch in touches]
+    missed = [
+        f"{touch}: {1e6 * distance:.1f} µm"
+        for touch, distance in zip(demanded, np.concatenate(found))
+        if not distance < TOUCHING
+    ]
+    assert demanded and missed == []
+
+
+@pytest.mark.parametrize(("object_name", "motion"), [p for p in PLAYED if load_script(p[1]).objects])
+def test_a_placed_hand_comes_free_and_its_idle_fingers_stay_free(object_name: str, motion: str) -> None:
+    from hhsim.metrics import hand_clearance
+    from hhsim.placed_hand import hand_shape, placed_hand
+
+    script, tree = load_script(motion), object_tree(object_name)
+    trajectory = synthesize(script, HAND, tree)
+    approach = trajectory.time < script.phases[0].duration
+    placed = placed_hand(HAND, trajectory.position, trajectory.orientation, trajectory.flexion, trajectory.abduction)
+    palm, fingers = hand_clearance(tree.arrays(), *hand_shape(HAND), *placed, limit=0.1)
+    assert min(palm[approach].min(), fingers[approach].min()) > 0.0
+    idle = [f for f, finger in enumerate(FINGERS) if finger not in script.fingers]
+    held = trajectory.time < sum(phase.duration for phase in script.phases[:3])
+    assert fingers[held][:, idle].min(initial=np.inf) > 0.0
+    assert min(palm[0], fingers[0].min()) > 0.02 and min(palm[-1], fingers[-1].min()) > 0.02

@@ -1,0 +1,165 @@
+"""A hand's place that is kept with a script, and closing there."""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hhsim.closing_search import plan_closing
+from hhsim.errors import TrajectoryError
+from hhsim.hand import HandModel
+from hhsim.object_catalogue import load_object
+from hhsim.placed_closing import close_placed, find_placement
+from hhsim.placement import Placement, parse_placements
+from hhsim.script import Script, parse_script
+from hhsim.synthesis import quaternion_from_matrix, synthesize
+from hhsim.trajectory_catalogue import load_script
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+HAND = HandModel.default()
+BALL = cached_sphere_tree(load_object("sphere").mesh, TreeOptions(level=2))
+CUP = cached_sphere_tree(load_object("cup").mesh, TreeOptions(level=3))
+
+PLACE = {"object": "cup", "position": [0.1, 0.0, 0.05], "orientation": [1.0, 0.0, 0.0, 0.0], "back": [0.0, 0.6, 0.8]}
+
+
+def test_a_table_is_read_and_written() -> None:
+    table = PLACE | {"open": [0.1, 0.0, 0.2, 0.0, 0.0], "abduction": [0.0, 0.05, 0.0, 0.0, -0.1]}
+    (one,) = parse_placements("x", [table], slides=False)
+    assert one.object_name == "cup" and np.array_equal(one.position, [0.1, 0.0, 0.05])
+    assert not one.slide.any()
+    (again,) = parse_placements("x", tomllib.loads(one.to_toml())["placement"], slides=False)
+    for name in ("position", "orientation", "back", "open", "abduction", "slide"):
+        assert getattr(again, name) == pytest.approx(getattr(one, name), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"object": "mug"}, "unknown object 'mug'"),
+        ({"position": [0.1, 0.0]}, "expected 3 numbers"),
+        ({"position": [0.1, 0.0, float("nan")]}, "expected 3 numbers"),
+        ({"position": [0.1, 0.0, True]}, "expected 3 numbers"),
+        ({"orientation": [1.0, 1.0, 0.0, 0.0]}, "orientation has length 1.41; expected 1"),
+        ({"back": [0.0, 0.0, 0.0]}, "back has length 0; expected 1"),
+        ({"slide": [1.0, 0.0, 0.0]}, "slide belongs to a script with a slide"),
+        ({"plase": 1}, "unknown key 'plase'"),
+    ],
+)
+def test_what_is_no_placement_is_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(TrajectoryError, match=message):
+        parse_placements("x", [PLACE | change], slides=False)
+
+
+def test_a_place_needs_all_that_has_no_default_and_is_one_for_each_object() -> None:
+    for key in ("object", "position", "orientation", "back"):
+        with pytest.raises(TrajectoryError, match=f"has no {key}"):
+            parse_placements("x", [{k: v for k, v in PLACE.items() if k != key}], slides=False)
+    with pytest.raises(TrajectoryError, match="two placements on one object"):
+        parse_placements("x", [PLACE, PLACE], slides=False)
+    with pytest.raises(TrajectoryError, match="expected \\[\\[placement\\]\\] tables"):
+        parse_placements("x", PLACE, slides=False)
+
+
+SCRIPT = """
+{head}
+[[phase]]
+name = "approach"
+duration = 0.5
+[[phase]]
+name = "pinch"
+duration = 0.5
+[[phase]]
+name = "hold"
+duration = 0.5
+{touch}
+"""
+
+
+def script(head: str = "", touch: str = "") -> Script:
+    return parse_script(SCRIPT.format(head=head, touch=touch), name="mine", where="mine.toml")
+
+
+@pytest.mark.parametrize(
+    ("head", "touch", "message"),
+    [
+        ('objects = ["cup"]', "", "no placement on cup"),
+        ('objects = ["mug"]', "", "unknown object 'mug'"),
+        ("objects = 1", "", "expected a list"),
+        ("", 'touch = { thumb = "handle" }', "handle is a part of some objects"),
+    ],
+)
+def test_a_script_that_names_parts_or_objects_is_placed_on_them(head: str, touch: str, message: str) -> None:
+    with pytest.raises(TrajectoryError, match=message):
+        script(head, touch)
+
+
+def test_only_a_hold_says_what_it_touches() -> None:
+    text = SCRIPT.format(head="", touch="").replace('name = "pinch"', 'name = "pinch"\ntouch = { thumb = "anywhere" }')
+    with pytest.raises(TrajectoryError, match="touch belongs to a hold"):
+        parse_script(text, name="mine", where="mine.toml")
+
+
+def test_a_hold_demands_what_closed_and_a_hold_after_a_slide_nothing() -> None:
+    touches = load_script("sequence").hold_touches
+    assert [len(one) for one in touches] == [1, 2, 5, 2, 1]
+    assert [touch.part for touch in touches[1]] == ["thumb", "index"]
+    assert [touch.part for touch in load_script("whole-hand").hold_touches[0]][-1] == "palm"
+    assert [len(one) for one in load_script("slide").hold_touches] == [5, 0]
+    assert load_script("never").hold_touches == ((),)
+
+
+def test_closing_where_the_search_ended_gives_the_same_hand() -> None:
+    for name in ("pinch", "whole-hand"):
+        motion = load_script(name)
+        best = plan_closing(motion, HAND, BALL)
+        place = Placement("", best.position, quaternion_from_matrix(best.rotation), best.rotation[:, 2])
+        closing = close_placed(motion, HAND, BALL, place)
+        assert closing.position == pytest.approx(best.position, abs=1e-4)
+        assert closing.rotation == pytest.approx(best.rotation, abs=1e-12)
+        for key in ("contact", "command"):
+            assert getattr(closing, key) == pytest.approx(getattr(best, key), abs=5e-3)
+        assert closing.reached == best.reached
+
+
+def test_a_placed_script_moves_with_the_object() -> None:
+    motion = load_script("handle")
+    angle = 0.7
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    shift = np.array([0.3, -0.2, 0.1])
+    here = synthesize(motion, HAND, CUP)
+    there = synthesize(
+        motion,
+        HAND,
+        CUP.transformed(turn, shift),
+        object_position=shift,
+        object_orientation=quaternion_from_matrix(turn),
+    )
+    assert there.position == pytest.approx(here.position @ turn.T + shift, abs=1e-4)
+    assert there.flexion == pytest.approx(here.flexion, abs=5e-3)
+
+
+def test_a_script_that_is_made_for_one_object_says_so() -> None:
+    with pytest.raises(TrajectoryError, match="script handle is made for cup, not for this object"):
+        synthesize(load_script("handle"), HAND, BALL)
+    with pytest.raises(TrajectoryError, match="its place on the cup is one of a right hand"):
+        synthesize(load_script("handle"), HandModel.default("left"), CUP)
+
+
+def test_a_script_for_any_object_keeps_its_search_where_it_has_no_place() -> None:
+    assert find_placement(load_script("whole-hand"), HAND, BALL) is None
+    assert find_placement(load_script("handle"), HAND, CUP) is not None
+    shamrock = replace(CUP, mesh_sha256=load_object("shamrock").mesh.sha256)
+    assert find_placement(load_script("whole-hand"), HAND, shamrock) is not None
+    assert find_placement(load_script("whole-hand"), HandModel.default("left"), shamrock) is None
+    with pytest.raises(TrajectoryError, match="made for cup"):
+        find_placement(load_script("handle"), HAND, replace(CUP, mesh_sha256=""))
+
+
+def test_a_place_out_of_reach_is_refused() -> None:
+    far = Placement("", np.array([1.0, 0.0, 0.0]), np.array([1.0, 0, 0, 0]), np.array([1.0, 0.0, 0.0]))
+    with pytest.raises(TrajectoryError, match="cannot reach the object from its place"):
+        close_placed(load_script("pinch"), HAND, BALL, far)
+    with pytest.raises(TrajectoryError, match="cannot reach the object from its place"):
+        close_placed(load_script("whole-hand"), HAND, BALL, far)

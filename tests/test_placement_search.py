@@ -1,0 +1,48 @@
+"""The search for a hand's place: on a case that is quick, it finds one where the touch happens, the same each time."""
+
+import numpy as np
+import pytest
+
+from hhsim import placement_search
+from hhsim.hand import HandModel
+from hhsim.object_catalogue import load_object
+from hhsim.placement_search import PlacementSearch, turned_by
+from hhsim.script import parse_script
+from hhsim.touch import TOUCHING
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+SCRIPT = """
+objects = ["shamrock"]
+[[phase]]
+name = "approach"
+duration = 0.2
+[[phase]]
+name = "touch"
+duration = 0.2
+[[phase]]
+name = "hold"
+duration = 0.1
+touch = { index = "stem" }
+"""
+
+
+def test_a_place_is_found_where_the_finger_touches_the_part_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("DRAWS", 150), ("LEADERS", 3), ("STEPS", 40), ("PLAYED", 3), ("PLAYED_STEPS", 4)):
+        monkeypatch.setattr(placement_search, name, value)
+    script = parse_script(SCRIPT, name="stem", where="stem.toml", unplaced=True)
+    tree = cached_sphere_tree(load_object("shamrock").mesh, TreeOptions(level=3))
+    towards = np.array([0.0, -1.0, 0.0])
+    found = [PlacementSearch(script, "shamrock", HandModel.default(), tree, towards, seed=1).run() for _ in range(2)]
+    (place, distance), (again, _) = found
+    assert distance <= TOUCHING
+    assert place.to_toml() == again.to_toml()
+    assert place.back @ towards >= np.cos(np.radians(35.1))
+
+
+def test_a_turn_is_a_rotation_about_its_vector() -> None:
+    vector = np.array([0.3, -0.4, 1.2])
+    turn = turned_by(vector)
+    assert turn @ turn.T == pytest.approx(np.eye(3)) and np.linalg.det(turn) == pytest.approx(1.0)
+    assert turn @ vector == pytest.approx(vector)
+    assert np.trace(turn) == pytest.approx(1.0 + 2.0 * np.cos(1.3))
+    assert np.array_equal(turned_by(np.zeros(3)), np.eye(3))
