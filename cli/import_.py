@@ -67,6 +67,9 @@ if TYPE_CHECKING:
     help="Hand whose joint limits bound the angles. Default: the usual one.",
 )
 @click.option("--keep-angles", is_flag=True, help="Keep joint angles beyond the hand's limits.")
+@click.option("--name", metavar="TEXT", help="Name of the motion. Default: of the file.")
+@click.option("--source", metavar="TEXT", help="Who or what recorded it, kept in the trajectory.")
+@click.option("--licence", metavar="TEXT", help="Under which it may be used, kept in the trajectory.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw what came in and what went out.")
 @options.out
 @options.json
@@ -89,6 +92,9 @@ def command(
     mirror: bool,
     hand_file: Path | None,
     keep_angles: bool,
+    name: str | None,
+    source: str | None,
+    licence: str | None,
     plot: Path | None,
     out: Path | None,
     as_json: bool,
@@ -96,9 +102,9 @@ def command(
 ) -> None:
     """Make a trajectory of a recording of a hand.
 
-    FILE is hhsim's own .csv or .h5, .npz arrays, or any CSV with --columns. What is wrong in it and safe to mend is
-    mended, marked in each sample and listed; what is not safe is refused with the reason. hhsim replay OBJECT OUT.h5
-    plays what comes out.
+    FILE is hhsim's own .csv or .h5, .npz arrays, Leap Motion JSON, or any CSV with --columns. What is wrong in it and
+    safe to mend is mended, marked in each sample and listed; what is not safe is refused with the reason. hhsim replay
+    OBJECT OUT.h5 plays what comes out.
 
     \b
     Examples:
@@ -134,6 +140,8 @@ def command(
         **_limits(hand_file, keep_angles),
     )
     recording = read_recording(file, _read_options(form, columns, hand, palm_axes, world_up))
+    said = {"name": name, "source": source, "licence": licence}
+    recording = recording.changed(**{key: value for key, value in said.items() if value is not None})
     try:
         repaired = repair(recording, asked)
     except InputError as error:

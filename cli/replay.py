@@ -14,6 +14,7 @@ from .number_list import number_list
 from .object_argument import complete_object, read_object
 
 if TYPE_CHECKING:
+    from hhsim.demonstration import Demonstration
     from hhsim.hand import HandModel
     from hhsim.script import Script
     from hhsim.solver_options import SolverOptions, Stiffness
@@ -280,7 +281,7 @@ def _stiffness(numbers: tuple[float, ...] | None, penalty: float | None, method:
     return Stiffness(**changed) if changed else None
 
 
-def _motion(trajectory: str, tremor: tuple[float, ...] | None) -> "Script | Trajectory":
+def _motion(trajectory: str, tremor: tuple[float, ...] | None) -> "Script | Demonstration | Trajectory":
     from hhsim.script import Script
     from hhsim.trajectory_catalogue import resolve_trajectory
 
@@ -294,7 +295,7 @@ def _motion(trajectory: str, tremor: tuple[float, ...] | None) -> "Script | Traj
     return replace(motion, disturbance=shaken)
 
 
-def _side(motion: "Script | Trajectory") -> Literal["right", "left"]:
+def _side(motion: "Script | Demonstration | Trajectory") -> Literal["right", "left"]:
     """The hand that a recording is of; scripts close either."""
     return "left" if getattr(motion, "hand", "") == "left" else "right"
 

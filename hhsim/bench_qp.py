@@ -110,13 +110,13 @@ def check_names(options: QpBenchOptions) -> None:
         UnknownNameError: An object, a motion or a solver that there is not.
     """
     from hhsim.object_catalogue import object_names
-    from hhsim.trajectory_catalogue import trajectory_names
+    from hhsim.trajectory_catalogue import script_names
 
     options.solvers()
     for name in options.objects:
         if name not in object_names():
             raise UnknownNameError("object", name, object_names())
-    known = [*trajectory_names(), RANDOM]
+    known = [*script_names(), RANDOM]
     for name in options.motions:
         if name not in known:
             raise UnknownNameError("motion", name, known)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from hhsim.errors import UnknownNameError
 from hhsim.object_catalogue import object_names
-from hhsim.trajectory_catalogue import load_script, trajectory_names
+from hhsim.trajectory_catalogue import load_script, script_names
 
 SLIDING = "sliding"
 """In place of a figure: the paper describes sliding on the five simple objects without one."""
@@ -59,7 +59,7 @@ def paper_scenarios(figures: Sequence[str] = tuple(FIGURES)) -> list[Scenario]:
             raise UnknownNameError("figure", figure, FIGURES)
     found = [
         Scenario(use.figure, object_name, motion, use.case, use.instances)
-        for motion in trajectory_names()
+        for motion in script_names()
         for use in load_script(motion).paper
         if use.figure in figures
         for object_name in use.objects

@@ -74,3 +74,50 @@ def to_our_world(position: Array, orientation: Array, up: str) -> tuple[Array, A
 def to_our_palm(orientation: Array, axes: Sequence[str]) -> Array:
     """Orientations of our palm frame from those of the recording's, (T, 4), w x y z."""
     return quaternion_product(orientation, quaternion_from_matrix(axes_matrix(axes)))
+
+
+def turned(orientation: Array, vector: Array) -> Array:
+    """A vector, shape (3,) or (T, 3), turned by each quaternion (w, x, y, z) of any length, shape (T, 3)."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        q = orientation / np.linalg.norm(orientation, axis=1, keepdims=True)
+    cross = 2.0 * np.cross(q[:, 1:], vector)
+    return np.asarray(vector + q[:, :1] * cross + np.cross(q[:, 1:], cross))
+
+
+def quaternions_of(matrix: Array) -> Array:
+    """Unit quaternions (w, x, y, z), shape (T, 4), of rotation matrices, shape (T, 3, 3); NaN where one is missing."""
+    m = matrix
+    squares = np.stack(
+        [
+            1.0 + m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2],
+            1.0 + m[:, 0, 0] - m[:, 1, 1] - m[:, 2, 2],
+            1.0 - m[:, 0, 0] + m[:, 1, 1] - m[:, 2, 2],
+            1.0 - m[:, 0, 0] - m[:, 1, 1] + m[:, 2, 2],
+        ],
+        axis=1,
+    )
+    wx, wy, wz = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
+    xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
+    rows = np.stack(
+        [
+            np.stack([squares[:, 0], wx, wy, wz], axis=1),
+            np.stack([wx, squares[:, 1], xy, xz], axis=1),
+            np.stack([wy, xy, squares[:, 2], yz], axis=1),
+            np.stack([wz, xz, yz, squares[:, 3]], axis=1),
+        ],
+        axis=1,
+    )
+    # All four rows are the quaternion times one of its components; the largest loses no digits.
+    largest = np.argmax(np.nan_to_num(squares, nan=-1.0), axis=1)
+    row = rows[np.arange(len(rows)), largest]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(row / np.linalg.norm(row, axis=1, keepdims=True))
+
+
+def in_palm(vectors: Array, orientation: Array) -> Array:
+    """World vectors, shape (T, …, 3), in the palm frames of quaternions (w, x, y, z), shape (T, 4)."""
+    shape = (len(orientation),) + (1,) * (vectors.ndim - 2) + (3,)
+    axis = -orientation[:, 1:].reshape(shape)
+    w = orientation[:, :1].reshape(shape[:-1] + (1,))
+    cross = 2.0 * np.cross(axis, vectors)
+    return np.asarray(vectors + w * cross + np.cross(axis, cross))

@@ -20,6 +20,10 @@ MOST_SAMPLES = 10_000_000
 """More samples than this are no hand recording: three hours at 1 kHz."""
 
 
+MOST = (1e9, 1e20)
+"""Numbers beyond this are no readings of a motion, or of a clock, in any unit."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """Something that was found in a recording, and what was done about it.
@@ -96,8 +100,9 @@ class Recording:
             values = _numbers(key, getattr(self, key))
             if values.shape != shape:
                 raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {count} stamp(s)")
-            # Infinity is as little a reading as NaN is.
-            values[~np.isfinite(values)] = np.nan
+            # Infinity is as little a reading as NaN is, and what overflows when it is squared.
+            with np.errstate(invalid="ignore"):
+                values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
             object.__setattr__(self, key, values)
         flags = np.array(self.flags, dtype=np.uint32) if len(self.flags) else np.zeros(count, dtype=np.uint32)
         if flags.shape != (count,):

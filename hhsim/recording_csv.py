@@ -9,7 +9,7 @@ from hhsim.column_map import JOINT_NAMES, OWN_COLUMNS, ColumnMap, is_own_header
 from hhsim.csv_table import Table, read_table
 from hhsim.errors import TrajectoryError
 from hhsim.haptic_motion import quaternion, quaternion_product
-from hhsim.recorded_axes import OURS, to_our_palm, to_our_world
+from hhsim.recorded_axes import OURS, to_our_palm, to_our_world, turned
 from hhsim.recording import Finding, Recording, note
 from hhsim.recording_units import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
 from hhsim.sample_flags import SampleFlag, mark
@@ -137,14 +137,6 @@ def placed(position: Array, orientation: Array, columns: ColumnMap) -> tuple[Arr
     if any(columns.palm_offset):
         position = position + turned(orientation, np.array(columns.palm_offset))
     return position, orientation
-
-
-def turned(orientation: Array, vector: Array) -> Array:
-    """A vector, shape (3,) or (T, 3), turned by each quaternion (w, x, y, z) of any length, shape (T, 3)."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        q = orientation / np.linalg.norm(orientation, axis=1, keepdims=True)
-    cross = 2.0 * np.cross(q[:, 1:], vector)
-    return np.asarray(vector + q[:, :1] * cross + np.cross(q[:, 1:], cross))
 
 
 def euler_quaternion(angles: Array, order: str) -> Array:

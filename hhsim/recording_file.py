@@ -3,6 +3,7 @@
 | format | begins with | reader |
 |---|---|---|
 | hhsim | HDF5's signature | `hhsim.trajectory_file` |
+| leap | { or [ of JSON, or nothing but letters of base64 | `hhsim.recording_leap` |
 | npz | the signature of a zip archive | `hhsim.recording_npz` |
 | csv | anything else that is text | `hhsim.recording_csv`, by our columns or by a mapping |
 """
@@ -18,12 +19,14 @@ from hhsim.errors import InputError, TrajectoryError, UnknownNameError
 from hhsim.recorded_axes import axes_matrix
 from hhsim.recording import Recording
 from hhsim.recording_csv import read_csv_recording
+from hhsim.recording_leap import looks_like_leap, read_leap_recording
 from hhsim.recording_npz import read_npz_recording
 from hhsim.trajectory import HandSide, Trajectory
 
 FORMATS = {
     "hhsim": "a trajectory of hhsim, .h5",
     "npz": "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
+    "leap": "a Leap Motion recording, .json or .json.lz",
     "csv": "a table: hhsim's own columns, or any with --columns",
 }
 """Every format with its one line."""
@@ -99,6 +102,8 @@ def read_bytes(data: bytes, options: ReadOptions, *, name: str, path: Path | Non
     if form == "npz":
         return read_npz_recording(data, name=name, palm_axes=options.palm_axes, world_up=options.world_up)
     text = as_text(data)
+    if form == "leap":
+        return read_leap_recording(text, name=name.removesuffix(".json"), hand=options.hand)
     columns = options.columns
     if columns is None and (options.palm_axes or options.world_up) and is_own_header(read_table(text).header):
         columns = OWN_COLUMNS
@@ -120,7 +125,7 @@ def format_of(data: bytes) -> str:
         return "hhsim"
     if data.startswith((b"PK\x03\x04", b"PK\x05\x06")):
         return "npz"
-    return "csv"
+    return "leap" if looks_like_leap(data[:4096].decode("utf-8-sig", errors="replace")) else "csv"
 
 
 def as_text(data: bytes) -> str:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hhsim.demonstration import Demonstration
 from hhsim.hand import HandModel
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh import Mesh
@@ -43,7 +44,7 @@ def make_scene(
     mesh: Mesh,
     tree: SphereTree,
     hand: HandModel,
-    motion: Script | Trajectory,
+    motion: Script | Demonstration | Trajectory,
     *,
     rate: float = 1000.0,
     mode: ResampleMode = "interpolate",
@@ -55,18 +56,21 @@ def make_scene(
         mesh: The object [m], in its own frame.
         tree: Its sphere tree, in the same frame.
         hand: The hand.
-        motion: A recording, which holds the object's pose, or a script, which closes on the object where it is.
+        motion: A recording, which holds the object's pose; a script, which closes on the object where it is; or a
+            demonstration, which puts the object where the recorded hand touches it.
         rate: Ticks per second [Hz].
         mode: How a motion of another rate is brought to the ticks.
         seed: Of a script's tremor and sensor noise.
 
     Raises:
-        TrajectoryError: The script cannot be done on this object.
+        TrajectoryError: The script or the demonstration cannot be done on this object.
     """
     if isinstance(motion, Script):
         from hhsim.synthesis import synthesize
 
         motion = synthesize(motion, hand, tree, seed)
+    elif isinstance(motion, Demonstration):
+        motion = motion.placed(hand, tree)
     rotation = np.empty((3, 3))
     quaternion_to_matrix(motion.object_orientation.copy(), rotation)
     return Scene(

@@ -28,7 +28,7 @@ from hhsim.scene import make_scene
 from hhsim.solver import HandSolver
 from hhsim.solver_options import METHODS, SolverOptions
 from hhsim.synthesis import synthesize
-from hhsim.trajectory_catalogue import load_script, trajectory_names
+from hhsim.trajectory_catalogue import load_script, script_names
 from hhsim.tree_builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
 from hhsim.warm_up import warm_up
 
@@ -83,7 +83,7 @@ class SpeedErrorOptions:
             object.__setattr__(self, "backends", tuple(name for name in available_backends() if name != ACTIVE_SET))
         for kind, names, known in (
             ("object", self.objects, object_names()),
-            ("trajectory", self.motions, trajectory_names()),
+            ("trajectory", self.motions, script_names()),
             ("method", self.methods or (), list(METHODS)),
             ("QP solver", self.backends or (), available_backends()),
         ):

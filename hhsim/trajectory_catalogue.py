@@ -1,13 +1,15 @@
 """The motions that ship with hhsim, and how a name or a path on the command line becomes a motion.
 
-A trajectory is named by its catalogue name (`grasp`), by a script of one's own (`.toml`) or by a recording (`.h5`,
-`.csv`).
+A trajectory is named by its catalogue name (`grasp`), by a script or a demonstration of one's own (`.toml`) or by a
+recording (`.h5`, `.csv`).
 """
 
+import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
+from hhsim.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.script import Script, parse_script, read_script
 from hhsim.trajectory import Trajectory
@@ -16,7 +18,7 @@ SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", ".csv")
 DEFAULT_TRAJECTORY = "grasp"
 ORDER = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence", "never")
-"""Those for any object, from one finger to the whole hand; the others, made for one object, follow by name."""
+"""Those for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,25 @@ class TrajectoryDescription:
 
 
 def trajectory_names() -> list[str]:
+    """Names of all shipped scripts, in the order of `ORDER`, and then of the demonstrations."""
+    return [*script_names(), *sorted(_names()[1])]
+
+
+def script_names() -> list[str]:
     """Names of all shipped scripts, in the order of `ORDER`."""
-    folder = files("hhsim.trajectories")
-    names = {entry.name.removesuffix(SCRIPT_SUFFIX) for entry in folder.iterdir() if entry.name.endswith(SCRIPT_SUFFIX)}
+    names = _names()[0]
     return [name for name in ORDER if name in names] + sorted(names.difference(ORDER))
+
+
+def _names() -> tuple[set[str], set[str]]:
+    """Names of the shipped scripts and of the shipped demonstrations."""
+    scripts: set[str] = set()
+    demonstrations: set[str] = set()
+    for entry in files("hhsim.trajectories").iterdir():
+        if entry.name.endswith(SCRIPT_SUFFIX):
+            recorded = is_demonstration(tomllib.loads(entry.read_text(encoding="utf-8")))
+            (demonstrations if recorded else scripts).add(entry.name.removesuffix(SCRIPT_SUFFIX))
+    return scripts, demonstrations
 
 
 def load_script(name: str) -> Script:
@@ -59,19 +76,49 @@ def load_script(name: str) -> Script:
     Raises:
         UnknownNameError: no such script; the message lists the near names.
     """
-    known = trajectory_names()
+    known = script_names()
     if name not in known:
         raise UnknownNameError("trajectory", name, known)
     resource = files("hhsim.trajectories") / f"{name}{SCRIPT_SUFFIX}"
     return parse_script(resource.read_text(encoding="utf-8"), name=name, where=f"trajectories/{name}{SCRIPT_SUFFIX}")
 
 
-def describe(name: str) -> TrajectoryDescription:
-    """What the catalogue says about a shipped script.
+def load_demonstration(name: str) -> Demonstration:
+    """The shipped demonstration of this name.
 
     Raises:
-        UnknownNameError: no such script; the message lists the near names.
+        UnknownNameError: no such demonstration; the message lists the near names.
     """
+    known = sorted(_names()[1])
+    if name not in known:
+        raise UnknownNameError("demonstration", name, known)
+    folder = files("hhsim.trajectories")
+    text = (folder / f"{name}{SCRIPT_SUFFIX}").read_text(encoding="utf-8")
+    return parse_demonstration(text, name=name, folder=folder, where=f"trajectories/{name}{SCRIPT_SUFFIX}")
+
+
+def describe(name: str) -> TrajectoryDescription:
+    """What the catalogue says about a shipped script or demonstration.
+
+    Raises:
+        UnknownNameError: neither of them; the message lists the near names.
+    """
+    known = trajectory_names()
+    if name not in known:
+        raise UnknownNameError("trajectory", name, known)
+    if name not in script_names():
+        recorded = load_demonstration(name)
+        return TrajectoryDescription(
+            name=name,
+            title=recorded.title,
+            stresses=recorded.stresses,
+            duration=recorded.motion.duration,
+            rate=recorded.motion.mean_rate,
+            fingers=(recorded.touch.finger,),
+            phases=tuple(phase.name for phase in recorded.motion.phases),
+            objects=(),
+            figures=(),
+        )
     script = load_script(name)
     return TrajectoryDescription(
         name=name,
@@ -86,22 +133,26 @@ def describe(name: str) -> TrajectoryDescription:
     )
 
 
-def resolve_trajectory(name_or_path: str | Path) -> Script | Trajectory:
-    """The script or the recording that a word on the command line means.
+def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Trajectory:
+    """The script, the demonstration or the recording that a word on the command line means.
 
-    A catalogue name wins; then the suffix decides: .toml is a script, .h5, .hdf5 and .csv are recordings.
+    A catalogue name wins; then the suffix decides: .toml is a script, or a demonstration where it names a recording,
+    .h5, .hdf5 and .csv are recordings.
 
     Raises:
         UnknownNameError: neither a name of the catalogue nor a path with a known suffix.
         TrajectoryError: no such file, or one that is not what its suffix says.
     """
     word = str(name_or_path)
-    if word in trajectory_names():
+    scripts, demonstrations = _names()
+    if word in scripts:
         return load_script(word)
+    if word in demonstrations:
+        return load_demonstration(word)
     path = Path(word)
     suffix = path.suffix.lower()
     if suffix == SCRIPT_SUFFIX:
-        return read_script(path)
+        return _read_toml(path)
     if suffix in RECORDING_SUFFIXES:
         from hhsim.trajectory_file import load_trajectory
 
@@ -110,3 +161,15 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Trajectory:
         kinds = ", ".join((SCRIPT_SUFFIX, *RECORDING_SUFFIXES))
         raise TrajectoryError(f"{word}: not a trajectory by its suffix; expected {kinds} or a name of the catalogue")
     raise UnknownNameError("trajectory", word, trajectory_names())
+
+
+def _read_toml(path: Path) -> Script | Demonstration:
+    try:
+        text = path.read_text(encoding="utf-8")
+        recorded = is_demonstration(tomllib.loads(text))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        # The script's reader says what is wrong.
+        return read_script(path)
+    if recorded:
+        return parse_demonstration(text, name=path.stem, folder=path.parent, where=str(path))
+    return read_script(path)

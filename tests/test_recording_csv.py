@@ -10,7 +10,8 @@ from hhsim.column_map import OWN_COLUMNS, parse_column_map, read_column_map
 from hhsim.csv_table import read_table
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.haptic_motion import rotation_matrix
-from hhsim.recording_csv import euler_quaternion, read_csv_recording, turned
+from hhsim.recorded_axes import turned
+from hhsim.recording_csv import euler_quaternion, read_csv_recording
 from hhsim.recording_repair import repair
 from hhsim.sample_flags import SampleFlag, marked
 from hhsim.trajectory_csv import format_csv

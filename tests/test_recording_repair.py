@@ -282,7 +282,7 @@ def test_a_left_hand_can_become_a_right_one_and_back() -> None:
     assert once.hand == "right"
     assert np.allclose(once.position, PLAIN.position * [-1.0, 1.0, 1.0])
     # A point of the palm, seen in the mirror, is the mirror image's point of the mirrored palm.
-    from hhsim.recording_csv import turned
+    from hhsim.recorded_axes import turned
 
     point = np.array([0.02, 0.07, -0.01])
     seen = (PLAIN.position + turned(PLAIN.orientation, point)) * [-1.0, 1.0, 1.0]

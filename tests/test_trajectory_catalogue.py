@@ -17,7 +17,7 @@ from hhsim.script import Script
 from hhsim.sphere_tree import SphereTree
 from hhsim.synthesis import synthesize
 from hhsim.trajectory import Trajectory
-from hhsim.trajectory_catalogue import describe, load_script, resolve_trajectory, trajectory_names
+from hhsim.trajectory_catalogue import describe, load_script, resolve_trajectory, script_names
 from hhsim.trajectory_file import save_trajectory
 from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
@@ -30,12 +30,12 @@ STRIDE = 20
 
 
 def test_the_catalogue_is_what_the_contract_names() -> None:
-    assert trajectory_names()[: len(NAMES)] == NAMES
+    assert script_names()[: len(NAMES)] == NAMES
     assert not any(describe(name).objects for name in NAMES)
 
 
 def test_the_others_are_made_for_one_object_and_say_which() -> None:
-    others = [describe(name) for name in trajectory_names()[len(NAMES) :]]
+    others = [describe(name) for name in script_names()[len(NAMES) :]]
     assert others and all(len(item.objects) == 1 and item.title and item.stresses and item.figures for item in others)
     assert {item.name for item in others} >= {"handle", "spout", "ears", "ear-to-ear", "leaf-and-stem"}
 

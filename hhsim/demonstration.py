@@ -1,0 +1,128 @@
+"""Demonstrations: a recording of a real hand, and what of it is to touch the object, whichever object that is.
+
+A TOML file beside the recording; unlike a script it moves the hand as somebody did, and the object is placed where that
+hand touches it (`hhsim.object_placement`)::
+
+    title = "Finger tap, recorded"
+    stresses = "a real hand at 54 Hz: …"
+    recording = "finger-tap.h5"     # beside this file: .h5 or .csv, as hhsim import writes them
+
+    [touch]
+    finger = "index"
+    depth = 0.015                   # its tip is commanded this much deeper than first contact [m]
+
+Other keys are for people: where the recording comes from, and what was done to it.
+"""
+
+import tomllib
+from dataclasses import dataclass, replace
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.hand import FINGERS, HandModel
+from hhsim.object_placement import Wanted, place_object
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory import HandSide, Trajectory
+from hhsim.trajectory_file import load_trajectory
+
+DEPTHS = (0.0, 0.1)
+KEYS = ("title", "stresses", "recording", "touch")
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """A recorded motion that touches any object.
+
+    Attributes:
+        motion: as it was recorded; its object pose does not count.
+        touch: what is to be touched by what.
+        title: what the hand does.
+        stresses: what it demands of a method.
+    """
+
+    motion: Trajectory
+    touch: Wanted
+    title: str = ""
+    stresses: str = ""
+
+    @property
+    def name(self) -> str:
+        """Of the motion."""
+        return self.motion.name
+
+    @property
+    def hand(self) -> HandSide:
+        """The hand that was recorded."""
+        return self.motion.hand
+
+    def placed(self, hand: HandModel, tree: SphereTree) -> Trajectory:
+        """The motion beside an object.
+
+        Args:
+            hand: which hand.
+            tree: the object at rest, z up.
+
+        Raises:
+            TrajectoryError: the finger cannot reach this object.
+        """
+        placed = place_object(self.motion, hand, tree, self.touch)
+        how = f"the object placed so that the {self.touch.finger} goes {1e3 * self.touch.depth:g} mm into it"
+        return replace(placed, source="; ".join(part for part in (placed.source, how) if part))
+
+
+def is_demonstration(table: dict[str, Any]) -> bool:
+    """Whether a TOML document is a demonstration rather than a script."""
+    return "recording" in table
+
+
+def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, where: str) -> Demonstration:
+    """Make a demonstration from TOML text.
+
+    Args:
+        text: the TOML document.
+        name: of the motion.
+        folder: that the recording lies in.
+        where: names the text in messages.
+
+    Raises:
+        TrajectoryError: no TOML, a value that no demonstration has, or no recording.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise TrajectoryError(f"{where}: not TOML: {error}") from None
+    texts = {key: table.get(key, "") for key in ("title", "stresses", "recording")}
+    for key, value in texts.items():
+        if not isinstance(value, str):
+            raise TrajectoryError(f"{where}: {key} = {value!r}; expected text in quotes")
+    if not texts["recording"]:
+        raise TrajectoryError(f"{where}: no recording; expected the name of a .h5 or .csv file beside this one")
+    motion = replace(_load(folder, texts["recording"], where), name=name)
+    return Demonstration(motion, _touch(where, table.get("touch")), texts["title"], texts["stresses"])
+
+
+def _touch(where: str, table: Any) -> Wanted:
+    if not isinstance(table, dict):
+        raise TrajectoryError(f"{where}: no [touch]; expected a finger and a depth [m]")
+    for key in table:
+        if key not in ("finger", "depth"):
+            raise TrajectoryError(f"{where}: [touch]: {UnknownNameError('key', key, ('finger', 'depth'))}")
+    finger, depth = table.get("finger"), table.get("depth")
+    if finger not in FINGERS:
+        raise TrajectoryError(f"{where}: [touch]: {UnknownNameError('finger', str(finger), FINGERS)}")
+    low, high = DEPTHS
+    if isinstance(depth, bool) or not isinstance(depth, int | float) or not low < depth <= high:
+        raise TrajectoryError(f"{where}: [touch]: depth = {depth!r}; expected a number up to {high:g} m")
+    return Wanted(str(finger), float(depth))
+
+
+def _load(folder: Path | Traversable, name: str, where: str) -> Trajectory:
+    from importlib.resources import as_file
+
+    entry = folder / name
+    if not entry.is_file():
+        raise TrajectoryError(f"{where}: no recording {name} beside it")
+    with as_file(entry) as path:
+        return load_trajectory(path)

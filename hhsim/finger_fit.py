@@ -1,0 +1,87 @@
+"""Joint angles of our hand from the directions of recorded finger bones.
+
+A recording knows where joints are; our finger is a plane chain that abducts about its dorsal axis w and then flexes
+about axes across u, the direction of the straight finger. The abduction is the plane that the three bones lie nearest
+to: the least eigenvector of a 2 × 2 matrix, defined also for a fist, where the first bone alone says nothing of it. The
+flexions are then angles in that plane. So the angles are those of our hand, whatever the recording's rig calls zero.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, default_fingers
+from hhsim.recorded_axes import quaternions_of, turned
+from hhsim.trajectory import HandSide
+
+Array = NDArray[np.float64]
+
+STRAIGHT = 0.05
+"""Weight of "no abduction" against three unit bones: it decides where the bones decide nothing."""
+
+
+def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
+    """Flexion and abduction that bring our fingers nearest to recorded bones.
+
+    Args:
+        bones: directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
+            length, NaN where missing, shape (T, 5, 3, 3).
+        side: which hand; a left hand is the mirror.
+
+    Returns:
+        Flexion [rad], shape (T, 5, 3); abduction [rad], shape (T, 5); and how far each bone is from its fit [rad],
+        shape (T, 5, 3). NaN where a bone of the finger is missing.
+    """
+    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
+    distal, dorsal = sizes["distal"] * mirror, sizes["dorsal"] * mirror
+    distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
+    dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
+    dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
+    across = mirror[0] * np.cross(dorsal, distal)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = bones / np.linalg.norm(bones, axis=-1, keepdims=True)
+    along, aside, above = (np.einsum("tfki,fi->tfk", unit, axes) for axes in (distal, across, dorsal))
+    # The flexion axis is cos β · across - sin β · distal; β makes the bones' parts along it least.
+    pp, pq, qq = (aside**2).sum(axis=2), (aside * along).sum(axis=2), (along**2).sum(axis=2) + STRAIGHT
+    abduction = 0.5 * np.arctan2(2.0 * pq, qq - pp)
+    forward = np.cos(abduction)[..., None] * along + np.sin(abduction)[..., None] * aside
+    total = np.arctan2(-above, forward)
+    # A finger that curls past straight back has turned further, not less.
+    total[..., 1:] = total[..., :1] + np.cumsum(_within_turn(np.diff(total, axis=2)), axis=2)
+    flexion = np.diff(total, axis=2, prepend=0.0)
+    off = np.arcsin(
+        np.clip(np.abs(np.cos(abduction)[..., None] * aside - np.sin(abduction)[..., None] * along), 0.0, 1.0)
+    )
+    return flexion, abduction, off
+
+
+def _within_turn(angle: Array) -> Array:
+    """The same angle in (-π/2, 3π/2]: a joint flexes by up to 200° or hyperextends by up to 90°."""
+    return np.asarray((angle + 0.5 * np.pi) % (2.0 * np.pi) - 0.5 * np.pi)
+
+
+def palm_rotation(fingers: Array, back: Array) -> Array:
+    """Our palm frame from two directions, as quaternions (w, x, y, z), shape (T, 4); NaN where one is missing.
+
+    Args:
+        fingers: towards the fingers, any length, shape (T, 3).
+        back: out of the back of the hand, roughly across it, shape (T, 3).
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        y = fingers / np.linalg.norm(fingers, axis=1, keepdims=True)
+        z = back - np.einsum("ti,ti->t", back, y)[:, None] * y
+        z /= np.linalg.norm(z, axis=1, keepdims=True)
+    return quaternions_of(np.stack([np.cross(y, z), y, z], axis=2))
+
+
+def palm_origin(knuckles: Array, orientation: Array, side: HandSide) -> Array:
+    """Where our palm has its origin when the middle of our knuckles meets that of recorded ones [m], shape (T, 3).
+
+    Args:
+        knuckles: first joints of index to little finger [m], shape (T, 4, 3).
+        orientation: of our palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
+        side: which hand.
+    """
+    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    middle = sizes["base"][1:].mean(axis=0) * [-1.0 if side == "left" else 1.0, 1.0, 1.0]
+    return np.asarray(knuckles.mean(axis=1) - turned(orientation, middle))

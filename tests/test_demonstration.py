@@ -1,0 +1,135 @@
+"""Recordings that touch any object: the shipped one on every object of the catalogue, and TOML of one's own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hhsim.closing import body_distances, make_work
+from hhsim.demonstration import Demonstration, parse_demonstration
+from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.hand import FINGERS, HandModel
+from hhsim.haptic_motion import rotation_matrix
+from hhsim.object_catalogue import load_object, object_names
+from hhsim.object_placement import Wanted, place_object
+from hhsim.placed_hand import placed_hand
+from hhsim.scene import make_scene
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory import Trajectory
+from hhsim.trajectory_catalogue import (
+    describe,
+    load_demonstration,
+    load_script,
+    resolve_trajectory,
+    script_names,
+    trajectory_names,
+)
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+HAND = HandModel.default()
+POSE = ("position", "orientation", "flexion", "abduction")
+TAP = load_demonstration("finger-tap")
+
+
+def object_tree(name: str) -> SphereTree:
+    return cached_sphere_tree(load_object(name).mesh, TreeOptions(level=3))
+
+
+def distances(motion: Trajectory, tree: SphereTree) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """Of the 16 bodies at every sample, the object where the motion says it is."""
+    rotation = rotation_matrix(motion.object_orientation)
+    nodes, hand, work = tree.transformed(rotation, motion.object_position).arrays(), HAND.arrays(), make_work()
+    rows = zip(motion.position, motion.orientation, motion.flexion, motion.abduction)
+    return np.stack(
+        [body_distances(hand, nodes, p.copy(), rotation_matrix(q), f.copy(), b.copy(), work) for p, q, f, b in rows]
+    )
+
+
+@pytest.mark.parametrize("name", object_names())
+def test_the_finger_taps_every_object(name: str) -> None:
+    tree = object_tree(name)
+    motion = TAP.placed(HAND, tree)
+    distance = distances(motion, tree)
+    index = distance[:, 3:6].min(axis=1)
+    assert distance[0].min() > 0.002, "the hand begins free"
+    assert index.min() < -0.004, "the index finger goes in"
+    assert index.min() > -0.03
+    assert (index < 0.0).mean() < 0.5, "a tap is no hold"
+    assert distance[:, 15].min() > 0.0, "the palm stays away"
+    assert "the object placed so that the index goes 15 mm into it" in motion.source
+    assert motion.position.tobytes() == TAP.motion.position.tobytes()
+
+
+def test_the_command_is_as_deep_as_asked_behind_first_contact() -> None:
+    tree = object_tree("cube")
+    shallow, deep = (place_object(TAP.motion, HAND, tree, Wanted("index", depth)) for depth in (0.006, 0.012))
+    tips = placed_hand(HAND, *(getattr(TAP.motion, key) for key in POSE)).joints[:, 1, 3]
+    main = np.linalg.svd(tips - tips.mean(axis=0))[2][0]
+    stroke = main if main[2] < 0.0 else -main
+    moment = int(np.argmax(tips @ stroke))
+    for motion, depth in ((shallow, 0.006), (deep, 0.012)):
+        moved = motion.placed(motion.object_position + depth * stroke, motion.object_orientation)
+        assert abs(distances(moved, tree)[moment, 5]) < 5e-5, "without the depth the tip just touches"
+        assert distances(motion, tree)[moment, 5] < -0.4 * depth
+
+
+def test_placing_is_the_same_every_time() -> None:
+    tree = object_tree("bunny")
+    one, other = TAP.placed(HAND, tree), TAP.placed(HAND, tree)
+    assert one.object_position.tobytes() == other.object_position.tobytes()
+    scene = make_scene(load_object("bunny").mesh, tree, HAND, TAP)
+    assert scene.trajectory.object_position.tobytes() == one.object_position.tobytes()
+
+
+def test_the_catalogue_tells_scripts_and_recordings_apart() -> None:
+    assert trajectory_names() == [*script_names(), "finger-tap"]
+    assert "finger-tap" not in script_names()
+    description = describe("finger-tap")
+    assert description.fingers == ("index",) and 53.0 < description.rate < 55.0 and description.title
+    assert isinstance(resolve_trajectory("finger-tap"), Demonstration)
+    assert TAP.name == "finger-tap" and TAP.hand == "right"
+    with pytest.raises(UnknownNameError, match="unknown trajectory 'finger-tap'"):
+        load_script("finger-tap")
+    with pytest.raises(UnknownNameError, match="unknown demonstration 'grasp'"):
+        load_demonstration("grasp")
+
+
+def test_a_demonstration_of_ones_own(tmp_path: Path, repository: Path) -> None:
+    (tmp_path / "tap.h5").write_bytes((repository / "trajectories" / "finger-tap.h5").read_bytes())
+    own = tmp_path / "own.toml"
+    own.write_text('recording = "tap.h5"\n[touch]\nfinger = "middle"\ndepth = 0.01\n')
+    motion = resolve_trajectory(own)
+    assert isinstance(motion, Demonstration) and motion.name == "own" and FINGERS.index(motion.touch.finger) == 2
+    motion.placed(HAND, object_tree("sphere"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("recording = ", "not TOML"),
+        ("recording = 3", "expected text in quotes"),
+        ("recording = ''", "no recording; expected the name"),
+        ("recording = 'none.h5'", "no recording none.h5 beside it"),
+        ("recording = 'tap.h5'", "no .touch."),
+        ("recording = 'tap.h5'\ntouch = { finger = 'toe', depth = 0.01 }", "unknown finger 'toe'"),
+        ("recording = 'tap.h5'\ntouch = { finger = 'index', depht = 0.01 }", "unknown key 'depht': did you mean depth"),
+        ("recording = 'tap.h5'\ntouch = { finger = 'index', depth = 1.5 }", "expected a number up to 0.1 m"),
+        ("recording = 'tap.h5'\ntouch = { finger = 'index' }", "expected a number up to"),
+    ],
+)
+def test_demonstrations_that_are_none(tmp_path: Path, repository: Path, text: str, words: str) -> None:
+    (tmp_path / "tap.h5").write_bytes((repository / "trajectories" / "finger-tap.h5").read_bytes())
+    with pytest.raises(TrajectoryError, match=words) as error:
+        parse_demonstration(text, name="own", folder=tmp_path, where="own.toml")
+    assert "\n" not in str(error.value)
+    (tmp_path / "own.toml").write_text(text)
+    with pytest.raises(TrajectoryError):
+        resolve_trajectory(tmp_path / "own.toml")
+
+
+def test_where_no_place_is_free_it_says_so() -> None:
+    still = Trajectory(
+        *(getattr(TAP.motion, key)[:1] for key in ("time", "position", "orientation", "flexion", "abduction"))
+    )
+    with pytest.raises(TrajectoryError, match="cannot be placed at this object"):
+        place_object(still, HAND, object_tree("cube"), Wanted("index", 0.01))

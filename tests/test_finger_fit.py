@@ -1,0 +1,71 @@
+"""Angles from bones, held against our own forward kinematics."""
+
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from hhsim.finger_fit import finger_angles, palm_origin, palm_rotation
+from hhsim.hand import HandModel
+from hhsim.haptic_motion import quaternion, rotation_matrix
+from hhsim.recorded_axes import in_palm, quaternions_of, turned
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_angles_of_our_own_hand_come_back(side: Literal["right", "left"]) -> None:
+    hand = HandModel.default(side)
+    random = np.random.default_rng(7)
+    count = 40
+    flexion = random.uniform(hand.flexion_min, hand.flexion_max, (count, 5, 3))
+    abduction = random.uniform(hand.abduction_min, hand.abduction_max, (count, 5))
+    orientation = quaternion(random.normal(0.0, 1.0, (count, 3)))
+    position = random.normal(0.0, 0.2, (count, 3))
+    joints = np.stack(
+        [hand.joints(*pose) for pose in zip(position, orientation, flexion, abduction)]  # world
+    )
+    bones = in_palm(np.diff(joints, axis=2), orientation)
+    fitted_flexion, fitted_abduction, off = finger_angles(bones, side)
+    # "No abduction" weighs 0.05 against the bones: where they point along the dorsal axis it shows.
+    refitted = np.stack([hand.joints(*pose) for pose in zip(position, orientation, fitted_flexion, fitted_abduction)])
+    assert np.abs(refitted - joints).max() < 0.004
+    well = np.abs(np.cos(flexion[..., 0])) > 0.8
+    assert np.abs(fitted_abduction - abduction)[well].max() < 0.06
+    assert np.abs(np.sin(fitted_flexion - flexion)).max() < 0.08
+    assert np.abs(fitted_flexion - flexion).max() < 0.08, "a fist has not turned the other way round"
+    assert off.max() < 0.06
+    knuckles = joints[:, 1:, 0]
+    assert np.allclose(palm_origin(knuckles, orientation, side), position, atol=1e-9)
+
+
+def test_without_abduction_the_fit_is_exact() -> None:
+    hand = HandModel.default()
+    flexion = np.random.default_rng(8).uniform(hand.flexion_min, hand.flexion_max, (20, 5, 3))
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (20, 1))
+    joints = np.stack([hand.joints(np.zeros(3), upright[0], f, np.zeros(5)) for f in flexion])
+    fitted, abduction, off = finger_angles(np.diff(joints, axis=2), "right")
+    assert np.abs(fitted - flexion).max() < 1e-9 and np.abs(abduction).max() < 1e-9 and off.max() < 1e-7
+
+
+def test_a_missing_bone_makes_its_finger_missing() -> None:
+    bones = np.random.default_rng(9).normal(size=(3, 5, 3, 3))
+    bones[1, 2, 0] = np.nan
+    bones[2, 4, 1] = 0.0
+    flexion, abduction, _ = finger_angles(bones, "right")
+    lost = np.isnan(abduction)
+    assert np.argwhere(lost).tolist() == [[1, 2], [2, 4]]
+    assert np.isnan(flexion).any(axis=2).tolist() == lost.tolist()
+
+
+def test_palm_frames_from_two_directions() -> None:
+    random = np.random.default_rng(10)
+    wanted = quaternion(random.normal(0.0, 1.5, (30, 3)))
+    matrices = np.stack([rotation_matrix(q) for q in wanted])
+    fingers = matrices[:, :, 1] * random.uniform(0.5, 3.0, (30, 1))
+    back = matrices[:, :, 2] + 0.3 * matrices[:, :, 1]
+    found = palm_rotation(fingers, back)
+    assert np.allclose(np.abs((found * wanted).sum(axis=1)), 1.0)
+    assert np.isnan(palm_rotation(np.zeros((1, 3)), back[:1])).all()
+    assert np.allclose(np.abs((quaternions_of(matrices) * wanted).sum(axis=1)), 1.0)
+    vectors = random.normal(size=(30, 4, 3))
+    assert np.allclose(in_palm(vectors, wanted), np.einsum("tij,tki->tkj", matrices, vectors))
+    assert np.allclose(turned(wanted, vectors[:, 0]), np.einsum("tij,tj->ti", matrices, vectors[:, 0]))

@@ -1,0 +1,185 @@
+"""Leap Motion recordings: made from our own hand, packed in every way, and damaged."""
+
+import json
+import random
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from lz_pack import pack
+from recording_samples import smooth_recording
+
+from hhsim.errors import HhsimError, TrajectoryError
+from hhsim.hand import HandModel
+from hhsim.haptic_motion import rotation_matrix
+from hhsim.recorded_axes import world_matrix
+from hhsim.recording_file import ReadOptions, read_bytes
+from hhsim.recording_leap import looks_like_leap, read_leap_recording
+from hhsim.recording_repair import repair
+from hhsim.sample_flags import SampleFlag, marked
+
+CLEAN = smooth_recording(30)
+HAND_KEYS = ["id", "type", "direction", "palmNormal", "wrist", "confidence"]
+JOINT_KEYS = ["mcpPosition", "pipPosition", "dipPosition", "btipPosition"]
+FINGER_KEYS = ["handId", "type", *JOINT_KEYS]
+FRAME = ["id", "timestamp", {"hands": [HAND_KEYS]}, {"pointables": [FINGER_KEYS]}]
+
+
+def document(side: Literal["right", "left"] = "right", count: int = 30) -> dict[str, Any]:
+    """What Leap would have written of the clean recording: y up, millimetres, microseconds."""
+    hand = HandModel.default(side)
+    back = world_matrix("y").T
+    frames = []
+    for i in range(count):
+        pose = (CLEAN.position[i], CLEAN.orientation[i], CLEAN.flexion[i], 0.0 * CLEAN.abduction[i])
+        joints = 1e3 * hand.joints(*pose) @ back.T
+        palm = back @ rotation_matrix(CLEAN.orientation[i])
+        fingers = [
+            {"handId": 7, "type": f, **{key: joints[f, k].tolist() for k, key in enumerate(JOINT_KEYS)}}
+            for f in range(5)
+        ]
+        wrist = 1e3 * back @ CLEAN.position[i] - 42.0 * palm[:, 1]
+        seen = {
+            "id": 7,
+            "type": side,
+            "direction": palm[:, 1].tolist(),
+            "palmNormal": (-palm[:, 2]).tolist(),
+            "wrist": wrist.tolist(),
+            "confidence": 0.2 if i == 4 else 0.9,
+        }
+        stamp = 20746785498 + round(1e6 * CLEAN.time[i])
+        frames.append({"id": i, "timestamp": stamp, "hands": [seen], "pointables": fingers})
+    return {"metadata": {"formatVersion": 1, "frames": count, "generatedBy": "LeapJS"}, "frames": frames}
+
+
+def packed(whole: dict[str, Any]) -> dict[str, Any]:
+    """The document with its frames as lists."""
+    lists = [
+        [
+            frame["id"],
+            frame["timestamp"],
+            [[hand[key] for key in HAND_KEYS] for hand in frame["hands"]],
+            [[finger[key] for key in FINGER_KEYS] for finger in frame["pointables"]],
+        ]
+        for frame in whole["frames"]
+    ]
+    return whole | {"frames": [FRAME, *lists]}
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_our_own_hand_comes_back(side: Literal["right", "left"]) -> None:
+    recording = read_leap_recording(json.dumps(document(side)), name="take")
+    assert recording.hand == side and recording.sample_count == 30
+    assert np.allclose(recording.time, CLEAN.time, atol=1e-6)
+    assert np.allclose(recording.position, CLEAN.position, atol=1e-9)
+    assert np.allclose(np.abs((recording.orientation * CLEAN.orientation).sum(axis=1)), 1.0)
+    assert np.allclose(recording.flexion, CLEAN.flexion, atol=1e-6) and np.allclose(recording.abduction, 0.0, atol=1e-6)
+    assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [4]
+    assert recording.hand_length is not None and 0.17 < recording.hand_length < 0.2
+    assert repair(recording).trajectory.hand == side
+
+
+def test_every_packing_holds_the_same_motion() -> None:
+    whole = document()
+    plain = read_leap_recording(json.dumps(whole))
+    texts = [
+        json.dumps(packed(whole)),
+        json.dumps(whole["frames"]),
+        "\n".join(json.dumps(frame) for frame in [{"version": 6}, *whole["frames"]]),
+        pack(json.dumps(packed(whole))),
+    ]
+    for text in texts:
+        assert looks_like_leap(text)
+        other = read_bytes(text.encode(), ReadOptions(), name="take.json")
+        assert other.flexion.tobytes() == plain.flexion.tobytes() and other.time.tobytes() == plain.time.tobytes()
+        assert (other.form, other.name) == ("leap", "take")
+
+
+def test_frames_without_the_hand_are_no_samples() -> None:
+    whole = document()
+    for frame in whole["frames"][10:15]:
+        frame["hands"] = []
+    whole["frames"][20]["hands"].append(whole["frames"][20]["hands"][0] | {"type": "left", "id": 8})
+    recording = read_leap_recording(json.dumps(whole))
+    assert recording.sample_count == 25 and "5 of 30 frames show no right hand" in recording.findings[0].text
+    repaired = repair(recording)
+    assert repaired.trajectory.flags is not None
+    assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.GAP_BEFORE)).tolist() == [10]
+    with pytest.raises(TrajectoryError, match="no frame holds the joints"):
+        read_leap_recording(json.dumps(whole), hand="left")
+    whole["frames"] = whole["frames"][:-3]
+    assert "27 frames where the file says 30" in read_leap_recording(json.dumps(whole)).findings[0].text
+
+
+def test_joints_that_are_missing_are_holes() -> None:
+    whole = document()
+    del whole["frames"][7]["pointables"][1]["pipPosition"]
+    whole["frames"][8]["pointables"][2]["btipPosition"] = [1, "x", None]
+    recording = read_leap_recording(json.dumps(whole))
+    assert np.argwhere(np.isnan(recording.abduction)).tolist() == [[7, 1], [8, 2]]
+    repaired = repair(recording)
+    assert repaired.trajectory.flags is not None
+    assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.FINGERS_FILLED)).tolist() == [7, 8]
+
+
+def without(key: str) -> str:
+    whole = document(count=3)
+    for frame in whole["frames"]:
+        frame[key] = []
+    return json.dumps(whole)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", "not JSON"),
+        ("[" * 100_000, "not JSON"),
+        ('{"a": 1}', "JSON without frames"),
+        ('{"frames": []}', "no frames"),
+        ('{"frames": [3]}', "frame 1 is '3'; expected an object"),
+        ('{"frames": [["id"], [1, 2]]}', "frame 1 holds 2 values; expected 1"),
+        ('{"frames": [["id", 3], [1, 2]]}', "the first entry of the frames holds '3'"),
+        ('{"frames": [["id", {"hands": 3}], [1, 2]]}', "not packed as the first entry says"),
+        ('{"timestamp": 1}\n{"timestamp": ', "line 2 is not JSON"),
+        (without("hands"), "no hand in any of 3 frames"),
+        (without("pointables"), "no frame holds the joints"),
+    ],
+)
+def test_what_is_no_recording_is_refused(text: str, words: str) -> None:
+    with pytest.raises(TrajectoryError, match=words) as error:
+        read_leap_recording(text)
+    assert "\n" not in str(error.value)
+    with pytest.raises(TrajectoryError, match="no left hand in any of 3 frames"):
+        read_leap_recording(json.dumps(document(count=3)), hand="left")
+
+
+def test_damaged_documents_are_refused_or_mended_and_never_crash() -> None:
+    source = random.Random(11)
+    base = document()
+
+    def damaged(node: Any) -> Any:
+        """The document with one value somewhere in it replaced."""
+        if isinstance(node, dict) and node and source.random() < 0.97:
+            key = source.choice(sorted(node))
+            return node | {key: damaged(node[key])}
+        if isinstance(node, list) and node and source.random() < 0.97:
+            index = source.randrange(len(node))
+            return [*node[:index], damaged(node[index]), *node[index + 1 :]]
+        return source.choice([None, True, -1, 1e308, 10**400, "x", [], {}, [1], {"a": 1}, float("nan")])
+
+    for _ in range(150):
+        whole = damaged(packed(base) if source.random() < 0.5 else base)
+        try:
+            repair(read_leap_recording(json.dumps(whole)))
+        except HhsimError as error:
+            assert "\n" not in str(error)
+
+
+def test_the_sample_that_ships_is_a_leap_recording(repository: Path) -> None:
+    from hhsim.trajectory_file import load_trajectory
+
+    motion = load_trajectory(repository / "trajectories" / "finger-tap.h5")
+    assert (motion.sample_count, motion.hand, motion.device) == (89, "right", "Leap Motion")
+    assert motion.licence == "Apache-2.0" and "leapjs-plugins 0.1.12" in motion.source
+    assert motion.flags is not None and motion.duration == pytest.approx(1.636, abs=1e-3)
