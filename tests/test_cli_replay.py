@@ -153,7 +153,7 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
     ("arguments", "says"),
     [
         (["bunyn"], "unknown object 'bunyn': did you mean bunny?"),
-        (["cube", "graps"], "unknown trajectory 'graps': did you mean grasp?"),
+        (["cube", "graps"], "unknown trajectory 'graps': did you mean grasp"),
         (["none.stl"], "none.stl: no such mesh file"),
         (["cube", "none.csv"], "none.csv: no such file; expected a trajectory, .h5 or .csv"),
         (["cube", "--qp", "clarabell"], "unknown QP solver 'clarabell': did you mean clarabel"),
