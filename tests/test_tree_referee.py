@@ -2,24 +2,29 @@
 
 import subprocess
 import sys
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
+from trimesh.triangles import closest_point
 
+from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import MeshError
 from hhsim.mesh import Mesh
 from hhsim.object_catalogue import load_object
 from hhsim.sphere_tree import SphereTree
-from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.tree_builder import TreeOptions, build_sphere_tree, cached_sphere_tree
-from hhsim.tree_referee import TrueSurface, main, referee, sticking_out
+from hhsim.tree_referee import TrueSurface, Verdict, main, referee, sticking_out
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
 
-FEW = {"mesh_points": 40_000, "sphere_points": 60_000}
+
+def judged(mesh: Mesh, tree: SphereTree, levels: Sequence[int] | None = None) -> tuple[Verdict, ...]:
+    """With fewer samples than usual."""
+    return referee(mesh, tree, levels, mesh_points=20_000, sphere_points=40_000)
 
 
 def of_100_mm(name: str) -> Mesh:
@@ -40,18 +45,20 @@ def test_signed_distance_by_brute_force_and_rays(name: str) -> None:
     rng = np.random.default_rng(2)
     # Near the surface too, and over vertices, where a face's own normal tells the wrong side.
     over = mesh.vertices[::60]
-    points = np.concatenate([rng.uniform(*mesh.bounds, (60, 3)), over + 1e-3 * rng.normal(size=over.shape)])
+    points = np.concatenate(
+        [rng.uniform(mesh.bounds[0], mesh.bounds[1], (60, 3)), over + 1e-3 * rng.normal(size=over.shape)]
+    )
     inside = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).contains(points)
     expected = []
     for point in points:
-        nearest = trimesh.triangles.closest_point(mesh.triangles, np.tile(point, (len(mesh.faces), 1)))
+        nearest = closest_point(mesh.triangles, np.tile(point, (len(mesh.faces), 1)))  # type: ignore[no-untyped-call]
         expected.append(np.linalg.norm(nearest - point, axis=1).min())
     np.testing.assert_allclose(TrueSurface(mesh).signed_distance(points), np.where(inside, -1, 1) * expected, atol=1e-9)
 
 
 def test_a_lone_ball_in_closed_form() -> None:
     tree = build_hierarchy(np.array([[0.01, 0.0, 0.0]]), np.array([0.022]), 1, 8)
-    found = referee(MESH, tree, [1], **FEW)[0]
+    found = judged(MESH, tree, [1])[0]
     assert found.gap == pytest.approx(np.linalg.norm([0.06, 0.03, 0.02]) - 0.022, abs=1e-9)
     assert found.protrusion == pytest.approx(0.002, abs=1e-7)
     # A cap above two faces, whose heights are spread evenly: Archimedes.
@@ -61,22 +68,25 @@ def test_a_lone_ball_in_closed_form() -> None:
 
 def test_a_hole_between_the_samples_is_found() -> None:
     built = build_sphere_tree(MESH, TreeOptions(level=2))
-    (whole,) = referee(MESH, built, [2], **FEW)
+    (whole,) = judged(MESH, built, [2])
     assert whole.gap == 0.0
     assert 0.0 <= whole.slack < 1e-6, "balls are no larger than they must be"
     # So little that hardly a random point lies in it: the search has to find it.
     shrunk = build_hierarchy(built.leaf_center, built.leaf_radius - 1e-6, 2, 8)
-    (holed,) = referee(MESH, shrunk, [2], **FEW)
+    (holed,) = judged(MESH, shrunk, [2])
     assert holed.gap == pytest.approx(1e-6 - whole.slack, rel=0.3)
 
 
 def test_a_sphere_that_sticks_out_is_found() -> None:
     center = np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0], [-0.02, 0.0, 0.0], [0.04, 0.0, 0.0], [-0.02, 0.0, 0.0]])
-    tree = SphereTree(center, [0.06, 0.012, 0.02, 0.002, 0.02], [0, 1, 1, 2, 2], [-1, 0, 0, 1, 2])
+    radius = np.array([0.06, 0.012, 0.02, 0.002, 0.02])
+    shape = np.array([0, 1, 1, 2, 2]), np.array([-1, 0, 0, 1, 2])
+    tree = SphereTree(center, radius, *shape)
     assert sticking_out(tree, 1) == pytest.approx(0.0)
     assert sticking_out(tree, 0) == pytest.approx(-0.018)
     assert sticking_out(tree, 2) == -np.inf
-    wide = SphereTree(center, [0.06, 0.031, 0.02, 0.002, 0.02], [0, 1, 1, 2, 2], [-1, 0, 0, 1, 2])
+    radius[1] = 0.031
+    wide = SphereTree(center, radius, *shape)
     assert sticking_out(wide, 0) == pytest.approx(0.001), "an inner sphere counts too"
     assert sticking_out(wide, 0, leaves_only=True) == pytest.approx(-0.018)
 
@@ -96,12 +106,13 @@ NO_GAP = 1e-9
 def judge(name: str, level: int, bar: float) -> None:
     mesh = of_100_mm(name)
     tree = cached_sphere_tree(mesh, TreeOptions(level=level))
-    verdicts = referee(mesh, tree, [level - 1, level], **FEW)
-    assert verdicts[-1].spheres <= 8**level
-    assert verdicts[-1].gap <= NO_GAP
+    verdicts = judged(mesh, tree)
     assert verdicts[-1].protrusion <= bar
-    assert verdicts[-1].protrusion <= tree.errors[-1].bound
-    assert verdicts[0].leaf_sticking_out <= NO_GAP
+    for verdict, error in zip(verdicts, tree.errors, strict=True):
+        assert verdict.spheres <= 8**verdict.level
+        assert verdict.gap <= NO_GAP
+        assert verdict.protrusion <= error.bound
+        assert verdict.leaf_sticking_out <= NO_GAP
     # What the builder's own measurement tells is hardly better than it is: its samples miss the very peaks.
     assert tree.errors[-1].protrusion_max >= 0.95 * verdicts[-1].protrusion
     assert tree.errors[-1].protrusion_mean == pytest.approx(verdicts[-1].protrusion_mean, rel=0.03)
@@ -118,15 +129,15 @@ def test_4096_leaves_keep_to_the_bars(name: str) -> None:
     judge(name, 4, FINE_BARS[name])
 
 
-@pytest.mark.parametrize("name", ["bunny", "cube", "cup"])
+@pytest.mark.parametrize("name", ["bunny", "cube"])
 def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent(name: str) -> None:
     mesh = of_100_mm(name)
     options = TreeOptions(level=2)
-    plain = referee(mesh, build_sphere_tree(mesh, options), [2], **FEW)[0]
+    plain = judged(mesh, build_sphere_tree(mesh, options), [2])[0]
     rng = np.random.default_rng(3)
     scale = float(10.0 ** rng.uniform(-1.0, 1.0))
     there = mesh.scaled(scale).transformed(Rotation.random(rng=rng).as_matrix(), scale * rng.normal(size=3))
-    found = referee(there, build_sphere_tree(there, options), [2], **FEW)[0]
+    found = judged(there, build_sphere_tree(there, options), [2])[0]
     assert found.protrusion == pytest.approx(scale * plain.protrusion, rel=0.02)
     assert found.protrusion_mean == pytest.approx(scale * plain.protrusion_mean, rel=0.02)
     assert found.gap <= NO_GAP * scale
