@@ -98,7 +98,7 @@ def read_table(text: str, *, delimiter: str | None = None, decimal: str = ".") -
     header = tuple(cell.strip() for cell in _cells(lines[first], sign))
     twice = next((name for name in header if name and header.count(name) > 1), None)
     if twice is not None:
-        raise TrajectoryError(f"the header has column '{twice}' twice")
+        raise TrajectoryError(f"the header has column '{twice[:40]}' twice")
     findings = []
     if len(lines) > first + 2 and not text.endswith(("\n", "\r")):
         # A number that was cut in the middle is a wrong number that looks like a right one.

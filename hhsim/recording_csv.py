@@ -36,7 +36,7 @@ def read_csv_recording(text: str, columns: ColumnMap | None = None, *, name: str
     )
     if columns is None:
         if not is_own_header(table.header):
-            shown = ", ".join(table.header[:8]) + (", …" if len(table.header) > 8 else "")
+            shown = ", ".join(name[:20] for name in table.header[:8]) + (", …" if len(table.header) > 8 else "")
             raise TrajectoryError(
                 f"the columns are {shown}; expected hhsim's own (time, px, …), or a mapping of these with --columns"
             )

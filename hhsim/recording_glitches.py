@@ -312,7 +312,7 @@ def _local_disorder(recording: Recording) -> Mask:
     ways = np.convolve(one[:-1], kernel, "same") / width
     wide = np.convolve(two, kernel, "same") / width
     found = np.zeros(recording.sample_count, dtype=bool)
-    found[1:-1] = (ways > DISORDER_FLOOR) & (ways > DISORDER * wide)
+    found[1:-1] = (ways > SUSPECT_FLOOR) & (ways > DISORDER * wide)
     return found
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand_change import deviation
+from hhsim.hand_change import change, deviation
 from hhsim.recording import MOTION, Finding, Recording
 from hhsim.sample_flags import SampleFlag, mark
 
@@ -25,6 +25,8 @@ MOST_DROPPED = 0.25
 """Where a larger share of samples would be left out, the file is refused."""
 PIECE_SHARE = 0.9
 """Of pieces far apart in time, the one with at least this share of the samples is the recording."""
+LONGER = 1.02
+"""Where the order by stamps makes the hand's way longer than the file's order by this factor, some stamps are wrong."""
 CONTRADICTION = 3.0
 """A place by stamp that fits so many times worse than the place in the file says that the stamp is wrong."""
 NOISE = 2e-3
@@ -78,7 +80,9 @@ def _in_order(recording: Recording) -> Recording:
         return recording
     order = np.argsort(time, kind="stable")
     moved = ~_longest_rise(time)
-    wrong = _contradicting(recording, order, moved)
+    wrong = np.zeros(time.shape, dtype=bool)
+    if _way(recording, order) > LONGER * _way(recording, np.arange(time.shape[0])):
+        wrong = _contradicting(recording, order, moved)
     if wrong.sum() > MOST_DROPPED * recording.sample_count:
         first = int(np.argmax(np.diff(time) < 0.0)) + 1
         raise TrajectoryError(
@@ -120,6 +124,11 @@ def _longest_rise(time: Array) -> NDArray[np.bool_]:
         member[i] = True
         i = int(before[i])
     return member
+
+
+def _way(recording: Recording, order: NDArray[np.int64]) -> float:
+    """How far the hand goes through all samples in this order [m]."""
+    return float(change(recording, order[:-1], order[1:]).sum())
 
 
 def _contradicting(recording: Recording, order: NDArray[np.int64], moved: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -7,64 +7,14 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from leap_document import CLEAN, document, packed
 from lz_pack import pack
-from recording_samples import smooth_recording
 
 from hhsim.errors import HhsimError, TrajectoryError
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import rotation_matrix
-from hhsim.recorded_axes import world_matrix
 from hhsim.recording_file import ReadOptions, read_bytes
 from hhsim.recording_leap import looks_like_leap, read_leap_recording
 from hhsim.recording_repair import repair
 from hhsim.sample_flags import SampleFlag, marked
-
-CLEAN = smooth_recording(30)
-HAND_KEYS = ["id", "type", "direction", "palmNormal", "wrist", "confidence"]
-JOINT_KEYS = ["mcpPosition", "pipPosition", "dipPosition", "btipPosition"]
-FINGER_KEYS = ["handId", "type", *JOINT_KEYS]
-FRAME = ["id", "timestamp", {"hands": [HAND_KEYS]}, {"pointables": [FINGER_KEYS]}]
-
-
-def document(side: Literal["right", "left"] = "right", count: int = 30) -> dict[str, Any]:
-    """What Leap would have written of the clean recording: y up, millimetres, microseconds."""
-    hand = HandModel.default(side)
-    back = world_matrix("y").T
-    frames = []
-    for i in range(count):
-        pose = (CLEAN.position[i], CLEAN.orientation[i], CLEAN.flexion[i], 0.0 * CLEAN.abduction[i])
-        joints = 1e3 * hand.joints(*pose) @ back.T
-        palm = back @ rotation_matrix(CLEAN.orientation[i])
-        fingers = [
-            {"handId": 7, "type": f, **{key: joints[f, k].tolist() for k, key in enumerate(JOINT_KEYS)}}
-            for f in range(5)
-        ]
-        wrist = 1e3 * back @ CLEAN.position[i] - 42.0 * palm[:, 1]
-        seen = {
-            "id": 7,
-            "type": side,
-            "direction": palm[:, 1].tolist(),
-            "palmNormal": (-palm[:, 2]).tolist(),
-            "wrist": wrist.tolist(),
-            "confidence": 0.2 if i == 4 else 0.9,
-        }
-        stamp = 20746785498 + round(1e6 * CLEAN.time[i])
-        frames.append({"id": i, "timestamp": stamp, "hands": [seen], "pointables": fingers})
-    return {"metadata": {"formatVersion": 1, "frames": count, "generatedBy": "LeapJS"}, "frames": frames}
-
-
-def packed(whole: dict[str, Any]) -> dict[str, Any]:
-    """The document with its frames as lists."""
-    lists = [
-        [
-            frame["id"],
-            frame["timestamp"],
-            [[hand[key] for key in HAND_KEYS] for hand in frame["hands"]],
-            [[finger[key] for key in FINGER_KEYS] for finger in frame["pointables"]],
-        ]
-        for frame in whole["frames"]
-    ]
-    return whole | {"frames": [FRAME, *lists]}
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

@@ -1,0 +1,240 @@
+"""Ways in which a recording goes wrong, at random: of its samples, and of the bytes of its file."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.recording import MOTION, Recording
+
+Random = np.random.Generator
+Damage = Callable[[Recording, Random], Recording]
+
+
+def block(count: int, random: Random, least: int = 1, most: float = 0.3) -> slice:
+    """A run of samples, at most a share of all."""
+    size = int(random.integers(least, max(least + 1, int(most * count))))
+    first = int(random.integers(0, max(1, count - size)))
+    return slice(first, first + size)
+
+
+def with_values(recording: Recording, key: str, change: Callable[[NDArray[np.float64]], None]) -> Recording:
+    values = getattr(recording, key).copy()
+    change(values)
+    return replace(recording, **{key: values})
+
+
+def holes(recording: Recording, random: Random) -> Recording:
+    key = str(random.choice(MOTION))
+    value = random.choice([np.nan, np.inf, -np.inf])
+
+    def change(values: NDArray[np.float64]) -> None:
+        part = values[block(len(values), random)]
+        if random.random() < 0.5:
+            part[:] = value
+        else:
+            part.reshape(len(part), -1)[:, random.integers(0, part[0].size)] = value
+
+    return with_values(recording, key, change)
+
+
+def scattered_holes(recording: Recording, random: Random) -> Recording:
+    lost = random.random(recording.sample_count) < random.uniform(0.0, 0.5)
+
+    def change(values: NDArray[np.float64]) -> None:
+        values[lost] = np.nan
+
+    return with_values(recording, str(random.choice(MOTION)), change)
+
+
+def zero_quaternions(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        values[block(len(values), random)] = 0.0
+
+    return with_values(recording, "orientation", change)
+
+
+def scaled_quaternions(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        values[block(len(values), random, most=1.0)] *= random.uniform(0.1, 10.0)
+
+    return with_values(recording, "orientation", change)
+
+
+def flipped_quaternions(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        values[random.random(len(values)) < random.random()] *= -1.0
+
+    return with_values(recording, "orientation", change)
+
+
+def broken_quaternions(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        part = values[block(len(values), random, most=0.05)]
+        part[:] = random.normal(size=part.shape)
+
+    return with_values(recording, "orientation", change)
+
+
+def repeated_stamps(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        part = values[block(len(values), random, least=2)]
+        part[:] = part[0]
+
+    return with_values(recording, "time", change)
+
+
+def repeated_rows(recording: Recording, random: Random) -> Recording:
+    count = recording.sample_count
+    extra = random.integers(0, count, random.integers(1, max(2, count // 4)))
+    return recording.chosen(np.sort(np.concatenate([np.arange(count), extra])))
+
+
+def swapped_stamps(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        i, j = random.integers(0, len(values), 2)
+        values[[i, j]] = values[[j, i]]
+
+    return with_values(recording, "time", change)
+
+
+def wild_stamps(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        chosen = random.integers(0, len(values), random.integers(1, 6))
+        values[chosen] = random.choice([np.nan, 1e9, -1e9, 0.0, float(values[-1] + 40.0)])
+
+    return with_values(recording, "time", change)
+
+
+def shuffled_rows(recording: Recording, random: Random) -> Recording:
+    """With their stamps: nothing is lost."""
+    index = np.arange(recording.sample_count)
+    part = block(len(index), random, least=2, most=1.0)
+    index[part] = random.permutation(index[part])
+    return recording.chosen(index)
+
+
+def shuffled_values(recording: Recording, random: Random) -> Recording:
+    """Without their stamps: the order is lost."""
+    return replace(shuffled_rows(recording, random), time=recording.time)
+
+
+def reversed_rows(recording: Recording, random: Random) -> Recording:
+    return recording.chosen(np.arange(recording.sample_count)[::-1])
+
+
+def two_recordings(recording: Recording, random: Random) -> Recording:
+    half = recording.sample_count // 2
+    again = recording.time[: recording.sample_count - half]
+    return replace(recording, time=np.concatenate([recording.time[:half], again]))
+
+
+def lost_rows(recording: Recording, random: Random) -> Recording:
+    keep = np.ones(recording.sample_count, dtype=bool)
+    keep[block(len(keep), random)] = False
+    return recording.chosen(keep)
+
+
+def cut_short(recording: Recording, random: Random) -> Recording:
+    return recording.chosen(np.arange(random.integers(0, recording.sample_count)))
+
+
+def millimetres(recording: Recording, random: Random) -> Recording:
+    return replace(recording, position=recording.position * random.choice([1e3, 1e2, 1.0 / 0.0254]))
+
+
+def degrees(recording: Recording, random: Random) -> Recording:
+    return replace(recording, flexion=np.degrees(recording.flexion), abduction=np.degrees(recording.abduction))
+
+
+def one_finger_in_degrees(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        values[:, random.integers(0, 5)] *= 180.0 / np.pi
+
+    return with_values(recording, "flexion", change)
+
+
+def other_clock(recording: Recording, random: Random) -> Recording:
+    return replace(recording, time=recording.time * random.choice([1e3, 1e6, 1e9, 60.0, 1e-3, 1e-6]))
+
+
+def position_spikes(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        for _ in range(random.integers(1, 4)):
+            part = values[block(len(values), random, most=0.03)]
+            part += random.normal(size=3) * random.choice([0.1, 0.5, 5.0, 500.0])
+
+    return with_values(recording, "position", change)
+
+
+def angle_spikes(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        for _ in range(random.integers(1, 4)):
+            part = values[block(len(values), random, most=0.03)]
+            off = random.choice([-1.0, 1.0]) * random.uniform(0.8, 90.0)
+            part[:, random.integers(0, 5), random.integers(0, 3)] += off
+
+    return with_values(recording, "flexion", change)
+
+
+def noise_burst(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        part = values[block(len(values), random, least=8)]
+        part += random.normal(size=part.shape) * random.uniform(0.05, 0.3)
+
+    return with_values(recording, "position", change)
+
+
+def frozen(recording: Recording, random: Random) -> Recording:
+    index = np.arange(recording.sample_count)
+    part = block(len(index), random, least=6)
+    index[part] = part.start
+    return replace(recording.chosen(index), time=recording.time)
+
+
+def displaced_block(recording: Recording, random: Random) -> Recording:
+    def change(values: NDArray[np.float64]) -> None:
+        values[block(len(values), random, least=2)] += random.choice([-1.0, 1.0]) * random.uniform(0.5, 3.0)
+
+    return with_values(recording, "position", change)
+
+
+DAMAGES: tuple[Damage, ...] = (
+    holes, scattered_holes, zero_quaternions, scaled_quaternions, flipped_quaternions, broken_quaternions,
+    repeated_stamps, repeated_rows, swapped_stamps, wild_stamps, shuffled_rows, shuffled_values, reversed_rows,
+    two_recordings, lost_rows, cut_short, millimetres, degrees, one_finger_in_degrees, other_clock, position_spikes,
+    angle_spikes, noise_burst, frozen, displaced_block,
+)  # fmt: skip
+
+
+def damaged_bytes(data: bytes, random: Random) -> bytes:
+    """A file whose bytes were cut, overwritten, lost, doubled or mixed up."""
+    kind = random.integers(0, 8)
+    size = len(data)
+    if kind == 0:
+        return data[: random.integers(0, size)]
+    out = bytearray(data)
+    if kind == 1:
+        for place in random.integers(0, size, random.integers(1, 20)):
+            out[place] = random.integers(0, 256)
+    elif kind == 2:
+        for place in random.integers(0, size, random.integers(1, 5)):
+            out[place] ^= 1 << random.integers(0, 8)
+    else:
+        first = int(random.integers(0, size))
+        length = int(random.integers(1, max(2, size // 10)))
+        part = bytes(out[first : first + length])
+        if kind == 3:
+            del out[first : first + length]
+        elif kind == 4:
+            out[first:first] = part
+        elif kind == 5:
+            out[first : first + length] = bytes(len(part))
+        elif kind == 6:
+            out[first : first + length] = random.bytes(len(part))
+        else:
+            lines = bytes(out).split(b"\n")
+            random.shuffle(lines)
+            return b"\n".join(lines)
+    return bytes(out)

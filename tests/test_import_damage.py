@@ -1,0 +1,146 @@
+"""A thousand damaged recordings: none crashes, and none passes silently.
+
+Silently means: the motion that comes out differs from that of the sound recording by more than can be told, and neither
+a flag nor a finding nor a refusal says so. What can be told is stated: at each sample a change of `TOLD` of a
+fingertip, or `STICKS_OUT` times what the motion around bends anyway. A change that could as well have been the hand,
+such as every stamp doubled or two axes swapped throughout, cannot be told by anyone and is not among these.
+"""
+
+import io
+import json
+from collections import Counter
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from leap_document import document, packed
+from lz_pack import pack
+from numpy.typing import NDArray
+from recording_damage import DAMAGES, damaged_bytes
+from recording_samples import smooth_recording
+
+from hhsim.errors import HhsimError
+from hhsim.hand_change import FINGER_ARM, PALM_ARM, turn
+from hhsim.recording import Recording
+from hhsim.recording_file import ReadOptions, from_trajectory, read_bytes
+from hhsim.recording_glitches import STICKS_OUT, WINDOW, bend
+from hhsim.recording_npz import read_npz_recording
+from hhsim.recording_repair import Repaired, repair
+from hhsim.resample import interpolate_monotone, interpolate_orientation
+from hhsim.sample_flags import SampleFlag
+from hhsim.trajectory import Trajectory
+from hhsim.trajectory_csv import format_csv
+
+Array = NDArray[np.float64]
+
+REAL = ("leap_grab", "leap_wave", "leap_confidence-demo-eighth-res", "dapg_door_03", "mediapipe")
+TOLD = 0.012
+"""A change below this [m of a fingertip] may be the hand: half as much again as a single sample may stick out."""
+
+
+@cache
+def sound(name: str, folder: Path | None) -> tuple[Recording, Repaired]:
+    if folder is None:
+        recording = smooth_recording(150 if name == "short" else 300, seed=4)
+    else:
+        recording = read_npz_recording((folder / "recordings" / f"{name}.npz").read_bytes())
+    return recording, repair(recording)
+
+
+def said(repaired: Repaired) -> tuple[Counter[tuple[str, int]], list[int]]:
+    """What was found, without joint limits: that an angle is beyond them says nothing of what it should be."""
+    assert repaired.trajectory.flags is not None
+    found = Counter((f.kind, f.samples) for f in repaired.findings if f.kind != SampleFlag.LIMITED.word)
+    return found, (repaired.trajectory.flags & ~np.uint32(SampleFlag.LIMITED.value)).tolist()
+
+
+def allowed(motion: Trajectory) -> Array:
+    """What can be told at each sample [m of a fingertip]."""
+    off = np.zeros(motion.sample_count)
+    off[1:-1] = bend(from_trajectory(motion))
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(off, WINDOW, mode="reflect"), 2 * WINDOW + 1)
+    return np.asarray(np.maximum(TOLD, STICKS_OUT * around.max(axis=1)))
+
+
+def difference(before: Trajectory, after: Trajectory) -> Array:
+    """How far the two are from each other at the first one's samples within the other's time [m of a fingertip]."""
+    time = np.clip(before.time, after.time[0], after.time[-1])
+    stamps, ticks = after.time - after.time[0], time - after.time[0]
+    parts = [
+        before.position - interpolate_monotone(stamps, after.position, ticks),
+        PALM_ARM * turn(before.orientation, interpolate_orientation(stamps, after.orientation, ticks)),
+        FINGER_ARM * (before.flexion - interpolate_monotone(stamps, after.flexion, ticks)).reshape(len(time), -1),
+        FINGER_ARM * (before.abduction - interpolate_monotone(stamps, after.abduction, ticks)),
+    ]
+    whole = np.sqrt(sum((part**2).sum(axis=1) for part in parts))
+    return np.where(time == before.time, whole, 0.0)
+
+
+def judge(before: Repaired, come: Callable[[], Recording]) -> str:
+    """refused, told, same or silent."""
+    try:
+        after = repair(come())
+    except HhsimError as error:
+        assert "\n" not in str(error) and len(str(error)) < 400
+        return "refused"
+    motion = after.trajectory
+    assert all(np.isfinite(values).all() for values in (motion.position, motion.flexion, motion.orientation))
+    assert (np.diff(motion.time) > 0.0).all()
+    (found, flags), (usual, usual_flags) = said(after), said(before)
+    if found != usual or (len(flags) == len(usual_flags) and flags != usual_flags):
+        return "told"
+    return "same" if (difference(before.trajectory, motion) <= allowed(before.trajectory)).all() else "silent"
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
+def test_damaged_samples_of_a_smooth_motion(damage) -> None:  # type: ignore[no-untyped-def]
+    check(damage, "smooth", None, 12)
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
+def test_damaged_samples_of_real_hands(damage, shared_data: Path) -> None:  # type: ignore[no-untyped-def]
+    for name in REAL:
+        check(damage, name, shared_data, 3)
+
+
+def check(damage, name: str, folder: Path | None, runs: int) -> None:  # type: ignore[no-untyped-def]
+    recording, before = sound(name, folder)
+    for run in range(runs):
+        random = np.random.default_rng([run, DAMAGES.index(damage)])
+        verdict = judge(before, partial(damage, recording, random))
+        assert verdict != "silent", f"{name}, run {run}"
+
+
+def file_of(form: str) -> bytes:
+    """A file of the format that holds a smooth motion."""
+    recording = smooth_recording(60, seed=6)
+    if form == "csv":
+        return format_csv(repair(recording).trajectory).encode()
+    if form == "npz":
+        stream = io.BytesIO()
+        keys = {
+            "t": "time",
+            "wrist_pos": "position",
+            "wrist_quat": "orientation",
+            "flex": "flexion",
+            "abd": "abduction",
+        }
+        np.savez_compressed(stream, **{key: getattr(recording, field) for key, field in keys.items()})
+        return stream.getvalue()
+    text = json.dumps(packed(document()))
+    return (pack(text) if form == "leap lz" else text).encode()
+
+
+@pytest.mark.parametrize("form", ["csv", "npz", "leap", "leap lz"])
+def test_damaged_bytes_of_every_format(form: str) -> None:
+    data = file_of(form)
+    before = repair(read_bytes(data, ReadOptions(), name="take"))
+    verdicts: Counter[str] = Counter()
+    for run in range(100):
+        broken = damaged_bytes(data, np.random.default_rng([run, 77]))
+        verdict = judge(before, lambda broken=broken: read_bytes(broken, ReadOptions(), name="take"))  # type: ignore[misc]
+        assert verdict != "silent", f"run {run}"
+        verdicts[verdict] += 1
+    assert verdicts["refused"] > 20, verdicts
