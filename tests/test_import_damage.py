@@ -18,7 +18,7 @@ import pytest
 from leap_document import document, packed
 from lz_pack import pack
 from numpy.typing import NDArray
-from recording_damage import DAMAGES, damaged_bytes
+from recording_damage import DAMAGES, Damage, damaged_bytes
 from recording_samples import smooth_recording
 
 from hhsim.errors import HhsimError
@@ -95,17 +95,17 @@ def judge(before: Repaired, come: Callable[[], Recording]) -> str:
 
 
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
-def test_damaged_samples_of_a_smooth_motion(damage) -> None:  # type: ignore[no-untyped-def]
+def test_damaged_samples_of_a_smooth_motion(damage: Damage) -> None:
     check(damage, "smooth", None, 12)
 
 
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
-def test_damaged_samples_of_real_hands(damage, shared_data: Path) -> None:  # type: ignore[no-untyped-def]
+def test_damaged_samples_of_real_hands(damage: Damage, shared_data: Path) -> None:
     for name in REAL:
         check(damage, name, shared_data, 3)
 
 
-def check(damage, name: str, folder: Path | None, runs: int) -> None:  # type: ignore[no-untyped-def]
+def check(damage: Damage, name: str, folder: Path | None, runs: int) -> None:
     recording, before = sound(name, folder)
     for run in range(runs):
         random = np.random.default_rng([run, DAMAGES.index(damage)])

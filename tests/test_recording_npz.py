@@ -2,6 +2,7 @@
 
 import io
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from recording_samples import smooth_recording
 from hhsim.errors import TrajectoryError
 from hhsim.haptic_motion import rotation_matrix
 from hhsim.recorded_axes import WORLD_UP, axes_matrix, to_our_palm, to_our_world, world_matrix
+from hhsim.recording_file import read_recording
 from hhsim.recording_npz import FRAMES, read_npz_recording
+from hhsim.recording_repair import repair
 from hhsim.sample_flags import SampleFlag, marked
 
 CLEAN = smooth_recording(50)
@@ -102,3 +105,19 @@ def test_a_flipped_bit_is_noticed() -> None:
     data[data.index(b"flex.npy") + 400] ^= 1
     with pytest.raises(TrajectoryError, match="damaged"):
         read_npz_recording(bytes(data))
+
+
+def test_every_real_recording_comes_in(shared_data: Path) -> None:
+    files = sorted((shared_data / "recordings").glob("*.npz"))
+    assert files
+    for file in files:
+        recording = read_recording(file)
+        repaired = repair(recording)
+        motion, kinds = repaired.trajectory, {finding.kind for finding in repaired.findings}
+        assert motion.sample_count == recording.sample_count and motion.name == file.stem
+        assert kinds <= {"note", "gap_before", "suspect", "limited", "invalid", "fingers_filled"}, file.stem
+        # The hand as it was: what a real device recorded is not taken for damage.
+        assert motion.position.tobytes() == recording.position.tobytes()
+        assert motion.flags is not None
+        assert marked(motion.flags, SampleFlag.SUSPECT).mean() < 0.04, file.stem
+        assert ("fingers_filled" in kinds) == file.stem.startswith("dfki")
