@@ -49,7 +49,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # One tick of it, and what is measured.
     (
         *("qp", "contact_problem", "solver", "solver_options", "crew", "backend", "workspace"),
-        *("metrics", "mesh_penetration", "hold_touches", "placement_search"),
+        *("metrics", "mesh_penetration", "hand_referee", "hold_touches", "placement_search"),
     ),
     # Runs and their files.
     ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
@@ -58,7 +58,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("log_histogram", "shrink", "stuck", "failure", "bench_stress"),
     ("hard_case", "hard_judge", "hard_input_cases", "hard_contact_cases", "hard_invariance_cases"),
     ("hard_endurance", "hard_cases", "bench_hard"),
-    ("bench_threads",),
+    ("bench_threads", "end_to_end"),
     ("qp_program", "qp_check", "qp_backends", "qp_tally", "qp_degenerate", "qp_sizes", "qp_harvest", "bench_qp"),
     # Pictures of them.
     ("replay_figure", "cost_figure", "speed_error_figure", "recording_figure"),

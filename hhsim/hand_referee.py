@@ -1,0 +1,133 @@
+"""The graphic hand against the true mesh by an independent library: coal's distances, nothing of hhsim's kernels.
+
+A phalanx is the union of the balls with centre x(s) on its axis and radius r(s), so it is min over s of d(x(s)) − r(s)
+away from the mesh, d being the mesh's distance. Coal gives the least d over a piece of the axis exactly, hence a lower
+bound of the minimum, and the place of it an upper one; the piece with the lowest bound is halved until they meet.
+"""
+
+import heapq
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.mesh import Mesh
+from hhsim.placed_hand import HandShape, PlacedHand
+from hhsim.tree_referee import TrueSurface
+
+FloatArray = NDArray[np.float64]
+
+PALM = 15
+BODIES = 16
+"""Phalanges from the thumb's proximal one on, three a finger; then the palm."""
+EXACT = 1e-8
+"""Bounds of a phalanx's distance that are this near to each other [m] have met."""
+_MOST_PIECES = 200
+
+
+class HandReferee:
+    """Judges hands against one mesh.
+
+    Args:
+        mesh: Watertight and wound outward [m], world.
+
+    Raises:
+        InputError: coal is not installed.
+        MeshError: The mesh is not watertight.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        import coal
+
+        self.surface = TrueSurface(mesh)
+        self._coal: Any = coal
+        self._request, self._answer, self._still = coal.DistanceRequest(), coal.DistanceResult(), coal.Transform3s()
+        self._request.gjk_tolerance = 1e-12
+
+    def clearances(self, shape: HandShape, placed: PlacedHand, limit: float) -> FloatArray:
+        """Signed distance [m] of each body to the mesh at each tick, shape (T, 16): 15 phalanges, then the palm.
+
+        Exact outside. A phalanx whose axis is inside, or passes through the surface, is in by its radius at least, and
+        that is what is told of it.
+
+        Args:
+            shape: Sizes of the hand.
+            placed: The ticks.
+            limit: Stands for everything from here on [m].
+        """
+        found = np.full((len(placed.joints), BODIES), limit)
+        for tick in range(len(placed.joints)):
+            for f in range(5):
+                for k in range(3):
+                    ends, radii = placed.joints[tick, f, k : k + 2], shape.phalanx_radius[f, k : k + 2]
+                    found[tick, 3 * f + k] = self.round_cone(ends[0], ends[1], float(radii[0]), float(radii[1]), limit)
+            palm = palm_centers(shape.palm_center, placed.position[tick], placed.orientation[tick])
+            found[tick, PALM] = min(limit, float((self.surface.signed_distance(palm) - shape.palm_radius).min()))
+        return found
+
+    def round_cone(self, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, limit: float) -> float:
+        """Signed distance [m] of the hull of two balls to the mesh, or `limit`; see `clearances`."""
+
+        def piece(low: float, high: float) -> tuple[float, float, float]:
+            """Of the axis from share `low` to `high`: a lower bound, what is reached somewhere, its own distance."""
+            first, last = (1.0 - low) * a + low * b, (1.0 - high) * a + high * b
+            distance, point = self._segment(first, last)
+            where = low + (high - low) * float(
+                np.clip(
+                    (point - first) @ (last - first) / max(float((last - first) @ (last - first)), 1e-300), 0.0, 1.0
+                )
+            )
+            radius = (1.0 - np.array([low, high, where])) * radius_a + np.array([low, high, where]) * radius_b
+            return distance - float(radius.max()), distance - float(radius[2]), distance
+
+        bound, best, nearest = piece(0.0, 1.0)
+        if bound >= limit:
+            return limit
+        middle = 0.5 * (a + b)
+        if nearest <= 0.0 or self.surface.signed_distance(middle[None])[0] < 0.0:
+            return -max(radius_a, radius_b)
+        pieces = [(bound, 0.0, 1.0)]
+        for _ in range(_MOST_PIECES):
+            bound, low, high = heapq.heappop(pieces)
+            if bound >= best - EXACT:
+                break
+            for half in ((low, 0.5 * (low + high)), (0.5 * (low + high), high)):
+                lower, reached, _ = piece(*half)
+                best = min(best, reached)
+                heapq.heappush(pieces, (lower, *half))
+        return min(limit, best)
+
+    def _segment(self, first: FloatArray, last: FloatArray) -> tuple[float, FloatArray]:
+        """Distance [m] of a segment to the mesh, 0 where it passes through, and the segment's nearest point."""
+        axis = last - first
+        length = float(np.linalg.norm(axis))
+        along = axis / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+        across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+        across /= np.linalg.norm(across)
+        frame = np.stack([across, np.cross(along, across), along], axis=1)
+        self._answer.clear()
+        distance = self._coal.distance(
+            self.surface.model,
+            self._still,
+            self._coal.Capsule(0.0, length),
+            self._coal.Transform3s(frame, 0.5 * (first + last)),
+            self._request,
+            self._answer,
+        )
+        return max(0.0, float(distance)), np.array(self._answer.getNearestPoint2())
+
+
+def palm_centers(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
+    """Centres of the palm's spheres [m], world, shape (P, 3), by scipy's rotations.
+
+    Args:
+        palm_center: Palm frame [m], shape (P, 3).
+        position: Of the palm [m], shape (3,).
+        orientation: Unit (w, x, y, z), shape (4,).
+    """
+    from scipy.spatial.transform import Rotation
+
+    w, x, y, z = np.asarray(orientation, np.float64)
+    return np.asarray(
+        Rotation.from_quat([x, y, z, w]).apply(np.asarray(palm_center)) + np.asarray(position), np.float64
+    )

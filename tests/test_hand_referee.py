@@ -1,0 +1,80 @@
+"""Hands against the true mesh by coal: closed forms, hhsim's own kernels, and hands that are inside."""
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+from hhsim.hand import HandModel
+from hhsim.hand_referee import PALM, HandReferee, palm_centers
+from hhsim.kernels.mesh_bvh import build_mesh_bvh
+from hhsim.mesh import Mesh
+from hhsim.mesh_penetration import RESOLUTION, mesh_clearance
+from hhsim.object_catalogue import load_object
+from hhsim.placed_hand import PlacedHand, hand_shape, placed_hand
+
+BOX = trimesh.creation.box((0.1, 0.06, 0.04))
+MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
+HAND = HandModel.default()
+FAR = 0.02
+
+
+def over(height: float) -> PlacedHand:
+    """A hand, palm down, over the origin."""
+    return placed_hand(HAND, [[0.0, -0.06, height]], [[1.0, 0.0, 0.0, 0.0]], np.full((1, 5, 3), 0.2), np.zeros((1, 5)))
+
+
+def box_distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    beyond = np.abs(points) - [0.05, 0.03, 0.02]
+    return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=1))
+
+
+def test_a_round_cone_over_a_box_by_brute_force_on_its_axis() -> None:
+    referee, rng = HandReferee(MESH), np.random.default_rng(5)
+    share = np.linspace(0.0, 1.0, 20_001)
+    judged = 0
+    for _ in range(60):
+        a = rng.normal(size=3)
+        a *= rng.uniform(0.06, 0.09) / np.linalg.norm(a)
+        b = a + 0.03 * rng.normal(size=3)
+        radius_a, radius_b = rng.uniform(0.004, 0.012, 2)
+        away = box_distance((1.0 - share)[:, None] * a + share[:, None] * b)
+        if away.min() < 1e-4:
+            continue
+        expected = float((away - (1.0 - share) * radius_a - share * radius_b).min())
+        found = referee.round_cone(a, b, radius_a, radius_b, 1.0)
+        # The samples miss the minimum by up to half their distance, times the slope there.
+        assert expected - 5e-6 <= found <= expected + 1e-8
+        assert referee.round_cone(a, b, radius_a, radius_b, expected - 1e-3) == expected - 1e-3
+        judged += 1
+    assert judged > 30
+
+
+def test_an_axis_that_is_inside_is_in_by_its_radius() -> None:
+    referee = HandReferee(MESH)
+    inside = referee.round_cone(np.array([-0.01, 0.0, 0.0]), np.array([0.01, 0.0, 0.0]), 0.004, 0.003, FAR)
+    through = referee.round_cone(np.array([-0.01, 0.0, 0.0]), np.array([0.01, 0.0, 0.1]), 0.004, 0.003, FAR)
+    assert inside == through == -0.004
+
+
+@pytest.mark.parametrize("name", ["bunny", "cube"])
+def test_a_whole_hand_is_where_the_kernels_have_it(name: str) -> None:
+    mesh = load_object(name).mesh
+    referee, bvh = HandReferee(mesh), build_mesh_bvh(mesh.vertices, mesh.faces)
+    top = float(mesh.bounds[1, 2])
+    signs = set()
+    for height in np.linspace(top + 0.01, top + 0.1, 16):
+        placed = over(float(height))
+        theirs = referee.clearances(hand_shape(HAND), placed, FAR)
+        assert theirs.shape == (1, PALM + 1)
+        ours = float(mesh_clearance(bvh, hand_shape(HAND), placed, FAR)[0])
+        if theirs.min() > -0.003:
+            assert theirs.min() == pytest.approx(ours, abs=1e-6 + 0.01 * RESOLUTION)
+        signs.add(np.sign(ours))
+    assert signs == {-1.0, 1.0}
+
+
+def test_the_palms_spheres_turn_with_the_palm() -> None:
+    half = np.sqrt(0.5)
+    turned = palm_centers([[0.01, 0.0, 0.0]], [1.0, 2.0, 3.0], [half, 0.0, 0.0, half])
+    np.testing.assert_allclose(turned, [[1.0, 2.01, 3.0]], atol=1e-15)
