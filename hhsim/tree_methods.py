@@ -7,7 +7,11 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim import enclosing_tree, medial_axis, medial_tree, octree_tree
+from hhsim.kernels import cell_pieces, medial_reduce
+from hhsim.medial_tree import build_medial_tree
 from hhsim.mesh import Mesh
+from hhsim.octree_tree import build_fitted_octree, build_octree
 from hhsim.sphere_tree import SphereTree
 
 FloatArray = NDArray[np.float64]
@@ -37,5 +41,18 @@ class TreeMethod:
 
 METHODS: dict[str, TreeMethod] = {
     "certified": TreeMethod("every level a proved cover of the mesh that protrudes as little as can be"),
+    "medial": TreeMethod(
+        "adaptive medial axis, after Bradshaw and O'Sullivan (2004)",
+        build_medial_tree,
+        (enclosing_tree, medial_axis, medial_reduce, medial_tree),
+    ),
+    "octree": TreeMethod(
+        "balls around the cells of an octree", build_octree, (cell_pieces, enclosing_tree, octree_tree)
+    ),
+    "octree-fitted": TreeMethod(
+        "balls around the surface in the cells of an octree",
+        build_fitted_octree,
+        (cell_pieces, enclosing_tree, octree_tree),
+    ),
 }
 """By name; the first is the default."""
