@@ -35,6 +35,7 @@ def test_a_file_of_the_toolkit_becomes_a_measured_tree(run: Run, tmp_path: Path,
     assert answer.code == 0, answer.err
     assert "note: taken to count from the centre of the mesh's bounding box: mean gap " in answer.out
     assert answer.out.splitlines()[-1] == "8 leaves, read from theirs.sph, written to found.h5"
+    assert "proved" not in answer.out.replace("proved bound", ""), "a file without proofs has none"
     found = SphereTree.load(tmp_path / "found.h5")
     np.testing.assert_allclose(found.center, own.center, atol=1e-12)
     assert found.mesh_sha256 == own.mesh_sha256

@@ -29,6 +29,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
             "tree_choice",
             "tree_import",
             "tree_methods",
+            "tree_referee",
             "mesh_cover",
             "canonical_frame",
             "ball_hierarchy",

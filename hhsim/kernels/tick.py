@@ -109,6 +109,23 @@ def least_distance(candidates: Record) -> float:
 
 
 @jit
+def _still_parted(options: TickOptions, state: Record) -> bool:
+    # Palm and fingers that came to nothing apart do so again from where solving them together has led: the hand would
+    # be pulled to and fro for ever. They stay together until the user's hand has left that place.
+    if not state.parted:
+        return False
+    limit = options.margin * options.margin
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            square = 0.0
+            for i in range(3):
+                square += (state.parted_joints[f, k, i] - state.haptic.joints[f, k, i]) ** 2
+            if square > limit:
+                return False
+    return True
+
+
+@jit
 def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     copy_configuration(state.pose, state.safe)
@@ -116,7 +133,8 @@ def begin_tick(options: TickOptions, state: Record) -> None:
         state.since_safe[body] = 0.0
     state.relaxed = False
     state.hold_abduction = False
-    state.together = False
+    state.parted = _still_parted(options, state)
+    state.together = state.parted
     state.progressive.variables = 6
     state.accepted = False
     state.full = False
@@ -326,7 +344,10 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
     else:
         state.bad_steps += 1
         if state.bad_steps > 3:
-            state.together = True
+            if not state.together:
+                state.together = True
+                state.parted = True
+                state.parted_joints[:] = state.haptic.joints[:]
             _take_back(state)
             state.lag = wanted
             state.trust *= 0.25

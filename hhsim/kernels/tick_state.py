@@ -8,7 +8,7 @@ from .contact import CANDIDATES, CONTACT_ROWS, CONTACTS
 from .coupled import COUPLED_WORK
 from .crew import CREW
 from .force import FORCES
-from .hand import BODY_COUNT, DOF
+from .hand import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from .linearise import PROBLEM
 from .pose import HAND_POSE
 from .progressive import PROGRESSIVE_WORK
@@ -120,6 +120,8 @@ TICK_STATE = np.dtype(
         ("relaxed", np.bool_),
         ("hold_abduction", np.bool_),
         ("together", np.bool_),
+        ("parted", np.bool_),
+        ("parted_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
         ("accepted", np.bool_),
         ("full", np.bool_),
         ("bad_steps", np.int64),
@@ -153,6 +155,7 @@ TICK_STATE = np.dtype(
 | moved | how far the farthest point of the hand can have moved in this tick [m] |
 | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
 | together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
+| parted, parted_joints | palm and fingers apart came to nothing near here: the haptic hand's joints there [m] |
 | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
 | full | this tick met more pairs than the arrays hold |
 | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |

@@ -1,0 +1,384 @@
+"""A second opinion on a sphere tree: gap, protrusion and enclosure, by other code than that which builds and measures.
+
+Distances to the mesh are coal's, exact outside; the spheres near a point come from scipy's k-d tree. Nothing here uses
+a kernel, the builder or its samples. Samples say how bad it is at least: each search goes on from its worst ones, ever
+closer, on the same triangle or sphere.
+
+    python -m hhsim.tree_referee bunny --size 100 --level 3
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import HhsimError, InputError, MeshError
+from hhsim.mesh import Mesh
+from hhsim.sphere_tree import SphereTree
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MESH_POINTS = 200_000
+SPHERE_POINTS = 200_000
+LEAST_EACH = 40
+"""Points on each sphere, however many there are."""
+NEIGHBOURS = 24
+WORST = 200
+CHILDREN = 40
+ROUNDS = 5
+SHRINK = 0.35
+"""The search goes on around the `WORST` points, by `CHILDREN` new ones each, for `ROUNDS` rounds, each closer."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one level of a tree is like: the spheres that stand for the mesh there, and the nodes of the tree.
+
+    Attributes:
+        level: 0 is the root.
+        spheres: Of the level.
+        gap: Farthest that a point of the mesh was found outside the spheres [m]; 0 where none was.
+        slack: Least depth that a point of the mesh was found to have inside the spheres [m]; negative for a gap.
+        protrusion: Farthest that a point of the spheres' union was found outside the mesh [m].
+        protrusion_mean: Mean over the part of the union's surface that is outside [m].
+        sticking_out: Farthest that a node of a deeper level sticks out of its ancestor here [m]; below 0 for none.
+        leaf_sticking_out: The same of the leaves alone, which is what a walk down the tree relies on.
+        mesh_points, sphere_points: Looked at, those of the searches included.
+    """
+
+    level: int
+    spheres: int
+    gap: float
+    slack: float
+    protrusion: float
+    protrusion_mean: float
+    sticking_out: float
+    leaf_sticking_out: float
+    mesh_points: int
+    sphere_points: int
+
+
+def referee(
+    mesh: Mesh,
+    tree: SphereTree,
+    levels: Sequence[int] | None = None,
+    *,
+    mesh_points: int = MESH_POINTS,
+    sphere_points: int = SPHERE_POINTS,
+    seed: int = 0,
+) -> tuple[Verdict, ...]:
+    """Judge a tree.
+
+    Args:
+        mesh: Watertight and wound outward [m].
+        tree: In the frame of the mesh.
+        levels: Which; None for all.
+        mesh_points: Random points on the mesh, uniform by area; as many again on its edges, and all its vertices.
+        sphere_points: Random points on the spheres of a level, uniform by area, `LEAST_EACH` on each at least.
+        seed: Of the points.
+
+    Raises:
+        InputError: coal is not installed.
+        MeshError: The mesh is not watertight: there is no outside to measure in.
+    """
+    surface = TrueSurface(mesh)
+    chosen = range(tree.depth + 1) if levels is None else levels
+    verdicts = []
+    for level in chosen:
+        rng = np.random.default_rng([seed, level])
+        balls = _Balls(*tree.spheres(level))
+        slack, seen = _least_slack(mesh, balls, mesh_points, rng)
+        protrusion, mean, looked = _protrusion(surface, balls, sphere_points, rng)
+        verdicts.append(
+            Verdict(
+                level=level,
+                spheres=len(balls.radius),
+                gap=max(0.0, -slack),
+                slack=slack,
+                protrusion=protrusion,
+                protrusion_mean=mean,
+                sticking_out=sticking_out(tree, level),
+                leaf_sticking_out=sticking_out(tree, level, leaves_only=True),
+                mesh_points=seen,
+                sphere_points=looked,
+            )
+        )
+    return tuple(verdicts)
+
+
+def sticking_out(tree: SphereTree, level: int, *, leaves_only: bool = False) -> float:
+    """How far a deeper sphere sticks out of its ancestor on a level, at most [m]; negative where all are inside."""
+    worst = -np.inf
+    nodes = np.flatnonzero(tree.level > level)
+    if leaves_only:
+        nodes = nodes[tree.level[nodes] == tree.depth]
+    ancestor = nodes.copy()
+    while (tree.level[ancestor] > level).any():
+        ancestor = np.where(tree.level[ancestor] > level, tree.parent[ancestor], ancestor)
+    if nodes.size:
+        away = np.linalg.norm(tree.center[nodes] - tree.center[ancestor], axis=1)
+        worst = float((away + tree.radius[nodes] - tree.radius[ancestor]).max())
+    return worst
+
+
+class TrueSurface:
+    """Signed distance to a watertight mesh: coal's, with the sign of pseudonormals (Bærentzen and Aanæs 2005).
+
+    Raises:
+        InputError: coal is not installed.
+        MeshError: The mesh is not watertight.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        try:
+            import coal
+        except ImportError as error:
+            raise InputError("the referee measures with coal, which is not installed: pip install coal") from error
+        self._coal: Any = coal
+        self.triangles = mesh.triangles
+        self.model = coal_model(mesh)
+        self._faces = mesh.faces
+        a, b, c = self.triangles.transpose(1, 0, 2)
+        normal = np.cross(b - a, c - a)
+        self.normal = normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
+        edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        self._edges, self._edge_of = np.unique(edges, axis=0, return_inverse=True)
+        self._edge_of = self._edge_of.reshape(-1, 3)
+        if (np.bincount(self._edge_of.ravel()) != 2).any():
+            raise MeshError(f"{mesh.name}: not watertight, so that nothing is outside of it; the referee needs that")
+        self.edge_normal = np.zeros((len(self._edges), 3))
+        self.vertex_normal = np.zeros((len(mesh.vertices), 3))
+        for k in range(3):
+            np.add.at(self.edge_normal, self._edge_of[:, k], self.normal)
+            u = self.triangles[:, (k + 1) % 3] - self.triangles[:, k]
+            v = self.triangles[:, (k + 2) % 3] - self.triangles[:, k]
+            cosine = (u * v).sum(axis=1) / np.maximum(
+                np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1), np.finfo(float).tiny
+            )
+            np.add.at(
+                self.vertex_normal, mesh.faces[:, k], np.arccos(np.clip(cosine, -1.0, 1.0))[:, None] * self.normal
+            )
+
+    def signed_distance(self, points: FloatArray) -> FloatArray:
+        """Signed distance [m] of points, shape (n, 3): negative inside; shape (n,)."""
+        coal = self._coal
+        point, still, place = coal.Sphere(0.0), coal.Transform3s(), coal.Transform3s()
+        request, answer = coal.DistanceRequest(), coal.DistanceResult()
+        distance, nearest, face = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.int64)
+        for i, p in enumerate(points):
+            place.setTranslation(p)
+            answer.clear()
+            distance[i] = coal.distance(self.model, still, point, place, request, answer)
+            nearest[i], face[i] = answer.getNearestPoint1(), answer.b1
+        outward = ((points - nearest) * self._pseudonormal(nearest, face)).sum(axis=1) >= 0.0
+        return np.where(outward, distance, -distance)
+
+    def _pseudonormal(self, nearest: FloatArray, face: IntArray) -> FloatArray:
+        """The normal of the face, edge or vertex that a point of a face lies on."""
+        a, b, c = self.triangles[face].transpose(1, 0, 2)
+        area = np.maximum(np.linalg.norm(np.cross(b - a, c - a), axis=1), np.finfo(float).tiny)
+        share = np.stack(
+            [
+                np.linalg.norm(np.cross(v - u, nearest - u), axis=1) / area
+                for u, v in ((b, c), (c, a), (a, b))  # of the corners a, b, c
+            ],
+            axis=1,
+        )
+        gone = share < 1e-7
+        found: FloatArray = self.normal[face]
+        for k in range(3):
+            # Corner k has no share in a point on the opposite edge.
+            on_edge = gone[:, k] & (gone.sum(axis=1) == 1)
+            found[on_edge] = self.edge_normal[self._edge_of[face[on_edge], (k + 1) % 3]]
+            on_vertex = ~gone[:, k] & (gone.sum(axis=1) >= 2)
+            found[on_vertex] = self.vertex_normal[self._faces[face[on_vertex], k]]
+        return found
+
+
+def coal_model(mesh: Mesh) -> Any:
+    """The mesh as coal's bounding-volume hierarchy."""
+    import coal
+
+    model: Any = coal.BVHModelOBBRSS()
+    model.beginModel(len(mesh.faces), len(mesh.vertices))
+    model.addVertices(np.array(mesh.vertices))
+    model.addTriangles(np.array(mesh.faces))
+    model.endModel()
+    return model
+
+
+class _Balls:
+    """The spheres of one level, and which of them are near a point."""
+
+    def __init__(self, center: FloatArray, radius: FloatArray) -> None:
+        from scipy.spatial import cKDTree
+
+        self.center, self.radius = center, radius
+        self.nearest = cKDTree(center)
+        # Per ball, the balls that it meets.
+        reach = self.nearest.query_ball_point(center, radius + radius.max())
+        self.meets = []
+        for i, near in enumerate(reach):
+            others = np.array([j for j in near if j != i], np.int64)
+            away = np.linalg.norm(center[others] - center[i], axis=1)
+            self.meets.append(others[away < radius[others] + radius[i]])
+
+    def slack(self, points: FloatArray) -> FloatArray:
+        """Depth [m] of points inside the union: the largest of (radius − distance); exact where it is negative."""
+        from scipy.spatial.distance import cdist
+
+        count = min(NEIGHBOURS, len(self.radius))
+        away, which = (np.reshape(found, (-1, count)) for found in self.nearest.query(points, k=count))
+        best = (self.radius[which] - away).max(axis=1)
+        unsure = np.flatnonzero(best < 0.0)
+        for part in np.array_split(unsure, max(1, len(unsure) // 2000)):
+            if part.size:
+                best[part] = (self.radius - cdist(points[part], self.center)).max(axis=1)
+        return np.asarray(best, np.float64)
+
+    def exposed(self, points: FloatArray, owner: IntArray) -> NDArray[np.bool_]:
+        """Whether points on spheres lie in no other sphere."""
+        free = np.ones(len(points), np.bool_)
+        order = np.argsort(owner, kind="stable")
+        ends = np.searchsorted(owner[order], np.arange(len(self.radius) + 1))
+        for i, others in enumerate(self.meets):
+            mine = order[ends[i] : ends[i + 1]]
+            if mine.size and others.size:
+                away = points[mine][:, None] - self.center[others]
+                inside = (away * away).sum(axis=2) < self.radius[others] ** 2
+                free[mine] = ~inside.any(axis=1)
+        return free
+
+
+def _least_slack(mesh: Mesh, balls: _Balls, count: int, rng: np.random.Generator) -> tuple[float, int]:
+    """Least depth of the mesh inside the spheres [m], and the points that were looked at."""
+    triangles = mesh.triangles
+    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    face = rng.choice(len(triangles), size=count, p=area / area.sum())
+    weight = rng.dirichlet(np.ones(3), size=count)
+    # As many on the edges, by their length: where a cover is weakest, and where no random point of a face lies.
+    length = np.linalg.norm(triangles[:, [1, 2, 0]] - triangles, axis=2).ravel()
+    edge = rng.choice(length.size, size=count, p=length / length.sum())
+    along = rng.random(count)
+    on_edge = np.zeros((count, 3))
+    on_edge[np.arange(count), edge % 3], on_edge[np.arange(count), (edge + 1) % 3] = 1.0 - along, along
+    face = np.concatenate([face, edge // 3, np.repeat(np.arange(len(triangles)), 3)])
+    weight = np.concatenate([weight, on_edge, np.tile(np.eye(3), (len(triangles), 1))])
+
+    def depth(face: IntArray, weight: FloatArray) -> FloatArray:
+        return -balls.slack((weight[:, :, None] * triangles[face]).sum(axis=1))
+
+    def moved(weight: FloatArray, step: float) -> FloatArray:
+        there = np.maximum(weight + step * rng.normal(size=weight.shape), 0.0)
+        # Clipped weights are points on edges and corners.
+        return np.asarray(there / np.maximum(there.sum(axis=1), np.finfo(float).tiny)[:, None], np.float64)
+
+    worst, seen = _search(face, weight, depth, moved, 0.2)
+    return -worst, seen
+
+
+def _protrusion(surface: TrueSurface, balls: _Balls, count: int, rng: np.random.Generator) -> tuple[float, float, int]:
+    """Farthest and mean way of the spheres' union outside the mesh [m], and the points that were looked at."""
+    area = balls.radius**2
+    each = np.maximum(LEAST_EACH, np.floor(count * area / area.sum())).astype(np.int64)
+    owner = np.repeat(np.arange(len(each)), each)
+    direction = rng.normal(size=(len(owner), 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+
+    def height(owner: IntArray, direction: FloatArray) -> FloatArray:
+        points = balls.center[owner] + balls.radius[owner, None] * direction
+        found = np.full(len(owner), -np.inf)
+        free = balls.exposed(points, owner)
+        found[free] = surface.signed_distance(points[free])
+        return found
+
+    first = height(owner, direction)
+    outside = first > 0.0
+    share = (area / each)[owner][outside]
+    mean = float((first[outside] * share).sum() / share.sum()) if outside.any() else 0.0
+
+    def moved(direction: FloatArray, step: float) -> FloatArray:
+        there = direction + step * rng.normal(size=direction.shape)
+        return np.asarray(there / np.linalg.norm(there, axis=1)[:, None], np.float64)
+
+    worst, seen = _search(owner, direction, height, moved, 0.2, first)
+    return max(0.0, worst), mean, seen
+
+
+def _search(
+    key: IntArray,
+    place: FloatArray,
+    value: "Callable[[IntArray, FloatArray], FloatArray]",
+    moved: "Callable[[FloatArray, float], FloatArray]",
+    step: float,
+    first: FloatArray | None = None,
+) -> tuple[float, int]:
+    """Largest value found: at all places, then ever closer around the best of them; and how many were looked at."""
+    found = value(key, place) if first is None else first
+    seen = len(found)
+    best = np.argsort(-found, kind="stable")[:WORST]
+    key, place, found = key[best], place[best], found[best]
+    for _ in range(ROUNDS):
+        wide_key = np.repeat(key, CHILDREN)
+        there = moved(np.repeat(place, CHILDREN, axis=0), step)
+        tried = value(wide_key, there).reshape(-1, CHILDREN)
+        seen += tried.size
+        pick = tried.argmax(axis=1)
+        top = tried[np.arange(len(key)), pick]
+        better = top > found
+        place = np.where(better[:, None], there.reshape(len(key), CHILDREN, -1)[np.arange(len(key)), pick], place)
+        found = np.maximum(found, top)
+        step *= SHRINK
+    return float(found.max()), seen
+
+
+def table(verdicts: Sequence[Verdict]) -> str:
+    """The verdicts as a table for people."""
+    lines = ["level  spheres  protrusion max [mm]  mean [mm]  gap [nm]  deepest leaf outside an ancestor [nm]"]
+    for item in verdicts:
+        out = "—" if item.leaf_sticking_out == -np.inf else f"{1e9 * max(0.0, item.leaf_sticking_out):.3f}"
+        lines.append(
+            f"{item.level:5d}  {item.spheres:7,d}  {1e3 * item.protrusion:19.4f}  {1e3 * item.protrusion_mean:9.4f}"
+            f"  {1e9 * item.gap:8.2f}  {out:>37s}"
+        )
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Run the command."""
+    from pathlib import Path
+
+    from hhsim.mesh import load_mesh
+    from hhsim.object_catalogue import load_object
+    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+    parser = argparse.ArgumentParser(prog="python -m hhsim.tree_referee", description=__doc__.split("\n\n")[0])
+    parser.add_argument("object", metavar="OBJECT|MESH")
+    parser.add_argument("--size", type=float, metavar="MM", help="scale to this longest extent first [mm]")
+    parser.add_argument("--level", type=int, default=3, help="of the leaves; default: 3")
+    parser.add_argument("--leaves", type=int, metavar="N", help="most leaves; default: 8 to the level")
+    parser.add_argument("--tree", type=Path, metavar="FILE.h5", help="judge this tree instead of building one")
+    parser.add_argument("--seed", type=int, default=0, help="of the points; default: 0")
+    options = parser.parse_args(arguments)
+    try:
+        named = load_mesh(options.object) if "." in options.object else load_object(options.object).mesh
+        mesh = named if options.size is None else named.scaled(1e-3 * options.size / float(named.extent.max()))
+        if options.tree is None:
+            tree = cached_sphere_tree(mesh, TreeOptions(level=options.level, leaves=options.leaves))
+        else:
+            tree = SphereTree.load(options.tree)
+        print(table(referee(mesh, tree, seed=options.seed)))
+    except HhsimError as error:
+        raise SystemExit(str(error)) from error
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
