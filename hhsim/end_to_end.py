@@ -186,6 +186,7 @@ def main(arguments: Sequence[str], progress: Callable[[str], None] = lambda line
     parser = argparse.ArgumentParser(prog="python -m hhsim.end_to_end", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--object", default=",".join(object_names()), metavar="NAMES", help="default: all")
     parser.add_argument("--level", default="3,4", metavar="NUMBERS", help="default: 3,4")
+    parser.add_argument("--leaves", type=int, metavar="N", help="most leaves of a tree; default: 8 to the level")
     parser.add_argument("--motion", default="whole-hand", metavar="NAMES", help="default: whole-hand")
     parser.add_argument("--method", default="coupled", help="default: coupled")
     parser.add_argument("--size", type=float, metavar="MM", help="scale objects to this longest extent [mm]")
@@ -200,7 +201,8 @@ def main(arguments: Sequence[str], progress: Callable[[str], None] = lambda line
                 mesh = mesh.scaled(1e-3 * options.size / float(mesh.extent.max()))
             for motion in options.motion.split(","):
                 for level in options.level.split(","):
-                    rows.append(end_to_end(mesh, int(level), motion, method=options.method, every=options.every))
+                    chosen = {"method": options.method, "every": options.every, "leaves": options.leaves}
+                    rows.append(end_to_end(mesh, int(level), motion, **chosen))
                     progress(" | ".join(cells(rows[-1])))
     except HhsimError as error:
         raise SystemExit(str(error)) from error

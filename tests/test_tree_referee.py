@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial.transform import Rotation
 from trimesh.triangles import closest_point
 
 from hhsim.ball_hierarchy import build_hierarchy
@@ -16,7 +15,7 @@ from hhsim.mesh import Mesh
 from hhsim.object_catalogue import load_object
 from hhsim.sphere_tree import SphereTree
 from hhsim.tree_builder import TreeOptions, build_sphere_tree, cached_sphere_tree
-from hhsim.tree_referee import TrueSurface, Verdict, main, referee, sticking_out
+from hhsim.tree_referee import TrueSurface, Verdict, main, moved_at_random, referee, sticking_out
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
@@ -134,9 +133,8 @@ def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent(name: s
     mesh = of_100_mm(name)
     options = TreeOptions(level=2)
     plain = judged(mesh, build_sphere_tree(mesh, options), [2])[0]
-    rng = np.random.default_rng(3)
-    scale = float(10.0 ** rng.uniform(-1.0, 1.0))
-    there = mesh.scaled(scale).transformed(Rotation.random(rng=rng).as_matrix(), scale * rng.normal(size=3))
+    there, scale = moved_at_random(mesh, 3)
+    assert scale != pytest.approx(1.0, rel=0.1)
     found = judged(there, build_sphere_tree(there, options), [2])[0]
     assert found.protrusion == pytest.approx(scale * plain.protrusion, rel=0.02)
     assert found.protrusion_mean == pytest.approx(scale * plain.protrusion_mean, rel=0.02)
@@ -162,5 +160,8 @@ def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
     assert lines[-1].split()[:2] == ["1", "8"]
+    main(["cube", "--size", "100", "--level", "1", "--moved", "1"])
+    moved = capsys.readouterr().out.splitlines()
+    assert float(moved[-1].split()[2]) == pytest.approx(float(lines[-1].split()[2]), rel=0.02)
     with pytest.raises(SystemExit, match="unknown object 'cbue'"):
         main(["cbue"])
