@@ -102,9 +102,9 @@ def command(
 ) -> None:
     """Make a trajectory of a recording of a hand.
 
-    FILE is hhsim's own .csv or .h5, .npz arrays, Leap Motion JSON, or any CSV with --columns. What is wrong in it and
-    safe to mend is mended, marked in each sample and listed; what is not safe is refused with the reason. hhsim replay
-    OBJECT OUT.h5 plays what comes out.
+    FILE is hhsim's own .csv or .h5, .npz arrays, BVH, Leap Motion JSON, or any CSV with --columns. What is wrong in it
+    and safe to mend is mended, marked in each sample and listed; what is not safe is refused with the reason. hhsim
+    replay OBJECT OUT.h5 plays what comes out.
 
     \b
     Examples:
@@ -127,21 +127,22 @@ def command(
         raise OutputError(f"{destination} is the recording itself, so it is not replaced: name another file")
     if plot is not None:
         check_destination(plot)
+    recording = read_recording(file, _read_options(form, columns, hand, palm_axes, world_up, length_unit))
+    said = {"name": name, "source": source, "licence": licence}
+    recording = recording.changed(**{key: value for key, value in said.items() if value is not None})
     asked = RepairOptions(
         max_gap=max_gap,
         start=start,
         end=end,
         time_unit=time_unit,
-        length_unit=length_unit,
+        # The reader of BVH needed it already.
+        length_unit=None if recording.form == "bvh" else length_unit,
         angle_unit=angle_unit,
         mirror=mirror,
         hand_length=None if hand_length is None else 1e-3 * hand_length,
         scale_to=None if scale_to is None else 1e-3 * scale_to,
         **_limits(hand_file, keep_angles),
     )
-    recording = read_recording(file, _read_options(form, columns, hand, palm_axes, world_up))
-    said = {"name": name, "source": source, "licence": licence}
-    recording = recording.changed(**{key: value for key, value in said.items() if value is not None})
     try:
         repaired = repair(recording, asked)
     except InputError as error:
@@ -170,7 +171,12 @@ def command(
 
 
 def _read_options(
-    form: str | None, columns: Path | None, hand: Literal["right", "left"] | None, palm_axes: str | None, up: str | None
+    form: str | None,
+    columns: Path | None,
+    hand: Literal["right", "left"] | None,
+    palm_axes: str | None,
+    up: str | None,
+    length_unit: str | None,
 ) -> "ReadOptions":
     from hhsim.column_map import read_column_map
     from hhsim.recording_file import ReadOptions
@@ -181,6 +187,7 @@ def _read_options(
         hand=hand or "",
         palm_axes=None if palm_axes is None else tuple(part.strip() for part in palm_axes.split(",")),
         world_up=up,
+        length_unit=length_unit,
     )
 
 

@@ -9,7 +9,8 @@ flexions are then angles in that plane. So the angles are those of our hand, wha
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, default_fingers
+from hhsim.hand import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, PALM_CENTER, default_fingers
+from hhsim.haptic_motion import conjugate, quaternion_product
 from hhsim.recorded_axes import quaternions_of, turned
 from hhsim.trajectory import HandSide
 
@@ -72,6 +73,29 @@ def palm_rotation(fingers: Array, back: Array) -> Array:
         z = back - np.einsum("ti,ti->t", back, y)[:, None] * y
         z /= np.linalg.norm(z, axis=1, keepdims=True)
     return quaternions_of(np.stack([np.cross(y, z), y, z], axis=2))
+
+
+def palm_from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:
+    """Our palm frame as it lies in our own wrist and knuckles, as quaternions (w, x, y, z), shape (T, 4).
+
+    Args:
+        knuckles: first joints of index to little finger, any unit, shape (T, 4, 3).
+        wrist: its middle, shape (T, 3).
+        side: which hand.
+    """
+    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    distal, lateral = PALM_CENTER
+    middle = np.array([lateral * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH, -distal * DEFAULT_HAND_LENGTH, 0.0])
+    mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
+    ours = _from_knuckles((sizes["base"][1:] * mirror)[None], (middle * mirror)[None], side)
+    return quaternion_product(_from_knuckles(knuckles, wrist, side), conjugate(ours))
+
+
+def _from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:
+    """A frame with y from the wrist to the middle of the knuckles and z out of the back."""
+    across = (knuckles[:, 3] - knuckles[:, 0]) * (-1.0 if side == "left" else 1.0)
+    along = knuckles.mean(axis=1) - wrist
+    return palm_rotation(along, np.cross(across, along))
 
 
 def palm_origin(knuckles: Array, orientation: Array, side: HandSide) -> Array:

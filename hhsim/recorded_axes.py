@@ -85,7 +85,10 @@ def turned(orientation: Array, vector: Array) -> Array:
 
 
 def quaternions_of(matrix: Array) -> Array:
-    """Unit quaternions (w, x, y, z), shape (T, 4), of rotation matrices, shape (T, 3, 3); NaN where one is missing."""
+    """Unit quaternions (w, x, y, z), shape (T, 4), of rotation matrices, shape (T, 3, 3).
+
+    Of steady sign; NaN where a matrix is missing.
+    """
     m = matrix
     squares = np.stack(
         [
@@ -111,7 +114,11 @@ def quaternions_of(matrix: Array) -> Array:
     largest = np.argmax(np.nan_to_num(squares, nan=-1.0), axis=1)
     row = rows[np.arange(len(rows)), largest]
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(row / np.linalg.norm(row, axis=1, keepdims=True))
+        row = row / np.linalg.norm(row, axis=1, keepdims=True)
+    whole = np.flatnonzero(np.isfinite(row).all(axis=1))
+    flips = np.where((row[whole][1:] * row[whole][:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
+    row[whole[1:]] *= np.cumprod(flips)[:, None]
+    return np.asarray(row)
 
 
 def in_palm(vectors: Array, orientation: Array) -> Array:

@@ -4,6 +4,7 @@
 |---|---|---|
 | hhsim | HDF5's signature | `hhsim.trajectory_file` |
 | leap | { or [ of JSON, or nothing but letters of base64 | `hhsim.recording_leap` |
+| bvh | HIERARCHY | `hhsim.recording_bvh` |
 | npz | the signature of a zip archive | `hhsim.recording_npz` |
 | csv | anything else that is text | `hhsim.recording_csv`, by our columns or by a mapping |
 """
@@ -13,11 +14,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
+from hhsim.bvh_text import looks_like_bvh
 from hhsim.column_map import OWN_COLUMNS, ColumnMap, is_own_header
 from hhsim.csv_table import read_table
 from hhsim.errors import InputError, TrajectoryError, UnknownNameError
 from hhsim.recorded_axes import axes_matrix
 from hhsim.recording import Recording
+from hhsim.recording_bvh import read_bvh_recording
 from hhsim.recording_csv import read_csv_recording
 from hhsim.recording_leap import looks_like_leap, read_leap_recording
 from hhsim.recording_npz import read_npz_recording
@@ -27,6 +30,7 @@ FORMATS = {
     "hhsim": "a trajectory of hhsim, .h5",
     "npz": "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
     "leap": "a Leap Motion recording, .json or .json.lz",
+    "bvh": "BVH motion capture with the joints of fingers",
     "csv": "a table: hhsim's own columns, or any with --columns",
 }
 """Every format with its one line."""
@@ -44,6 +48,7 @@ class ReadOptions:
         hand: which hand it is, where the file does not say it, or says it wrong.
         palm_axes: our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
         world_up: the axis of the recording's world that points up; None takes the file's.
+        length_unit: of BVH, whose unit else follows from the length of the hand.
     """
 
     form: str | None = None
@@ -51,6 +56,7 @@ class ReadOptions:
     hand: HandSide = ""
     palm_axes: Sequence[str] | None = None
     world_up: str | None = None
+    length_unit: str | None = None
 
 
 def read_recording(path: str | Path, options: ReadOptions | None = None) -> Recording:
@@ -102,6 +108,10 @@ def read_bytes(data: bytes, options: ReadOptions, *, name: str, path: Path | Non
     if form == "npz":
         return read_npz_recording(data, name=name, palm_axes=options.palm_axes, world_up=options.world_up)
     text = as_text(data)
+    if form == "bvh":
+        return read_bvh_recording(
+            text, name=name, hand=options.hand, world_up=options.world_up, length_unit=options.length_unit
+        )
     if form == "leap":
         return read_leap_recording(text, name=name.removesuffix(".json"), hand=options.hand)
     columns = options.columns
@@ -125,7 +135,8 @@ def format_of(data: bytes) -> str:
         return "hhsim"
     if data.startswith((b"PK\x03\x04", b"PK\x05\x06")):
         return "npz"
-    return "leap" if looks_like_leap(data[:4096].decode("utf-8-sig", errors="replace")) else "csv"
+    begin = data[:4096].decode("utf-8-sig", errors="replace")
+    return "bvh" if looks_like_bvh(begin) else "leap" if looks_like_leap(begin) else "csv"
 
 
 def as_text(data: bytes) -> str:

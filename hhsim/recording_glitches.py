@@ -268,7 +268,7 @@ def _frozen(recording: Recording) -> Recording:
 def _suspects(recording: Recording) -> Recording:
     """Mark what a hand could do, but what its neighbours do not do."""
     count = recording.sample_count
-    if count < 2 * WINDOW + 1:
+    if count < 2 * WINDOW + 2:
         return recording
     off = np.zeros(count)
     off[1:-1] = bend(recording)

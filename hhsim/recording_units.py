@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.recording import Finding, Recording, note
 from hhsim.sample_flags import SampleFlag, mark
 from hhsim.trajectory import Phase
@@ -146,8 +146,14 @@ def in_units(
     Args:
         recording: as it was read.
         time, length, angle: what its numbers are in; None where that is left to the file and to guessing.
+
+    Raises:
+        InputError: the file or its mapping states that unit already.
     """
     stated = set(recording.stated)
+    for key, unit in (("time", time), ("length", length), ("angle", angle)):
+        if unit is not None and key in stated:
+            raise InputError(f"--{key}-unit {unit}: the file, or the mapping of its columns, states that unit already")
     changed: dict[str, Any] = {}
     if time is not None:
         changed["time"] = recording.time * TIME_UNITS[time]

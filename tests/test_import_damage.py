@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bvh_document import RIGS, bvh_text
 from leap_document import document, packed
 from lz_pack import pack
 from numpy.typing import NDArray
@@ -129,11 +130,13 @@ def file_of(form: str) -> bytes:
         }
         np.savez_compressed(stream, **{key: getattr(recording, field) for key, field in keys.items()})
         return stream.getvalue()
+    if form == "bvh":
+        return bvh_text(recording, RIGS["mixamo"]).encode()
     text = json.dumps(packed(document()))
     return (pack(text) if form == "leap lz" else text).encode()
 
 
-@pytest.mark.parametrize("form", ["csv", "npz", "leap", "leap lz"])
+@pytest.mark.parametrize("form", ["csv", "npz", "leap", "leap lz", "bvh"])
 def test_damaged_bytes_of_every_format(form: str) -> None:
     data = file_of(form)
     before = repair(read_bytes(data, ReadOptions(), name="take"))

@@ -1,6 +1,5 @@
 """Every kind of damage: mended where that is safe, and flagged; refused in one line where it is not."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -238,6 +237,13 @@ def test_stamps_that_no_unit_explains_are_refused() -> None:
         repair(changed(time=1e3 * CLEAN.time), stated)
 
 
+def test_a_unit_is_stated_once() -> None:
+    stated = replace(CLEAN, stated=frozenset({"angle"}))
+    with pytest.raises(InputError, match="--angle-unit deg: the file, or the mapping of its columns, states that unit"):
+        repair(stated, RepairOptions(angle_unit="deg"))
+    assert repair(stated, RepairOptions(length_unit="m")).findings == ()
+
+
 def test_stamps_since_1970_count_from_the_first() -> None:
     repaired = repair(changed(time=CLEAN.time + 1.7e9))
     assert repaired.trajectory.time[0] == 0.0 and kinds(repaired) == {"note"}
@@ -316,7 +322,13 @@ def test_nothing_to_repair(count: int) -> None:
         repair(CLEAN.chosen(np.arange(count)))
 
 
-Damage = Callable[[Recording, np.random.Generator], Recording]
+@pytest.mark.parametrize("count", range(2, 24))
+def test_few_samples_are_enough(count: int) -> None:
+    part = CLEAN.chosen(np.arange(count))
+    assert repair(part).trajectory.position.tobytes() == CLEAN.position[:count].tobytes()
+    position = part.position.copy()
+    position[count // 2] = np.nan
+    assert repair(part.changed(position=position)).trajectory.sample_count == count
 
 
 def test_repairing_twice_changes_nothing() -> None:

@@ -1,0 +1,237 @@
+"""BVH motion capture text: a tree of joints with offsets and channels, and the channels' values in each frame.
+
+A joint's channels are applied in the order in which they are listed: Zrotation Xrotation Yrotation means the turn about
+z, then about the turned x, then about the twice turned y. Angles are in degrees; lengths have no unit.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.recording import MOST_SAMPLES, Finding, note
+
+Array = NDArray[np.float64]
+
+MOST_JOINTS = 2_000
+"""More joints than this are no skeleton."""
+MOST = 1e9
+"""Numbers beyond this are damage."""
+POSITIONS = ("xposition", "yposition", "zposition")
+ROTATIONS = ("xrotation", "yrotation", "zrotation")
+
+
+@dataclass
+class Joint:
+    """A joint of the skeleton, or the end of a bone.
+
+    Attributes:
+        name: of the joint; of an end, its parent's with " end".
+        parent: index of its parent, -1 for a root.
+        offset: from the parent's joint, in the parent's frame, shape (3,).
+        channels: in lower case, in their order.
+        first: column of the first channel.
+        is_end: whether it is an End Site.
+        children: indices of its children.
+    """
+
+    name: str
+    parent: int
+    offset: Array
+    channels: tuple[str, ...] = ()
+    first: int = 0
+    is_end: bool = False
+    children: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Bvh:
+    """A skeleton and its motion.
+
+    Attributes:
+        joints: parents before children.
+        frame_time: [s].
+        values: channels in each frame, NaN where missing, shape (T, C).
+        findings: frames that are missing or broken.
+    """
+
+    joints: tuple[Joint, ...]
+    frame_time: float
+    values: Array
+    findings: tuple[Finding, ...]
+
+    def positions(self) -> Array:
+        """World positions of all joints and ends in the file's unit, shape (T, J, 3)."""
+        return self._pose()[0]
+
+    def orientations(self) -> Array:
+        """World rotations of all joints, shape (T, J, 3, 3)."""
+        return self._pose()[1]
+
+    def _pose(self) -> tuple[Array, Array]:
+        count = len(self.values)
+        at = np.empty((count, len(self.joints), 3))
+        turned = np.empty((count, len(self.joints), 3, 3))
+        for index, joint in enumerate(self.joints):
+            shift, turn = self._local(joint)
+            if joint.parent < 0:
+                at[:, index], turned[:, index] = shift, turn
+            else:
+                parent = turned[:, joint.parent]
+                at[:, index] = at[:, joint.parent] + np.einsum("tij,tj->ti", parent, shift)
+                turned[:, index] = parent @ turn
+        return at, turned
+
+    def _local(self, joint: Joint) -> tuple[Array, Array]:
+        """Place and rotation of a joint in its parent's frame, shapes (T, 3) and (T, 3, 3)."""
+        count = len(self.values)
+        shift = np.tile(joint.offset, (count, 1))
+        turn = np.tile(np.eye(3), (count, 1, 1))
+        columns = {channel: self.values[:, joint.first + k] for k, channel in enumerate(joint.channels)}
+        if any(channel in columns for channel in POSITIONS):
+            # Position channels stand for the offset, they do not add to it.
+            shift = np.stack([columns.get(key, shift[:, axis]) for axis, key in enumerate(POSITIONS)], axis=1)
+        for channel in joint.channels:
+            if channel in ROTATIONS:
+                turn = turn @ _about(ROTATIONS.index(channel), np.radians(columns[channel]))
+        return shift, turn
+
+
+def _about(axis: int, angle: Array) -> Array:
+    """Rotations about a coordinate axis, shape (T, 3, 3)."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turn = np.tile(np.eye(3), (len(angle), 1, 1))
+    turn[:, i, i] = turn[:, j, j] = np.cos(angle)
+    turn[:, j, i] = np.sin(angle)
+    turn[:, i, j] = -turn[:, j, i]
+    return turn
+
+
+def read_bvh(text: str) -> Bvh:
+    """Read BVH text.
+
+    Raises:
+        TrajectoryError: no BVH, with the line where it stops being one.
+    """
+    lines = text.splitlines()
+    joints, next_line = _hierarchy(lines)
+    return _motion(lines, next_line, joints, complete=text.endswith(("\n", "\r")))
+
+
+def looks_like_bvh(text: str) -> bool:
+    """Whether a text begins as BVH does."""
+    return text.lstrip()[:9].upper() == "HIERARCHY"
+
+
+def _hierarchy(lines: list[str]) -> tuple[tuple[Joint, ...], int]:
+    joints: list[Joint] = []
+    open_joints: list[int] = []
+    pending: Joint | None = None
+    columns = 0
+    begun = False
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if not words:
+            continue
+        key = words[0].upper()
+        where = f"line {number}"
+        if not begun:
+            if key != "HIERARCHY":
+                raise TrajectoryError(f"{where} is '{line.strip()[:40]}'; expected HIERARCHY")
+            begun = True
+        elif key in ("ROOT", "JOINT", "END"):
+            if pending is not None or (key == "ROOT") != (not open_joints):
+                raise TrajectoryError(f"{where}: {key} where none can be")
+            if len(joints) >= MOST_JOINTS:
+                raise TrajectoryError(f"{where}: more than {MOST_JOINTS} joints; expected a skeleton")
+            parent = open_joints[-1] if open_joints else -1
+            name = f"{joints[parent].name} end" if key == "END" else " ".join(words[1:])
+            pending = Joint(name, parent, np.full(3, np.nan), is_end=key == "END")
+        elif key == "{":
+            if pending is None:
+                raise TrajectoryError(f"{where}: a brace that opens nothing")
+            joints.append(pending)
+            if pending.parent >= 0:
+                joints[pending.parent].children.append(len(joints) - 1)
+            open_joints.append(len(joints) - 1)
+            pending = None
+        elif key == "}":
+            if not open_joints or pending is not None:
+                raise TrajectoryError(f"{where}: a brace that closes nothing")
+            if np.isnan(joints[open_joints[-1]].offset).any():
+                raise TrajectoryError(f"{where}: {joints[open_joints[-1]].name} has no OFFSET")
+            open_joints.pop()
+        elif key == "OFFSET" and open_joints and pending is None:
+            joints[open_joints[-1]].offset = np.array(_numbers(words[1:], 3, where, "OFFSET"))
+        elif key == "CHANNELS" and open_joints and pending is None:
+            joint = joints[open_joints[-1]]
+            joint.channels, joint.first = _channels(words, where), columns
+            columns += len(joint.channels)
+        elif key == "MOTION" and not open_joints and joints:
+            return tuple(joints), number
+        else:
+            raise TrajectoryError(f"{where} is '{line.strip()[:40]}', which no BVH hierarchy holds there")
+    raise TrajectoryError("a BVH hierarchy without MOTION; was the file cut short?")
+
+
+def _channels(words: list[str], where: str) -> tuple[str, ...]:
+    channels = tuple(word.lower() for word in words[2:])
+    fits = len(words) > 1 and words[1].isdecimal() and int(words[1]) == len(channels) == len(set(channels))
+    if not fits or not set(channels) <= {*POSITIONS, *ROTATIONS}:
+        raise TrajectoryError(
+            f"{where}: {' '.join(words)[:60]}; expected CHANNELS, their number, and names such as Xposition, Zrotation"
+        )
+    return channels
+
+
+def _motion(lines: list[str], first: int, joints: tuple[Joint, ...], *, complete: bool) -> Bvh:
+    body = [(number, line.split()) for number, line in enumerate(lines[first:], start=first + 1) if line.strip()]
+    if len(body) < 2 or body[0][1][0].lower() != "frames:" or " ".join(body[1][1][:2]).lower() != "frame time:":
+        raise TrajectoryError(f"line {first + 1}: expected Frames: and Frame Time: after MOTION")
+    (told,) = _numbers(body[0][1][1:], 1, f"line {body[0][0]}", "Frames:")
+    (step,) = _numbers(body[1][1][2:], 1, f"line {body[1][0]}", "Frame Time:")
+    if not 0.0 < step < 10.0:
+        raise TrajectoryError(f"Frame Time: {step:g}; expected seconds between frames")
+    rows = body[2:]
+    if not rows:
+        raise TrajectoryError("no frames; expected one line of numbers each")
+    if len(rows) > MOST_SAMPLES:
+        raise TrajectoryError(f"{len(rows):,} frames; expected at most {MOST_SAMPLES:,}")
+    width = sum(len(joint.channels) for joint in joints)
+    values = np.full((len(rows), width), np.nan)
+    findings: list[Finding] = []
+    if told != len(rows):
+        findings.append(note(f"{len(rows)} frames where the file says {told:g}: some are lost"))
+    if not complete and len(rows) > 1:
+        # A number that was cut in the middle is a wrong number that looks like a right one.
+        findings.append(note(f"line {rows[-1][0]}, the last one, has no line end: left out, it may have been cut"))
+        rows, values = rows[:-1], values[:-1]
+    broken = []
+    for row, (number, words) in enumerate(rows):
+        try:
+            numbers = [float(word) for word in words if "_" not in word]
+        except ValueError:
+            numbers = []
+        if len(numbers) == width and all(abs(number) <= MOST for number in numbers):
+            values[row] = numbers
+        else:
+            broken.append(number)
+    if len(broken) > 0.25 * len(rows):
+        raise TrajectoryError(
+            f"{len(broken)} of {len(rows)} frames do not hold {width} numbers, first line {broken[0]}; expected one "
+            "for each channel"
+        )
+    if broken:
+        findings.append(note(f"{len(broken)} frame(s) without {width} numbers: missing, first line {broken[0]}"))
+    return Bvh(joints, float(step), values, tuple(findings))
+
+
+def _numbers(words: list[str], count: int, where: str, key: str) -> list[float]:
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(abs(number) <= MOST for number in numbers):
+        raise TrajectoryError(f"{where}: {key} {' '.join(words)[:40]}; expected {count} number(s)")
+    return numbers

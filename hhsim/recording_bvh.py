@@ -1,0 +1,230 @@
+"""Recordings of hands in BVH, whatever the rig is called and posed like: only where its joints are counts.
+
+A hand is found by the names of its joints: a word for the finger (thumb, index, middle or mid, ring, pinky or little;
+in 3ds Max's biped finger0 to finger4), a side (right or left, a leading r or l before a capital letter, _r or .R at the
+end), and an order from the palm outwards. Metacarpals are left out, but for the thumb, whose chain begins with its
+metacarpal as ours does. The wrist is the joint that the fingers hang from.
+
+Our palm is laid into the wrist and the knuckles as it lies in our own (`hhsim.finger_fit.palm_from_knuckles`), its
+origin where our knuckles meet the recorded ones. Angles as in `hhsim.finger_fit`. BVH states no unit: the length of the
+hand tells it. Its world has y up unless told otherwise.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.bvh_text import Bvh, Joint, read_bvh
+from hhsim.errors import TrajectoryError
+from hhsim.finger_fit import finger_angles, palm_from_knuckles, palm_origin
+from hhsim.hand import FINGERS
+from hhsim.recorded_axes import in_palm, to_our_world
+from hhsim.recording import Recording, note
+from hhsim.recording_units import LENGTH_UNITS
+from hhsim.trajectory import HandSide
+
+Array = NDArray[np.float64]
+
+WORDS = (
+    ("thumb", "thumb"),
+    ("index", "index"),
+    ("pointer", "index"),
+    ("middle", "middle"),
+    ("mid", "middle"),
+    ("ring", "ring"),
+    ("pinky", "little"),
+    ("pinkie", "little"),
+    ("little", "little"),
+    ("small", "little"),
+)
+"""Words for fingers; the first that a name holds counts."""
+BIPED = re.compile(r"finger(?P<finger>[0-4])(?P<phalanx>[0-9]?)(?:nub)?$", re.IGNORECASE)
+METACARPAL = re.compile(r"metacarp|carpal|inhand|palm", re.IGNORECASE)
+HAND_LENGTHS = (0.13, 0.25)
+"""Hands are this long [m]: the units' ranges do not meet."""
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """One finger: its three joints and its tip, as indices of the skeleton; no tip where the bone has no end."""
+
+    joints: tuple[int, int, int]
+    tip: int | None
+
+
+def read_bvh_recording(
+    text: str, *, name: str = "", hand: HandSide = "", world_up: str | None = None, length_unit: str | None = None
+) -> Recording:
+    """The recording in BVH text.
+
+    Args:
+        text: the content of the file.
+        name: of the recording.
+        hand: which hand to take; the right one if both are there and none is asked for.
+        world_up: the axis that points up; y if not given.
+        length_unit: of its offsets; told from the length of the hand if not given.
+
+    Raises:
+        TrajectoryError: no BVH, no hand with five fingers in it, or a hand of no known size.
+    """
+    bvh = read_bvh(text)
+    hands = {side: chains for side in ("right", "left") if len(chains := _chains(bvh.joints, side)) == len(FINGERS)}
+    if not hands:
+        found = {side: [f for f in FINGERS if f in _chains(bvh.joints, side)] for side in ("right", "left")}
+        some = "; ".join(f"{side}: {', '.join(names)}" for side, names in found.items() if names) or "none"
+        raise TrajectoryError(f"no hand with five fingers of three joints each among {len(bvh.joints)} joints ({some})")
+    side: HandSide = hand or ("right" if "right" in hands else "left")
+    if side not in hands:
+        raise TrajectoryError(f"no {side} hand with five fingers; the file has a {next(iter(hands))} one")
+    chains = hands[side]
+    wrist = _wrist(bvh.joints, chains)
+    at = bvh.positions()
+    fingers = _finger_points(bvh, chains, at)
+    scale, length, unit = _scale(fingers, at[:, wrist], length_unit)
+    knuckles = scale * fingers[:, 1:, 0]
+    orientation = palm_from_knuckles(knuckles, scale * at[:, wrist], side)
+    flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
+    up = world_up or "y"
+    position, orientation = to_our_world(palm_origin(knuckles, orientation, side), orientation, up)
+    other = "; the other hand is there too: --hand" if len(hands) == 2 and not hand else ""
+    return Recording(
+        time=np.arange(len(bvh.values), dtype=np.float64) * bvh.frame_time,
+        position=position,
+        orientation=orientation,
+        flexion=flexion,
+        abduction=abduction,
+        stated=frozenset({"length", "angle"}),
+        form="bvh",
+        name=name,
+        hand=side,
+        hand_length=length,
+        findings=(
+            *bvh.findings,
+            note(f"{side} hand at '{bvh.joints[wrist].name}', lengths in {unit}, world {up} up{other}"),
+            note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median"),
+        ),
+    )
+
+
+def side_of(name: str) -> HandSide:
+    """Right or left, as a joint's name says it; "" where it does not."""
+    plain = name.rsplit(":", 1)[-1]
+    lower = plain.lower()
+    if "right" in lower:
+        return "right"
+    if "left" in lower:
+        return "left"
+    match = re.match(r"([rlRL])(?=[A-Z_])", plain) or re.search(r"[ ._-]([rlRL])(?=$|[ ._-])", plain)
+    if match is None:
+        return ""
+    return "right" if match.group(1) in "rR" else "left"
+
+
+def finger_of(name: str) -> str:
+    """The finger that a joint's name says it belongs to; "" where it does not."""
+    plain = name.rsplit(":", 1)[-1]
+    biped = BIPED.search(plain)
+    if biped is not None:
+        return FINGERS[int(biped.group("finger"))]
+    lower = plain.lower()
+    return next((finger for word, finger in WORDS if word in lower), "")
+
+
+def _chains(joints: tuple[Joint, ...], side: str) -> dict[str, _Chain]:
+    """The fingers of one hand that have three joints."""
+    found = {}
+    for finger in FINGERS:
+        members = [
+            index
+            for index, joint in enumerate(joints)
+            if not joint.is_end and finger_of(joint.name) == finger and _side(joints, index) == side
+        ]
+        if finger != "thumb":
+            members = [index for index in members if METACARPAL.search(joints[index].name) is None]
+        chain = _longest_line(joints, members)
+        if finger != "thumb" and len(chain) >= 4 and re.search(r"0\D*$", joints[chain[0]].name):
+            # Counted from zero, the first one is a metacarpal.
+            chain = chain[1:]
+        if len(chain) >= 3:
+            ends = [child for child in joints[chain[2]].children if joints[child].is_end]
+            tip = chain[3] if len(chain) > 3 else ends[0] if ends else None
+            if tip is not None and not np.linalg.norm(joints[tip].offset) > 0.0:
+                tip = None
+            found[finger] = _Chain((chain[0], chain[1], chain[2]), tip)
+    return found
+
+
+def _side(joints: tuple[Joint, ...], index: int) -> HandSide:
+    """The side of a joint, or of the nearest one above that names it."""
+    while index >= 0:
+        side = side_of(joints[index].name)
+        if side:
+            return side
+        index = joints[index].parent
+    return ""
+
+
+def _longest_line(joints: tuple[Joint, ...], members: list[int]) -> list[int]:
+    """The longest line of joints, each the child of the one before, from the palm outwards."""
+    inside = set(members)
+    best: list[int] = []
+    for last in members:
+        line = [last]
+        while joints[line[0]].parent in inside:
+            line.insert(0, joints[line[0]].parent)
+        if len(line) > len(best):
+            best = line
+    return best
+
+
+def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
+    """The nearest joint that all fingers hang from."""
+    lines = []
+    for chain in chains.values():
+        line, index = [], joints[chain.joints[0]].parent
+        while index >= 0:
+            line.append(index)
+            index = joints[index].parent
+        lines.append(line)
+    shared = [index for index in lines[0] if all(index in line for line in lines)]
+    if not shared:
+        raise TrajectoryError("the fingers hang from no common joint; expected a wrist")
+    return shared[0]
+
+
+def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: Array) -> Array:
+    """Three joints and tip of each finger in the file's unit, shape (T, 5, 4, 3)."""
+    points = np.empty((len(at), len(FINGERS), 4, 3))
+    turned = bvh.orientations() if any(chain.tip is None for chain in chains.values()) else None
+    for f, finger in enumerate(FINGERS):
+        chain = chains[finger]
+        points[:, f, :3] = at[:, list(chain.joints)]
+        if chain.tip is not None:
+            points[:, f, 3] = at[:, chain.tip]
+        elif turned is not None:
+            # A last bone without an end goes on as the one before in the rig's rest pose, at its usual length.
+            bone = 0.7 * bvh.joints[chain.joints[2]].offset
+            points[:, f, 3] = points[:, f, 2] + np.einsum("tij,j->ti", turned[:, chain.joints[2]], bone)
+    return points
+
+
+def _scale(fingers: Array, wrist: Array, unit: str | None) -> tuple[float, float, str]:
+    """Metres a unit, the hand's length [m] and the unit's name.
+
+    Raises:
+        TrajectoryError: no unit makes this the length of a hand.
+    """
+    bones = np.linalg.norm(np.diff(fingers[:, 2], axis=1), axis=2).sum(axis=1)
+    length = float(np.nanmedian(np.linalg.norm(fingers[:, 2, 0] - wrist, axis=1) + bones))
+    if unit is not None:
+        return LENGTH_UNITS[unit], LENGTH_UNITS[unit] * length, unit
+    low, high = HAND_LENGTHS
+    for word, scale in LENGTH_UNITS.items():
+        if low <= scale * length <= high:
+            return scale, scale * length, word
+    raise TrajectoryError(
+        f"the hand is {length:.4g} long from wrist to middle fingertip, which is no hand in m, cm, mm or inch; say "
+        "--length-unit"
+    )

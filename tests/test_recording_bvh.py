@@ -1,0 +1,182 @@
+"""BVH: our own hand in the rigs of several makers, and text that is none."""
+
+import random
+from typing import Literal
+
+import numpy as np
+import pytest
+from bvh_document import RIGS, bvh_text
+from recording_samples import smooth_recording
+
+from hhsim.bvh_text import looks_like_bvh, read_bvh
+from hhsim.errors import HhsimError, TrajectoryError
+from hhsim.hand_change import turn
+from hhsim.recording_bvh import finger_of, read_bvh_recording, side_of
+from hhsim.recording_file import ReadOptions, read_bytes
+from hhsim.recording_repair import repair
+from hhsim.sample_flags import SampleFlag, marked
+
+CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("rig", RIGS)
+def test_our_own_hand_comes_back_from_every_rig(rig: str, side: Literal["right", "left"]) -> None:
+    recording = read_bvh_recording(bvh_text(CLEAN, RIGS[rig], side), name="take")
+    assert recording.hand == side and np.allclose(recording.time, CLEAN.time, atol=1e-4)
+    assert np.abs(recording.position - CLEAN.position).max() < 1e-5
+    assert np.abs(turn(recording.orientation, CLEAN.orientation)).max() < 1e-5
+    assert np.abs(recording.flexion - CLEAN.flexion).max() < 1e-4
+    assert np.abs(recording.abduction).max() < 1e-4
+    assert recording.hand_length is not None and 0.17 < recording.hand_length < 0.2
+    assert recording.form == "bvh" and f"{side} hand at" in recording.findings[0].text
+    repaired = repair(recording)
+    assert repaired.trajectory.hand == side and {finding.kind for finding in repaired.findings} == {"note"}
+
+
+def test_abduction_comes_back_where_the_finger_is_straight() -> None:
+    spread = smooth_recording(25, jitter=0.0)
+    spread = spread.changed(flexion=0.2 * spread.flexion)
+    recording = read_bvh_recording(bvh_text(spread, RIGS["mixamo"]))
+    assert np.abs(recording.abduction - spread.abduction).max() < 0.01
+
+
+def test_positions_are_those_of_a_chain_turned_by_hand() -> None:
+    text = """HIERARCHY
+ROOT a
+{
+  OFFSET 1 2 3
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT b
+  {
+    OFFSET 0 1 0
+    CHANNELS 3 Zrotation Xrotation Yrotation
+    End Site
+    {
+      OFFSET 0 1 0
+    }
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.01
+5 0 0 90 0 0 0 0 0
+0 0 0 90 90 0 0 0 90
+"""
+    bvh = read_bvh(text)
+    at = bvh.positions()
+    assert np.allclose(at[0], [[5, 0, 0], [4, 0, 0], [3, 0, 0]])
+    # About z first, then about the turned x, which is the world's y by then: the bone's y becomes the world's z.
+    assert np.allclose(at[1], [[0, 0, 0], [0, 0, 1], [0, 0, 2]])
+    assert [joint.name for joint in bvh.joints] == ["a", "b", "b end"]
+
+
+def test_names_of_many_makers() -> None:
+    sides = {
+        "mixamorig:RightHandThumb1": "right", "LeftInHandIndex": "left", "rThumb1": "right", "lMid2": "left",
+        "f_index.01.R": "right", "index_01_l": "left", "Bip01 R Finger0": "right", "RHand": "right", "Ring1": "",
+        "L_Hand": "left", "Root": "", "hand": "",
+    }  # fmt: skip
+    assert {name: side_of(name) for name in sides} == sides
+    fingers = {
+        "RightHandThumb1": "thumb", "rMid1": "middle", "Bip01 L Finger2": "middle", "Bip01 L Finger41": "little",
+        "right_pinky3": "little", "RightHandRing2": "ring", "RightFoot": "", "pointer.L": "index",
+    }  # fmt: skip
+    assert {name: finger_of(name) for name in fingers} == fingers
+
+
+def test_both_hands_in_one_file() -> None:
+    right, left = bvh_text(CLEAN, RIGS["neuron"], "right"), bvh_text(CLEAN, RIGS["neuron"], "left")
+    head, motion = right.split("MOTION\n")
+    other_head, other_motion = left.split("MOTION\n")
+    # The left arm hangs from the same root, after the right one.
+    inner = "\n".join(other_head.split("\n")[5:])
+    root = head.rstrip().removesuffix("}")
+    rows = [
+        f"{one} {' '.join(other.split()[6:])}"
+        for one, other in zip(motion.splitlines()[2:], other_motion.splitlines()[2:])
+    ]
+    both = root + inner + "MOTION\n" + "\n".join(motion.splitlines()[:2] + rows) + "\n"
+    recording = read_bvh_recording(both)
+    assert recording.hand == "right" and "the other hand is there too" in recording.findings[0].text
+    assert np.abs(recording.flexion - CLEAN.flexion).max() < 1e-4
+    assert np.abs(read_bvh_recording(both, hand="left").flexion - CLEAN.flexion).max() < 1e-4
+
+
+def test_units_come_from_the_hand_or_the_user() -> None:
+    text = bvh_text(CLEAN, RIGS["mixamo"])
+    assert "lengths in cm" in read_bvh_recording(text).findings[0].text
+    stated = read_bvh_recording(text, length_unit="inch")
+    assert stated.hand_length is not None and stated.hand_length > 0.4
+    z_up = read_bvh_recording(text, world_up="z")
+    assert np.allclose(z_up.flexion, CLEAN.flexion, atol=1e-4)
+    assert np.allclose(z_up.position[:, 2], -CLEAN.position[:, 1], atol=0.2)
+
+
+def test_frames_that_are_broken_or_lost() -> None:
+    lines = bvh_text(CLEAN, RIGS["mixamo"]).splitlines()
+    first = lines.index("MOTION") + 3
+    lines[first + 7] = lines[first + 7][:50]
+    lines[first + 9] = lines[first + 9].replace(".", "x", 1)
+    recording = read_bvh_recording("\n".join(lines) + "\n")
+    assert "2 frame(s) without" in recording.findings[0].text
+    repaired = repair(recording)
+    assert repaired.trajectory.flags is not None
+    assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.PALM_FILLED)).tolist() == [7, 9]
+    short = read_bvh_recording("\n".join(lines[:-5]) + "\n")
+    assert "20 frames where the file says 25" in short.findings[0].text
+    cut = read_bvh_recording("\n".join(lines)[:-3])
+    assert cut.sample_count == 24 and "has no line end" in cut.findings[0].text
+
+
+TEXT = bvh_text(CLEAN, RIGS["mixamo"])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("HIERARCHY", "a BVH hierarchy without MOTION"),
+        ("ROOT a", "line 1 is 'ROOT a'; expected HIERARCHY"),
+        ("HIERARCHY\n}", "line 2: a brace that closes nothing"),
+        ("HIERARCHY\n{", "line 2: a brace that opens nothing"),
+        ("HIERARCHY\nJOINT a", "line 2: JOINT where none can be"),
+        ("HIERARCHY\nROOT a\n{\n}", "line 4: a has no OFFSET"),
+        ("HIERARCHY\nROOT a\n{\nOFFSET 1 2", "line 4: OFFSET 1 2; expected 3 number"),
+        ("HIERARCHY\nROOT a\n{\nOFFSET 1 2 nan", "line 4: OFFSET 1 2 nan; expected 3 number"),
+        ("HIERARCHY\nROOT a\n{\nCHANNELS 2 Xposition", "expected CHANNELS, their number"),
+        ("HIERARCHY\nROOT a\n{\nCHANNELS 1 Wrotation", "expected CHANNELS, their number"),
+        ("HIERARCHY\nhello", "line 2 is 'hello', which no BVH hierarchy holds there"),
+        (TEXT.replace("Frames: 25", "Frames: x"), "Frames: x; expected 1 number"),
+        (TEXT.replace("Frame Time: 0.010000", "Frame Time: 0"), "expected seconds between frames"),
+        (TEXT.split("Frame Time")[0], "expected Frames: and Frame Time:"),
+        (TEXT[: TEXT.index("Frame Time") + 20] + "\n", "no frames"),
+        (TEXT.replace("HandIndex", "HandToe"), "no hand with five fingers of three joints each"),
+        (
+            TEXT.replace("OFFSET -", "OFFSET -7").replace("OFFSET 0", "OFFSET 70"),
+            "which is no hand in m, cm, mm or inch",
+        ),
+        ("HIERARCHY\n" + "ROOT a\n{\nOFFSET 0 0 0\n" + "JOINT b\n{\nOFFSET 0 0 0\n" * 3000, "more than 2000 joints"),
+    ],
+)
+def test_what_is_no_hand_is_refused(text: str, words: str) -> None:
+    with pytest.raises(TrajectoryError, match=words) as error:
+        read_bvh_recording(text)
+    assert "\n" not in str(error.value)
+    with pytest.raises(TrajectoryError, match="no left hand with five fingers; the file has a right one"):
+        read_bvh_recording(TEXT, hand="left")
+
+
+def test_damaged_text_is_refused_or_mended_and_never_crashes() -> None:
+    source = random.Random(5)
+    words = TEXT.split(" ")
+    assert looks_like_bvh(TEXT)
+    for _ in range(120):
+        some = list(words)
+        for _ in range(source.randint(1, 4)):
+            place = source.randrange(len(some))
+            some[place] = source.choice(["", "{", "}", "nan", "1e400", "-7", "OFFSET", "End Site", "MOTION\n", some[0]])
+        text = " ".join(some)[: source.choice([10**9, source.randrange(len(TEXT))])]
+        try:
+            repair(read_bytes(text.encode(), ReadOptions(), name="take"))
+        except HhsimError as error:
+            assert "\n" not in str(error) and len(str(error)) < 400
