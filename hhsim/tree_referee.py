@@ -278,8 +278,9 @@ def _least_slack(mesh: Mesh, balls: _Balls, count: int, rng: np.random.Generator
 
     def moved(weight: FloatArray, step: float) -> FloatArray:
         there = np.maximum(weight + step * rng.normal(size=weight.shape), 0.0)
-        # Clipped weights are points on edges and corners.
-        return np.asarray(there / np.maximum(there.sum(axis=1), np.finfo(float).tiny)[:, None], np.float64)
+        # Clipped weights are points on edges and corners; where nothing is left, it stays where it was.
+        there = np.where(there.any(axis=1, keepdims=True), there, weight)
+        return np.asarray(there / there.sum(axis=1, keepdims=True), np.float64)
 
     worst, seen = _search(face, weight, depth, moved, 0.2)
     return -worst, seen
