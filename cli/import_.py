@@ -1,5 +1,6 @@
 """`hhsim import`."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -7,6 +8,7 @@ import click
 
 from . import options
 from .console import print_json, print_notes, print_table
+from .number_list import number_list
 
 if TYPE_CHECKING:
     from hhsim.recording_file import ReadOptions
@@ -21,6 +23,28 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     metavar="TOML",
     help="What the columns of a CSV mean: units, signs, offsets, which joint (hhsim/column_map.py has an example).",
+)
+@click.option(
+    "--calibration",
+    type=click.Path(path_type=Path),
+    metavar="TOML",
+    help="Calibration of a Dexmo glove (hhsim/dexmo_regression.py has an example).",
+)
+@click.option(
+    "--open", "open_hand", callback=number_list("s", "s"), metavar="S,S", help="When a Dexmo's hand was flat [s]."
+)
+@click.option("--fist", callback=number_list("s", "s"), metavar="S,S", help="When it was a fist [s].")
+@click.option(
+    "--spread",
+    callback=number_list("s", "s"),
+    metavar="S,S",
+    help="When its fingers were spread, the thumb opposed [s].",
+)
+@click.option(
+    "--save-calibration",
+    type=click.Path(path_type=Path),
+    metavar="TOML",
+    help="Write the calibration of --open, --fist and --spread, for other recordings of the same glove.",
 )
 @click.option("--hand", type=click.Choice(["right", "left"]), help="Which hand it is, where the file does not say.")
 @click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the stamps.")
@@ -78,6 +102,11 @@ def command(
     file: Path,
     form: str | None,
     columns: Path | None,
+    calibration: Path | None,
+    open_hand: tuple[float, ...] | None,
+    fist: tuple[float, ...] | None,
+    spread: tuple[float, ...] | None,
+    save_calibration: Path | None,
     hand: Literal["right", "left"] | None,
     time_unit: str | None,
     length_unit: str | None,
@@ -102,22 +131,25 @@ def command(
 ) -> None:
     """Make a trajectory of a recording of a hand.
 
-    FILE is hhsim's own .csv or .h5, .npz arrays, BVH, Leap Motion JSON, or any CSV with --columns. What is wrong in it
-    and safe to mend is mended, marked in each sample and listed; what is not safe is refused with the reason. hhsim
-    replay OBJECT OUT.h5 plays what comes out.
+    FILE is hhsim's own .csv or .h5, .npz arrays, BVH, Leap Motion JSON, a Dexmo's channels, or any CSV with --columns.
+    What is wrong in it and safe to mend is mended, marked in each sample and listed; what is not safe is refused with
+    the reason. hhsim replay OBJECT OUT.h5 plays what comes out.
 
     \b
     Examples:
       hhsim import grab.npz --out grab.h5 --plot grab.png
       hhsim import glove.csv --columns glove.toml --hand left
       hhsim import session.csv --from 2 --to 7.5 --length-unit mm
+      hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
     """
     from hhsim.destination import check_destination, dated_destination
+    from hhsim.dexmo_regression import format_calibration
     from hhsim.errors import InputError, OutputError
     from hhsim.import_report import COLUMNS, make_report
-    from hhsim.recording_file import read_recording
+    from hhsim.recording_file import calibration_of, read_recording
     from hhsim.recording_repair import RepairOptions, repair
     from hhsim.trajectory_file import save_trajectory
+    from hhsim.whole_file import write_whole_file
 
     destination = out or dated_destination(file.stem or "recording")
     if destination.suffix.lower() not in (".h5", ".hdf5", ".csv"):
@@ -125,9 +157,12 @@ def command(
     check_destination(destination)
     if destination.exists() and destination.resolve() == file.resolve():
         raise OutputError(f"{destination} is the recording itself, so it is not replaced: name another file")
-    if plot is not None:
-        check_destination(plot)
-    recording = read_recording(file, _read_options(form, columns, hand, palm_axes, world_up, length_unit))
+    for other in (plot, save_calibration):
+        if other is not None:
+            check_destination(other)
+    wanted = _read_options(form, columns, hand, palm_axes, world_up, length_unit)
+    wanted = replace(wanted, **_dexmo(calibration, open_hand, fist, spread, save_calibration))
+    recording = read_recording(file, wanted)
     said = {"name": name, "source": source, "licence": licence}
     recording = recording.changed(**{key: value for key, value in said.items() if value is not None})
     asked = RepairOptions(
@@ -148,6 +183,8 @@ def command(
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     save_trajectory(repaired.trajectory, destination)
+    if save_calibration is not None:
+        write_whole_file(save_calibration, format_calibration(calibration_of(file, wanted)).encode())
     report = make_report(recording, repaired)
     if plot is not None:
         from hhsim.recording_figure import draw_import
@@ -189,6 +226,30 @@ def _read_options(
         world_up=up,
         length_unit=length_unit,
     )
+
+
+def _dexmo(
+    calibration: Path | None,
+    open_hand: tuple[float, ...] | None,
+    fist: tuple[float, ...] | None,
+    spread: tuple[float, ...] | None,
+    save: Path | None,
+) -> dict[str, Any]:
+    """The calibration of a Dexmo glove, as fields of ReadOptions."""
+    from hhsim.dexmo_regression import read_calibration
+    from hhsim.recording_dexmo import Poses
+
+    fields: dict[str, Any] = {}
+    if calibration is not None:
+        fields["dexmo"] = read_calibration(calibration)
+    if (open_hand is None) != (fist is None) or (spread is not None and fist is None):
+        raise click.UsageError("a calibration by poses needs --open and --fist, and may have --spread")
+    if open_hand is not None and fist is not None:
+        pairs = [None if span is None else (span[0], span[1]) for span in (open_hand, fist, spread)]
+        fields["poses"] = Poses(*pairs)  # type: ignore[arg-type]
+    elif save is not None:
+        raise click.UsageError("--save-calibration needs the poses: --open and --fist")
+    return fields
 
 
 def _limits(hand_file: Path | None, keep: bool) -> "dict[str, JointLimits | None] | dict[str, Any]":

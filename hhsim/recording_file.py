@@ -6,6 +6,7 @@
 | leap | { or [ of JSON, or nothing but letters of base64 | `hhsim.recording_leap` |
 | bvh | HIERARCHY | `hhsim.recording_bvh` |
 | npz | the signature of a zip archive | `hhsim.recording_npz` |
+| dexmo | the names of a Dexmo glove's eleven channels in a table | `hhsim.recording_dexmo` |
 | csv | anything else that is text | `hhsim.recording_csv`, by our columns or by a mapping |
 """
 
@@ -17,11 +18,13 @@ from typing import get_args
 from hhsim.bvh_text import looks_like_bvh
 from hhsim.column_map import OWN_COLUMNS, ColumnMap, is_own_header
 from hhsim.csv_table import read_table
+from hhsim.dexmo_regression import DexmoRegression
 from hhsim.errors import InputError, TrajectoryError, UnknownNameError
 from hhsim.recorded_axes import axes_matrix
 from hhsim.recording import Recording
 from hhsim.recording_bvh import read_bvh_recording
 from hhsim.recording_csv import read_csv_recording
+from hhsim.recording_dexmo import Poses, has_dexmo_channels, read_dexmo_table
 from hhsim.recording_leap import looks_like_leap, read_leap_recording
 from hhsim.recording_npz import read_npz_recording
 from hhsim.trajectory import HandSide, Trajectory
@@ -31,6 +34,7 @@ FORMATS = {
     "npz": "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
     "leap": "a Leap Motion recording, .json or .json.lz",
     "bvh": "BVH motion capture with the joints of fingers",
+    "dexmo": "a table of a Dexmo glove's eleven channels",
     "csv": "a table: hhsim's own columns, or any with --columns",
 }
 """Every format with its one line."""
@@ -49,6 +53,8 @@ class ReadOptions:
         palm_axes: our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
         world_up: the axis of the recording's world that points up; None takes the file's.
         length_unit: of BVH, whose unit else follows from the length of the hand.
+        dexmo: the calibration of a Dexmo glove.
+        poses: when a Dexmo glove's hand was in the poses of its calibration.
     """
 
     form: str | None = None
@@ -57,6 +63,8 @@ class ReadOptions:
     palm_axes: Sequence[str] | None = None
     world_up: str | None = None
     length_unit: str | None = None
+    dexmo: DexmoRegression | None = None
+    poses: Poses | None = None
 
 
 def read_recording(path: str | Path, options: ReadOptions | None = None) -> Recording:
@@ -114,6 +122,10 @@ def read_bytes(data: bytes, options: ReadOptions, *, name: str, path: Path | Non
         )
     if form == "leap":
         return read_leap_recording(text, name=name.removesuffix(".json"), hand=options.hand)
+    if form == "dexmo" or (options.form is None and options.columns is None and _is_dexmo(text)):
+        return read_dexmo_table(read_table(text), options.dexmo, name=name, poses=options.poses)[0]
+    if options.dexmo is not None or options.poses is not None:
+        raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     columns = options.columns
     if columns is None and (options.palm_axes or options.world_up) and is_own_header(read_table(text).header):
         columns = OWN_COLUMNS
@@ -137,6 +149,27 @@ def format_of(data: bytes) -> str:
         return "npz"
     begin = data[:4096].decode("utf-8-sig", errors="replace")
     return "bvh" if looks_like_bvh(begin) else "leap" if looks_like_leap(begin) else "csv"
+
+
+def calibration_of(path: str | Path, options: ReadOptions) -> DexmoRegression:
+    """The calibration that a Dexmo glove's recording gives itself by its poses.
+
+    Args:
+        path: the file.
+        options: with which it is read.
+
+    Raises:
+        TrajectoryError, InputError: as for `read_recording`.
+    """
+    data = Path(path).read_bytes()
+    return read_dexmo_table(read_table(as_text(data)), options.dexmo, poses=options.poses)[1]
+
+
+def _is_dexmo(text: str) -> bool:
+    try:
+        return has_dexmo_channels(read_table(text).header)
+    except TrajectoryError:
+        return False
 
 
 def as_text(data: bytes) -> str:

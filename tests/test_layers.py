@@ -49,6 +49,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
             "recording_leap",
             "recording_bvh",
             "bvh_text",
+            "recording_dexmo",
+            "dexmo_regression",
             "lz_string",
             "finger_fit",
             "recording_file",

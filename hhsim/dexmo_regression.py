@@ -1,0 +1,312 @@
+"""From the eleven channels of a Dexmo glove to the twenty joint angles of the hand, by linear regression.
+
+The glove senses the metacarpophalangeal joints alone: rotate, split and bend of the thumb, split and bend of the other
+fingers. The joints beyond follow from them as they do when a fist is clenched, by linear regression (Gu and colleagues,
+"Dexmo", CHI 2016, which the paper follows): every angle is an offset plus a slope for each channel. The coefficients of
+that work are not public. The default here is a stated guess: a fist bends the fingers by 85°, 100° and, as the last
+joint follows the middle one with two thirds (Rijpkema & Girard 1991), 67°. Angles measured beside the channels give
+better ones (`fit`).
+
+Channels are normalised: 0 is the flat hand with the fingers together, 1 the fist for bend, spread for split, opposed
+for rotate. A glove that gives raw counts is calibrated by poses (`calibrated`), kept as TOML::
+
+    [channel]                        # readings at 0 and at 1; without them the channels are normalised
+    index_bend = { open = 812.0, closed = 3166.0 }
+
+    [angle]
+    unit = "deg"                     # default rad
+
+    [joint]                          # only what differs from the default
+    index_flex2 = { offset = 2.0, index_bend = 98.0 }   # angle = offset + Σ slope · channel
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.column_map import JOINT_NAMES
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand import FINGERS
+from hhsim.recording_units import ANGLE_UNITS
+
+Array = NDArray[np.float64]
+
+CHANNELS = ("thumb_rotate",) + tuple(f"{finger}_{kind}" for finger in FINGERS for kind in ("split", "bend"))
+"""The channels in the glove's order; its pinky is our little finger."""
+BEND = tuple(CHANNELS.index(f"{finger}_bend") for finger in FINGERS)
+
+DEFAULT_DEGREES: dict[str, dict[str, float]] = {
+    "thumb_flex1": {"thumb_bend": 20.0, "thumb_split": -15.0},
+    "thumb_flex2": {"thumb_bend": 50.0},
+    "thumb_flex3": {"thumb_bend": 70.0},
+    **{f"{finger}_flex1": {f"{finger}_bend": 85.0} for finger in FINGERS[1:]},
+    **{f"{finger}_flex2": {f"{finger}_bend": 100.0} for finger in FINGERS[1:]},
+    **{f"{finger}_flex3": {f"{finger}_bend": 100.0 * 2.0 / 3.0} for finger in FINGERS[1:]},
+    "thumb_abd": {"offset": -10.0, "thumb_rotate": 45.0},
+    "index_abd": {"index_split": 15.0},
+    "middle_abd": {"middle_split": 5.0},
+    "ring_abd": {"ring_split": -10.0},
+    "little_abd": {"little_split": -20.0},
+}
+"""The default regression [degrees]; positive abduction turns towards the thumb side."""
+
+LEAST_SPAN = 100.0
+"""A channel of raw counts (12 bits) whose two poses are nearer than this says little: a hint goes with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class DexmoRegression:
+    """The glove's calibration.
+
+    Attributes:
+        open, closed: readings of each channel at 0 and at 1, shape (11,).
+        slope: [rad] of each joint for each normalised channel, shape (20, 11); joints as in `JOINT_NAMES`.
+        offset: [rad] of each joint where all channels are 0, shape (20,).
+        hints: channels whose readings are doubtful, in words.
+    """
+
+    open: Array
+    closed: Array
+    slope: Array
+    offset: Array
+    hints: tuple[str, ...] = ()
+
+    @classmethod
+    def default(cls) -> Self:
+        """Normalised channels and the stated default angles."""
+        slope, offset = np.zeros((len(JOINT_NAMES), len(CHANNELS))), np.zeros(len(JOINT_NAMES))
+        for joint, terms in DEFAULT_DEGREES.items():
+            _set(slope, offset, joint, {key: np.radians(value) for key, value in terms.items()})
+        return cls(np.zeros(len(CHANNELS)), np.ones(len(CHANNELS)), slope, offset)
+
+    @property
+    def counts_raw(self) -> bool:
+        """Whether the readings are raw counts rather than 0 to 1."""
+        return not (np.array_equal(self.open, np.zeros_like(self.open)) and (self.closed == 1.0).all())
+
+    def normalised(self, readings: ArrayLike) -> Array:
+        """Channels from 0 to 1, and beyond where the hand goes beyond its two poses; shape (…, 11)."""
+        return np.asarray((np.asarray(readings, np.float64) - self.open) / (self.closed - self.open))
+
+    def angles(self, readings: ArrayLike) -> tuple[Array, Array]:
+        """Flexion (…, 5, 3) and abduction (…, 5) [rad] from readings of the channels, shape (…, 11)."""
+        whole = self.normalised(readings) @ self.slope.T + self.offset
+        return whole[..., :15].reshape(*whole.shape[:-1], 5, 3), whole[..., 15:]
+
+    def bends(self, flexion: ArrayLike) -> Array:
+        """The normalised bend of each finger that comes nearest to its three angles, 0 to 1, shape (…, 5).
+
+        What a glove that takes a position limit is told. The other channels are taken as 0.
+
+        Args:
+            flexion: [rad], shape (…, 5, 3).
+        """
+        given = np.asarray(flexion, np.float64) - self.offset[:15].reshape(5, 3)
+        slope = np.stack([self.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(len(FINGERS))])
+        size = (slope * slope).sum(axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            bend = (given * slope).sum(axis=-1) / size
+        return np.asarray(np.clip(np.where(size > 0.0, bend, 0.0), 0.0, 1.0))
+
+
+def calibrated(
+    regression: DexmoRegression, opened: ArrayLike, fist: ArrayLike, spread: ArrayLike | None = None
+) -> DexmoRegression:
+    """The regression with the two ends of each channel from poses.
+
+    Args:
+        regression: whose angles stay.
+        opened: readings while the hand is flat with the fingers together, shape (N, 11); their median counts.
+        fist: readings while it is a fist: the other end of the bends.
+        spread: readings while the fingers are spread and the thumb is opposed: the other end of split and rotate.
+            Without it those channels are left out.
+
+    Returns:
+        A regression whose `hints` name the channels that are left out, or that move too little.
+
+    Raises:
+        InputError: no readings of a channel, or a bend that reads the same in the open hand and in the fist.
+    """
+    low, closed = _medians("open hand", opened), _medians("fist", fist)
+    wide = low if spread is None else _medians("spread hand", spread)
+    bend = np.isin(np.arange(len(CHANNELS)), BEND)
+    high = np.where(bend, closed, wide)
+    span = np.abs(high - low)
+    dead = span == 0.0
+    if (dead & bend).any():
+        name = CHANNELS[int(np.argmax(dead & bend))]
+        raise InputError(
+            f"{name} reads {low[CHANNELS.index(name)]:g} in the open hand and in the fist: it says nothing"
+        )
+    hints = []
+    if dead.any():
+        names = ", ".join(name for name, out in zip(CHANNELS, dead) if out)
+        hints.append(f"channels left out, for no pose moves them: {names}")
+    if span.max() > 2.0:
+        narrow = [f"{name} by {value:.0f}" for name, value in zip(CHANNELS, span) if 0.0 < value < LEAST_SPAN]
+        if narrow:
+            hints.append(f"channels that change little between their poses: {', '.join(narrow)} counts")
+    slope = np.where(dead, 0.0, regression.slope)
+    return replace(regression, open=low, closed=np.where(dead, low + 1.0, high), slope=slope, hints=tuple(hints))
+
+
+def _medians(word: str, readings: ArrayLike) -> Array:
+    values = np.asarray(readings, np.float64)
+    if values.ndim != 2 or values.shape[1] != len(CHANNELS):
+        raise InputError(f"{word}: readings of shape {values.shape}; expected (N, {len(CHANNELS)})")
+    known = np.isfinite(values)
+    if not known.any(axis=0).all():
+        missing = CHANNELS[int(np.argmin(known.any(axis=0)))]
+        raise InputError(f"{word}: no reading of {missing}; expected some of every channel")
+    return np.array([np.median(column[ok]) for column, ok in zip(values.T, known.T)])
+
+
+def fit(
+    regression: DexmoRegression, readings: ArrayLike, angles: ArrayLike, joints: Sequence[str] = JOINT_NAMES
+) -> tuple[DexmoRegression, Array]:
+    """The regression whose joints follow measured angles best, in least squares.
+
+    Each joint keeps the channels that it depends on; their slopes and its offset are found anew.
+
+    Args:
+        regression: which channels each joint depends on, and the ends of the channels.
+        readings: of the channels, shape (N, 11).
+        angles: of the joints measured beside them [rad], shape (N, J).
+        joints: names of these joints.
+
+    Returns:
+        The regression, and what is left of each joint, root mean square [rad], shape (J,).
+
+    Raises:
+        InputError: too few samples, or channels that do not move enough to tell slopes apart.
+        UnknownNameError: a joint that no hand has.
+    """
+    channels, measured = regression.normalised(readings), np.asarray(angles, np.float64)
+    if channels.ndim != 2 or measured.shape != (len(channels), len(joints)):
+        raise InputError(f"readings of shape {channels.shape} do not belong to angles of shape {measured.shape}")
+    slope, offset = regression.slope.copy(), regression.offset.copy()
+    left = np.empty(len(joints))
+    for column, joint in enumerate(joints):
+        if joint not in JOINT_NAMES:
+            raise UnknownNameError("joint", joint, JOINT_NAMES)
+        row = JOINT_NAMES.index(joint)
+        used = np.flatnonzero(slope[row])
+        known = np.isfinite(measured[:, column]) & np.isfinite(channels[:, used]).all(axis=1)
+        design = np.concatenate([np.ones((int(known.sum()), 1)), channels[known][:, used]], axis=1)
+        found, _, rank, _ = np.linalg.lstsq(design, measured[known, column], rcond=1e-6)
+        if rank < design.shape[1]:
+            names = ", ".join(CHANNELS[k] for k in used)
+            raise InputError(f"{joint} cannot be fitted: {names} do not move enough; expected open hand to fist")
+        offset[row], slope[row, used] = found[0], found[1:]
+        left[column] = np.sqrt(np.mean((design @ found - measured[known, column]) ** 2))
+    return replace(regression, slope=slope, offset=offset), left
+
+
+def format_calibration(regression: DexmoRegression) -> str:
+    """The TOML text of a calibration, with every joint."""
+    lines = []
+    if regression.counts_raw:
+        lines.append("[channel]")
+        lines += [
+            f"{name} = {{ open = {low!r}, closed = {high!r} }}"
+            for name, low, high in zip(CHANNELS, regression.open.tolist(), regression.closed.tolist())
+        ]
+        lines.append("")
+    lines += ["[angle]", 'unit = "rad"', "", "[joint]"]
+    for row, joint in enumerate(JOINT_NAMES):
+        terms = {"offset": float(regression.offset[row])}
+        terms |= {CHANNELS[k]: float(regression.slope[row, k]) for k in np.flatnonzero(regression.slope[row])}
+        lines.append(f"{joint} = {{ {', '.join(f'{key} = {value!r}' for key, value in terms.items())} }}")
+    return "\n".join(lines) + "\n"
+
+
+def read_calibration(path: Path) -> DexmoRegression:
+    """Read a calibration from a TOML file.
+
+    Raises:
+        InputError: no such file, no TOML, or a key or value that no calibration has.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file; expected a TOML calibration") from None
+    return parse_calibration(text, where=str(path))
+
+
+def parse_calibration(text: str, *, where: str) -> DexmoRegression:
+    """Make a calibration from TOML text; joints that it does not name keep their default.
+
+    Args:
+        text: the document.
+        where: names it in messages.
+
+    Raises:
+        InputError: no TOML, or a key or value that no calibration has.
+    """
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{where}: not TOML: {error}") from None
+    _check_keys(where, table, ("channel", "angle", "joint"))
+    angle = _table(where, "angle", table.get("angle", {}))
+    _check_keys(f"{where}: angle", angle, ("unit",))
+    if angle.get("unit", "rad") not in ANGLE_UNITS:
+        raise InputError(f"{where}: angle.unit = {angle['unit']!r}; expected {' or '.join(ANGLE_UNITS)}")
+    factor = ANGLE_UNITS[angle.get("unit", "rad")]
+    base = DexmoRegression.default()
+    opened, closed, slope, offset = (values.copy() for values in (base.open, base.closed, base.slope, base.offset))
+    ends = _table(where, "channel", table.get("channel", {}))
+    _check_keys(f"{where}: channel", ends, CHANNELS)
+    if ends and len(ends) < len(CHANNELS):
+        missing = next(name for name in CHANNELS if name not in ends)
+        raise InputError(f"{where}: channel.{missing} is missing; expected all {len(CHANNELS)} channels, or none")
+    for name, value in ends.items():
+        pair = _table(where, f"channel.{name}", value)
+        _check_keys(f"{where}: channel.{name}", pair, ("open", "closed"))
+        low, high = (_number(f"{where}: channel.{name}.{key}", pair.get(key)) for key in ("open", "closed"))
+        if low == high:
+            raise InputError(f"{where}: channel.{name}: open and closed are both {low:g}; expected two readings")
+        opened[CHANNELS.index(name)], closed[CHANNELS.index(name)] = low, high
+    joints = _table(where, "joint", table.get("joint", {}))
+    _check_keys(f"{where}: joint", joints, JOINT_NAMES)
+    for name, value in joints.items():
+        terms = _table(where, f"joint.{name}", value)
+        _check_keys(f"{where}: joint.{name}", terms, ("offset", *CHANNELS))
+        numbers = {key: factor * _number(f"{where}: joint.{name}.{key}", term) for key, term in terms.items()}
+        slope[JOINT_NAMES.index(name)], offset[JOINT_NAMES.index(name)] = 0.0, 0.0
+        _set(slope, offset, name, numbers)
+    return DexmoRegression(opened, closed, slope, offset)
+
+
+def _set(slope: Array, offset: Array, joint: str, terms: Mapping[str, float]) -> None:
+    row = JOINT_NAMES.index(joint)
+    for key, value in terms.items():
+        if key == "offset":
+            offset[row] = value
+        else:
+            slope[row, CHANNELS.index(key)] = value
+
+
+def _table(where: str, key: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: {key} = {value!r}; expected a table")
+    return value
+
+
+def _check_keys(where: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(f"{where}: {UnknownNameError('key', key, known)}")
+
+
+def _number(where: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e6:
+        raise InputError(f"{where} = {value!r}; expected a number")
+    return float(value)

@@ -1,0 +1,110 @@
+"""Recordings of a Dexmo glove: a CSV with its eleven channels, by linear regression to joint angles.
+
+Columns: thumb_rotate, thumb_split, thumb_bend, index_split, … little_bend (pinky_… is the same), time [s], and px, py,
+pz, qw, qx, qy, qz where another tracker gave the palm's pose: the glove itself has none. The channels are kept beside
+the motion as they were read.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.column_map import ColumnMap
+from hhsim.csv_table import Table
+from hhsim.dexmo_regression import CHANNELS, DexmoRegression, calibrated
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.recording import Finding, Recording, note
+from hhsim.recording_csv import mapped
+from hhsim.sample_flags import SampleFlag, mark
+from hhsim.trajectory import RawChannel
+
+Array = NDArray[np.float64]
+
+ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
+MOST_NORMALISED = 1.5
+"""Channels beyond this are raw counts."""
+
+
+@dataclass(frozen=True)
+class Poses:
+    """When the hand was in the poses of a calibration, each from one stamp to another [s]."""
+
+    open: tuple[float, float]
+    fist: tuple[float, float]
+    spread: tuple[float, float] | None = None
+
+
+def has_dexmo_channels(header: tuple[str, ...]) -> bool:
+    """Whether a table has all eleven channels."""
+    return set(CHANNELS) <= {ALIAS.get(name, name) for name in header}
+
+
+def read_dexmo_table(
+    table: Table,
+    regression: DexmoRegression | None = None,
+    *,
+    name: str = "",
+    poses: Poses | None = None,
+) -> tuple[Recording, DexmoRegression]:
+    """The recording of a table of channels, and the calibration that was used.
+
+    Args:
+        table: with the channels and a column of stamps [s].
+        regression: the calibration; the default, for normalised channels, if not given.
+        name: of the recording.
+        poses: when the hand was in the poses of the calibration: the channels' ends are taken from there.
+
+    Raises:
+        InputError: raw counts without a calibration, or spans without samples.
+        TrajectoryError: no stamps, or no numbers.
+    """
+    table = replace(table, header=tuple(ALIAS.get(column, column) for column in table.header))
+    if "time" not in table.header:
+        raise TrajectoryError("no column 'time'; expected stamps [s] beside the channels")
+    places = {"px", "py", "pz"} <= set(table.header)
+    turns = {"qw", "qx", "qy", "qz"} <= set(table.header)
+    columns = ColumnMap(
+        joints={},
+        time="time",
+        position=("px", "py", "pz") if places else (),
+        orientation=("qw", "qx", "qy", "qz") if turns else (),
+        stated=frozenset({"angle"}),
+        texts={"device": "Dexmo"},
+    )
+    recording = mapped(table, columns, name, "dexmo")
+    readings, broken = table.numbers(CHANNELS)
+    chosen = regression or DexmoRegression.default()
+    if poses is not None:
+        spread = None if poses.spread is None else _within(recording, readings, poses.spread, "spread")
+        flat, fist = (
+            _within(recording, readings, poses.open, "open"),
+            _within(recording, readings, poses.fist, "a fist"),
+        )
+        chosen = calibrated(chosen, flat, fist, spread)
+    elif not chosen.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
+        raise InputError(
+            f"channels reach {np.nanmax(np.abs(readings)):g}: raw counts; expected 0 to 1, or a calibration: "
+            "--calibration, or --open and --fist"
+        )
+    flexion, abduction = chosen.angles(readings)
+    findings = [Finding(SampleFlag.ESTIMATED.word, "joints beyond the first by linear regression", len(readings), None)]
+    if not places:
+        findings.append(note("no palm pose beside the channels: the palm stays where it is"))
+    if broken:
+        findings.append(note(f"{broken} cell(s) of channels that are no numbers: taken as missing"))
+    findings += [note(hint) for hint in chosen.hints]
+    recording = recording.changed(
+        flexion=flexion,
+        abduction=abduction,
+        raw=tuple(RawChannel(key, readings[:, k], "1", "Dexmo, as it was read") for k, key in enumerate(CHANNELS)),
+    )
+    mark(recording.flags, np.ones(len(readings), dtype=bool), SampleFlag.ESTIMATED)
+    return recording.found(*findings), chosen
+
+
+def _within(recording: Recording, readings: Array, span: tuple[float, float], word: str) -> Array:
+    inside = (recording.time >= span[0]) & (recording.time <= span[1])
+    if not inside.any():
+        raise InputError(f"no sample from {span[0]:g} to {span[1]:g} s, where the hand is said to be {word}")
+    return np.asarray(readings[inside])

@@ -1,0 +1,238 @@
+"""Eleven channels to twenty angles: the default, calibration by poses, the fit, and recordings of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+from numpy.typing import NDArray
+
+from hhsim.column_map import JOINT_NAMES
+from hhsim.csv_table import read_table
+from hhsim.dexmo_regression import (
+    BEND,
+    CHANNELS,
+    DexmoRegression,
+    calibrated,
+    fit,
+    format_calibration,
+    parse_calibration,
+    read_calibration,
+)
+from hhsim.errors import HhsimError, InputError
+from hhsim.hand import FINGERS
+from hhsim.recording_dexmo import has_dexmo_channels, read_dexmo_table
+from hhsim.recording_file import read_recording
+from hhsim.recording_repair import default_limits
+from hhsim.sample_flags import SampleFlag, marked
+from hhsim.trajectory_file import load_trajectory
+
+Array = NDArray[np.float64]
+DEFAULT = DexmoRegression.default()
+LOW = np.linspace(700.0, 1300.0, 11)
+HIGH = LOW + np.where(np.arange(11) == 3, 37.0, 2000.0)
+
+
+def test_the_channels_are_the_gloves() -> None:
+    assert len(CHANNELS) == 11 and CHANNELS[:3] == ("thumb_rotate", "thumb_split", "thumb_bend")
+    assert [CHANNELS[k] for k in BEND] == [f"{finger}_bend" for finger in FINGERS]
+
+
+def test_the_default_opens_closes_and_stays_within_the_hand() -> None:
+    flexion, abduction = DEFAULT.angles(np.zeros(11))
+    assert not flexion.any() and np.degrees(abduction[0]) == pytest.approx(-10.0) and not abduction[1:].any()
+    fist, _ = DEFAULT.angles(np.isin(np.arange(11), BEND).astype(float))
+    assert np.allclose(np.degrees(fist[1:]), [85.0, 100.0, 200.0 / 3.0])
+    assert np.allclose(fist[1:, 2] / fist[1:, 1], 2.0 / 3.0)
+    limits = default_limits()
+    random = np.random.default_rng(1).uniform(0.0, 1.0, (200, 11))
+    flexion, abduction = DEFAULT.angles(random)
+    assert flexion.shape == (200, 5, 3) and abduction.shape == (200, 5)
+    assert (flexion >= limits.flexion_min).all() and (flexion <= limits.flexion_max).all()
+    assert (abduction >= limits.abduction_min).all() and (abduction <= limits.abduction_max).all()
+
+
+def test_each_finger_follows_its_own_channels_alone() -> None:
+    for k, channel in enumerate(CHANNELS):
+        flexion, abduction = DEFAULT.angles(np.eye(11)[k])
+        still, rest = DEFAULT.angles(np.zeros(11))
+        moved = (flexion != still).any(axis=1) | (abduction != rest)
+        assert [finger for finger, m in zip(FINGERS, moved) if m] == [channel.split("_")[0]]
+
+
+def test_the_bends_of_a_posture_are_the_channels_that_made_it() -> None:
+    bend = np.random.default_rng(2).uniform(0.0, 1.0, (50, 5))
+    channels = np.zeros((50, 11))
+    channels[:, BEND] = bend
+    flexion, _ = DEFAULT.angles(channels)
+    assert np.allclose(DEFAULT.bends(flexion), bend)
+    assert (DEFAULT.bends(flexion + 3.0) == 1.0).all() and (DEFAULT.bends(flexion - 3.0) == 0.0).all()
+    mixed = flexion + np.random.default_rng(3).normal(0.0, 0.05, flexion.shape)
+    best = DEFAULT.bends(mixed)
+
+    def off(bend: Array) -> Array:
+        channels[:, BEND] = bend
+        return np.asarray(((DEFAULT.angles(channels)[0] - mixed) ** 2).sum(axis=2))
+
+    for step in (-0.01, 0.01):
+        assert (off(np.clip(best + step, 0.0, 1.0)) >= off(best) - 1e-12).all()
+
+
+def test_two_poses_calibrate_raw_counts() -> None:
+    random = np.random.default_rng(4)
+    jitter = [random.normal(0.0, 2.0, (51, 11)) for _ in range(3)]
+    bend = np.isin(np.arange(11), BEND)
+    flat, fist, spread = LOW + jitter[0], np.where(bend, HIGH, LOW) + jitter[1], np.where(bend, LOW, HIGH) + jitter[2]
+    flat[3] = np.nan
+    glove = calibrated(DEFAULT, flat, fist, spread)
+    assert np.allclose(glove.open, LOW, atol=2.0) and np.allclose(glove.closed, HIGH, atol=2.0)
+    assert glove.counts_raw and not DEFAULT.counts_raw
+    channels = random.uniform(0.0, 1.0, (20, 11))
+    wide = np.arange(11) != 3
+    for made, meant in zip(glove.angles(LOW + channels * (HIGH - LOW)), DEFAULT.angles(channels)):
+        assert np.abs(made - meant).max() < 0.03
+    assert glove.hints == ("channels that change little between their poses: index_split by 37 counts",) or (
+        "index_split" in glove.hints[0] and wide.sum() == 10
+    )
+    without = calibrated(DEFAULT, np.tile(LOW, (3, 1)), np.tile(np.where(bend, HIGH, LOW), (3, 1)))
+    assert "channels left out, for no pose moves them: thumb_rotate, thumb_split" in without.hints[0]
+    assert not without.slope[:, ~bend].any() and np.isfinite(without.angles(LOW)[0]).all()
+
+
+def test_poses_that_say_nothing_are_refused() -> None:
+    with pytest.raises(InputError, match="thumb_bend reads 800 in the open hand and in the fist"):
+        calibrated(DEFAULT, np.full((2, 11), 800.0), np.full((2, 11), 800.0))
+    with pytest.raises(InputError, match=r"fist: readings of shape \(11,\); expected \(N, 11\)"):
+        calibrated(DEFAULT, np.zeros((2, 11)), np.zeros(11))
+    lost = np.zeros((2, 11))
+    lost[:, 4] = np.nan
+    with pytest.raises(InputError, match="open hand: no reading of index_bend"):
+        calibrated(DEFAULT, lost, np.ones((2, 11)))
+
+
+def test_the_fit_finds_the_line_that_made_the_angles() -> None:
+    random = np.random.default_rng(5)
+    truth = DexmoRegression(
+        DEFAULT.open, DEFAULT.closed, DEFAULT.slope * random.uniform(0.6, 1.2, DEFAULT.slope.shape),
+        random.normal(0.0, 0.1, 20),
+    )  # fmt: skip
+    readings = random.uniform(0.0, 1.0, (200, 11))
+    flexion, abduction = truth.angles(readings)
+    angles = np.concatenate([flexion.reshape(200, 15), abduction], axis=1)
+    found, left = fit(DEFAULT, readings, angles)
+    assert np.allclose(found.slope, truth.slope) and np.allclose(found.offset, truth.offset) and left.max() < 1e-12
+    noisy = angles + random.normal(0.0, 0.05, angles.shape)
+    noisy[7, 3] = np.nan
+    _, left = fit(DEFAULT, readings, noisy)
+    assert np.allclose(left, 0.05, atol=0.01)
+    one, _ = fit(DEFAULT, readings, angles[:, [4]], ["index_flex2"])
+    assert np.allclose(one.slope[4], truth.slope[4]) and np.allclose(one.slope[5], DEFAULT.slope[5])
+    with pytest.raises(InputError, match="index_flex2 cannot be fitted: index_bend do not move enough"):
+        fit(DEFAULT, np.zeros((9, 11)), np.zeros((9, 1)), ["index_flex2"])
+    with pytest.raises(HhsimError, match="unknown joint 'index_flex4'"):
+        fit(DEFAULT, readings, angles[:, [4]], ["index_flex4"])
+    with pytest.raises(InputError, match="do not belong to angles"):
+        fit(DEFAULT, readings, angles[:9])
+
+
+def test_a_calibration_is_kept_as_toml(tmp_path: Path) -> None:
+    glove = calibrated(DEFAULT, LOW[None], HIGH[None], HIGH[None])
+    path = tmp_path / "glove.toml"
+    path.write_text(format_calibration(glove))
+    again = read_calibration(path)
+    for key in ("open", "closed", "slope", "offset"):
+        assert getattr(again, key).tobytes() == getattr(glove, key).tobytes(), key
+    some = parse_calibration(
+        "[angle]\nunit = 'deg'\n[joint]\nindex_flex2 = { offset = 2.0, index_bend = 98.0 }", where="glove.toml"
+    )
+    row = JOINT_NAMES.index("index_flex2")
+    assert np.degrees(some.offset[row]) == pytest.approx(2.0) and np.degrees(some.slope[row, 4]) == pytest.approx(98.0)
+    assert np.allclose(np.delete(some.slope, row, axis=0), np.delete(DEFAULT.slope, row, axis=0))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[joint", "not TOML"),
+        ("[joints]", "unknown key 'joints': did you mean joint"),
+        ("[angle]\nunit = 'grad'", "expected rad or deg"),
+        ("[channel]\nindex_bent = {}", "unknown key 'index_bent': did you mean index_bend"),
+        ("[channel]\nindex_bend = { open = 1, closed = 2 }", "expected all 11 channels, or none"),
+        ("[joint]\nindex_flex1 = 3", "expected a table"),
+        ("[joint]\nindex_flex1 = { index_bend = 'x' }", "expected a number"),
+        ("[joint]\nindex_flex1 = { index_bend = nan }", "expected a number"),
+        ("[joint]\nindex_flex1 = { pinky = 1 }", "unknown key 'pinky'"),
+        ("channel = 1", "expected a table"),
+    ],
+)
+def test_calibrations_that_are_none(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as error:
+        parse_calibration(text, where="glove.toml")
+    assert str(error.value).startswith("glove.toml: ") and "\n" not in str(error.value)
+    ends = format_calibration(calibrated(DEFAULT, LOW[None], HIGH[None], HIGH[None]))
+    with pytest.raises(InputError, match="open and closed are both 5"):
+        parse_calibration(ends.replace("open = 700.0, closed = 2700.0", "open = 5, closed = 5"), where="glove.toml")
+    with pytest.raises(InputError, match=r"none.toml: cannot be read"):
+        read_calibration(Path("none.toml"))
+
+
+def session(tmp_path: Path, *, raw: bool) -> Path:
+    """A flat hand, a fist, a spread hand, and then a fist again and again, 3 s each at 100 Hz; pinky names, no palm."""
+    time = np.arange(1200) / 100.0
+    bend, wide = np.zeros(1200), np.zeros(1200)
+    bend[300:600], wide[600:900] = 1.0, 1.0
+    bend[900:] = 0.5 - 0.5 * np.cos(2.0 * np.pi * (time[900:] - 9.0))
+    # Poses change within 0.3 s.
+    kernel = np.ones(31) / 31.0
+    bend, wide = (np.convolve(np.pad(values, 15, mode="edge"), kernel, "valid") for values in (bend, wide))
+    channels = np.where(np.isin(np.arange(11), BEND), bend[:, None], wide[:, None])
+    rows = LOW + channels * (LOW + 2000.0 - LOW) if raw else channels
+    names = ",".join(name.replace("little", "pinky") for name in CHANNELS)
+    path = tmp_path / "session.csv"
+    lines = [f"{t:.3f}," + ",".join(f"{value:.4f}" for value in row) for t, row in zip(time, rows)]
+    path.write_text(f"time,{names}\n" + "\n".join(lines) + "\n")
+    return path
+
+
+def test_normalised_channels_come_in_with_the_default(tmp_path: Path) -> None:
+    path = session(tmp_path, raw=False)
+    recording = read_recording(path)
+    assert recording.form == "dexmo" and recording.device == "Dexmo"
+    assert np.degrees(recording.flexion[450, 1]) == pytest.approx([85.0, 100.0, 66.6667], abs=0.01)
+    assert marked(recording.flags, SampleFlag.ESTIMATED).all()
+    assert [channel.name for channel in recording.raw] == list(CHANNELS)
+    assert "no palm pose beside the channels" in recording.findings[1].text
+    table = read_table(path.read_text())
+    assert has_dexmo_channels(table.header) and not has_dexmo_channels(table.header[:-1])
+    assert read_dexmo_table(table)[1].slope.tobytes() == DEFAULT.slope.tobytes()
+
+
+def test_a_session_calibrates_itself_and_others(run: Run, tmp_path: Path) -> None:
+    path = session(tmp_path, raw=True)
+    code, out, err = run("import", str(path))
+    assert code == 2 and out == "" and "raw counts; expected 0 to 1, or a calibration: --calibration, or" in err
+    poses = ("--open", "0.5,2.5", "--fist", "3.5,5.5", "--spread", "6.5,8.5")
+    code, out, err = run("import", str(path), *poses, "--save-calibration", "glove.toml", "--out", "one.h5")
+    assert (code, err) == (0, "") and "joints beyond the first by linear regression" in out
+    one = load_trajectory(tmp_path / "one.h5")
+    assert np.degrees(one.flexion[450, 4]) == pytest.approx([85.0, 100.0, 66.6667], abs=0.01)
+    assert [channel.name for channel in one.raw] == sorted(CHANNELS)
+    assert one.raw[0].values[0] == pytest.approx(LOW[CHANNELS.index(one.raw[0].name)])
+    code, _, err = run("import", str(path), "--calibration", "glove.toml", "--out", "two.h5")
+    assert (code, err) == (0, "")
+    assert load_trajectory(tmp_path / "two.h5").flexion.tobytes() == one.flexion.tobytes()
+    for arguments, words in (
+        (("--open", "0,1"), "needs --open and --fist"),
+        (("--save-calibration", "x.toml"), "--save-calibration needs the poses"),
+        (("--open", "0,1", "--fist", "90,91"), "no sample from 90 to 91 s, where the hand is said to be a fist"),
+        (("--calibration", "none.toml"), "none.toml: cannot be read"),
+    ):
+        code, out, err = run("import", str(path), *arguments, "--out", "three.h5")
+        assert code == 2 and words in err and len(err.splitlines()) == 1, err
+    assert not (tmp_path / "three.h5").exists()
+
+
+def test_a_calibration_needs_a_dexmo(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n2,3\n")
+    code, _, err = run("import", "other.csv", "--open", "0,1", "--fist", "1,2")
+    assert code == 2 and "a calibration of the Dexmo glove, but the file holds other columns" in err
