@@ -111,7 +111,8 @@ def round_cone_contact(
 ) -> tuple[Array, Array]:
     """As `sphere_contact`, for the hull of two spheres (`round_cone_distance`).
 
-    The nearest place lies in the direction in which the distance grows least, the negative of its gradient.
+    The nearest place lies against the gradient of the distance; of a leaf centred on the axis, where there is none, the
+    point is that centre.
     """
     distance = round_cone_distance(leaf_center, a, b, radius_a, radius_b)
     step = 1e-7
