@@ -14,6 +14,7 @@ A cylinder has a radius at each end and ends there. A sphere is
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,7 @@ class Region:
         return held
 
 
+@cache
 def object_regions(name: str) -> dict[str, Region]:
     """The regions of an object of the catalogue, by name; none for most.
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.brute_distance import round_cone_contact, sphere_contact
+from hhsim.brute_distance import round_cone_contact, round_cone_distance, sphere_contact
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand import FINGERS, HandModel
 from hhsim.regions import object_region
@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 ANYWHERE = "anywhere"
 PALM = "palm"
 TOUCHERS = (*FINGERS, PALM)
+CHUNK = 64
+"""Leaves whose contact points are looked at together."""
 TOUCHING = 1e-5
 """A part of the hand that is this near [m] to a sphere of the object touches it."""
 
@@ -89,26 +91,45 @@ def touch_distances(
     Raises:
         UnknownNameError: the object has no such region.
     """
-    found = np.full(len(touches), np.inf)
-    for number, touch in enumerate(touches):
-        for distance, point in _contacts(touch.part, hand, tree, joints, position, rotation):
-            held = np.ones(len(distance), bool)
-            if touch.region != ANYWHERE:
-                held = object_region(object_name, touch.region).holds(point)
-            found[number] = min(found[number], distance[held].min(initial=np.inf))
-    return found
+    bodies = {part: _bodies(part, hand, joints, position, rotation) for part in {touch.part for touch in touches}}
+    return np.array(
+        [min(_nearest(touch, object_name, tree, *body) for body in bodies[touch.part]) for touch in touches]
+    )
 
 
-def _contacts(
-    part: str, hand: HandModel, tree: SphereTree, joints: Array, position: Array, rotation: Array
-) -> list[tuple[Array, Array]]:
-    """For each body of a part of the hand: distances to all leaves, shape (L,), and points on them, shape (L, 3)."""
-    center, radius = tree.leaf_center, tree.leaf_radius
+def _bodies(
+    part: str, hand: HandModel, joints: Array, position: Array, rotation: Array
+) -> list[tuple[Array, Array, float, float]]:
+    """The round cones of a finger, or the spheres of the palm as cones of no length: both ends and both radii."""
     if part == PALM:
-        palm = hand.palm_tree
-        places = palm.leaf_center @ rotation.T + position
-        return [sphere_contact(center, radius, place, size) for place, size in zip(places, palm.leaf_radius)]
+        places = hand.palm_tree.leaf_center @ rotation.T + position
+        return [(place, place, size, size) for place, size in zip(places, hand.palm_tree.leaf_radius.tolist())]
     f = FINGERS.index(part)
-    return [
-        round_cone_contact(center, radius, joints[f, k], joints[f, k + 1], *hand.radius[f, k : k + 2]) for k in range(3)
-    ]
+    return [(joints[f, k], joints[f, k + 1], *hand.radius[f, k : k + 2].tolist()) for k in range(3)]
+
+
+def _nearest(
+    touch: Touch, object_name: str, tree: SphereTree, a: Array, b: Array, radius_a: float, radius_b: float
+) -> float:
+    """Least distance of a body to a leaf that it would touch within the region."""
+    center, radius = tree.leaf_center, tree.leaf_radius
+    ball = a is b
+    if ball:
+        distance = np.linalg.norm(center - a, axis=1) - radius - radius_a
+    else:
+        distance = round_cone_distance(center, a, b, radius_a, radius_b) - radius
+    if touch.region == ANYWHERE:
+        return float(distance.min())
+    region = object_region(object_name, touch.region)
+    nearest = np.argsort(distance)
+    # Contact points cost more than distances, and the nearest leaves decide.
+    for first in range(0, len(nearest), CHUNK):
+        some = nearest[first : first + CHUNK]
+        leaves = center[some], radius[some]
+        _, points = (
+            sphere_contact(*leaves, a, radius_a) if ball else round_cone_contact(*leaves, a, b, radius_a, radius_b)
+        )
+        held = region.holds(points)
+        if held.any():
+            return float(distance[some[held]].min())
+    return np.inf

@@ -71,20 +71,26 @@ def trembling_hold(
     rate: float,
     seed: int = 0,
     disturbance: Disturbance = TREMOR,
+    sample_rate: float | None = None,
 ) -> tuple[TickRecord, BoolArray]:
     """Repeat a hold with a hand that is not still.
 
     Args:
         hand, tree, options, haptic, graphic, abduction, rate, seed: As `tremor_variation`.
         disturbance: What moves it.
+        sample_rate: Samples per second [Hz] of the device that measures it, each held until the next one; None for a
+            sample every tick.
 
     Returns:
         The ticks of the repetition, and which of them come after the onset, shape (T,).
     """
     time = np.arange(len(haptic.position)) / rate
-    position, orientation, flexion = disturbance.apply(
-        seed, time, haptic.position.copy(), haptic.orientation.copy(), haptic.flexion.copy()
+    sample = np.arange(len(time)) if sample_rate is None else np.floor(time * sample_rate + 1e-9).astype(np.int64)
+    taken = np.searchsorted(sample, np.arange(sample[-1] + 1))
+    moved = disturbance.apply(
+        seed, time[taken], haptic.position[taken], haptic.orientation[taken], haptic.flexion[taken]
     )
+    position, orientation, flexion = (np.ascontiguousarray(values[sample]) for values in moved)
     solver = HandSolver(hand, tree, options)
     solver.place(graphic.position[0], graphic.orientation[0], graphic.flexion[0], abduction[0])
     return solver.run(position, orientation, flexion, abduction), time >= ONSET

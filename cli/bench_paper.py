@@ -1,0 +1,173 @@
+"""`hhsim bench paper`."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from . import options
+from .console import announce_compilation, print_json, print_table, progress
+from .name_list import read_names
+
+if TYPE_CHECKING:
+    from hhsim.paper_rows import PaperRow
+
+SCALES = {"s": (1e6, "µs"), "m": (1e6, "µm"), "%": (1.0, "%"), "1": (1.0, "")}
+
+
+@click.command()
+@click.option("--method", "methods", callback=read_names, metavar="NAMES", help="Default: paper,progressive,coupled.")
+@click.option("--object", "objects", callback=read_names, metavar="NAMES", help="Only these objects. Default: all ten.")
+@click.option("--quick", is_flag=True, help="Every row, from coarse spheres, 3 instances and one repetition.")
+@click.option("--instances", type=click.IntRange(1), metavar="N", help="Of each case of Fig. 15. Default: 100.")
+@click.option("--repetitions", type=click.IntRange(1), metavar="N", help="Of every run. Default: 3.")
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 into a folder.",
+)
+@options.seed
+@options.out
+@options.json
+@options.quiet
+def command(
+    methods: tuple[str, ...] | None,
+    objects: tuple[str, ...] | None,
+    quick: bool,
+    instances: int | None,
+    repetitions: int | None,
+    plot: Path | None,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Run the paper's whole evaluation, its figures beside ours.
+
+    All scenes of Figs. 11 to 15 by every method: one finger, two, five and the palm on five simple objects; fingers
+    that come and go; sliding; five complex objects from several sides, such as the thumb in the cup's handle; 100
+    instances of each case of Fig. 15. A row that misses one of our own bars is named, and the exit code is 1; the
+    method `paper` is the baseline and has none. A second table, -scenes, has a line for every scene.
+
+    \b
+    Examples:
+      hhsim bench paper
+      hhsim bench paper --plot figures --out paper.h5
+      hhsim bench paper --quick --method coupled
+    """
+    from hhsim.bench_file import check_table_destination, csv_path, write_table
+    from hhsim.bench_paper import PaperOptions, measure
+    from hhsim.destination import dated_destination
+    from hhsim.paper_rows import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows, scene_rows
+
+    named = {"methods": methods, "objects": objects, "instances": instances, "repetitions": repetitions}
+    usual = PaperOptions.quick() if quick else PaperOptions()
+    run = replace(usual, seed=seed, **{name: value for name, value in named.items() if value is not None})  # type: ignore[arg-type]
+    destination = out or dated_destination("bench-paper")
+    scenes = destination.with_name(f"{destination.stem}-scenes{destination.suffix}")
+    for path in (destination, scenes):
+        check_table_destination(path)
+    if plot is not None:
+        from hhsim.paper_figures import check_folder
+
+        check_folder(plot)
+    announce_compilation(quiet=quiet)
+    with progress(quiet=quiet) as report:
+        runs = measure(run, report)
+        rows, played = paper_rows(runs, run), scene_rows(runs)
+        write_table(destination, "paper", ROW_COLUMNS, [row.to_json() for row in rows], run.to_json())
+        write_table(scenes, "paper", SCENE_COLUMNS, played, run.to_json())
+        pictures: list[Path] = []
+        if plot is not None:
+            from hhsim.paper_figures import draw_all
+
+            pictures = draw_all(plot, runs, report)
+    failed = missed(rows)
+    if as_json:
+        print_json(
+            {
+                "table": str(destination),
+                "csv": str(csv_path(destination)),
+                "scenes_table": str(scenes),
+                "pictures": [str(picture) for picture in pictures],
+                "options": run.to_json(),
+                "units": {column.name: column.unit for column in SCENE_COLUMNS},
+                "passed": not failed,
+                "missed": [row.to_json() for row in failed],
+                "rows": [row.to_json() for row in rows],
+                "scenes": played,
+            }
+        )
+    elif not quiet:
+        _print_rows(rows, run.methods)
+        _print_cases(played)
+        for row in failed:
+            print(f"missed: {row.label}, {row.method}: {_shown(row.ours, row.unit)}, bar {_shown(row.bar, row.unit)}")
+        if not failed:
+            print("every bar is kept by the methods that promise to")
+        print(f"the tables are in {destination}, {scenes} and .csv files beside them")
+        if pictures:
+            print(f"{len(pictures)} pictures are in {plot}")
+    return 1 if failed else 0
+
+
+def _print_rows(rows: "list[PaperRow]", methods: tuple[str, ...]) -> None:
+    """One line a figure; for each method the figure, and how many times it is below the paper's."""
+    names = list(dict.fromkeys(row.name for row in rows))
+    cells = []
+    for name in names:
+        same = {row.method: row for row in rows if row.name == name}
+        first = next(iter(same.values()))
+        line = [first.figure, first.label, first.paper_text]
+        for method in methods:
+            row = same[method]
+            ratio = "" if not math.isfinite(row.ratio) or row.unit == "1" else f"{row.ratio:,.1f}"
+            line += [_shown(row.ours, row.unit), ratio]
+        bar = next((row.bar for row in same.values() if not math.isnan(row.bar)), math.nan)
+        cells.append((*line, "" if math.isnan(bar) else _shown(bar, first.unit)))
+    numbers = [heading for method in methods for heading in (method, "×")]
+    print_table(
+        ("figure", "what", "the paper", *numbers, "our bar"),
+        cells,
+        title="The paper's figures and ours, and how many times (×) ours is below; times are CPU times of one thread",
+        numbers=(*numbers, "our bar"),
+    )
+    print()
+    last = rows[-1].method
+    print_table(
+        ("what", "how it was measured"),
+        [(row.label, row.note) for row in rows if row.method == last],
+        title=f"How ({last})",
+    )
+    print()
+
+
+def _print_cases(played: list[dict[str, Any]]) -> None:
+    numbers = ("instances", "contacts", "detection [µs]", "response [µs]", "total [µs]", "p99 CPU [µs]")
+    cells = [
+        (
+            row["object"],
+            row["case"],
+            row["method"],
+            f"{row['instances']}",
+            f"{row['contacts_mean']:,.0f}",
+            *(f"{1e6 * row[name]:.1f}" for name in ("detection", "response", "wall_mean", "cpu_p99")),
+        )
+        for row in played
+        if row["figure"] == "15"
+    ]
+    if cells:
+        title = "Fig. 15: wall time of a tick in contact, mean"
+        print_table(("object", "case", "method", *numbers), cells, title=title, numbers=numbers)
+        print()
+
+
+def _shown(value: float, unit: str) -> str:
+    if math.isnan(value):
+        return "—"
+    scale, name = SCALES[unit]
+    digits = 0 if unit == "1" else 1 if unit == "s" else 3
+    return f"{round(scale * value, digits) + 0.0:,.{digits}f} {name}".rstrip()

@@ -1,0 +1,177 @@
+"""The paper's whole evaluation in one run, its printed figures beside ours: Figs. 11 to 15 and Section V-D.
+
+Every scene is played by every method, in turns, so that what else the machine does falls on all of them; of each tick
+the median of the repetitions counts. Times are those of one thread on the machine at hand; the paper's are of its own
+(Intel Core i7-8700, 3.7 GHz), Fig. 15 with five threads.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand import HandModel
+from hhsim.interrupt import interruptible_between
+from hhsim.object_catalogue import load_object, object_names
+from hhsim.paper_run import SceneRun, Stage, at_contacts, make_stage, play, play_again
+from hhsim.paper_scenarios import paper_scenarios
+from hhsim.solver_options import METHODS, SolverOptions
+from hhsim.sphere_tree import SphereTree
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.warm_up import warm_up
+
+Progress = Callable[[str, int, int], None]
+
+QUICK_LEVEL = 3
+QUICK_INSTANCES = 3
+CONTACTS = {"TF": 131.0, "WH": 250.0}
+"""Contacts at which the paper states a time, by case of Fig. 15."""
+CONTACTS_OBJECT = "bunny"
+"""Object on which it does."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperOptions:
+    """What is measured.
+
+    Attributes:
+        methods: of the solver.
+        objects: of the catalogue; None for all.
+        level: of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones.
+        instances: most of a case of Fig. 15.
+        repetitions: of every run.
+        seed: of the instances' places.
+    """
+
+    methods: tuple[str, ...] = ("paper", "progressive", "coupled")
+    objects: tuple[str, ...] | None = None
+    level: int | None = None
+    instances: int = 100
+    repetitions: int = 3
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be measured."""
+        for kind, names, known in (
+            ("method", self.methods, list(METHODS)),
+            ("object", self.objects or (), object_names()),
+        ):
+            for name in names:
+                if name not in known:
+                    raise UnknownNameError(kind, name, known)
+        if not self.methods or self.objects == ():
+            raise InputError("name at least one method and one object")
+        if min(self.instances, self.repetitions) < 1:
+            raise InputError("instances and repetitions must be at least 1")
+
+    @classmethod
+    def quick(cls) -> "PaperOptions":
+        """Every row from coarse spheres, few instances and one repetition: whether it works, not how fast."""
+        return cls(level=QUICK_LEVEL, instances=QUICK_INSTANCES, repetitions=1)
+
+    def to_json(self) -> dict[str, Any]:
+        """All options as plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRun:
+    """A scene at a stated number of contacts, and the margin [m] that brings it about."""
+
+    case: str
+    wanted: float
+    margin: float
+    run: SceneRun
+
+
+@dataclass(frozen=True, eq=False)
+class PaperRuns:
+    """All runs.
+
+    Attributes:
+        scenes: by scene, then by method.
+        at_contacts: the two scenes for which the paper states a number of contacts, by method; empty if left out.
+    """
+
+    scenes: tuple[SceneRun, ...]
+    at_contacts: tuple[ContactRun, ...]
+
+    def of(self, method: str, *figures: str, object_name: str | None = None, case: str | None = None) -> list[SceneRun]:
+        """The runs of a method in some figures."""
+        return [
+            run
+            for run in self.scenes
+            if run.options.method == method
+            and run.scenario.figure in figures
+            and object_name in (None, run.scenario.object_name)
+            and case in (None, run.scenario.case)
+        ]
+
+
+def measure(options: PaperOptions, progress: Progress | None = None) -> PaperRuns:
+    """Play everything.
+
+    Args:
+        options: What.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Raises:
+        TrajectoryError: A motion that cannot be done on an object.
+        HhsimError: A scene that a method cannot play, or not twice alike.
+    """
+    report = progress or (lambda what, done, total: None)
+    hand = HandModel.default()
+    for method in options.methods:
+        warm_up(hand, SolverOptions(method=method))
+    stages = _stages(options, hand, report)
+    runs: list[SceneRun] = []
+    total = len(stages) * len(options.methods)
+    with interruptible_between() as check_interrupt:
+        for stage in stages:
+            for method in options.methods:
+                report("scenes", len(runs), total)
+                runs.append(play(stage, SolverOptions(method=method)))
+                check_interrupt()
+        for repetition in range(1, options.repetitions):
+            for number, run in enumerate(runs if repetition % 2 == 0 else reversed(runs)):
+                report(f"repetition {repetition + 1} of {options.repetitions}", number, total)
+                play_again(run)
+                check_interrupt()
+        return PaperRuns(tuple(runs), tuple(_at_contacts(options, stages, report)))
+
+
+def _stages(options: PaperOptions, hand: HandModel, report: Progress) -> list[Stage]:
+    scenarios = [s for s in paper_scenarios() if options.objects is None or s.object_name in options.objects]
+    trees: dict[str, SphereTree] = {}
+    stages = []
+    for number, scenario in enumerate(scenarios):
+        if scenario.object_name not in trees:
+            item = load_object(scenario.object_name)
+            level = item.level if options.level is None else options.level
+            trees[scenario.object_name] = cached_sphere_tree(item.mesh, TreeOptions(level=level), report)
+        report("hands placed", number, len(scenarios))
+        stages.append(make_stage(scenario, hand, trees[scenario.object_name], options.instances, options.seed))
+    return stages
+
+
+def _at_contacts(options: PaperOptions, stages: Sequence[Stage], report: Progress) -> list[ContactRun]:
+    found = []
+    for case, wanted in CONTACTS.items():
+        for stage in stages:
+            if (stage.scenario.case, stage.scenario.object_name) != (case, CONTACTS_OBJECT):
+                continue
+            for number, method in enumerate(options.methods):
+                report(f"{wanted:.0f} contacts", number, len(options.methods))
+                margin, run = at_contacts(stage, SolverOptions(method=method), wanted)
+                for _ in range(1, options.repetitions):
+                    play_again(run)
+                found.append(ContactRun(case, wanted, margin, run))
+    return found
+
+
+def percentile(run: SceneRun, share: float) -> float:
+    """Of the thread time of a run's ticks in contact [s]; NaN without any."""
+    times = run.tick_cpu[run.contact]
+    return float(np.percentile(times, share)) if times.size else float("nan")

@@ -1,0 +1,339 @@
+"""The rows of the paper's evaluation: what the paper prints, what each method measured here, and our own bars."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhsim.bench_file import Column
+from hhsim.bench_paper import PaperOptions, PaperRuns, percentile
+from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
+from hhsim.object_catalogue import object_names
+from hhsim.paper_run import NOISES, SceneRun, held_ticks
+from hhsim.paper_scenarios import SLIDING
+
+PROMISING = ("coupled", "progressive")
+"""Methods that have to keep our bars; `paper` is the baseline."""
+
+SIMPLE_MEAN = {
+    "sphere": 0.41e-3,
+    "cylinder": 0.31e-3,
+    "triangular-prism": 0.31e-3,
+    "cube": 0.32e-3,
+    "hexagonal-prism": 0.48e-3,
+}
+"""Mean tick that the paper prints for the scenes of Fig. 11 [s]."""
+FASTER = 10.0
+"""Our bar for them: so many times below the paper's."""
+COMPLEX_P99 = 150e-6
+"""Our bar for the p99 of a tick in contact with a complex object [s]."""
+DEPTH = 1e-6
+"""Our bar for the depth [m]."""
+VARIATION = ((0.18, 0.32), (0.18, 0.32), (0.16, 0.29), (0.18, 0.32))
+"""Variation of the index finger's force that the paper prints [%], mean and spread: its size, then x, y, z."""
+
+
+@dataclass(frozen=True)
+class PaperRow:
+    """One figure of the paper, and one method's.
+
+    Attributes:
+        name: of the row, the same for all methods.
+        figure: of the paper, or its section.
+        label: for people.
+        method: of the solver.
+        unit: of the values, SI or %.
+        paper: the paper's figure; NaN where it prints none.
+        paper_text: as it is printed, such as "< 1 ms".
+        ours: measured.
+        bar: ours must not be above it; NaN where there is none.
+        note: where the figure comes from, or what belongs to it.
+    """
+
+    name: str
+    figure: str
+    label: str
+    method: str
+    unit: str
+    paper: float
+    paper_text: str
+    ours: float
+    bar: float = math.nan
+    note: str = ""
+
+    @property
+    def ratio(self) -> float:
+        """The paper's figure over ours: how many times we are below it; NaN where it prints none, infinite for 0."""
+        return self.paper / self.ours if self.ours > 0.0 else math.inf if self.paper > 0.0 else math.nan
+
+    @property
+    def passed(self) -> bool:
+        """Whether the bar, if there is one, is kept; what was not measured keeps none."""
+        return math.isnan(self.bar) or self.ours <= self.bar
+
+    def to_json(self) -> dict[str, Any]:
+        """As a row of ROW_COLUMNS."""
+        return {
+            "row": self.name,
+            "figure": self.figure,
+            "label": self.label,
+            "method": self.method,
+            "unit": self.unit,
+            "paper": self.paper,
+            "paper_text": self.paper_text,
+            "ours": self.ours,
+            "ratio": self.ratio,
+            "bar": self.bar,
+            "passed": self.passed,
+            "note": self.note,
+        }
+
+
+ROW_COLUMNS = (
+    Column("row", "name of the figure"),
+    Column("figure", "of the paper, or its section"),
+    Column("label", "what it is"),
+    Column("method", "method of the solver"),
+    Column("unit", "of the columns paper, ours and bar: s, m or %"),
+    Column("paper", "what the paper prints, NaN where it prints no number"),
+    Column("paper_text", "as it is printed"),
+    Column("ours", "measured here"),
+    Column("ratio", "the paper's over ours: how many times below the paper's"),
+    Column("bar", "ours must not be above it; NaN where there is none"),
+    Column("passed", "whether the bar, if there is one, is kept"),
+    Column("note", "where the figure comes from"),
+)
+
+Rows = Iterator[PaperRow]
+
+
+def paper_rows(runs: PaperRuns, options: PaperOptions) -> list[PaperRow]:
+    """The table, row by row, each for all methods; rows without a scene, since it was left out, are left out."""
+    found: list[PaperRow] = []
+    for make in (_simple_means, _sequences, _sliding, _complex, _interactions, _cases, _contacts, _depth, _variation):
+        by_method = [list(make(runs, method)) for method in options.methods]
+        found += [row for same in zip(*by_method, strict=True) for row in same]
+    found += [row for method in options.methods for row in _touches(runs, method)]
+    return found
+
+
+def missed(rows: Sequence[PaperRow]) -> list[PaperRow]:
+    """Rows in which a method that promises our bars does not keep one."""
+    return [row for row in rows if row.method in PROMISING and not row.passed]
+
+
+def _simple_means(runs: PaperRuns, method: str) -> Rows:
+    for name, paper in SIMPLE_MEAN.items():
+        played = runs.of(method, "11", object_name=name)
+        if played:
+            mean = _pooled(played, np.mean)
+            yield PaperRow(
+                f"mean_{name}", "11", f"mean tick, {name}", method, "s", paper, f"{1e3 * paper:.2f} ms", mean,
+                paper / FASTER, "touch, pinch, grasp with the palm; ticks in contact",
+            )  # fmt: skip
+
+
+def _sequences(runs: PaperRuns, method: str) -> Rows:
+    for run in runs.of(method, "12"):
+        name = run.scenario.object_name
+        yield PaperRow(
+            f"sequence_max_{name}", "12", f"longest tick, none to five fingers, {name}", method, "s", 1e-3, "< 1 ms",
+            float(run.tick_cpu.max()), 1e-3, "all ticks",
+        )  # fmt: skip
+
+
+def _sliding(runs: PaperRuns, method: str) -> Rows:
+    played = runs.of(method, SLIDING)
+    if played:
+        yield PaperRow(
+            "sliding_depth", "V-A", "depth while sliding, simple objects", method, "m", math.nan,
+            "none to be seen", _deepest(played), DEPTH, f"{len(played)} objects",
+        )  # fmt: skip
+
+
+def _complex(runs: PaperRuns, method: str) -> Rows:
+    for name in object_names():
+        played = runs.of(method, "13", object_name=name)
+        if played:
+            worst = max(played, key=lambda run: percentile(run, 99.0))
+            yield PaperRow(
+                f"complex_p99_{name}", "13", f"p99 tick, {name}", method, "s", 1.5e-3, "< 1.5 ms",
+                percentile(worst, 99.0), COMPLEX_P99, f"worst of {len(played)} scenes: {worst.scenario.motion}",
+            )  # fmt: skip
+
+
+def _interactions(runs: PaperRuns, method: str) -> Rows:
+    for run in runs.of(method, "14"):
+        name, motion = run.scenario.object_name, run.scenario.motion
+        yield PaperRow(
+            f"interaction_p50_{name}", "14", f"median tick, {name} {motion}", method, "s", 1e-3, "most < 1 ms",
+            percentile(run, 50.0), math.nan, "squeeze, hold, slide; ticks in contact",
+        )  # fmt: skip
+        yield PaperRow(
+            f"interaction_p99_{name}", "14", f"p99 tick, {name} {motion}", method, "s", 1.5e-3, "all < 1.5 ms",
+            percentile(run, 99.0), COMPLEX_P99, f"longest {1e6 * float(run.tick_cpu.max()):.0f} µs",
+        )  # fmt: skip
+
+
+def _cases(runs: PaperRuns, method: str) -> Rows:
+    for case in ("SF", "TF", "FF", "WH"):
+        played = runs.of(method, "15", case=case)
+        if played:
+            contacts = [float(run.candidates[held_ticks(run.stage)].mean()) for run in played]
+            instances = sum(len(run.stage.motions) for run in played)
+            yield PaperRow(
+                f"case_p99_{case}", "15", f"p99 tick, {case}, {len(played)} objects", method, "s", 1.5e-3, "≲ 1 ms",
+                max(percentile(run, 99.0) for run in played), COMPLEX_P99,
+                f"worst object; {instances} instances, {min(contacts):.0f} to {max(contacts):.0f} contacts; "
+                f"mean {1e6 * _pooled(played, np.mean):.1f} µs",
+            )  # fmt: skip
+
+
+def _contacts(runs: PaperRuns, method: str) -> Rows:
+    for found in runs.at_contacts:
+        if found.run.options.method == method:
+            held = held_ticks(found.run.stage)
+            fingers = {"TF": "two fingers", "WH": "whole hand"}[found.case]
+            yield PaperRow(
+                f"contacts_{found.wanted:.0f}", "15", f"mean tick, {found.wanted:.0f} contacts, {fingers}", method, "s",
+                1e-3, "≈ 1 ms", float(found.run.tick_cpu[held].mean()), 1e-3,
+                f"{found.run.scenario.object_name}, {found.run.candidates[held].mean():.0f} contacts at a margin of "
+                f"{1e3 * found.margin:.2f} mm",
+            )  # fmt: skip
+
+
+def _depth(runs: PaperRuns, method: str) -> Rows:
+    played = runs.of(method, "11", "12", SLIDING, "13", "14", "15")
+    if played:
+        worst = max(played, key=lambda run: float(run.depth.max()))
+        ticks = sum(len(run.depth) for run in played)
+        yield PaperRow(
+            "depth", "V-D", "depth in the object's spheres, largest", method, "m", 1e-4, "≈ 0.1 mm",
+            _deepest(played), DEPTH, f"{ticks:,} ticks of {sum(len(r.stage.motions) for r in played):,} motions; "
+            f"deepest: {worst.scenario.name}",
+        )  # fmt: skip
+
+
+def _variation(runs: PaperRuns, method: str) -> Rows:
+    played = [run for run in runs.of(method, "11", "13", "14") if run.variation]
+    if not played:
+        return
+    names = {"glove": "glove's sensors, still palm", "trembling": "glove's sensors, trembling palm"}
+    for noise in NOISES:
+        sizes = np.array([run.variation[noise].size for run in played])
+        parts = np.array([run.variation[noise].component for run in played])
+        for number, (mean, spread) in enumerate(VARIATION):
+            values = sizes if number == 0 else parts[:, number - 1]
+            middle = _median(values)
+            count = int(np.isfinite(values[:, 0]).sum())
+            part = "size" if number == 0 else "xyz"[number - 1]
+            above = int((values[:, 0] > mean).sum())
+            worst = played[int(np.nanargmax(values[:, 0]))].scenario.name if count else "—"
+            yield PaperRow(
+                f"variation_{noise}_{part}", "V-D", f"index force in a hold, {part}, {names[noise]}", method, "%",
+                mean, f"{mean:.2f} ± {spread:.2f} %", middle[0], mean,
+                f"± {middle[1]:.2f} %; median of {count} holds, {above} of them above {mean:.2f} %; largest "
+                f"{np.nanmax(values[:, 0], initial=0.0):.2f} % ({worst})",
+            )  # fmt: skip
+
+
+def _touches(runs: PaperRuns, method: str) -> Rows:
+    played = runs.of(method, "11", "12", SLIDING, "13", "14")
+    if played:
+        demanded = sum(len(run.touches) for run in played)
+        failed = [(run, touch) for run in played for touch, _ in run.missed]
+        where = "; not: " + ", ".join(f"{run.scenario.name} {touch}" for run, touch in failed) if failed else ""
+        yield PaperRow(
+            "touches", "11 to 14", "named touches that do not happen", method, "1", 0.0, "as shown", float(len(failed)),
+            0.0 if method == "coupled" else math.nan, f"of {demanded}{where}",
+        )  # fmt: skip
+
+
+def _pooled(runs: Sequence[SceneRun], statistic: Callable[[Any], Any]) -> float:
+    """Of the thread times of all ticks in contact [s]."""
+    times = np.concatenate([run.tick_cpu[run.contact] for run in runs])
+    return float(statistic(times)) if times.size else math.nan
+
+
+def _deepest(runs: Sequence[SceneRun]) -> float:
+    return max(float(run.depth.max(initial=0.0)) for run in runs)
+
+
+def _median(values: Any) -> Any:
+    """Over the rows that are defined."""
+    defined = values[np.isfinite(values[:, 0])]
+    return np.median(defined, axis=0) if len(defined) else np.full(values.shape[1], np.nan)
+
+
+SCENE_COLUMNS = (
+    Column("figure", "of the paper"),
+    Column("object", "object of the catalogue"),
+    Column("motion", "motion of the catalogue"),
+    Column("case", "of Fig. 15: SF single finger, TF two fingers, FF five fingers, WH whole hand"),
+    Column("method", "method of the solver"),
+    Column("spheres", "leaves of the object's tree"),
+    Column("instances", "motions, each with the hand a little elsewhere"),
+    Column("ticks", "in all"),
+    Column("ticks_in_contact", "with candidate pairs, while fingers close, hold or slide; the times are theirs"),
+    Column("contacts_mean", "candidate pairs in the holds, mean"),
+    Column("contacts_max", "candidate pairs, most"),
+    Column("touching_max", "touching pairs, most"),
+    Column("cpu_mean", "tick, thread time, mean", "s"),
+    Column("cpu_p50", "tick, thread time, median", "s"),
+    Column("cpu_p99", "tick, thread time, p99", "s"),
+    Column("cpu_max", "longest of all ticks, thread time", "s"),
+    Column("wall_mean", "tick, wall time, mean", "s"),
+    Column("detection", "contact detection, wall time, mean", "s"),
+    Column("response", "collision response: palm, fingers and forces, wall time, mean", "s"),
+    Column("depth_max", "deepest in the object's spheres, all ticks", "m"),
+    Column("index_variation", "index force in the hold, glove's sensors, mean", "%"),
+    Column("index_variation_trembling", "index force in the hold, glove's sensors and trembling palm, mean", "%"),
+    Column("touches", "demanded touches"),
+    Column("touches_missed", "demanded touches that did not happen"),
+    Column("stuck_ticks", "ticks that kept the last feasible hand"),
+    Column("lag_ticks", "ticks with distance still to go"),
+)
+
+
+def scene_rows(runs: PaperRuns) -> list[dict[str, Any]]:
+    """A row for each scene and method, by the names of SCENE_COLUMNS."""
+    return [_scene_row(run) for run in runs.scenes]
+
+
+def _scene_row(run: SceneRun) -> dict[str, Any]:
+    scenario, contact = run.scenario, run.contact
+    held = held_ticks(run.stage)
+    times, parts = run.tick_cpu[contact], run.tick_parts[contact]
+    mean = parts.mean(axis=0) if len(parts) else np.full(4, np.nan)
+    status = run.status
+    return {
+        "figure": scenario.figure,
+        "object": scenario.object_name,
+        "motion": scenario.motion,
+        "case": scenario.case,
+        "method": run.options.method,
+        "spheres": run.stage.tree.leaf_count,
+        "instances": len(run.stage.motions),
+        "ticks": len(run.depth),
+        "ticks_in_contact": int(contact.sum()),
+        "contacts_mean": float(run.candidates[held].mean()) if held.any() else math.nan,
+        "contacts_max": int(run.candidates.max()),
+        "touching_max": int(run.work[:, WORK_TOUCHING].max()),
+        "cpu_mean": float(times.mean()) if times.size else math.nan,
+        "cpu_p50": percentile(run, 50.0),
+        "cpu_p99": percentile(run, 99.0),
+        "cpu_max": float(run.tick_cpu.max()),
+        "wall_mean": float(run.tick_wall[contact].mean()) if times.size else math.nan,
+        "detection": float(mean[DURATION_DETECT]),
+        "response": float(mean[[DURATION_PALM, DURATION_FINGERS, DURATION_FORCE]].sum()),
+        "depth_max": float(run.depth.max()),
+        "index_variation": float(run.variation["glove"].size[0]) if run.variation else math.nan,
+        "index_variation_trembling": float(run.variation["trembling"].size[0]) if run.variation else math.nan,
+        "touches": len(run.touches),
+        "touches_missed": len(run.missed),
+        "stuck_ticks": int(np.sum(status & STATUS_STUCK > 0)),
+        "lag_ticks": int(np.sum(status & STATUS_LAG > 0)),
+    }

@@ -1,0 +1,452 @@
+"""One scene of the paper's evaluation, replayed by one method: times, contacts, depth, touches, force variation.
+
+The scenes of Fig. 15 are replayed as many short motions, each with the hand a little elsewhere; the others once, as
+long as they are. All of them come out as the same kind of figures.
+"""
+
+import hashlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.closing import Closing, body_distances
+from hhsim.disturbance import Disturbance
+from hhsim.errors import HhsimError
+from hhsim.hand import FINGERS, HandModel
+from hhsim.hold_touches import hold_distances
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.hand import PALM_BODY
+from hhsim.kernels.tick_state import WORK_CANDIDATES
+from hhsim.kernels.tree import TreeArrays
+from hhsim.metrics import HandPoses, component_variation_rate, force_variation_rate, hand_clearance
+from hhsim.paper_scenarios import Scenario
+from hhsim.placed_closing import PlacedCloser
+from hhsim.placed_hand import hand_shape
+from hhsim.placement import Placement
+from hhsim.placement_search import turned_by
+from hhsim.script import Script, ScriptPhase
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+from hhsim.synthesis import planned, quaternion_from_matrix, synthesize
+from hhsim.touch import TOUCHING, Touch
+from hhsim.trajectory import TickInput
+from hhsim.trajectory_catalogue import load_script
+from hhsim.tremor_hold import TREMOR, trembling_hold
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+RATE = 1000.0
+"""Ticks a second [Hz], as in the paper."""
+INDEX = FINGERS.index("index")
+
+COUNTS = 4096
+"""A 12-bit sensor's counts a turn."""
+GLOVE_RATE = 200.0
+"""Samples per second of a glove such as the paper's [Hz]."""
+GLOVE = Disturbance(sensor_counts=COUNTS, sensor_noise=0.25 * 2.0 * math.pi / COUNTS)
+"""A glove on a still hand: readings flicker by one count of a 12-bit sensor. The paper moved the palm by keys."""
+NOISES: dict[str, tuple[Disturbance, float | None]] = {
+    "glove": (GLOVE, GLOVE_RATE),
+    "trembling": (replace(TREMOR, sensor_counts=GLOVE.sensor_counts, sensor_noise=GLOVE.sensor_noise), GLOVE_RATE),
+}
+"""How a hold is repeated by a live hand: sensors of the glove alone, and tremor of the palm besides."""
+CARRIES = 0.5
+"""A component below this share of its force (three equal ones carry 0.58 each) is not looked at: of one that is nearly
+zero, a turn of the force by a hair is a large share."""
+
+SHIFT, TURN = 0.003, math.radians(3.0)
+"""Instances vary the palm's place by this standard deviation [m] and [rad] in each axis."""
+TRIES = 20
+"""Places that are tried for an instance until one is found from which all named fingers reach."""
+SHORT_WAY = 0.01
+"""How far an instance begins from its place [m]."""
+SHORT_PHASES = {"approach": 0.05, "hold": 0.1, "release": 0.0}
+SHORT_CLOSING = 0.25
+"""Phases of an instance [s]: it comes from nearby, closes as fast as a fist, holds, and the way back is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What a scene is played on.
+
+    Attributes:
+        scenario: the scene.
+        script: its motion.
+        hand: the hand.
+        tree: the object at rest, its frame the world's.
+        motions: the haptic hand, one motion or as many as there are instances.
+    """
+
+    scenario: Scenario
+    script: Script
+    hand: HandModel
+    tree: SphereTree
+    motions: tuple[TickInput, ...]
+
+    @cached_property
+    def arrays(self) -> TreeArrays:
+        """The tree as the kernels take it."""
+        return self.tree.arrays()
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """Change of the index finger's force from tick to tick in one hold [%], mean and standard deviation.
+
+    Attributes:
+        size: of the force's size, shape (2,).
+        component: of each component, shape (3, 2); NaN for a small one (`CARRIES`).
+    """
+
+    size: Array
+    component: Array
+
+
+class Pose(NamedTuple):
+    """A hand at one tick: palm position (3,) [m], orientation (4,) w x y z, flexion (5, 3) and abduction (5,) [rad]."""
+
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
+
+
+class Curves(NamedTuple):
+    """Forces tick by tick [N]: size of the normal force at each fingertip (T, 5), index finger's force (T, 3)."""
+
+    fingertip: Array
+    index: Array
+
+
+@dataclass(eq=False)
+class SceneRun:
+    """A scene played by one method; all times [s], one row for each repetition.
+
+    Ticks are those of all motions, one after the other. A run of many instances keeps no poses and forces: they would
+    be gigabytes.
+
+    Attributes:
+        stage: what was played.
+        options: of the solver.
+        work: counters of each tick, shape (T, ...), and status, shape (T,), of the first repetition.
+        digest: of its poses.
+        shown: graphic and haptic hand at the end of each hold; none for instances.
+        curves: forces; None for instances.
+        contact: ticks with candidate pairs, of those phases in which fingers close, hold or slide, shape (T,).
+        depth: deepest in the object's spheres at each tick [m], shape (T,).
+        touches: what was demanded, and how far each was from happening [m], at every hold of every motion.
+        variation: of the index finger's force in the first hold, by the names of NOISES; none for instances.
+        cpu, wall: of every tick in each repetition, shape (T,).
+        parts: detection, palm, fingers, force of every tick in each repetition, shape (T, 4).
+    """
+
+    stage: Stage
+    options: SolverOptions
+    work: NDArray[np.int64]
+    status: NDArray[np.int64]
+    digest: str
+    shown: list[tuple[Pose, Pose]]
+    curves: Curves | None
+    contact: BoolArray
+    depth: Array
+    touches: list[tuple[Touch, float]]
+    variation: dict[str, Variation]
+    cpu: list[Array] = field(default_factory=list)
+    wall: list[Array] = field(default_factory=list)
+    parts: list[Array] = field(default_factory=list)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scene."""
+        return self.stage.scenario
+
+    @cached_property
+    def tick_cpu(self) -> Array:
+        """Thread time of each tick, the median of the repetitions [s], shape (T,)."""
+        return np.asarray(np.median(self.cpu, axis=0))
+
+    @cached_property
+    def tick_wall(self) -> Array:
+        """The same by the clock on the wall [s], shape (T,)."""
+        return np.asarray(np.median(self.wall, axis=0))
+
+    @cached_property
+    def tick_parts(self) -> Array:
+        """Detection, palm, fingers and force of each tick by the clock on the wall, medians [s], shape (T, 4)."""
+        return np.asarray(np.median(self.parts, axis=0))
+
+    @property
+    def candidates(self) -> Array:
+        """Candidate pairs at each tick, shape (T,)."""
+        return self.work[:, WORK_CANDIDATES].astype(np.float64)
+
+    @property
+    def missed(self) -> list[tuple[Touch, float]]:
+        """Demanded touches that did not happen, and how far [m] they were from it."""
+        return [(touch, distance) for touch, distance in self.touches if not distance < TOUCHING]
+
+
+def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances: int, seed: int = 0) -> Stage:
+    """Find the hand's place, or places, and make the motions.
+
+    Args:
+        scenario: the scene.
+        hand: the hand.
+        tree: the object.
+        instances: most motions; a scene that is shown once has one.
+        seed: of the instances' places.
+
+    Raises:
+        TrajectoryError: the motion cannot be done on this object.
+        HhsimError: no place was found for an instance.
+    """
+    script = load_script(scenario.motion)
+    count = min(instances, scenario.instances)
+    if scenario.instances == 1:
+        motions = [synthesize(script, hand, tree, seed).resampled(RATE)]
+    else:
+        script = _short(script)
+        places = _places(scenario, script, hand, tree, seed)
+        motions = [synthesize(script, hand, tree, placement=next(places)).resampled(RATE) for _ in range(count)]
+    return Stage(scenario, script, hand, tree, tuple(motions))
+
+
+def play(stage: Stage, options: SolverOptions) -> SceneRun:
+    """Play a scene for the first time and measure everything.
+
+    Raises:
+        HhsimError: the solver cannot hold the scene's contacts.
+    """
+    records = _run(stage, options)
+    record = joined_record(records)
+    contact = np.concatenate([_acting(motion) for motion in stage.motions]) & (record.work[:, WORK_CANDIDATES] > 0)
+    palm, finger = hand_clearance(
+        stage.arrays, *hand_shape(stage.hand), record.joints, record.position, record.orientation, limit=0.0
+    )
+    touches = []
+    for motion, one in zip(stage.motions, records):
+        found = hold_distances(stage.script, stage.scenario.object_name, stage.hand, stage.tree, motion, one)
+        for demanded, distances in zip(stage.script.hold_touches, found):
+            touches += list(zip(demanded, distances.tolist()))
+    variation = {}
+    if stage.scenario.instances == 1 and any(touch.part == "index" for touch in _first_hold(stage.script)):
+        variation = {name: _variation(stage, options, records[0], *noise) for name, noise in NOISES.items()}
+    single = stage.scenario.instances == 1
+    run = SceneRun(
+        stage=stage,
+        options=options,
+        work=record.work,
+        status=record.status,
+        digest=_digest(record),
+        shown=_shown(stage, records[0]) if single else [],
+        curves=_curves(record) if single else None,
+        contact=contact,
+        depth=np.maximum(0.0, -np.minimum(palm, finger.min(axis=1))),
+        touches=touches,
+        variation=variation,
+    )
+    _keep_times(run, record)
+    return run
+
+
+def play_again(run: SceneRun) -> None:
+    """Play a scene once more, for its times.
+
+    Raises:
+        HhsimError: the poses are not those of the first time.
+    """
+    record = joined_record(_run(run.stage, run.options))
+    if _digest(record) != run.digest:
+        raise HhsimError(
+            f"{run.scenario.name}, {run.options.method}: a repetition gave another hand; please report this"
+        )
+    _keep_times(run, record)
+
+
+def at_contacts(stage: Stage, options: SolverOptions, wanted: float, rounds: int = 10) -> tuple[float, SceneRun]:
+    """The margin [m] with which the hold of a stage's first motion has about so many candidate pairs, and its run.
+
+    Pairs farther off than the margin are no candidates: a wider one lets more in, which costs time and changes nothing
+    else. Halving; the run with the count nearest to the wanted one is kept.
+    """
+    one = replace(stage, motions=stage.motions[:1])
+    held = held_ticks(one)
+    low, high = 1e-4, 2e-2
+    best: tuple[float, float] | None = None
+    for _ in range(rounds):
+        margin = math.sqrt(low * high)
+        try:
+            (record,) = _run(one, replace(options, margin=margin))
+        except HhsimError:
+            high = margin
+            continue
+        count = float(record.work[held, WORK_CANDIDATES].mean())
+        if best is None or abs(count - wanted) < abs(best[0] - wanted):
+            best = count, margin
+        if count < wanted:
+            low = margin
+        else:
+            high = margin
+    if best is None:
+        raise HhsimError(f"{stage.scenario.name}: no margin is small enough for the solver")
+    return best[1], play(one, replace(options, margin=best[1]))
+
+
+def held_ticks(stage: Stage) -> BoolArray:
+    """Ticks of the holds of all motions, shape (T,)."""
+    parts = []
+    for motion in stage.motions:
+        held = np.zeros(motion.tick_count, bool)
+        for phase in motion.phases:
+            if phase.name == "hold":
+                held[phase.first_tick : phase.last_tick + 1] = True
+        parts.append(held)
+    return np.concatenate(parts)
+
+
+def joined_record(records: list[TickRecord]) -> TickRecord:
+    """Ticks of several runs, one after the other."""
+    if len(records) == 1:
+        return records[0]
+    return TickRecord(*(np.concatenate(columns) for columns in zip(*records)))
+
+
+def _run(stage: Stage, options: SolverOptions) -> list[TickRecord]:
+    """Play every motion; each begins with the graphic hand on the haptic one, which is free of the object."""
+    solver = HandSolver(stage.hand, stage.arrays, options)
+    records = []
+    for motion in stage.motions:
+        solver.place(motion.position[0], motion.orientation[0], motion.flexion[0], motion.abduction[0])
+        record = solver.run(motion.position, motion.orientation, motion.flexion, motion.abduction)
+        if not np.isfinite(record.joints).all():
+            raise HhsimError(f"{stage.scenario.name}, {options.method}: the graphic hand is not finite")
+        records.append(record)
+    return records
+
+
+def _digest(record: TickRecord) -> str:
+    digest = hashlib.sha256()
+    for values in (record.position, record.orientation, record.flexion, record.total):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+def _shown(stage: Stage, record: TickRecord) -> list[tuple[Pose, Pose]]:
+    motion = stage.motions[0]
+    ends = [phase.last_tick for phase in motion.phases if phase.name == "hold"]
+    return [
+        (
+            Pose(record.position[t], record.orientation[t], record.flexion[t], record.abduction[t]),
+            Pose(motion.position[t], motion.orientation[t], motion.flexion[t], motion.abduction[t]),
+        )
+        for t in ends
+    ]
+
+
+def _curves(record: TickRecord) -> Curves:
+    return Curves(np.linalg.norm(record.fingertip_normal, axis=2), record.phalanx[:, INDEX].sum(axis=1))
+
+
+def _keep_times(run: SceneRun, record: TickRecord) -> None:
+    run.cpu.append(1e-9 * record.duration_cpu.astype(np.float64))
+    run.wall.append(1e-9 * record.duration_total.astype(np.float64))
+    run.parts.append(1e-9 * record.duration.astype(np.float64))
+    for name in ("tick_cpu", "tick_wall", "tick_parts"):
+        run.__dict__.pop(name, None)
+
+
+def _acting(motion: TickInput) -> BoolArray:
+    """Ticks in which fingers close, hold or slide: the hand neither comes nor goes."""
+    acting = np.zeros(motion.tick_count, bool)
+    for phase in motion.phases:
+        acting[phase.first_tick : phase.last_tick + 1] = phase.name not in ("approach", "release")
+    return acting
+
+
+def _first_hold(script: Script) -> tuple[Touch, ...]:
+    return script.hold_touches[0] if script.hold_touches else ()
+
+
+def _short(script: Script) -> Script:
+    """The same motion, quicker: comes from nearby, closes, holds."""
+    phases: list[ScriptPhase] = []
+    for phase in script.phases:
+        duration = SHORT_PHASES.get(phase.name, SHORT_CLOSING)
+        if duration > 0.0:
+            phases.append(replace(phase, duration=duration))
+    return replace(script, phases=tuple(phases), start_distance=SHORT_WAY)
+
+
+def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, seed: int) -> Iterator[Placement]:
+    """Places around the script's own, from which every named finger reaches the object, and the palm if it is to."""
+    best = planned(script, hand, tree)
+    closer = PlacedCloser(script, hand, tree)
+    random = np.random.default_rng([seed, *scenario.name.encode()])
+    opened = _opening(closer, best)
+    while True:
+        for _ in range(TRIES):
+            angle = TURN * random.standard_normal(3)
+            turned = turned_by(angle) @ best.rotation
+            place = Placement(
+                "",
+                best.position + SHIFT * random.standard_normal(3),
+                quaternion_from_matrix(turned),
+                best.back,
+                opened,
+                best.abduction,
+            )
+            closing = closer.close(place)
+            clear = closing.reached == script.fingers and _clear(closer, closing)
+            if clear and (script.palm_depth == 0.0) == (closing.distance[PALM_BODY] >= 0.0):
+                break
+        else:
+            raise HhsimError(f"{scenario.name}: no place found for an instance in {TRIES} tries")
+        yield place
+
+
+def _opening(closer: PlacedCloser, closing: Closing) -> Array:
+    """How far the open fingers' first joints are flexed beyond the widest [rad], shape (5,)."""
+    zero = Placement("", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+    return np.asarray((closing.open - closer.opened(zero))[:, 0] / closer.rates[:, 0])
+
+
+def _clear(closer: PlacedCloser, closing: Closing) -> bool:
+    """Whether the open hand is free of the object where the fingers close; a palm that is to touch may."""
+    near = body_distances(
+        *(closer.hand, closer.tree, closing.position, closing.rotation, closing.open, closing.abduction, closer.work)
+    )
+    return bool(near.min() >= 0.0)
+
+
+def _variation(
+    stage: Stage, options: SolverOptions, record: TickRecord, noise: Disturbance, sample_rate: float | None
+) -> Variation:
+    motion = stage.motions[0]
+    phase = next(phase for phase in motion.phases if phase.name == "hold")
+    hold = slice(phase.first_tick, phase.last_tick + 1)
+    haptic = HandPoses(motion.position[hold], motion.orientation[hold], motion.flexion[hold])
+    graphic = HandPoses(record.position[hold], record.orientation[hold], record.flexion[hold])
+    again, settled = trembling_hold(
+        *(stage.hand, stage.arrays, options, haptic, graphic, record.abduction[hold], RATE, 0, noise, sample_rate)
+    )
+    force = again.phalanx[:, INDEX].sum(axis=1)
+    mean = float(np.linalg.norm(force[settled], axis=1).mean())
+    size = force_variation_rate(force)[settled]
+    component = component_variation_rate(force, floor=max(CARRIES * mean, 1e-2))[settled]
+    # A component that is rarely large enough says nothing of the hold.
+    often = np.isfinite(component).mean(axis=0) > 0.5
+    return Variation(
+        _mean_std(size), np.array([_mean_std(component[:, k]) if often[k] else (np.nan, np.nan) for k in range(3)])
+    )
+
+
+def _mean_std(values: Array) -> Array:
+    defined = values[np.isfinite(values)]
+    return np.array([defined.mean(), defined.std()]) if defined.size else np.full(2, np.nan)
