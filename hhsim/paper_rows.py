@@ -10,7 +10,7 @@ import numpy as np
 from hhsim.bench_file import Column
 from hhsim.bench_paper import PaperOptions, PaperRuns, percentile
 from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
 from hhsim.object_catalogue import object_names
 from hhsim.paper_run import NOISES, SceneRun, held_ticks
 from hhsim.paper_scenarios import SLIDING
@@ -72,7 +72,7 @@ class PaperRow:
     @property
     def passed(self) -> bool:
         """Whether the bar, if there is one, is kept; what was not measured keeps none."""
-        return math.isnan(self.bar) or self.ours <= self.bar
+        return bool(math.isnan(self.bar) or self.ours <= self.bar)
 
     def to_json(self) -> dict[str, Any]:
         """As a row of ROW_COLUMNS."""
@@ -227,11 +227,11 @@ def _variation(runs: PaperRuns, method: str) -> Rows:
         parts = np.array([run.variation[noise].component for run in played])
         for number, (mean, spread) in enumerate(VARIATION):
             values = sizes if number == 0 else parts[:, number - 1]
-            middle = _median(values)
+            middle = [float(value) for value in _median(values)]
             count = int(np.isfinite(values[:, 0]).sum())
             part = "size" if number == 0 else "xyz"[number - 1]
             above = int((values[:, 0] > mean).sum())
-            worst = played[int(np.nanargmax(values[:, 0]))].scenario.name if count else "—"
+            worst = played[int(np.nanargmax(values[:, 0]))].scenario.name if count else "none"
             yield PaperRow(
                 f"variation_{noise}_{part}", "V-D", f"index force in a hold, {part}, {names[noise]}", method, "%",
                 mean, f"{mean:.2f} ± {spread:.2f} %", middle[0], mean,
@@ -286,8 +286,8 @@ SCENE_COLUMNS = (
     Column("cpu_p99", "tick, thread time, p99", "s"),
     Column("cpu_max", "longest of all ticks, thread time", "s"),
     Column("wall_mean", "tick, wall time, mean", "s"),
-    Column("detection", "contact detection, wall time, mean", "s"),
-    Column("response", "collision response: palm, fingers and forces, wall time, mean", "s"),
+    Column("detection", "contact detection, wall time, mean of ticks that were not interrupted", "s"),
+    Column("response", "collision response: palm, fingers and forces, wall time, mean of the same ticks", "s"),
     Column("depth_max", "deepest in the object's spheres, all ticks", "m"),
     Column("index_variation", "index force in the hold, glove's sensors, mean", "%"),
     Column("index_variation_trembling", "index force in the hold, glove's sensors and trembling palm, mean", "%"),
@@ -306,7 +306,7 @@ def scene_rows(runs: PaperRuns) -> list[dict[str, Any]]:
 def _scene_row(run: SceneRun) -> dict[str, Any]:
     scenario, contact = run.scenario, run.contact
     held = held_ticks(run.stage)
-    times, parts = run.tick_cpu[contact], run.tick_parts[contact]
+    times, parts = run.tick_cpu[contact], run.tick_parts[run.undisturbed]
     mean = parts.mean(axis=0) if len(parts) else np.full(4, np.nan)
     status = run.status
     return {
@@ -321,7 +321,7 @@ def _scene_row(run: SceneRun) -> dict[str, Any]:
         "ticks_in_contact": int(contact.sum()),
         "contacts_mean": float(run.candidates[held].mean()) if held.any() else math.nan,
         "contacts_max": int(run.candidates.max()),
-        "touching_max": int(run.work[:, WORK_TOUCHING].max()),
+        "touching_max": int(run.touching.max()),
         "cpu_mean": float(times.mean()) if times.size else math.nan,
         "cpu_p50": percentile(run, 50.0),
         "cpu_p99": percentile(run, 99.0),

@@ -21,7 +21,7 @@ from hhsim.hand import FINGERS, HandModel
 from hhsim.hold_touches import hold_distances
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.hand import PALM_BODY
-from hhsim.kernels.tick_state import WORK_CANDIDATES
+from hhsim.kernels.tick_state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.kernels.tree import TreeArrays
 from hhsim.metrics import HandPoses, component_variation_rate, force_variation_rate, hand_clearance
 from hhsim.paper_scenarios import Scenario
@@ -41,6 +41,8 @@ from hhsim.tremor_hold import TREMOR, trembling_hold
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Times = NDArray[np.float32]
+"""Of millions of ticks, to a nanosecond in ten milliseconds."""
 
 RATE = 1000.0
 """Ticks a second [Hz], as in the paper."""
@@ -67,7 +69,7 @@ TRIES = 20
 """Places that are tried for an instance until one is found from which all named fingers reach."""
 SHORT_WAY = 0.01
 """How far an instance begins from its place [m]."""
-SHORT_PHASES = {"approach": 0.05, "hold": 0.1, "release": 0.0}
+SHORT_PHASES = {"approach": 0.1, "hold": 0.1, "release": 0.0}
 SHORT_CLOSING = 0.25
 """Phases of an instance [s]: it comes from nearby, closes as fast as a fist, holds, and the way back is left out."""
 
@@ -118,11 +120,19 @@ class Pose(NamedTuple):
     abduction: Array
 
 
+class Moment(NamedTuple):
+    """What a picture shows: its name, and the graphic and the haptic hand."""
+
+    name: str
+    graphic: Pose
+    haptic: Pose
+
+
 class Curves(NamedTuple):
-    """Forces tick by tick [N]: size of the normal force at each fingertip (T, 5), index finger's force (T, 3)."""
+    """Forces tick by tick [N]: size of the normal force at each fingertip (T, 5), force on the index finger (T, 3)."""
 
     fingertip: Array
-    index: Array
+    index_finger: Array
 
 
 @dataclass(eq=False)
@@ -135,9 +145,10 @@ class SceneRun:
     Attributes:
         stage: what was played.
         options: of the solver.
-        work: counters of each tick, shape (T, ...), and status, shape (T,), of the first repetition.
-        digest: of its poses.
-        shown: graphic and haptic hand at the end of each hold; none for instances.
+        candidates, touching: pairs near each other, and touching, at each tick, shape (T,).
+        status: of each tick, shape (T,).
+        digest: of the poses.
+        shown: the ends of the holds and the middles of the slides, in order; none for instances.
         curves: forces; None for instances.
         contact: ticks with candidate pairs, of those phases in which fingers close, hold or slide, shape (T,).
         depth: deepest in the object's spheres at each tick [m], shape (T,).
@@ -149,18 +160,19 @@ class SceneRun:
 
     stage: Stage
     options: SolverOptions
-    work: NDArray[np.int64]
-    status: NDArray[np.int64]
+    candidates: NDArray[np.int32]
+    touching: NDArray[np.int32]
+    status: NDArray[np.int32]
     digest: str
-    shown: list[tuple[Pose, Pose]]
+    shown: list[Moment]
     curves: Curves | None
     contact: BoolArray
     depth: Array
     touches: list[tuple[Touch, float]]
     variation: dict[str, Variation]
-    cpu: list[Array] = field(default_factory=list)
-    wall: list[Array] = field(default_factory=list)
-    parts: list[Array] = field(default_factory=list)
+    cpu: list[Times] = field(default_factory=list)
+    wall: list[Times] = field(default_factory=list)
+    parts: list[Times] = field(default_factory=list)
 
     @property
     def scenario(self) -> Scenario:
@@ -170,22 +182,25 @@ class SceneRun:
     @cached_property
     def tick_cpu(self) -> Array:
         """Thread time of each tick, the median of the repetitions [s], shape (T,)."""
-        return np.asarray(np.median(self.cpu, axis=0))
+        return np.median(self.cpu, axis=0).astype(np.float64)
 
     @cached_property
     def tick_wall(self) -> Array:
         """The same by the clock on the wall [s], shape (T,)."""
-        return np.asarray(np.median(self.wall, axis=0))
+        return np.median(self.wall, axis=0).astype(np.float64)
 
     @cached_property
     def tick_parts(self) -> Array:
         """Detection, palm, fingers and force of each tick by the clock on the wall, medians [s], shape (T, 4)."""
-        return np.asarray(np.median(self.parts, axis=0))
+        return np.median(self.parts, axis=0).astype(np.float64)
 
-    @property
-    def candidates(self) -> Array:
-        """Candidate pairs at each tick, shape (T,)."""
-        return self.work[:, WORK_CANDIDATES].astype(np.float64)
+    @cached_property
+    def undisturbed(self) -> BoolArray:
+        """Ticks in contact in which the thread was not kept from its processor, shape (T,).
+
+        Wall time is the only time that is known of the parts of a tick, and an interrupted tick's says nothing of it.
+        """
+        return self.contact & (self.tick_wall <= 1.5 * self.tick_cpu + 5e-6)
 
     @property
     def missed(self) -> list[tuple[Touch, float]]:
@@ -242,8 +257,9 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
     run = SceneRun(
         stage=stage,
         options=options,
-        work=record.work,
-        status=record.status,
+        candidates=record.work[:, WORK_CANDIDATES].astype(np.int32),
+        touching=record.work[:, WORK_TOUCHING].astype(np.int32),
+        status=record.status.astype(np.int32),
         digest=_digest(record),
         shown=_shown(stage, records[0]) if single else [],
         curves=_curves(record) if single else None,
@@ -338,16 +354,21 @@ def _digest(record: TickRecord) -> str:
     return digest.hexdigest()
 
 
-def _shown(stage: Stage, record: TickRecord) -> list[tuple[Pose, Pose]]:
-    motion = stage.motions[0]
-    ends = [phase.last_tick for phase in motion.phases if phase.name == "hold"]
-    return [
-        (
-            Pose(record.position[t], record.orientation[t], record.flexion[t], record.abduction[t]),
-            Pose(motion.position[t], motion.orientation[t], motion.flexion[t], motion.abduction[t]),
-        )
-        for t in ends
-    ]
+def _shown(stage: Stage, record: TickRecord) -> list[Moment]:
+    motion, holds = stage.motions[0], 0
+    found = []
+    for phase in motion.phases:
+        if phase.name == "hold":
+            holds += 1
+            name, t = f"hold {holds}", phase.last_tick
+        elif phase.name == "slide":
+            name, t = "slide", (phase.first_tick + phase.last_tick) // 2
+        else:
+            continue
+        graphic = Pose(record.position[t], record.orientation[t], record.flexion[t], record.abduction[t])
+        haptic = Pose(motion.position[t], motion.orientation[t], motion.flexion[t], motion.abduction[t])
+        found.append(Moment(name, graphic, haptic))
+    return found
 
 
 def _curves(record: TickRecord) -> Curves:
@@ -355,10 +376,10 @@ def _curves(record: TickRecord) -> Curves:
 
 
 def _keep_times(run: SceneRun, record: TickRecord) -> None:
-    run.cpu.append(1e-9 * record.duration_cpu.astype(np.float64))
-    run.wall.append(1e-9 * record.duration_total.astype(np.float64))
-    run.parts.append(1e-9 * record.duration.astype(np.float64))
-    for name in ("tick_cpu", "tick_wall", "tick_parts"):
+    run.cpu.append((1e-9 * record.duration_cpu).astype(np.float32))
+    run.wall.append((1e-9 * record.duration_total).astype(np.float32))
+    run.parts.append((1e-9 * record.duration).astype(np.float32))
+    for name in ("tick_cpu", "tick_wall", "tick_parts", "undisturbed"):
         run.__dict__.pop(name, None)
 
 

@@ -1,0 +1,234 @@
+"""Pictures of `hhsim bench paper` in the manner of the paper's Figs. 11 to 15."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hhsim.bench_paper import PaperRuns
+from hhsim.destination import check_destination
+from hhsim.errors import OutputError
+from hhsim.hand import FINGERS
+from hhsim.kernels.step import DURATION_DETECT
+from hhsim.object_catalogue import load_object, object_names
+from hhsim.paper_run import SceneRun, held_ticks
+from hhsim.paper_scenarios import CASES
+from hhsim.rendering import save_figure
+from hhsim.scene_pictures import best_view, scene_picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Progress = Callable[[str, int, int], None]
+
+FINGER_COLORS = ("#b3261e", "#1b6ca8", "#2e7d32", "#c8641a", "#7a3b8f")
+PART_COLORS = {"total": "0.15", "x": "#b3261e", "y": "#2e7d32", "z": "#1b6ca8"}
+TIME_COLORS = {"detection": "#2e7d32", "response": "#c8641a", "total": "0.15"}
+BUDGET_COLOR = "#b00020"
+TILE = 230
+"""Rows and columns of a small picture [pixels]."""
+
+
+def check_folder(folder: Path) -> None:
+    """Make the folder, before the work.
+
+    Raises:
+        OutputError: It cannot be made or written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {folder}: {error.strerror or error}") from error
+    check_destination(folder / "fig11.png")
+
+
+def draw_all(folder: Path, runs: PaperRuns, progress: Progress | None = None) -> list[Path]:
+    """Draw every figure that the runs have scenes for; the files are fig11.png to fig15.png.
+
+    Raises:
+        OutputError: A picture cannot be written.
+    """
+    report = progress or (lambda what, done, total: None)
+    jobs: list[tuple[str, Callable[[Path], None]]] = []
+    # The hand that is shown is the default method's, or else the last one's.
+    methods = list(dict.fromkeys(run.options.method for run in runs.scenes))
+    shown = "coupled" if "coupled" in methods else methods[-1]
+    for figure, columns in (("11", 3), ("13", 6)):
+        scenes = runs.of(shown, figure)
+        if scenes:
+            jobs.append((f"fig{figure}.png", partial(_gallery, scenes=scenes, columns=columns)))
+    for figure, draw in (("12", _forces_of_fingers), ("14", _force_of_index)):
+        for name in object_names():
+            same = [run for method in methods for run in runs.of(method, figure, object_name=name)]
+            if same:
+                jobs.append((f"fig{figure}-{name}.png", partial(draw, runs=same)))
+    if any(run.scenario.figure == "15" for run in runs.scenes):
+        jobs.append(("fig15.png", partial(_cases, runs=runs, methods=methods)))
+    for number, (name, job) in enumerate(jobs):
+        report("pictures", number, len(jobs))
+        job(folder / name)
+    return [folder / name for name, _ in jobs]
+
+
+def _gallery(path: Path, scenes: Sequence[SceneRun], columns: int) -> None:
+    rows = -(-len(scenes) // columns)
+    figure = _new_figure(columns * TILE / 100, rows * (TILE + 22) / 100 + 0.3)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for place in axes.ravel():
+        place.set_axis_off()
+    for place, run in zip(axes.ravel(), scenes):
+        mesh = load_object(run.scenario.object_name).mesh
+        place.imshow(scene_picture(run, mesh, shape=(TILE, TILE)), interpolation="none")
+        place.set_title(run.scenario.name, fontsize=10, color="0.25", pad=2)
+    figure.subplots_adjust(left=0.0, right=1.0, bottom=0.03, top=1.0 - 0.25 / (rows * 2.5), wspace=0.02, hspace=0.08)
+    figure.text(
+        0.99, 0.008, f"skin: graphic hand, {scenes[0].options.method}; blue: haptic hand", ha="right", color="0.4"
+    )
+    save_figure(figure, path)
+
+
+def _forces_of_fingers(path: Path, runs: Sequence[SceneRun]) -> None:
+    """Fig. 12: normal forces of the five fingers, and the time of a tick, with the hand in each hold."""
+    figure, forces, times = _curves_figure(runs)
+    for axes, run in zip(forces, runs):
+        assert run.curves is not None
+        for f, finger in enumerate(FINGERS):
+            axes.plot(run.curves.fingertip[:, f], color=FINGER_COLORS[f], linewidth=1.4, label=finger)
+    forces[0].set_ylabel("normal force at the fingertip [N]")
+    _legend(figure, forces[0])
+    _draw_times(times, runs)
+    save_figure(figure, path)
+
+
+def _force_of_index(path: Path, runs: Sequence[SceneRun]) -> None:
+    """Fig. 14: the index finger's contact force with its components, and the time of a tick."""
+    figure, forces, times = _curves_figure(runs)
+    for axes, run in zip(forces, runs):
+        assert run.curves is not None
+        size = np.linalg.norm(run.curves.index_finger, axis=1)
+        for label, values in zip(PART_COLORS, (size, *run.curves.index_finger.T)):
+            width = 2.0 if label == "total" else 1.2
+            axes.plot(values, color=PART_COLORS[label], linewidth=width, label=label)
+    forces[0].set_ylabel("contact force on the index finger [N]")
+    _legend(figure, forces[0])
+    _draw_times(times, runs)
+    save_figure(figure, path)
+
+
+def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], Sequence[Axes]]":
+    """Pictures of the holds on top; then a column a method: forces above, times below, phases marked."""
+    figure = _new_figure(14.0, 8.6)
+    moments = runs[-1].shown
+    mesh = load_object(runs[-1].scenario.object_name).mesh
+    view = best_view(runs[-1], mesh, len(moments) // 2)
+    width = 0.92 / len(moments)
+    for k, moment in enumerate(moments):
+        place = figure.add_axes((0.06 + k * width, 0.745, width, 0.205))
+        place.imshow(scene_picture(runs[-1], mesh, k, (TILE, TILE), view), interpolation="none")
+        place.set_axis_off()
+        place.set_title(moment.name, fontsize=10, color="0.3", pad=1)
+    figure.text(0.06, 0.972, f"{runs[-1].scenario.name}, {runs[-1].options.method}", fontsize=14)
+    figure.text(0.99, 0.972, "skin: graphic hand; blue: haptic hand", fontsize=10, color="0.4", ha="right")
+    grid = figure.add_gridspec(2, len(runs), left=0.06, right=0.98, bottom=0.065, top=0.7, hspace=0.12, wspace=0.12)
+    forces = [figure.add_subplot(grid[0, k]) for k in range(len(runs))]
+    times = [figure.add_subplot(grid[1, k]) for k in range(len(runs))]
+    for top, bottom, run in zip(forces, times, runs):
+        _tidy(top)
+        _tidy(bottom)
+        top.set_title(run.options.method, fontsize=12, loc="left", pad=14)
+        top.tick_params(labelbottom=False)
+        bottom.set_xlabel("tick")
+        number = 0
+        for phase in run.stage.motions[0].phases:
+            number += phase.name == "hold"
+            label = str(number) if phase.name == "hold" else ""
+            middle = 0.5 * (phase.first_tick + phase.last_tick)
+            for axes in (top, bottom):
+                if phase.name in ("hold", "slide"):
+                    axes.axvspan(phase.first_tick, phase.last_tick, color="0.94" if label else "#eef4fa", zorder=0)
+                axes.set_xlim(0, len(run.depth))
+            name = f"hold {label}" if label else "slide" if phase.name == "slide" else ""
+            if name:
+                top.text(middle, 1.01, name, transform=top.get_xaxis_transform(), fontsize=8, ha="center", color="0.4")
+    return figure, forces, times
+
+
+def _legend(figure: "Figure", axes: "Axes") -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="center left", bbox_to_anchor=(0.13, 0.733), ncols=5, fontsize=8, frameon=False,
+        columnspacing=1.0, handlelength=1.4,
+    )  # fmt: skip
+
+
+def _draw_times(panels: "Sequence[Axes]", runs: Sequence[SceneRun]) -> None:
+    top = max(float(1e6 * run.tick_cpu.max()) for run in runs)
+    for axes, run in zip(panels, runs):
+        axes.plot(1e6 * run.tick_cpu, color="0.25", linewidth=0.6)
+        axes.set_ylim(0.0, 1.08 * top)
+        text = f"longest {1e6 * run.tick_cpu.max():.0f} µs; the paper: below 1,000 to 1,500 µs"
+        axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=BUDGET_COLOR)
+    panels[0].set_ylabel("time of a tick, CPU [µs]")
+
+
+def _cases(path: Path, runs: PaperRuns, methods: Sequence[str]) -> None:
+    """Fig. 15: detection, response and total by case, with the number of contacts, object by object."""
+    played = [name for name in object_names() if runs.of(methods[0], "15", object_name=name)]
+    figure = _new_figure(2.9 * len(played) + 0.6, 2.7 * len(methods) + 0.7)
+    panels = figure.subplots(len(methods), len(played), squeeze=False, sharex=True, sharey=True)
+    for row, method in zip(panels, methods):
+        for axes, name in zip(row, played):
+            _tidy(axes)
+            same = {run.scenario.case: run for run in runs.of(method, "15", object_name=name)}
+            cases = [case for case in CASES if case in same]
+            values: dict[str, list[float]] = {label: [] for label in TIME_COLORS}
+            for case in cases:
+                run = same[case]
+                parts = run.tick_parts[run.undisturbed].mean(axis=0)
+                values["detection"].append(1e6 * parts[DURATION_DETECT])
+                values["response"].append(1e6 * (parts.sum() - parts[DURATION_DETECT]))
+                values["total"].append(1e6 * run.tick_cpu[run.contact].mean())
+            for label, color in TIME_COLORS.items():
+                axes.plot(cases, values[label], color=color, marker="o", markersize=4, linewidth=1.6, label=label)
+            for case, total in zip(cases, values["total"]):
+                contacts = same[case].candidates[held_ticks(same[case].stage)].mean()
+                axes.annotate(
+                    f"{contacts:.0f}", (case, total), (0, 6), textcoords="offset points", ha="center", fontsize=9
+                )
+    for axes, name in zip(panels[0], played):
+        axes.set_title(name, fontsize=12)
+    for row, method in zip(panels, methods):
+        row[0].set_ylabel(f"{method}\nmean tick [µs]")
+    panels[0, 0].set_ylim(0.0, 1.15 * panels[0, 0].get_ylim()[1])
+    panels[0, 0].legend(loc="upper left", fontsize=8, frameon=False)
+    count = len(runs.of(methods[0], "15")[0].stage.motions)
+    figure.subplots_adjust(left=0.75 / figure.get_figwidth(), right=0.99, top=0.94, bottom=0.09, wspace=0.06)
+    figure.text(
+        0.99,
+        0.008,
+        f"one thread, mean of {count} instances; the numbers are contacts in the hold. "
+        "The paper: ≈ 1,000 µs for 131 contacts (TF, bunny) and for ≈ 250 (WH)",
+        ha="right",
+        fontsize=9,
+        color=BUDGET_COLOR,
+    )
+    save_figure(figure, path)
+
+
+def _new_figure(width: float, height: float) -> "Figure":
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=100, facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _tidy(axes: "Axes") -> None:
+    axes.grid(color="0.92", linewidth=0.8)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)

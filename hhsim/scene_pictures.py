@@ -1,0 +1,84 @@
+"""Small pictures of a hand on an object: skin for the graphic hand, blue for the haptic one, as in the paper."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand import FINGERS, HandModel
+from hhsim.mesh import Mesh
+from hhsim.paper_run import Pose, SceneRun
+from hhsim.rendering import Camera, blend, frame, look_from, shade
+from hhsim.replay_figure import GHOST, STONE
+from hhsim.surface import Surface, hand_surface, joined, mesh_surface, painted, round_cone_surface
+
+FloatArray = NDArray[np.float64]
+
+GLASS = 0.4
+"""How opaque the haptic hand is."""
+AZIMUTHS, ELEVATIONS = range(0, 360, 45), (15.0, 50.0)
+"""Views that are tried [degrees]."""
+TRIAL = (48, 48)
+"""Rows and columns of a trial view [pixels]."""
+
+
+def scene_picture(
+    run: SceneRun, mesh: Mesh, moment: int = 0, shape: tuple[int, int] = (300, 300), view: FloatArray | None = None
+) -> FloatArray:
+    """The hand at one of the moments that a run keeps.
+
+    Args:
+        run: Of one motion.
+        mesh: The object's, its own frame.
+        moment: Which.
+        shape: Rows and columns of the picture [pixels].
+        view: Towards the viewer, shape (3,); None for `best_view`.
+
+    Returns:
+        The picture, shape (rows, columns, 3), 0 to 1.
+    """
+    shown = run.shown[moment]
+    graphic, haptic = (_surface(run.stage.hand, pose) for pose in (shown.graphic, shown.haptic))
+    body = mesh_surface(mesh, STONE)
+    towards = best_view(run, mesh, moment) if view is None else view
+    camera = frame(joined([graphic, body]).points, look_from(towards), shape)
+    hand, ghost = shade(graphic, camera), shade(painted(haptic, GHOST), camera)
+    # The haptic hand is drawn behind the graphic one: where both are, the skin stays clean.
+    ghost = replace(ghost, depth=np.where(hand.seen(), np.minimum(ghost.depth, hand.depth - 1e-6), ghost.depth))
+    return blend([(hand, 1.0), (shade(body, camera), 1.0), (ghost, GLASS)])
+
+
+def best_view(run: SceneRun, mesh: Mesh, moment: int = 0) -> FloatArray:
+    """Of some directions towards the viewer, the one in which most is seen of the fingertips that are to touch.
+
+    What is seen of hand and object, of the one that is seen less, decides between equals.
+    """
+    pose, hand = run.shown[moment].graphic, run.stage.hand
+    joints = hand.joints(*pose)
+    named = {touch.part for touches in run.stage.script.hold_touches for touch in touches}
+    tips = joined(
+        [
+            round_cone_surface(joints[f, 2], joints[f, 3], hand.radius[f, 2], hand.radius[f, 3], STONE, 8, 16)
+            for f, finger in enumerate(FINGERS)
+            if finger in named
+        ]
+    )
+    whole, body = _surface(hand, pose), mesh_surface(mesh, STONE)
+    both = joined([whole, body])
+    best, most = np.array([1.0, 0.0, 0.0]), -1.0
+    for elevation in np.radians(ELEVATIONS):
+        for azimuth in np.radians(AZIMUTHS):
+            towards = np.array(
+                [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+            )
+            camera: Camera = frame(both.points, look_from(towards), TRIAL)
+            skin, stone, tip = (shade(surface, camera).depth for surface in (whole, body, tips))
+            pads = float((tip > np.maximum(skin - 1e-3, stone)).sum()) if named else 0.0
+            seen = pads + 0.2 * min(float((skin > stone).sum()), 1.5 * float((stone > skin).sum()))
+            if seen > most:
+                best, most = towards, seen
+    return best
+
+
+def _surface(hand: HandModel, pose: Pose) -> Surface:
+    return hand_surface(hand, *pose)

@@ -1,0 +1,218 @@
+"""The paper's evaluation: a small run of it, its rows, its bars, and the command."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+
+from hhsim import tremor_hold
+from hhsim.bench_file import load_table
+from hhsim.bench_paper import PaperOptions, PaperRuns, measure
+from hhsim.errors import HhsimError, InputError, UnknownNameError
+from hhsim.hand import HandModel
+from hhsim.metrics import HandPoses
+from hhsim.object_catalogue import load_object
+from hhsim.paper_rows import PaperRow, missed, paper_rows, scene_rows
+from hhsim.paper_run import COUNTS, GLOVE, NOISES, held_ticks, make_stage, play, play_again
+from hhsim.paper_scenarios import Scenario
+from hhsim.solver_options import SolverOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+HAND = HandModel.default()
+OPTIONS = PaperOptions(methods=("coupled", "paper"), objects=("cube", "bunny"), level=3, instances=2, repetitions=2)
+
+
+@pytest.fixture(scope="module")
+def runs() -> PaperRuns:
+    return measure(OPTIONS)
+
+
+def row(runs: PaperRuns, name: str, method: str = "coupled") -> PaperRow:
+    (found,) = [one for one in paper_rows(runs, OPTIONS) if (one.name, one.method) == (name, method)]
+    return found
+
+
+def test_every_scene_is_played_by_every_method(runs: PaperRuns) -> None:
+    scenes = [(run.scenario.figure, run.scenario.object_name, run.options.method) for run in runs.scenes]
+    expected = {"11": ("cube", 3), "sliding": ("cube", 1), "13": ("bunny", 3), "14": ("bunny", 1), "15": ("bunny", 4)}
+    for figure, (name, count) in expected.items():
+        for method in OPTIONS.methods:
+            assert scenes.count((figure, name, method)) == count
+    assert len(scenes) == 2 * sum(count for _, count in expected.values())
+    assert [(found.case, found.run.options.method) for found in runs.at_contacts] == [
+        (case, method) for case in ("TF", "WH") for method in OPTIONS.methods
+    ]
+
+
+def test_every_row_is_measured_and_every_method_has_every_row(runs: PaperRuns) -> None:
+    rows = paper_rows(runs, OPTIONS)
+    names = {method: [one.name for one in rows if one.method == method] for method in OPTIONS.methods}
+    assert names["coupled"] == names["paper"]
+    assert {"mean_cube", "sliding_depth", "complex_p99_bunny", "interaction_p99_bunny", "case_p99_WH"} <= set(
+        names["coupled"]
+    )
+    assert {"contacts_131", "contacts_250", "depth", "variation_glove_size", "touches"} <= set(names["coupled"])
+    for one in rows:
+        small = one.name.startswith("variation") and one.name[-1] in "xyz"
+        assert math.isfinite(one.ours) or small, one
+        assert one.paper_text and one.label and one.unit in ("s", "m", "%", "1")
+
+
+def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
+    played = runs.of("coupled", "11", object_name="cube")
+    times = np.concatenate([np.median(run.cpu, axis=0)[run.contact] for run in played])
+    mean = row(runs, "mean_cube")
+    assert mean.ours == pytest.approx(times.mean(), rel=1e-5)
+    assert mean.ratio == pytest.approx(0.32e-3 / times.mean(), rel=1e-5)
+    assert mean.bar == pytest.approx(0.032e-3)
+    assert row(runs, "depth").ours == max(
+        float(run.depth.max()) for run in runs.of("coupled", "11", "sliding", "13", "14", "15")
+    )
+    variations = [run.variation["glove"].size[0] for run in runs.of("coupled", "11", "13", "14")]
+    assert row(runs, "variation_glove_size").ours == pytest.approx(float(np.median(variations)))
+
+
+def test_coupled_stays_out_and_touches_what_the_scenes_name(runs: PaperRuns) -> None:
+    assert row(runs, "depth").ours <= 1e-6
+    assert row(runs, "touches").ours == 0.0
+    assert sum(len(run.touches) for run in runs.of("coupled", "11")) == 1 + 2 + 6
+
+
+def test_the_margin_brings_about_as_many_contacts_as_the_paper_states(runs: PaperRuns) -> None:
+    for found in runs.at_contacts:
+        count = found.run.candidates[held_ticks(found.run.stage)].mean()
+        assert count == pytest.approx(found.wanted, rel=0.1)
+        assert found.run.options.margin == found.margin
+
+
+def test_ticks_in_contact_are_those_of_closing_holding_and_sliding(runs: PaperRuns) -> None:
+    (run,) = runs.of("coupled", "14")
+    phases = {phase.name: phase for phase in run.stage.motions[0].phases}
+    assert not run.contact[: phases["approach"].last_tick + 1].any()
+    assert not run.contact[phases["release"].first_tick :].any()
+    assert run.contact[phases["slide"].first_tick : phases["slide"].last_tick].all()
+    assert (run.candidates[run.contact] > 0).all()
+    assert (run.undisturbed <= run.contact).all()
+    assert [moment.name for moment in run.shown] == ["hold 1", "slide", "hold 2"]
+
+
+def test_scene_rows_hold_one_line_a_scene(runs: PaperRuns) -> None:
+    rows = scene_rows(runs)
+    assert len(rows) == len(runs.scenes)
+    assert {one["instances"] for one in rows if one["figure"] == "15"} == {2}
+    for one in rows:
+        assert one["ticks_in_contact"] > 0
+        assert 0.0 < one["cpu_p50"] <= one["cpu_p99"] <= one["cpu_max"]
+        assert (one["depth_max"] <= 1e-6) or one["method"] == "paper"
+
+
+def test_a_repetition_that_differs_is_an_error(runs: PaperRuns) -> None:
+    run = replace(runs.scenes[0], digest="other", cpu=[], wall=[], parts=[])
+    with pytest.raises(HhsimError, match="a repetition gave another hand"):
+        play_again(run)
+
+
+def test_only_our_methods_have_bars_and_what_is_not_measured_keeps_none() -> None:
+    one = PaperRow("depth", "V-D", "depth", "coupled", "m", 1e-4, "≈ 0.1 mm", 5e-7, 1e-6)
+    assert one.passed and one.ratio == pytest.approx(200.0)
+    deep = replace(one, ours=2e-6)
+    nothing = replace(one, ours=math.nan)
+    assert missed([one, deep, nothing, replace(deep, method="paper"), replace(deep, bar=math.nan)]) == [deep, nothing]
+    assert replace(one, ours=0.0).ratio == math.inf
+    assert math.isnan(replace(one, paper=math.nan).ratio)
+
+
+def test_instances_are_different_hands_and_the_same_again_for_the_same_seed() -> None:
+    tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=3))
+    scenario = Scenario("15", "cube", "pinch", "TF", 4)
+    one, again, other = (make_stage(scenario, HAND, tree, 4, seed) for seed in (0, 0, 1))
+    places = [motion.position[-1] for motion in one.motions]
+    assert len(places) == 4
+    assert min(np.linalg.norm(a - b) for i, a in enumerate(places) for b in places[:i]) > 1e-4
+    for mine, same in zip(one.motions, again.motions):
+        assert mine.position.tobytes() == same.position.tobytes()
+        assert mine.flexion.tobytes() == same.flexion.tobytes()
+    assert not np.array_equal(one.motions[0].position, other.motions[0].position)
+    run = play(one, SolverOptions())
+    assert len(run.touches) == 4 * 2 and len(run.missed) <= 2
+    assert run.depth.max() <= 1e-6 and not run.variation and run.curves is None
+
+
+def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[HandPoses] = []
+
+    class Spy:
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def place(self, *_: object) -> None:
+            pass
+
+        def run(self, position: np.ndarray, orientation: np.ndarray, flexion: np.ndarray, _: np.ndarray) -> None:
+            given.append(HandPoses(position, orientation, flexion))
+
+    monkeypatch.setattr(tremor_hold, "HandSolver", Spy)
+    ticks = 500
+    flexion = np.random.default_rng(3).uniform(0.0, 1.0, (5, 3))
+    still = HandPoses(np.zeros((ticks, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.tile(flexion, (ticks, 1, 1)))
+    tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=1)).arrays()
+    for noise, rate in NOISES.values():
+        tremor_hold.trembling_hold(
+            HAND, tree, SolverOptions(), still, still, np.zeros((ticks, 5)), 1000.0, 0, noise, rate
+        )
+    glove, trembling = given
+    count = 2.0 * np.pi / COUNTS
+    for poses in given:
+        new = np.flatnonzero(np.any(np.diff(poses.flexion, axis=0) != 0.0, axis=(1, 2))) + 1
+        assert set(new % 5) == {0} and len(new) > 50
+        off = (poses.flexion - flexion) / count
+        assert np.abs(off).max() <= 2.0 and np.abs(off).mean() < 0.5
+        assert np.allclose(poses.flexion / count, np.round(poses.flexion / count), atol=1e-6)
+    assert not glove.position.any() and np.array_equal(glove.orientation, still.orientation)
+    assert np.linalg.norm(trembling.position, axis=1).max() == pytest.approx(1e-4, rel=0.05)
+    assert GLOVE.tremor_position == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"methods": ("best",)}, UnknownNameError),
+        ({"objects": ("mug",)}, UnknownNameError),
+        ({"methods": ()}, InputError),
+        ({"objects": ()}, InputError),
+        ({"instances": 0}, InputError),
+        ({"repetitions": 0}, InputError),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(change: dict[str, object], error: type[Exception]) -> None:
+    with pytest.raises(error):
+        PaperOptions(**change)  # type: ignore[arg-type]
+
+
+def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(run: Run, tmp_path: Path) -> None:
+    arguments = ("--quick", "--object", "hexagonal-prism", "--method", "coupled", "--instances", "1")
+    answer = run("bench", "paper", *arguments, "--out", "paper.h5", "--plot", "figures", "--json")
+    document = json.loads(answer.out)
+    assert answer.code == (1 if document["missed"] else 0)
+    assert document["passed"] == (not document["missed"])
+    table, scenes = load_table(tmp_path / "paper.h5"), load_table(tmp_path / "paper-scenes.h5")
+    assert [one["row"] for one in table.rows] == [one["row"] for one in document["rows"]]
+    assert len(scenes.rows) == len(document["scenes"]) == 3 + 1 + 1
+    assert {Path(path).name for path in document["pictures"]} == {"fig11.png", "fig12-hexagonal-prism.png"}
+    for path in document["pictures"]:
+        assert (tmp_path / path).read_bytes().startswith(b"\x89PNG")
+    again = run("bench", "paper", *arguments, "--repetitions", "1", "--out", "paper.h5")
+    assert "mean tick, hexagonal-prism" in again.out and "0.48 ms" in again.out
+    assert ("missed: " in again.out) == (again.code == 1)
+
+
+def test_the_command_refuses_before_the_work(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "figures").write_text("in the way")
+    answer = run("bench", "paper", "--quick", "--plot", "figures")
+    assert answer.code == 2 and "figures" in answer.err
+    assert run("bench", "paper", "--object", "mug").code == 2
+    assert run("bench", "paper", "--out", "paper.csv").code == 2
