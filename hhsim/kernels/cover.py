@@ -165,24 +165,28 @@ def greedy_cover(
 
 
 @jit_inline
-def _most_change(center: Array, j: int, x: float, y: float, z: float, far: float, radius: float) -> float:
-    """Most that the difference of the distances to ball j and to (x, y, z) changes within `radius` [m] of a point.
+def _stays_behind(center: Array, j: int, x: float, y: float, z: float, lag: float, far: float, radius: float) -> bool:
+    """Whether ball j costs more than the one about (x, y, z) within `radius` [m] of a point, as it does there.
 
-    Its gradient is the difference of two unit vectors, at most 2 |c₁ − c₂| / (sum of the distances) long (Dunkl and
-    Williams, 1964).
+    The gradient of the difference of the distances to both is the difference of two unit vectors, at most
+    2 |c₁ − c₂| / (sum of the distances) long (Dunkl and Williams, 1964), and never longer than 2.
 
     Args:
         center: ball centres [m], shape (balls, 3).
         j: the ball.
         x, y, z: the other centre [m].
+        lag: how much more ball j costs at the point [m].
         far: sum of the distances of the two from the point [m].
         radius: [m].
     """
-    dx, dy, dz = center[j, 0] - x, center[j, 1] - y, center[j, 2] - z
-    apart = 2.0 * math.sqrt(dx * dx + dy * dy + dz * dz)
+    margin = lag - 1e-12 * far
+    if margin > 2.0 * radius:
+        return True
     least = far - 2.0 * radius
-    change = apart / least if apart < 2.0 * least else 2.0
-    return change * radius * (1.0 + 1e-9) + 1e-12 * far
+    if not (margin > 0.0 and least > 0.0):
+        return False
+    dx, dy, dz = center[j, 0] - x, center[j, 1] - y, center[j, 2] - z
+    return (margin * least) ** 2 > 4.000001 * (dx * dx + dy * dy + dz * dz) * radius * radius
 
 
 @jit
@@ -239,8 +243,8 @@ def assign(
             j = lists[level - 1, k]
             value = distance[k] - depth[j]
             if value <= limit and not (
-                value - best > _most_change(center, j, b0, b1, b2, distance[k] + best_far, radius)
-                and value - second > _most_change(center, j, s0, s1, s2, distance[k] + second_far, radius)
+                _stays_behind(center, j, s0, s1, s2, value - second, distance[k] + second_far, radius)
+                and _stays_behind(center, j, b0, b1, b2, value - best, distance[k] + best_far, radius)
             ):
                 lists[level, count] = j
                 if count > 0 and value <= second:

@@ -25,14 +25,14 @@ class MeshBvh(NamedTuple):
 
     corner: (F, 9) a, b, c of each triangle [m]; pseudonormal: (F, 7, 3) outward, one for each feature code of
     `closest_on_triangle` (not normalised: only the sign of a product is used); face: (F,) index in the mesh;
-    low, high: (N, 3) bounds [m]; start, end, right: (N,) as in `MedianTree`.
+    bound: (N, 11) the lowest and the highest corner of a box [m], and a slab: its unit normal n, the mean of the faces'
+    (zero where they have none), and the least and largest n · x [m]; start, end, right: (N,) as in `MedianTree`.
     """
 
     corner: Array
     pseudonormal: Array
     face: Indices
-    low: Array
-    high: Array
+    bound: Array
     start: Indices
     end: Indices
     right: Indices
@@ -78,44 +78,61 @@ def build_mesh_bvh(vertices: Array, faces: Indices) -> MeshBvh:
     tree = build_median_tree(corners.mean(axis=1), _LEAF_TRIANGLES)
     corners = corners[tree.order]
     nodes = len(tree.start)
-    low, high = np.empty((nodes, 3)), np.empty((nodes, 3))
-    _bound(corners.min(axis=1), corners.max(axis=1), tree.start, tree.end, tree.right, low, high)
-    pseudonormal = np.ascontiguousarray(_pseudonormals(vertices, faces)[tree.order])
+    bound = np.empty((nodes, 11))
     corner = np.ascontiguousarray(corners.reshape(-1, 9))
-    return MeshBvh(corner, pseudonormal, tree.order, low, high, tree.start, tree.end, tree.right)
+    _bound(corner, tree.start, tree.end, tree.right, bound)
+    pseudonormal = np.ascontiguousarray(_pseudonormals(vertices, faces)[tree.order])
+    return MeshBvh(corner, pseudonormal, tree.order, bound, tree.start, tree.end, tree.right)
 
 
 @jit
-def _bound(
-    triangle_low: Array,
-    triangle_high: Array,
-    start: Indices,
-    end: Indices,
-    right: Indices,
-    low_out: Array,
-    high_out: Array,
-) -> None:
+def _bound(corner: Array, start: Indices, end: Indices, right: Indices, bound_out: Array) -> None:
     """Bounds of the nodes; children follow their parents in preorder, so walk backwards."""
+    normal = np.zeros((start.shape[0], 3))
     for node in range(start.shape[0] - 1, -1, -1):
-        for k in range(3):
-            if right[node] < 0:
-                low, high = triangle_low[start[node], k], triangle_high[start[node], k]
-                for i in range(start[node] + 1, end[node]):
-                    low = min(low, triangle_low[i, k])
-                    high = max(high, triangle_high[i, k])
-            else:
-                low = min(low_out[node + 1, k], low_out[right[node], k])
-                high = max(high_out[node + 1, k], high_out[right[node], k])
-            low_out[node, k] = low
-            high_out[node, k] = high
+        b, n = bound_out[node], normal[node]
+        if right[node] < 0:
+            for k in range(3):
+                b[k], b[3 + k] = np.inf, -np.inf
+            for i in range(start[node], end[node]):
+                t = corner[i]
+                for k in range(3):
+                    b[k] = min(b[k], min(t[k], min(t[3 + k], t[6 + k])))
+                    b[3 + k] = max(b[3 + k], max(t[k], max(t[3 + k], t[6 + k])))
+                ux, uy, uz = t[3] - t[0], t[4] - t[1], t[5] - t[2]
+                vx, vy, vz = t[6] - t[0], t[7] - t[1], t[8] - t[2]
+                n[0] += uy * vz - uz * vy
+                n[1] += uz * vx - ux * vz
+                n[2] += ux * vy - uy * vx
+        else:
+            left, other = bound_out[node + 1], bound_out[right[node]]
+            for k in range(3):
+                b[k], b[3 + k] = min(left[k], other[k]), max(left[3 + k], other[3 + k])
+                n[k] = normal[node + 1, k] + normal[right[node], k]
+        length = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        b[6] = b[7] = b[8] = b[9] = b[10] = 0.0
+        if length > 0.0:
+            b[6], b[7], b[8], b[9], b[10] = n[0] / length, n[1] / length, n[2] / length, np.inf, -np.inf
+            for i in range(start[node], end[node]):
+                for v in range(0, 9, 3):
+                    height = b[6] * corner[i, v] + b[7] * corner[i, v + 1] + b[8] * corner[i, v + 2]
+                    b[9], b[10] = min(b[9], height), max(b[10], height)
 
 
 @jit_inline
-def _box_distance2(low: Array, high: Array, node: int, px: float, py: float, pz: float) -> float:
-    dx = max(max(low[node, 0] - px, px - high[node, 0]), 0.0)
-    dy = max(max(low[node, 1] - py, py - high[node, 1]), 0.0)
-    dz = max(max(low[node, 2] - pz, pz - high[node, 2]), 0.0)
-    return float(dx * dx + dy * dy + dz * dz)
+def _least_distance2(bound: Array, node: int, px: float, py: float, pz: float) -> float:
+    """Squared distance [m²] of p from a node's box or slab, the larger of them: nothing in the node is nearer.
+
+    A face across the way out of a ball reaches into the ball by its slab's thickness, which shrinks with the square of
+    its size, but its box by its size: on fine meshes the slab refuses what the box lets through.
+    """
+    b = bound[node]
+    dx = max(max(b[0] - px, px - b[3]), 0.0)
+    dy = max(max(b[1] - py, py - b[4]), 0.0)
+    dz = max(max(b[2] - pz, pz - b[5]), 0.0)
+    height = b[6] * px + b[7] * py + b[8] * pz
+    across = max(max(b[9] - height, height - b[10]), 0.0)
+    return float(max(dx * dx + dy * dy + dz * dz, across * across))
 
 
 @jit
@@ -137,7 +154,7 @@ def closest_on_mesh(
     triangle, feature = -1, 0
     x = y = z = 0.0
     stack[0] = 0
-    stack_distance2[0] = _box_distance2(bvh.low, bvh.high, stack[0], px, py, pz)
+    stack_distance2[0] = _least_distance2(bvh.bound, stack[0], px, py, pz)
     top = 1
     while top > 0:
         top -= 1
@@ -156,8 +173,8 @@ def closest_on_mesh(
                     x, y, z, triangle, feature = qx, qy, qz, i, f
         else:
             near, far = node + 1, right
-            near2 = _box_distance2(bvh.low, bvh.high, near, px, py, pz)
-            far2 = _box_distance2(bvh.low, bvh.high, far, px, py, pz)
+            near2 = _least_distance2(bvh.bound, near, px, py, pz)
+            far2 = _least_distance2(bvh.bound, far, px, py, pz)
             if far2 < near2:
                 near, far, near2, far2 = far, near, far2, near2
             if far2 < best:
