@@ -10,8 +10,10 @@ from hhsim.canonical_frame import GRID, canonical_frame
 from hhsim.errors import MeshError
 from hhsim.kernels.cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
 from hhsim.kernels.cover_refine import group_by_owner, move_balls, removal_cost, spare_balls
+from hhsim.kernels.median_tree import subtrees
 from hhsim.kernels.mesh_bvh import MeshBvh, build_mesh_bvh, face_normals
 from hhsim.kernels.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
+from hhsim.workers import Workers, ranges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -46,16 +48,23 @@ _FINEST = 0.03
 """Edges shorter than this share of the footprint of their ball are not halved."""
 _HIGH = 0.9
 """Quantile of the costs of the balls that stands for all: a few that are far worse are none of the others' concern."""
+_REPLACEMENTS = 4
+"""Times that balls which turned out to be nobody's best are placed anew."""
 _TRIMS = 4
 _TRIM_FROM = 0.95
 _THINNEST = 1e-9
+_SUBTREES = 3
+"""Depth of the subtrees of micro-triangles that threads share out …"""
+_SHARES = 16
+"""… and number of the ranges of balls."""
 
 
 class _Cover:
     """Balls and their micro-triangles, while they are being improved."""
 
-    def __init__(self, bvh: MeshBvh, micro: MicroTriangles, largest: float, balls: int) -> None:
-        self.bvh, self.micro, self.largest, self.balls = bvh, micro, largest, balls
+    def __init__(self, bvh: MeshBvh, micro: MicroTriangles, largest: float, balls: int, workers: Workers) -> None:
+        self.bvh, self.micro, self.largest, self.balls, self.workers = bvh, micro, largest, balls, workers
+        self.roots = subtrees(micro.right, _SUBTREES)
         self.center, self.depth, self.step = np.empty((0, 3)), np.empty(0), np.empty(0)
         count = len(micro.corner)
         self.owner, self.second_owner = np.full((2, count), -1)
@@ -66,9 +75,15 @@ class _Cover:
         """Largest cost of a micro-triangle [m]."""
         return float(self.cost.max())
 
-    def assign(self) -> None:
-        """Give every micro-triangle to its best ball."""
-        assign(self.micro, self.center, self.depth, self.owner, self.cost, self.second_owner, self.second_cost)
+    def assign(self, depth: FloatArray | None = None) -> None:
+        """Give every micro-triangle to its best ball, by their depths or by other ones."""
+        depth = self.depth if depth is None else depth
+        self.workers.each(
+            lambda root: assign(
+                self.micro, root, self.center, depth, self.owner, self.cost, self.second_owner, self.second_cost
+            ),
+            ((root,) for root in self.roots),
+        )
 
     def fill(self) -> None:
         """Place balls, where the cover is worst, until all are there, or another one would gain nothing."""
@@ -110,7 +125,12 @@ class _Cover:
         first, order = self._groups()
         if afresh:
             self.step[:] = 0.0
-        move_balls(self.bvh, self.micro, first, order, _TRIALS, self.center, self.depth, self.step)
+
+        def move(begin: int, end: int) -> None:
+            center, depth, step = self.center[begin:end], self.depth[begin:end], self.step[begin:end]
+            move_balls(self.bvh, self.micro, first[begin : end + 1], order, _TRIALS, center, depth, step)
+
+        self.workers.each(move, ranges(len(self.depth), _SHARES))
 
     def _groups(self) -> tuple[IntArray, IntArray]:
         first, order = np.empty(len(self.depth) + 1, np.int64), np.empty(len(self.owner), np.int64)
@@ -134,13 +154,21 @@ class _Cover:
             if len(self.depth) > balls:
                 self.assign()
 
+    def drop_unused(self) -> int:
+        """Take away the balls that are nobody's best; return how many there are then."""
+        used = np.bincount(self.owner, minlength=len(self.depth)) > 0
+        if not used.all():
+            self.owner = (np.cumsum(used) - 1)[self.owner]
+            self.center, self.depth, self.step = self.center[used].copy(), self.depth[used], self.step[used]
+        return len(self.depth)
+
     def handicap(self) -> None:
         """Assign so that the balls that cost much have less to cover, and those that cost little more."""
         own = np.empty(len(self.depth))
         removal_cost(self.owner, self.cost, own)
         most = float(own.max())
         deeper = self.depth + _HANDICAP * np.clip(most - own, 0.0, _SLACK * most)
-        assign(self.micro, self.center, deeper, self.owner, self.cost, self.second_owner, self.second_cost)
+        self.assign(deeper)
 
     def relax(self, rounds: int) -> None:
         """Move and assign by turns."""
@@ -158,7 +186,7 @@ class _Cover:
 
 
 def build_cover(
-    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None = None
+    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None = None, workers: Workers | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Cover a mesh with at most `balls` balls.
 
@@ -169,6 +197,7 @@ def build_cover(
         faces: wound outward, shape (F, 3).
         balls: Most balls.
         progress: called with ("cover", cycles done, cycles).
+        workers: threads to build with; None for the calling one. The same bytes with any number.
 
     Returns:
         Centres [m], shape (n, 3), and radii [m], shape (n,).
@@ -180,7 +209,7 @@ def build_cover(
     require_inside(corner, float(np.ptp(corner.reshape(-1, 3), axis=0).max()))
     used = np.unique(faces)
     frame = canonical_frame(vertices[used])
-    center, radius = _build_in_frame(frame.into(vertices), faces, balls, progress)
+    center, radius = _build_in_frame(frame.into(vertices), faces, balls, progress, workers or Workers())
     center, radius = frame.out_of(center), radius * frame.size
     size = max(float(np.abs(corner).max()), float(np.abs(center).max()))
     # A vertex was moved by at most half a step of the grid along each axis.
@@ -188,11 +217,11 @@ def build_cover(
 
 
 def _build_in_frame(
-    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None
+    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None, workers: Workers
 ) -> tuple[FloatArray, FloatArray]:
     corner = np.ascontiguousarray(vertices[faces]).reshape(-1, 9)
     micro = cut_mesh(corner, face_normals(vertices, faces), edges_for(corner, np.ones(len(corner)), COARSE * balls))
-    cover = _Cover(build_mesh_bvh(vertices, faces), micro, 1.0, balls)
+    cover = _Cover(build_mesh_bvh(vertices, faces), micro, 1.0, balls, workers)
     cover.fill()
     cover.assign()
     least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
@@ -210,6 +239,11 @@ def _build_in_frame(
     cover.assign()
     for _ in range(_TRIMS):
         cover.refine(_TRIM_FROM)
+        cover.assign()
+    for _ in range(_REPLACEMENTS):
+        if cover.drop_unused() == balls:
+            break
+        cover.fill()
         cover.assign()
     if progress is not None:
         progress("cover", cycles + 1, cycles + 1)

@@ -223,7 +223,8 @@ class SphereTree:
                 errors=errors,
                 mesh_sha256=self.mesh_sha256,
                 options=dict(self.options)
-                | {"level": level, "leaves": leaves if leaves and leaves < branching**level else None},
+                | {"level": level, "leaves": leaves if leaves and leaves < branching**level else None}
+                | ({"max_error": None} if "max_error" in self.options else {}),
                 covers=(*self.covers[:level], cover),
                 cpu_seconds=seconds,
             )

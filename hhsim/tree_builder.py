@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -9,15 +10,26 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import ball_hierarchy, canonical_frame, level_cover, mesh_cover, sphere_tree, tree_error, tree_file
+from hhsim import (
+    ball_hierarchy,
+    canonical_frame,
+    fewest_balls,
+    level_cover,
+    mesh_cover,
+    sphere_tree,
+    tree_error,
+    tree_file,
+)
 from hhsim.ball_hierarchy import cover_hierarchy
 from hhsim.errors import InputError, MeshError, OutputError, UnknownNameError
+from hhsim.fewest_balls import find_fewest
 from hhsim.kernels import (
     ball_descent,
     cover,
     cover_certificate,
     cover_error,
     cover_refine,
+    distance,
     enclosing_ball,
     inner_ball,
     median_tree,
@@ -33,11 +45,14 @@ from hhsim.mesh_cover import build_cover
 from hhsim.sphere_tree import SphereTree
 from hhsim.tree_error import measure_levels, prove_cover
 from hhsim.tree_methods import METHODS, Progress
+from hhsim.workers import Workers
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MOST_LEVEL = 5
+MOST_LEAVES = 262_144
+"""Beyond this a build takes many minutes, and no tick would be in time."""
 
 COVERS = ("outer", "balanced")
 """What the spheres are to be, see `TreeOptions`."""
@@ -52,6 +67,7 @@ _SOURCES = (
     cover_certificate,
     cover_error,
     cover_refine,
+    distance,
     enclosing_ball,
     median_tree,
     mesh_bvh,
@@ -59,6 +75,7 @@ _SOURCES = (
     triangle,
     ball_hierarchy,
     canonical_frame,
+    fewest_balls,
     level_cover,
     mesh_cover,
     sphere_tree,
@@ -73,23 +90,27 @@ class TreeOptions:
     """What to build.
 
     Attributes:
-        level: Level of the leaves, 1 to 5; the root is level 0.
+        level: Level of the leaves, 1 to 5; the root is level 0. None for as many as `leaves` or `max_error` need, 4 if
+            neither is given.
         branching: Most children of a node.
         leaves: Most leaves; None for branching ** level.
         seed: Of the samples that measure the errors; the spheres do not depend on it.
         method: Way to build it, one of `hhsim.tree_methods.METHODS`.
         cover: "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
+        max_error: Farthest that the leaves may be off the mesh, as proved [m]: as few leaves are taken as that needs,
+            see `hhsim.fewest_balls.find_fewest`. None to take all.
     """
 
-    level: int = 4
+    level: int | None = None
     branching: int = 8
     leaves: int | None = None
     seed: int = 0
     method: str = "certified"
     cover: str = "outer"
+    max_error: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the ranges.
+        """Check the ranges, and put the level in that is meant by None.
 
         Raises:
             InputError: A value out of its range, or one that the method cannot do.
@@ -99,25 +120,50 @@ class TreeOptions:
             raise UnknownNameError("tree method", self.method, METHODS)
         if self.cover not in COVERS:
             raise UnknownNameError("cover", self.cover, COVERS)
-        if self.cover != "outer" and METHODS[self.method].grow is not None:
-            raise InputError(f"a {self.cover} cover of method {self.method}: only certified covers can be balanced")
-        if not 1 <= self.level <= MOST_LEVEL:
-            raise InputError(f"tree level {self.level}, expected 1 to {MOST_LEVEL}")
+        if METHODS[self.method].grow is not None and (self.cover != "outer" or self.max_error is not None):
+            raise InputError(
+                f"method {self.method} proves nothing: a balanced cover or a largest error needs certified"
+            )
+        if self.max_error is not None and not (math.isfinite(self.max_error) and self.max_error > 0.0):
+            raise InputError(f"the largest error is {self.max_error:g} m, expected a positive length")
         if not 2 <= self.branching <= 64:
             raise InputError(f"tree branching {self.branching}, expected 2 to 64")
-        if self.leaves is not None and not 1 <= self.leaves <= self.branching**self.level:
+        if self.level is None:
+            usual = 4 if self.max_error is None else MOST_LEVEL
+            level = usual if self.leaves is None else needed_level(self.leaves, self.branching)
+            object.__setattr__(self, "level", min(level, MOST_LEVEL))
+        if not 1 <= self.leaf_level <= MOST_LEVEL:
+            raise InputError(f"tree level {self.level}, expected 1 to {MOST_LEVEL}")
+        if self.leaves is not None and not 1 <= self.leaves <= self.branching**self.leaf_level:
             raise InputError(
-                f"{self.leaves} leaves, expected 1 to {self.branching**self.level} "
+                f"{self.leaves} leaves, expected 1 to {self.branching**self.leaf_level} "
                 f"(branching {self.branching} at level {self.level})"
             )
+        if self.leaf_limit > MOST_LEAVES and self.max_error is None:
+            raise InputError(f"{self.leaf_limit:,} leaves, expected at most {MOST_LEAVES:,}")
+
+    @property
+    def leaf_level(self) -> int:
+        """Level of the leaves, or the finest that they may have where `max_error` decides."""
+        return 4 if self.level is None else self.level
 
     @property
     def leaf_limit(self) -> int:
         """Most leaves that the tree may have."""
-        return self.branching**self.level if self.leaves is None else self.leaves
+        return self.branching**self.leaf_level if self.leaves is None else self.leaves
 
 
-def build_sphere_tree(mesh: Mesh, options: TreeOptions | None = None, progress: Progress | None = None) -> SphereTree:
+def needed_level(leaves: int, branching: int) -> int:
+    """Coarsest level from 1 on that has room for so many leaves."""
+    level = 1
+    while branching**level < leaves:
+        level += 1
+    return level
+
+
+def build_sphere_tree(
+    mesh: Mesh, options: TreeOptions | None = None, progress: Progress | None = None, threads: int = 1
+) -> SphereTree:
     """Build and measure a tree.
 
     By the default method each level has a cover of its own that is proved to contain the whole surface, with
@@ -127,8 +173,10 @@ def build_sphere_tree(mesh: Mesh, options: TreeOptions | None = None, progress: 
         mesh: Watertight and wound outward.
         options: None for the defaults.
         progress: called with (stage, done, total), stages "cover", "tree" and "measure".
+        threads: How many to build with, as far as they can be used: the same bytes with any number.
 
     Raises:
+        InputError: No tree is within the largest error.
         MeshError: The mesh has no inside, or a face could not be covered.
     """
     options = TreeOptions() if options is None else options
@@ -136,41 +184,77 @@ def build_sphere_tree(mesh: Mesh, options: TreeOptions | None = None, progress: 
     faces = np.ascontiguousarray(mesh.faces, np.int64)
     bvh = build_mesh_bvh(vertices, faces)
     grow = METHODS[options.method].grow
-    try:
-        if grow is None:
-            tree = _certified(vertices, faces, bvh, options, progress)
-        else:
-            tree = grow(mesh, options.level, options.branching, options.leaves, progress)
-    except MeshError as error:
-        raise MeshError(f"{mesh.name}: {error}") from error
-    if progress is not None:
-        progress("tree", 1, 1)
-    errors = measure_levels(vertices, faces, bvh, tree, options.seed, progress)
+    with Workers(threads) as workers:
+        try:
+            if grow is None:
+                tree = _Builder(vertices, faces, bvh, options, progress, workers).build()
+            else:
+                tree = grow(mesh, options.leaf_level, options.branching, options.leaves, progress)
+        except (MeshError, InputError) as error:
+            raise type(error)(f"{mesh.name}: {error}") from error
+        if progress is not None:
+            progress("tree", 1, 1)
+        errors = measure_levels(vertices, faces, bvh, tree, options.seed, progress, workers)
     return replace(tree, errors=errors, mesh_sha256=mesh.sha256, options=asdict(options))
 
 
-def _certified(
-    vertices: FloatArray, faces: IntArray, bvh: MeshBvh, options: TreeOptions, progress: Progress | None
-) -> SphereTree:
-    sizes = [min(options.branching**level, options.leaf_limit) for level in range(options.level + 1)]
-    covers: list[LevelCover] = []
-    seconds: list[float] = []
-    for level, size in enumerate(sizes):
+class _Builder:
+    """Builds a certified tree, level by level."""
 
-        def report(stage: str, done: int, total: int, before: int = sum(sizes[:level]), here: int = size) -> None:
-            if progress is not None:
-                progress(stage, total * before + done * here, total * sum(sizes))
+    def __init__(
+        self,
+        vertices: FloatArray,
+        faces: IntArray,
+        bvh: MeshBvh,
+        options: TreeOptions,
+        progress: Progress | None,
+        workers: Workers,
+    ) -> None:
+        self.vertices, self.faces, self.bvh, self.options = vertices, faces, bvh, options
+        self.progress, self.workers = progress, workers
+        self.done = self.total = 0
 
-        start = time.process_time()
-        if level > 0 and size == sizes[level - 1]:
-            cover = covers[-1]
-        else:
-            center, radius = build_cover(vertices, faces, size, report)
-            cover = proved_cover(vertices, faces, bvh, center, radius, balanced=options.cover == "balanced")
-        tree, cover = cover_hierarchy(cover, level, options.branching)
-        covers.append(cover)
-        seconds.append(time.process_time() - start)
-    return replace(tree, covers=tuple(covers), cpu_seconds=tuple(seconds))
+    def build(self) -> SphereTree:
+        """Build the tree; its covers are timed."""
+        options, leaves, last, last_seconds = self.options, self.options.leaf_limit, None, 0.0
+        if options.max_error is not None:
+            start = time.process_time()
+            last = find_fewest(self.cover, options.max_error, min(leaves, MOST_LEAVES))
+            last_seconds = time.process_time() - start
+            leaves = len(last.radius)
+        level = options.leaf_level if options.max_error is None else needed_level(leaves, options.branching)
+        sizes = [min(options.branching**above, leaves) for above in range(level + 1)]
+        self.done, self.total = 0, sum(sizes if last is None else sizes[:-1])
+        covers: list[LevelCover] = []
+        seconds: list[float] = []
+        for at, size in enumerate(sizes):
+            start = time.process_time()
+            if at == level and last is not None:
+                cover = last
+            elif at > 0 and size == sizes[at - 1]:
+                cover = covers[-1]
+            else:
+                cover = self.cover(size)
+            tree, cover = cover_hierarchy(cover, at, options.branching)
+            covers.append(cover)
+            seconds.append(time.process_time() - start)
+        seconds[-1] += last_seconds
+        return replace(tree, covers=tuple(covers), cpu_seconds=tuple(seconds))
+
+    def cover(self, size: int) -> LevelCover:
+        """Build and prove a cover of at most `size` balls."""
+
+        def report(stage: str, done: int, cycles: int) -> None:
+            if self.progress is not None:
+                total = max(self.total, self.done + size)
+                self.progress(stage, cycles * self.done + done * size, cycles * total)
+
+        center, radius = build_cover(self.vertices, self.faces, size, report, self.workers)
+        self.done += size
+        balanced = self.options.cover == "balanced"
+        return proved_cover(
+            self.vertices, self.faces, self.bvh, center, radius, balanced=balanced, workers=self.workers
+        )
 
 
 def proved_cover(
@@ -181,6 +265,7 @@ def proved_cover(
     radius: FloatArray,
     *,
     balanced: bool = False,
+    workers: Workers | None = None,
 ) -> LevelCover:
     """Prove that balls cover a mesh; where rounding stands in the way, with balls larger by `GROWTH` of its extent.
 
@@ -192,14 +277,15 @@ def proved_cover(
         radius: [m], shape (n,).
         balanced: Take half of the bound off all radii, so that the balls miss the surface by as little outside as
             inside: it then lies at most so far out of them, and they at most so far out of it.
+        workers: threads to prove with; None for the calling one.
 
     Raises:
         MeshError: A face cannot be proved.
     """
-    unproved, proof = prove_cover(vertices, faces, center, radius)
+    unproved, proof = prove_cover(vertices, faces, center, radius, workers)
     if unproved.size:
         radius = radius + GROWTH * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max())
-        unproved, proof = prove_cover(vertices, faces, center, radius)
+        unproved, proof = prove_cover(vertices, faces, center, radius, workers)
     if unproved.size:
         raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
     cover = LevelCover(center, radius, -mesh_signed_distance(bvh, center), 0.0, proof)
@@ -209,7 +295,9 @@ def proved_cover(
     return replace(cover, radius=np.maximum(radius - half, 0.0), gap=half)
 
 
-def cached_sphere_tree(mesh: Mesh, options: TreeOptions | None = None, progress: Progress | None = None) -> SphereTree:
+def cached_sphere_tree(
+    mesh: Mesh, options: TreeOptions | None = None, progress: Progress | None = None, threads: int = 1
+) -> SphereTree:
     """Return the tree of `build_sphere_tree`, built once for each content of mesh, options and builder.
 
     A damaged file in the cache is built again; a cache that cannot be written is done without.
@@ -221,7 +309,7 @@ def cached_sphere_tree(mesh: Mesh, options: TreeOptions | None = None, progress:
             return SphereTree.load(path)
         except InputError:
             pass
-    tree = build_sphere_tree(mesh, options, progress)
+    tree = build_sphere_tree(mesh, options, progress, threads)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         tree.save(path)

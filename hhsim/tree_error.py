@@ -13,6 +13,7 @@ from hhsim.kernels.cover_error import exposed, union_distance
 from hhsim.kernels.mesh_bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh_cover import ROUNDING
 from hhsim.sphere_tree import LevelError, SphereTree
+from hhsim.workers import Workers, ranges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -23,6 +24,8 @@ MESH_SAMPLES = 20_000
 SPHERE_SAMPLES = 60_000
 LEAST_SAMPLES_EACH = 24
 """On each sphere of a level, however many there are."""
+_PARTS = 8
+"""Parts that threads share out."""
 
 
 def sample_mesh(vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator) -> FloatArray:
@@ -65,7 +68,11 @@ def uncovered_faces(vertices: FloatArray, faces: IntArray, center: FloatArray, r
 
 
 def prove_cover(
-    vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray
+    vertices: FloatArray,
+    faces: IntArray,
+    center: FloatArray,
+    radius: FloatArray,
+    workers: Workers | None = None,
 ) -> tuple[IntArray, Codes]:
     """Prove that balls cover a mesh.
 
@@ -74,6 +81,7 @@ def prove_cover(
         faces: shape (F, 3).
         center: [m], shape (n, 3).
         radius: [m], shape (n,).
+        workers: threads to prove with; None for the calling one.
 
     Returns:
         Faces without a proof, and the codes of the proof, as `hhsim.kernels.cover_certificate` explains them; no codes
@@ -82,20 +90,21 @@ def prove_cover(
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
     size = max(float(np.abs(vertices[faces]).max()), float(np.abs(center).max()))
     extent = float(np.ptp(corner.reshape(-1, 3), axis=0).max())
-    unproved, room = np.empty(len(faces), np.int64), 2 * len(faces) + 32 * len(radius)
-    while True:
-        proof = np.empty(room, np.int32)
-        count, room = certify_cover(
-            corner,
-            np.ascontiguousarray(center, np.float64),
-            np.ascontiguousarray(radius, np.float64),
-            0.5 * ROUNDING * size,
-            1e-5 * extent,
-            unproved,
-            proof,
-        )
-        if count or room <= len(proof):
-            return unproved[:count].copy(), proof[: 0 if count else room].copy()
+    center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
+
+    def prove(begin: int, end: int) -> tuple[IntArray, Codes]:
+        unproved, room = np.empty(end - begin, np.int64), 2 * (end - begin) + 4 * len(radius)
+        while True:
+            proof = np.empty(room, np.int32)
+            count, room = certify_cover(
+                corner[begin:end], center, radius, 0.5 * ROUNDING * size, 1e-5 * extent, unproved, proof
+            )
+            if count or room <= len(proof):
+                return unproved[:count] + begin, proof[:room].copy()
+
+    parts = (workers or Workers()).each(prove, ranges(len(faces), _PARTS))
+    unproved = np.concatenate([part for part, _ in parts])
+    return unproved, np.concatenate([part for _, part in parts]) if not unproved.size else np.empty(0, np.int32)
 
 
 def measure_levels(
@@ -105,6 +114,7 @@ def measure_levels(
     tree: SphereTree,
     seed: int = 0,
     progress: Progress | None = None,
+    workers: Workers | None = None,
 ) -> tuple[LevelError, ...]:
     """Measure the spheres of every level of a tree against a mesh: its cover of each level, or else its nodes.
 
@@ -115,37 +125,56 @@ def measure_levels(
         tree: in the frame of the mesh.
         seed: of the samples; those of a level do not depend on which others there are.
         progress: called with ("measure", levels done, levels).
+        workers: threads to measure with; None for the calling one.
     """
+    workers = workers or Workers()
     surface = sample_mesh(vertices, faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))
     errors = []
     for level in range(tree.depth + 1):
-        center, radius = tree.spheres(level)
-        x, y, z = (np.ascontiguousarray(center[:, k]) for k in range(3))
-        gap = np.empty(len(surface))
-        union_distance(surface, x, y, z, radius, gap)
-
-        points, owner, area = sample_spheres(center, radius, SPHERE_SAMPLES, np.random.default_rng([seed, 1 + level]))
-        free = np.empty(len(points), np.bool_)
-        exposed(points, owner, x, y, z, radius, free)
-        height, area = mesh_signed_distance(bvh, points[free]), area[free]
-        height, area = height[height > 0.0], area[height > 0.0]
-        mean, p99 = _mean_and_p99(height, area)
-        errors.append(
-            LevelError(
-                level=level,
-                spheres=len(radius),
-                gap_max=float(gap.max()),
-                gap_mean=float(gap.mean()),
-                gap_p99=float(np.quantile(gap, 0.99)),
-                protrusion_max=float(height.max(initial=0.0)),
-                protrusion_mean=mean,
-                protrusion_p99=p99,
-                bound=protrusion_bound(bvh, center, radius),
-            )
-        )
+        rng = np.random.default_rng([seed, 1 + level])
+        errors.append(_measure(surface, bvh, level, *tree.spheres(level), rng, workers))
         if progress is not None:
             progress("measure", level + 1, tree.depth + 1)
     return tuple(errors)
+
+
+def _measure(
+    surface: FloatArray,
+    bvh: MeshBvh,
+    level: int,
+    center: FloatArray,
+    radius: FloatArray,
+    rng: np.random.Generator,
+    workers: Workers,
+) -> LevelError:
+    x, y, z = (np.ascontiguousarray(center[:, k]) for k in range(3))
+    gap = np.empty(len(surface))
+    workers.each(
+        lambda begin, end: union_distance(surface[begin:end], x, y, z, radius, gap[begin:end]),
+        ranges(len(surface), _PARTS),
+    )
+    points, owner, area = sample_spheres(center, radius, SPHERE_SAMPLES, rng)
+    free = np.empty(len(points), np.bool_)
+    workers.each(
+        lambda begin, end: exposed(points[begin:end], owner[begin:end], x, y, z, radius, free[begin:end]),
+        ranges(len(points), _PARTS),
+    )
+    points, area = points[free], area[free]
+    parts = workers.each(lambda begin, end: mesh_signed_distance(bvh, points[begin:end]), ranges(len(points), _PARTS))
+    height = np.concatenate(parts)
+    height, area = height[height > 0.0], area[height > 0.0]
+    mean, p99 = _mean_and_p99(height, area)
+    return LevelError(
+        level=level,
+        spheres=len(radius),
+        gap_max=float(gap.max()),
+        gap_mean=float(gap.mean()),
+        gap_p99=float(np.quantile(gap, 0.99)),
+        protrusion_max=float(height.max(initial=0.0)),
+        protrusion_mean=mean,
+        protrusion_p99=p99,
+        bound=protrusion_bound(bvh, center, radius),
+    )
 
 
 def _mean_and_p99(height: FloatArray, area: FloatArray) -> tuple[float, float]:

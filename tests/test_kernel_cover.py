@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
 from hhsim.kernels.cover_certificate import certify_cover
 from hhsim.kernels.cover_error import exposed, union_distance
+from hhsim.kernels.median_tree import subtrees
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.kernels.micro_triangle import cut_mesh, edges_for
 from hhsim.tree_error import sample_mesh
@@ -70,12 +71,21 @@ def test_costs_and_owners_are_the_brute_force_best(case: Case) -> None:
 
     owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
     again, second_cost = np.empty_like(case.cost), np.empty_like(case.cost)
-    assign(case.micro, case.center, case.depth, owner, again, second, second_cost)
+    assign(case.micro, 0, case.center, case.depth, owner, again, second, second_cost)
     assert again == pytest.approx(case.cost, abs=1e-15)
     assert cost[rows, owner] == pytest.approx(again, abs=1e-15)
     assert second_cost == pytest.approx(np.sort(cost, axis=1)[:, 1], abs=1e-15)
     assert cost[rows, second] == pytest.approx(second_cost, abs=1e-15)
     assert (second != owner).all()
+
+
+def test_subtrees_are_assigned_like_the_whole(case: Case) -> None:
+    count = len(case.cost)
+    whole, parts = ((np.empty((2, count), np.int64), np.empty((2, count))) for _ in range(2))
+    assign(case.micro, 0, case.center, case.depth, whole[0][0], whole[1][0], whole[0][1], whole[1][1])
+    for root in subtrees(case.micro.right, 3):
+        assign(case.micro, root, case.center, case.depth, parts[0][0], parts[1][0], parts[0][1], parts[1][1])
+    assert np.array_equal(parts[1], whole[1])
 
 
 @pytest.mark.parametrize("spread", [0.0, 1e-4, 1e-2])
@@ -85,7 +95,7 @@ def test_assignment_among_balls_close_together(case: Case, spread: float) -> Non
     depth = np.ascontiguousarray(-mesh_signed_distance(case.bvh, center))
     owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
     found, second_found = np.empty_like(case.cost), np.empty_like(case.cost)
-    assign(case.micro, center, depth, owner, found, second, second_found)
+    assign(case.micro, 0, center, depth, owner, found, second, second_found)
     cost = far_corner(case.micro.corner, center) - depth
     rows = np.arange(len(cost))
     assert found == pytest.approx(cost.min(axis=1), abs=1e-15)
@@ -115,7 +125,7 @@ def test_longest_edges(case: Case) -> None:
 def test_a_lone_ball_has_no_second(case: Case) -> None:
     owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
     cost, second_cost = np.empty_like(case.cost), np.empty_like(case.cost)
-    assign(case.micro, case.center[:1], case.depth[:1], owner, cost, second, second_cost)
+    assign(case.micro, 0, case.center[:1], case.depth[:1], owner, cost, second, second_cost)
     assert (owner == 0).all() and (second == -1).all()
     assert np.isfinite(cost).all() and np.isinf(second_cost).all()
 

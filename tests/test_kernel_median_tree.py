@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.kernels.median_tree import build_median_tree
+from hhsim.kernels.median_tree import build_median_tree, subtrees
 
 
 @settings(max_examples=60)
@@ -39,3 +39,12 @@ def test_nodes_partition_the_points(count: int, leaf_size: int, seed: int, value
 def test_equal_points(count: int) -> None:
     tree = build_median_tree(np.ones((count, 3)), 4)
     assert sorted(tree.order) == list(range(count))
+
+
+@pytest.mark.parametrize(("count", "depth"), [(1, 3), (9, 0), (200, 3), (1000, 20)])
+def test_subtrees_hold_every_point_once(count: int, depth: int) -> None:
+    tree = build_median_tree(np.random.default_rng(1).random((count, 3)), 4)
+    nodes = subtrees(tree.right, depth)
+    held = [place for node in nodes for place in range(tree.start[node], tree.end[node])]
+    assert held == list(range(count))
+    assert len(nodes) <= 2**depth

@@ -15,7 +15,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "errors"),
     ("kernels",),
-    ("destination", "info", "whole_file"),
+    ("destination", "info", "whole_file", "workers"),
     # The model: what is simulated.
     (
         *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts"),
@@ -34,6 +34,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
             "canonical_frame",
             "ball_hierarchy",
             "level_cover",
+            "fewest_balls",
             "cover_check",
             "enclosing_tree",
             "octree_tree",

@@ -110,6 +110,21 @@ def test_hierarchy_of_any_balls(count: int, seed: int, shape: tuple[int, int], v
     assert np.array_equal(balls[np.lexsort(balls.T)], leaves[np.lexsort(leaves.T)])
 
 
+@pytest.mark.parametrize("name", ["box", "torus"])
+def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
+    mesh = mesh_of(SHAPES[name])
+    trees = [build_sphere_tree(mesh, TreeOptions(leaves=200), threads=threads) for threads in (1, 2, 3)]
+    for tree in trees[1:]:
+        assert tree.errors == trees[0].errors
+        assert tree.center.tobytes() == trees[0].center.tobytes()
+        assert tree.radius.tobytes() == trees[0].radius.tobytes()
+        for one, other in zip(tree.covers, trees[0].covers, strict=True):
+            assert one.proof.tobytes() == other.proof.tobytes()
+            assert one.depth.tobytes() == other.depth.tobytes()
+    with pytest.raises(InputError, match="0 threads, expected 1 to 64"):
+        build_sphere_tree(mesh, threads=0)
+
+
 def test_more_levels_protrude_less() -> None:
     mesh = mesh_of(SHAPES["box"])
     bounds = [build_sphere_tree(mesh, TreeOptions(level=level)).errors[-1].bound for level in (1, 2, 3)]
@@ -124,10 +139,56 @@ def test_centres_lie_inside_and_the_bound_is_theirs() -> None:
     assert tree.errors[-1].bound == pytest.approx((tree.leaf_radius + signed).max(), abs=1e-12)
 
 
-def test_leaf_limit() -> None:
-    tree = build_sphere_tree(mesh_of(SHAPES["box"]), TreeOptions(level=3, leaves=20))
-    assert tree.depth == 3
-    assert 10 < tree.leaf_count <= 20
+@pytest.mark.parametrize(("leaves", "branching", "level"), [(20, 8, 2), (9, 3, 2), (10, 3, 3), (7, 8, 1), (65, 64, 2)])
+def test_so_many_leaves_at_the_level_that_they_need(leaves: int, branching: int, level: int) -> None:
+    mesh = mesh_of(SHAPES["box"])
+    tree = build_sphere_tree(mesh, TreeOptions(leaves=leaves, branching=branching))
+    assert (tree.depth, tree.leaf_count) == (level, leaves)
+    assert [len(cover.radius) for cover in tree.covers] == [min(branching**at, leaves) for at in range(level + 1)]
+    assert tree.check(mesh) == ()
+
+
+def test_a_level_finer_than_the_leaves_need() -> None:
+    mesh = mesh_of(SHAPES["box"])
+    tree = build_sphere_tree(mesh, TreeOptions(level=3, leaves=20))
+    assert (tree.depth, tree.leaf_count) == (3, 20)
+    assert [len(cover.radius) for cover in tree.covers] == [1, 8, 20, 20]
+    assert_sound(tree, mesh)
+
+
+@pytest.mark.parametrize("cover", ["outer", "balanced"])
+def test_the_fewest_leaves_within_an_error(cover: str) -> None:
+    mesh = mesh_of(SHAPES["torus"])
+    tree = build_sphere_tree(mesh, TreeOptions(max_error=1.5e-3, cover=cover))
+    assert tree.check(mesh) == ()
+    assert max(tree.covers[-1].bound, tree.covers[-1].gap) <= 1.5e-3
+    assert tree.errors[-1].protrusion_max <= 1.5e-3
+    assert 8 ** (tree.depth - 1) < tree.leaf_count <= 8**tree.depth
+    fewer = build_sphere_tree(mesh, TreeOptions(leaves=int(0.93 * tree.leaf_count), cover=cover))
+    assert fewer.covers[-1].bound > 1.5e-3
+    with pytest.raises(InputError, match="shape: no cover of up to 8 spheres is within 1 mm: 8 are off by up to"):
+        build_sphere_tree(mesh, TreeOptions(level=1, max_error=1e-3))
+
+
+def test_what_none_stands_for() -> None:
+    assert TreeOptions() == TreeOptions(level=4)
+    assert TreeOptions(leaves=513) == TreeOptions(level=4, leaves=513)
+    assert TreeOptions(max_error=1e-3).level == 5
+
+
+SOURCES = """
+import sys
+import hhsim.mesh_cover, hhsim.tree_error, hhsim.ball_hierarchy, hhsim.fewest_balls, hhsim.tree_file
+print(*sorted(name for name in sys.modules if name.startswith("hhsim.")))
+"""
+
+
+def test_the_cache_knows_every_source_that_a_tree_depends_on() -> None:
+    done = subprocess.run([sys.executable, "-c", SOURCES], capture_output=True, text=True, check=True)
+    known = {module.__name__ for module in tree_builder._SOURCES}
+    # Not what a tree is, but how it is computed, reported, written and walked.
+    other = {"errors", "workers", "whole_file", "kernels", "kernels.jit", "kernels.tree"}
+    assert set(done.stdout.split()) - {f"hhsim.{name}" for name in other} == known
 
 
 @pytest.mark.parametrize("name", ["box", "torus"])
@@ -220,6 +281,9 @@ def test_meshes_without_an_inside_are_refused() -> None:
         {"leaves": 65, "level": 2},
         {"method": "certifed"},
         {"cover": "inner"},
+        {"leaves": 8**5 + 1},
+        {"max_error": 0.0},
+        {"branching": 64},
     ],
 )
 def test_options_check_themselves(wrong: dict[str, Any]) -> None:

@@ -165,33 +165,29 @@ def greedy_cover(
 
 
 @jit_inline
-def _stays_behind(center: Array, j: int, x: float, y: float, z: float, lag: float, far: float, radius: float) -> bool:
-    """Whether ball j costs more than the one about (x, y, z) within `radius` [m] of a point, as it does there.
+def _stays_behind(dx: float, dy: float, dz: float, lag: float, far: float, radius: float) -> bool:
+    """Whether a ball costs more than another within `radius` [m] of a point, as it does there.
 
     The gradient of the difference of the distances to both is the difference of two unit vectors, at most
-    2 |c₁ − c₂| / (sum of the distances) long (Dunkl and Williams, 1964), and never longer than 2.
+    2 |c₁ − c₂| / (sum of the distances) long (Dunkl and Williams, 1964), and never longer than 2. Without branches:
+    which way they would go cannot be foreseen.
 
     Args:
-        center: ball centres [m], shape (balls, 3).
-        j: the ball.
-        x, y, z: the other centre [m].
-        lag: how much more ball j costs at the point [m].
+        dx, dy, dz: from the centre of one to that of the other [m].
+        lag: how much more the one costs at the point [m].
         far: sum of the distances of the two from the point [m].
         radius: [m].
     """
-    margin = lag - 1e-12 * far
-    if margin > 2.0 * radius:
-        return True
-    least = far - 2.0 * radius
-    if not (margin > 0.0 and least > 0.0):
-        return False
-    dx, dy, dz = center[j, 0] - x, center[j, 1] - y, center[j, 2] - z
-    return (margin * least) ** 2 > 4.000001 * (dx * dx + dy * dy + dz * dz) * radius * radius
+    margin = max(lag - 1e-12 * far, 0.0)
+    reach = margin * max(far - 2.0 * radius, 0.0)
+    change2 = 4.000001 * radius * radius
+    return (margin * margin > change2) | (reach * reach > change2 * (dx * dx + dy * dy + dz * dz))
 
 
 @jit
 def assign(
     micro: MicroTriangles,
+    root: int,
     center: Array,
     depth: Array,
     owner_out: Indices,
@@ -203,88 +199,94 @@ def assign(
 
     Args:
         micro: the micro-triangles.
+        root: node below which to assign; 0 for all.
         center: ball centres [m], shape (balls, 3).
         depth: their depths [m], shape (balls,).
         owner_out, cost_out: best ball and its cost [m], shape (M,).
         second_owner_out, second_cost_out: the next best, shape (M,); −1 and infinity if there is only one ball.
     """
     balls = depth.shape[0]
-    # Along the path to a node, each list keeps the balls of the one above that can still be first or second below.
-    lists = np.empty((STACK, balls), np.int64)
-    length = np.empty(STACK, np.int64)
-    distance = np.empty(balls)
-    packed = np.empty((balls, 4))
-    stack = np.empty((STACK, 2), np.int64)
+    levels = 4
+    while (1 << levels) < 4 * micro.start.shape[0]:
+        levels += 1
+    # Along the path to a node: the balls that can still be first or second below, a list for each level, one after
+    # another. In columns, so that the loops over distances use the vector unit.
+    room = levels * balls + 1
+    ball = np.empty(room, np.int64)
+    cx, cy, cz, deep = np.empty(room), np.empty(room), np.empty(room), np.empty(room)
+    distance, keep = np.empty(balls), np.empty(balls, np.bool_)
+    stack = np.empty((STACK, 3), np.int64)
     for j in range(balls):
-        lists[0, j] = j
-    length[0] = balls
-    stack[0, 0], stack[0, 1] = 0, 1
+        ball[j], cx[j], cy[j], cz[j], deep[j] = j, center[j, 0], center[j, 1], center[j, 2], depth[j]
+    stack[0, 0], stack[0, 1], stack[0, 2] = root, 0, balls
     top = 1
     while top > 0:
         top -= 1
-        node, level = stack[top, 0], stack[top, 1]
+        node, begin, end = stack[top, 0], stack[top, 1], stack[top, 2]
         x, y, z = micro.center[node, 0], micro.center[node, 1], micro.center[node, 2]
-        best = second = np.inf
-        b0 = b1 = b2 = s0 = s1 = s2 = best_far = second_far = 0.0
-        for k in range(length[level - 1]):
-            j = lists[level - 1, k]
-            dx, dy, dz = center[j, 0] - x, center[j, 1] - y, center[j, 2] - z
+        for k in range(end - begin):
+            dx, dy, dz = cx[begin + k] - x, cy[begin + k] - y, cz[begin + k] - z
             distance[k] = math.sqrt(dx * dx + dy * dy + dz * dz)
-            value = distance[k] - depth[j]
-            if value < best:
-                second, s0, s1, s2, second_far = best, b0, b1, b2, best_far
-                best, b0, b1, b2, best_far = value, center[j, 0], center[j, 1], center[j, 2], distance[k]
-            elif value < second:
-                second, s0, s1, s2, second_far = value, center[j, 0], center[j, 1], center[j, 2], distance[k]
+        best = second = np.inf
+        first_of = second_of = begin
+        for k in range(begin, end):
+            value = distance[k - begin] - deep[k]
+            if value < second:
+                second, second_of = value, k
+                if value < best:
+                    second, second_of, best, first_of = best, first_of, value, k
         radius = micro.radius[node]
         limit = second + 2.0 * radius + 1e-12 * (abs(second) + radius)
-        count = 0
-        for k in range(length[level - 1]):
-            j = lists[level - 1, k]
-            value = distance[k] - depth[j]
-            if value <= limit and not (
-                _stays_behind(center, j, s0, s1, s2, value - second, distance[k] + second_far, radius)
-                and _stays_behind(center, j, b0, b1, b2, value - best, distance[k] + best_far, radius)
-            ):
-                lists[level, count] = j
-                if count > 0 and value <= second:
-                    # The likely first and second go in front: the others are then refused early.
-                    lists[level, count], lists[level, 0] = lists[level, 0], j
-                count += 1
-        length[level] = count
-        if micro.right[node] < 0:
-            for k in range(count):
-                j = lists[level, k]
-                packed[k, 0], packed[k, 1], packed[k, 2], packed[k, 3] = (
-                    center[j, 0],
-                    center[j, 1],
-                    center[j, 2],
-                    depth[j],
+        b0, b1, b2, best_far = cx[first_of], cy[first_of], cz[first_of], distance[first_of - begin]
+        s0, s1, s2, second_far = cx[second_of], cy[second_of], cz[second_of], distance[second_of - begin]
+        for k in range(begin, end):
+            far = distance[k - begin]
+            value = far - deep[k]
+            x, y, z = cx[k], cy[k], cz[k]
+            behind_second = _stays_behind(x - s0, y - s1, z - s2, value - second, far + second_far, radius)
+            behind_best = _stays_behind(x - b0, y - b1, z - b2, value - best, far + best_far, radius)
+            keep[k - begin] = (value <= limit) & (not (behind_second & behind_best))
+        # The likely first and second go in front: the others are then refused early.
+        last = end
+        for front in (first_of, second_of):
+            if keep[front - begin]:
+                ball[last], cx[last], cy[last], cz[last], deep[last] = (
+                    ball[front],
+                    cx[front],
+                    cy[front],
+                    cz[front],
+                    deep[front],
                 )
-            for i in range(micro.start[node], micro.end[node]):
-                least, next_least = np.inf, np.inf
-                owner, next_owner = -1, -1
-                t = micro.corner[i]
-                ax, ay, az, bx, by, bz, cx, cy, cz = t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8]
-                for k in range(count):
-                    x, y, z, deep = packed[k, 0], packed[k, 1], packed[k, 2], packed[k, 3]
-                    room = next_least + deep
-                    far2 = (ax - x) * (ax - x) + (ay - y) * (ay - y) + (az - z) * (az - z)
-                    if not far2 < room * room:
-                        continue
-                    far2 = max(far2, (bx - x) * (bx - x) + (by - y) * (by - y) + (bz - z) * (bz - z))
-                    far2 = max(far2, (cx - x) * (cx - x) + (cy - y) * (cy - y) + (cz - z) * (cz - z))
-                    if far2 < room * room and room > 0.0:
-                        next_least, next_owner = math.sqrt(far2) - deep, lists[level, k]
-                        if next_least < least:
-                            least, next_least = next_least, least
-                            owner, next_owner = next_owner, owner
-                cost_out[i], owner_out[i] = least, owner
-                second_cost_out[i], second_owner_out[i] = next_least, next_owner
-        else:
-            stack[top, 0], stack[top, 1] = micro.right[node], level + 1
-            stack[top + 1, 0], stack[top + 1, 1] = node + 1, level + 1
+                keep[front - begin] = False
+                last += 1
+        for k in range(begin, end):
+            ball[last], cx[last], cy[last], cz[last], deep[last] = ball[k], cx[k], cy[k], cz[k], deep[k]
+            last += keep[k - begin]
+        if micro.right[node] >= 0:
+            stack[top, 0], stack[top, 1], stack[top, 2] = micro.right[node], end, last
+            stack[top + 1, 0], stack[top + 1, 1], stack[top + 1, 2] = node + 1, end, last
             top += 2
+            continue
+        for i in range(micro.start[node], micro.end[node]):
+            least, next_least = np.inf, np.inf
+            owner, next_owner = -1, -1
+            t = micro.corner[i]
+            px, py, pz, qx, qy, qz, rx, ry, rz = t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8]
+            for k in range(end, last):
+                x, y, z = cx[k], cy[k], cz[k]
+                limit = next_least + deep[k]
+                far2 = (px - x) * (px - x) + (py - y) * (py - y) + (pz - z) * (pz - z)
+                if not far2 < limit * limit:
+                    continue
+                far2 = max(far2, (qx - x) * (qx - x) + (qy - y) * (qy - y) + (qz - z) * (qz - z))
+                far2 = max(far2, (rx - x) * (rx - x) + (ry - y) * (ry - y) + (rz - z) * (rz - z))
+                if far2 < limit * limit and limit > 0.0:
+                    next_least, next_owner = math.sqrt(far2) - deep[k], ball[k]
+                    if next_least < least:
+                        least, next_least = next_least, least
+                        owner, next_owner = next_owner, owner
+            cost_out[i], owner_out[i] = least, owner
+            second_cost_out[i], second_owner_out[i] = next_least, next_owner
 
 
 @jit

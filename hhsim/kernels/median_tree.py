@@ -97,3 +97,11 @@ def build_median_tree(points: Array, leaf_size: int) -> MedianTree:
     start, end, right = (np.empty(room, np.int64) for _ in range(3))
     nodes = _split(np.ascontiguousarray(points, np.float64), leaf_size, order, start, end, right)
     return MedianTree(order, start[:nodes].copy(), end[:nodes].copy(), right[:nodes].copy())
+
+
+def subtrees(right: Indices, depth: int) -> list[int]:
+    """Nodes of a tree that lie at a depth, and the leaves above it: together they hold every point once."""
+    nodes = [0]
+    for _ in range(depth):
+        nodes = [child for node in nodes for child in ([node] if right[node] < 0 else [node + 1, int(right[node])])]
+    return nodes

@@ -15,7 +15,7 @@ Indices = NDArray[np.int64]
 CUT_STACK = 256
 """Room for the stack of `cut_faces`: a halved triangle leaves one waiting, and 256 halvings end below any float."""
 
-_BLOCK = 32
+_BLOCK = 8
 _CUT_TRIALS = 12
 
 

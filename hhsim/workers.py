@@ -1,0 +1,52 @@
+"""A few threads for kernels that run over parts of their arrays.
+
+The parts are the same however many threads there are, so the results are the same bytes.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from types import TracebackType
+from typing import Any, TypeVar
+
+from hhsim.errors import InputError
+
+MOST_THREADS = 64
+
+T = TypeVar("T")
+
+
+class Workers(AbstractContextManager["Workers"]):
+    """Threads that do one part after another; use it in a with statement.
+
+    Args:
+        threads: How many; 1 works in the calling thread.
+
+    Raises:
+        InputError: No such number of threads.
+    """
+
+    def __init__(self, threads: int = 1) -> None:
+        if not 1 <= threads <= MOST_THREADS:
+            raise InputError(f"{threads} threads, expected 1 to {MOST_THREADS}")
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Wait for the threads to end."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def each(self, work: Callable[..., T], parts: Iterable[tuple[Any, ...]]) -> list[T]:
+        """Call `work(*part)` for every part; return the results in the order of the parts."""
+        if self._pool is None:
+            return [work(*part) for part in parts]
+        return [future.result() for future in [self._pool.submit(work, *part) for part in parts]]
+
+
+def ranges(count: int, parts: int) -> Iterator[tuple[int, int]]:
+    """Cut range(count) into at most `parts` consecutive ranges that are nearly equal; none is empty unless all are."""
+    parts = max(1, min(parts, count))
+    for part in range(parts):
+        yield count * part // parts, count * (part + 1) // parts

@@ -1,0 +1,67 @@
+"""The search for the fewest balls, on errors by formula: it ends where it says, after few tries."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hhsim.errors import InputError
+from hhsim.fewest_balls import NEAR, PROBED, PROBES, find_fewest
+from hhsim.level_cover import LevelCover
+
+
+class Builder:
+    """Makes covers of one ball that stands for many, off by scale · n ** −slope and some noise."""
+
+    def __init__(self, scale: float, slope: float, noise: float = 0.0, gap: float = 0.0) -> None:
+        self.scale, self.slope, self.noise, self.gap = scale, slope, noise, gap
+        self.tried: list[int] = []
+
+    def error(self, count: int) -> float:
+        noise = self.noise * float(np.random.default_rng(count).normal())
+        return float(self.scale * count**-self.slope * np.exp(noise))
+
+    def __call__(self, count: int) -> LevelCover:
+        self.tried.append(count)
+        radius = np.zeros(count)
+        radius[0] = self.error(count)
+        return LevelCover(np.zeros((count, 3)), radius, np.zeros(count), self.gap * radius[0], np.zeros(1, np.int32))
+
+
+@given(
+    st.floats(0.3, 30.0), st.floats(0.45, 1.1), st.sampled_from([0.0, 0.01, 0.03]), st.floats(0.0, 1.0), st.integers(0)
+)
+def test_the_end_is_enclosed(scale: float, slope: float, noise: float, gap: float, seed: int) -> None:
+    build = Builder(scale, slope, noise, gap)
+    most = 20_000
+    wanted = build.error(1 + seed % 10_000)
+    found = len(find_fewest(build, wanted, most).radius)
+    assert build.error(found) <= wanted
+    below = [count for count in build.tried if count < found and build.error(count) > wanted]
+    assert found == 1 or max(below) >= min(NEAR * found, found - 1)
+    if found <= PROBED:
+        probes = [math.floor(share * found) for share in PROBES]
+        assert all(probe == 0 or build.error(probe) > wanted for probe in probes)
+    assert len(build.tried) == len(set(build.tried)) <= 30
+
+
+def test_few_tries_where_the_law_holds() -> None:
+    build = Builder(1.0, 2.0 / 3.0)
+    found = len(find_fewest(build, build.error(3000), 20_000).radius)
+    assert 3000 <= found <= 3000 / NEAR + 1
+    assert sum(count > 1000 for count in build.tried) <= 3
+
+
+def test_a_gap_counts_too() -> None:
+    assert len(find_fewest(Builder(1.0, 1.0, gap=2.0), 0.02, 20_000).radius) >= 100
+
+
+def test_what_cannot_be_is_refused_early() -> None:
+    build = Builder(1.0, 2.0 / 3.0)
+    with pytest.raises(InputError, match=r"no cover of up to 4,096 spheres is within 0.001 mm: 5\d\d are off by up to"):
+        find_fewest(build, 1e-6, 4096)
+    assert max(build.tried) <= 512
+    with pytest.raises(InputError, match="no cover of up to 8 spheres is within 200 mm: 8 are off by up to 250 mm"):
+        find_fewest(Builder(1.0, 2.0 / 3.0), 0.2, 8)
