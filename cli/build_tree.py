@@ -9,6 +9,7 @@ import click
 from . import options, tree_file
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 from .object_argument import complete_object, read_object
+from .tree_level import read_length
 
 if TYPE_CHECKING:
     from hhsim.sphere_tree import SphereTree
@@ -26,9 +27,21 @@ def complete_method(_context: click.Context, _parameter: click.Parameter, incomp
 @click.option(
     "--level",
     type=click.IntRange(1, 5),
-    help="Level of the leaves. Default: 3 or 4, as the catalogue says; 4 for a mesh file.",
+    help="Level of the leaves. Default: what --leaves or --max-error needs, else 3 or 4, as the catalogue says, 4 for "
+    "a mesh file.",
 )
-@click.option("--leaves", type=click.IntRange(1), metavar="N", help="Most leaves. Default: branching to the level.")
+@click.option(
+    "--leaves",
+    type=click.IntRange(1),
+    metavar="N",
+    help="So many leaves, or less where a mesh has no use for more. Default: branching to the level.",
+)
+@click.option(
+    "--max-error",
+    callback=read_length,
+    metavar="LENGTH",
+    help="As few leaves as are proved to be off the mesh by no more than this, such as 0.2mm.",
+)
 @click.option(
     "--branching", type=click.IntRange(2, 64), default=8, show_default=True, help="Most children of a sphere."
 )
@@ -47,6 +60,12 @@ def complete_method(_context: click.Context, _parameter: click.Parameter, incomp
     shell_complete=complete_method,
     help="How to build it. Default: certified, every level a proved cover.",
 )
+@click.option(
+    "--threads",
+    type=click.IntRange(1, 64),
+    metavar="N",
+    help="Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.",
+)
 @tree_file.source
 @tree_file.frame
 @tree_file.unit
@@ -60,9 +79,11 @@ def command(
     object_: str,
     level: int | None,
     leaves: int | None,
+    max_error: float | None,
     branching: int,
     cover: str,
     method: str,
+    threads: int | None,
     source: Path | None,
     frame: str | None,
     source_unit: str | None,
@@ -76,24 +97,31 @@ def command(
     """Build the sphere tree of an object and measure its error.
 
     The spheres of each level cover the whole mesh, with a proof in the file; the table says how far they protrude from
-    it. A tree that was built before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of
-    Bradshaw's toolkit.
+    it, as sampled and as proved. The methods to compare with (--method) prove less, or nothing. A tree that was built
+    before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of Bradshaw's toolkit.
 
     \b
     Examples:
       hhsim build-tree bunny
+      hhsim build-tree bunny --leaves 2924
+      hhsim build-tree bunny --max-error 0.2mm
       hhsim build-tree bunny --level 3 --cover balanced
+      hhsim build-tree cup --level 3 --branching 6 --method octree
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
     from hhsim.destination import check_destination, dated_destination
     from hhsim.tree_builder import TreeOptions, cache_path, cached_sphere_tree
+    from hhsim.workers import usual_threads
 
     announce_compilation(quiet=quiet)
     tree_file.check_source(source, frame, source_unit)
     mesh, usual_level = read_object(object_, unit, size)
-    wanted = TreeOptions(level or usual_level or 4, branching, leaves, seed, method, cover)
-    path = out or dated_destination(f"{mesh.name}-tree-{source.stem if source else wanted.level}")
+    if level is None and leaves is None and max_error is None:
+        level = usual_level
+    wanted = TreeOptions(level, branching, leaves, seed, method, cover, max_error)
+    kind = f"{1e6 * max_error:.0f}um" if max_error else wanted.leaves or wanted.level
+    path = out or dated_destination(f"{mesh.name}-tree-{source.stem if source else kind}")
     if path.suffix not in (".h5", ".sph"):
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
     check_destination(path)
@@ -103,7 +131,7 @@ def command(
     start = time.perf_counter()
     with progress(quiet=quiet) as report:
         if source is None:
-            tree = cached_sphere_tree(mesh, wanted, report)
+            tree = cached_sphere_tree(mesh, wanted, report, threads or usual_threads())
         else:
             unit_length = tree_file.length_unit(object_, unit, size, source_unit)
             found = tree_file.imported_tree(source, mesh, frame, unit_length, seed, report)
@@ -147,6 +175,8 @@ def command(
                 print(f"not proved: {fault}")
         if not faults:
             print(_proved(tree))
+        if max_error is not None:
+            print(f"the fewest spheres that were found within {1e3 * max_error:g} mm")
         how = "read from the cache" if cached else f"built in {seconds:.1f} s"
         if source is not None:
             how = f"read from {source}"

@@ -51,9 +51,9 @@ def check_source(source: Path | None, frame: str | None, source_unit: str | None
                 raise click.UsageError(f"{option} is for --from FILE.sph")
         return
     context = click.get_current_context()
-    for name in ("level", "leaves", "branching", "cover", "method"):
+    for name in ("level", "leaves", "max_error", "branching", "cover", "method", "threads"):
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"--{name} is for trees that are built; {source} has its own")
+            raise click.UsageError(f"--{name.replace('_', '-')} is for trees that are built; {source} has its own")
     if source.suffix == ".h5" and (frame or source_unit):
         raise click.UsageError(f"--frame and --from-unit are for .sph files; {source} is in metres and has its frame")
 

@@ -42,8 +42,8 @@ def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
         mesh: That the covers are said to cover.
         covers: Of the levels from 0 on.
     """
-    if not covers:
-        return ("the tree holds no covers, so nothing is proved of it",)
+    if not any(cover.proved for cover in covers):
+        return ("the tree holds no proof that it covers the mesh",)
     corner = np.ascontiguousarray(mesh.triangles.reshape(-1, 9))
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
     found = []

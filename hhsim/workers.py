@@ -3,6 +3,7 @@
 The parts are the same however many threads there are, so the results are the same bytes.
 """
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
@@ -14,6 +15,11 @@ from hhsim.errors import InputError
 MOST_THREADS = 64
 
 T = TypeVar("T")
+
+
+def usual_threads() -> int:
+    """One for each processor that this process may use; more than 4 hardly save time."""
+    return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 4)
 
 
 class Workers(AbstractContextManager["Workers"]):

@@ -281,6 +281,29 @@ def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
     assert len(list((tmp_path / "results").glob("*-cube-tree-1.h5"))) == 1
 
 
+def test_trees_of_so_many_leaves_or_within_an_error(run: Run, tmp_path: Path) -> None:
+    from hhsim.sphere_tree import SphereTree
+
+    document = json.loads(run("build-tree", "cube", "--leaves", "100", "--json", "--threads", "2").out)
+    assert (document["leaves"], document["proved"], document["faults"]) == (100, True, [])
+    assert [level["spheres"] for level in document["levels"]] == [1, 8, 64, 100]
+    assert [level["gap_bound"] for level in document["levels"]] == [0.0] * 4
+    assert all((level["cpu_seconds"] is None) == document["cached"] for level in document["levels"])
+    again = json.loads(run("build-tree", "cube", "--leaves", "100", "--json").out)
+    assert again["cached"] and all(level["cpu_seconds"] is None for level in again["levels"])
+
+    answer = run("build-tree", "cube", "--max-error", "9mm", "--cover", "balanced", "--out", "cube.h5")
+    tree = SphereTree.load(tmp_path / "cube.h5")
+    assert tree.options["max_error"] == pytest.approx(9e-3)
+    assert max(tree.covers[-1].bound, tree.covers[-1].gap) <= tree.options["max_error"]
+    assert "the fewest spheres that were found within 9 mm" in answer.out
+    assert f"no part of the mesh is farther than {1e3 * tree.covers[-1].gap:.3f} mm outside of the leaves" in answer.out
+    assert len(list((tmp_path / "results").glob("*-cube-tree-100.h5"))) >= 1
+    wrong = run("build-tree", "cube", "--max-error", "1um", "--level", "1")
+    assert wrong.code == 2 and "no cover of up to 8 spheres is within 0.001 mm" in wrong.err
+    assert run("build-tree", "cube", "--max-error", "a lot").code == 2
+
+
 def test_a_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: Path) -> None:
     (tmp_path / "notes.h5").write_text("not a tree")
     answer = run("build-tree", "cube", "--level", "1", "--out", "notes.h5")

@@ -127,8 +127,10 @@ def test_broken_codes_are_found_and_nothing_is_read_beyond_them() -> None:
     assert "ends too early" in faults_of(replace(cover, proof=cover.proof[:-1]))[0]
     assert "goes on after" in faults_of(replace(cover, proof=np.append(cover.proof, 0)))[0]
     assert "too often" in faults_of(replace(cover, proof=np.full(10_000, -1, np.int32)))[0]
-    assert faults_of(replace(cover, proof=np.empty(0, np.int32))) == ("level 0: no proof that it covers the mesh",)
-    assert faults(MESH, ()) == ("the tree holds no covers, so nothing is proved of it",)
+    unproved = replace(cover, proof=np.empty(0, np.int32))
+    assert faults(MESH, (unproved, cover)) == ("level 0: no proof that it covers the mesh",)
+    for covers in ((), (unproved,)):
+        assert faults(MESH, covers) == ("the tree holds no proof that it covers the mesh",)
 
 
 @settings(max_examples=60)

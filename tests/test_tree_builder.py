@@ -75,6 +75,7 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
         "seed": 0,
         "method": "certified",
         "cover": "outer",
+        "max_error": None,
     }
     assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
 
