@@ -115,7 +115,7 @@ def test_medial_trees_of_any_branching_and_number(level: int, branching: int, le
     tree = grown("medial", mesh, level, branching, leaves)
     assert tree.depth == level
     assert tree.leaf_count <= min(branching**level, leaves or branching**level)
-    assert tree.leaf_count >= 0.8 * min(branching**level, leaves or branching**level)
+    assert tree.leaf_count >= int(0.8 * min(branching**level, leaves or branching**level))
     assert np.bincount(tree.parent[1:]).max() <= branching
     assert uncovered_faces(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius).size == 0
     assert (mesh_signed_distance(build_mesh_bvh(mesh.vertices, mesh.faces), tree.leaf_center) < 0.0).all()
