@@ -104,6 +104,9 @@ class Recording:
             with np.errstate(invalid="ignore"):
                 values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
             object.__setattr__(self, key, values)
+        for channel in self.raw:
+            if np.ndim(channel.values) == 0 or len(channel.values) != count:
+                raise TrajectoryError(f"raw channel '{channel.name}' has not one row for each of {count} stamp(s)")
         flags = np.array(self.flags, dtype=np.uint32) if len(self.flags) else np.zeros(count, dtype=np.uint32)
         if flags.shape != (count,):
             raise TrajectoryError(f"flags has shape {flags.shape}; expected ({count},)")

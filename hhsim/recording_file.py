@@ -11,9 +11,9 @@
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from hhsim.bvh_text import looks_like_bvh
 from hhsim.column_map import OWN_COLUMNS, ColumnMap, is_own_header
@@ -108,11 +108,11 @@ def read_bytes(data: bytes, options: ReadOptions, *, name: str, path: Path | Non
     if options.columns is not None and form != "csv":
         raise InputError(f"--columns explains a table, and this is {FORMATS[form]}")
     if form == "hhsim":
-        from hhsim.trajectory_file import load_trajectory
+        from hhsim.trajectory_file import read_fields
 
         if path is None:
             raise InputError("an HDF5 file is read from its path")
-        return from_trajectory(load_trajectory(path))
+        return _from_fields(read_fields(path))
     if form == "npz":
         return read_npz_recording(data, name=name, palm_axes=options.palm_axes, world_up=options.world_up)
     text = as_text(data)
@@ -190,22 +190,15 @@ def as_text(data: bytes) -> str:
 
 def from_trajectory(trajectory: Trajectory) -> Recording:
     """A trajectory as a recording, to be looked over once more."""
-    assert trajectory.hand in get_args(HandSide)
-    return Recording(
-        time=trajectory.time,
-        position=trajectory.position,
-        orientation=trajectory.orientation,
-        flexion=trajectory.flexion,
-        abduction=trajectory.abduction,
-        flags=trajectory.flags if trajectory.flags is not None else (),  # type: ignore[arg-type]
-        form="hhsim",
-        name=trajectory.name,
-        source=trajectory.source,
-        licence=trajectory.licence,
-        device=trajectory.device,
-        hand=trajectory.hand,
-        phases=trajectory.phases,
-        object_position=trajectory.object_position,
-        object_orientation=trajectory.object_orientation,
-        raw=trajectory.raw,
-    )
+    keys = (field.name for field in fields(trajectory))
+    return _from_fields({key: getattr(trajectory, key) for key in keys})
+
+
+def _from_fields(given: dict[str, Any]) -> Recording:
+    """The recording of a trajectory's fields, which need not make one: there may be NaN in them."""
+    known = given | {"form": "hhsim"}
+    if given["hand"] not in get_args(HandSide):
+        raise TrajectoryError(f"hand is '{given['hand']}'; expected right, left, or nothing")
+    if given.get("flags") is None:
+        known.pop("flags", None)
+    return Recording(**known)

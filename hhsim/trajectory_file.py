@@ -4,7 +4,8 @@ schema_version 1. Attributes of the file: format, schema_version, name, source, 
 with `units` and `long_name`: time (T,), position (T, 3), orientation (T, 4), flexion (T, 5, 3), abduction (T, 5),
 object/position (3,), object/orientation (4,), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and, where
 somebody looked the samples over, flags (T,): bits whose meaning its attributes `flag_masks` and `flag_meanings` hold,
-as in the CF metadata conventions.
+as in the CF metadata conventions. Behind the HDF5 file stands its seal (`hhsim.sealed_file`); a file without one is
+read too.
 """
 
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 
 from hhsim.errors import OutputError, TrajectoryError
 from hhsim.sample_flags import SampleFlag
+from hhsim.sealed_file import seal_holds, sealed
 from hhsim.trajectory import Phase, RawChannel, Trajectory
 from hhsim.trajectory_csv import format_csv, parse_csv
 from hhsim.whole_file import hdf5_image, write_whole_file
@@ -23,6 +25,9 @@ FORMAT = "hhsim-trajectory"
 SCHEMA_VERSION = 1
 HDF5_SUFFIXES = (".h5", ".hdf5")
 CSV_SUFFIX = ".csv"
+
+DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
+"""What h5py raises on a file with wrong bytes in it."""
 
 TEXTS = ("name", "source", "licence", "device", "hand")
 SAMPLES = {
@@ -56,7 +61,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     if suffix == CSV_SUFFIX:
         write_whole_file(target, format_csv(trajectory).encode())
     elif suffix in HDF5_SUFFIXES:
-        write_whole_file(target, hdf5_image(lambda file: _write(trajectory, file)))
+        write_whole_file(target, sealed(hdf5_image(lambda file: _write(trajectory, file))))
     else:
         raise OutputError(f"{target}: unknown suffix '{suffix}'; expected .h5 or .csv")
 
@@ -80,7 +85,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         if suffix == CSV_SUFFIX:
             # A byte order mark is what spreadsheets put first.
             return parse_csv(source.read_text(encoding="utf-8-sig"), name=source.stem)
-        return _read(source)
+        return Trajectory(**read_fields(source))
     except UnicodeDecodeError:
         raise TrajectoryError(f"{source}: not UTF-8 text; expected a CSV file") from None
     except PermissionError as error:
@@ -115,7 +120,26 @@ def _put(file: h5py.File, key: str, values: Any, units: str, long_name: str) -> 
     dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
 
 
-def _read(path: Path) -> Trajectory:
+def read_fields(path: Path) -> dict[str, Any]:
+    """The fields of a trajectory in an HDF5 file, by their names in `Trajectory`; the arrays are not checked.
+
+    Raises:
+        TrajectoryError: another format, a newer schema, a missing part, or a damaged file.
+    """
+    if seal_holds(path.read_bytes()) is False:
+        raise TrajectoryError("a damaged file: its bytes are not those that its checksum is of")
+    try:
+        return _read(path)
+    except TrajectoryError:
+        raise
+    except PermissionError:
+        raise
+    except DAMAGE as error:
+        said = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise TrajectoryError(f"a damaged HDF5 file: {said}") from None
+
+
+def _read(path: Path) -> dict[str, Any]:
     try:
         file = h5py.File(path, "r")
     except OSError as error:
@@ -141,13 +165,11 @@ def _read(path: Path) -> Trajectory:
         fields |= {key: str(file.attrs.get(key, "")) for key in TEXTS}
         if "flags" in file:
             fields["flags"] = _get(file, "flags")
-        return Trajectory(
-            **fields,
-            phases=tuple(
-                Phase(str(name), float(start), float(end)) for name, start, end in zip(*columns.values(), strict=True)
-            ),
-            raw=tuple(_raw_channel(file, key) for key in file.get("raw", ())),
+        fields["phases"] = tuple(
+            Phase(str(name), float(start), float(end)) for name, start, end in zip(*columns.values(), strict=True)
         )
+        fields["raw"] = tuple(_raw_channel(file, key) for key in file.get("raw", ()))
+        return fields
 
 
 def _get(file: h5py.File, key: str) -> Any:

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from recording_samples import smooth_recording
 from hhsim.errors import HhsimError
 from hhsim.hand_change import FINGER_ARM, PALM_ARM, turn
 from hhsim.recording import Recording
-from hhsim.recording_file import ReadOptions, from_trajectory, read_bytes
+from hhsim.recording_file import from_trajectory, read_recording
 from hhsim.recording_glitches import STICKS_OUT, WINDOW, bend
 from hhsim.recording_npz import read_npz_recording
 from hhsim.recording_repair import Repaired, repair
@@ -33,6 +34,7 @@ from hhsim.resample import interpolate_monotone, interpolate_orientation
 from hhsim.sample_flags import SampleFlag
 from hhsim.trajectory import Trajectory
 from hhsim.trajectory_csv import format_csv
+from hhsim.trajectory_file import save_trajectory
 
 Array = NDArray[np.float64]
 
@@ -119,6 +121,10 @@ def file_of(form: str) -> bytes:
     recording = smooth_recording(60, seed=6)
     if form == "csv":
         return format_csv(repair(recording).trajectory).encode()
+    if form == "h5":
+        with TemporaryDirectory() as folder:
+            save_trajectory(repair(recording).trajectory, Path(folder) / "take.h5")
+            return (Path(folder) / "take.h5").read_bytes()
     if form == "npz":
         stream = io.BytesIO()
         keys = {
@@ -136,14 +142,18 @@ def file_of(form: str) -> bytes:
     return (pack(text) if form == "leap lz" else text).encode()
 
 
-@pytest.mark.parametrize("form", ["csv", "npz", "leap", "leap lz", "bvh"])
-def test_damaged_bytes_of_every_format(form: str) -> None:
-    data = file_of(form)
-    before = repair(read_bytes(data, ReadOptions(), name="take"))
+@pytest.mark.parametrize("form", ["csv", "npz", "h5", "leap", "leap lz", "bvh"])
+def test_damaged_bytes_of_every_format(form: str, tmp_path: Path) -> None:
+    data, path = file_of(form), tmp_path / "take.h5"
+
+    def come(content: bytes) -> Recording:
+        path.write_bytes(content)
+        return read_recording(path)
+
+    before = repair(come(data))
     verdicts: Counter[str] = Counter()
     for run in range(100):
-        broken = damaged_bytes(data, np.random.default_rng([run, 77]))
-        verdict = judge(before, lambda broken=broken: read_bytes(broken, ReadOptions(), name="take"))  # type: ignore[misc]
+        verdict = judge(before, partial(come, damaged_bytes(data, np.random.default_rng([run, 77]))))
         assert verdict != "silent", f"run {run}"
         verdicts[verdict] += 1
     assert verdicts["refused"] > 20, verdicts

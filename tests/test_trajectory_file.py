@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import OutputError, TrajectoryError
 from hhsim.sample_flags import SampleFlag
+from hhsim.sealed_file import SIZE, seal_holds
 from hhsim.trajectory import Phase, RawChannel, Trajectory
 from hhsim.trajectory_file import FORMAT, load_trajectory, save_trajectory
 
@@ -86,6 +87,37 @@ def test_every_dataset_carries_its_unit_and_meaning(motion: Trajectory, tmp_path
         assert set(attributes) - {"flag_masks", "flag_meanings"} == {"units", "long_name"}, key
         assert attributes["long_name"], key
     assert seen["time"]["units"] == "s" and seen["flexion"]["units"] == "rad" and seen["position"]["units"] == "m"
+
+
+def test_damage_that_no_seal_tells_is_refused_too(motion: Trajectory, tmp_path: Path) -> None:
+    path = tmp_path / "m.h5"
+    save_trajectory(motion, path)
+    bare = path.read_bytes()[:-SIZE]
+    random = np.random.default_rng(6)
+    for size in random.integers(0, len(bare), 40):
+        path.write_bytes(bare[:size])
+        with pytest.raises(TrajectoryError) as error:
+            load_trajectory(path)
+        assert "\n" not in str(error.value)
+
+
+def test_the_seal_tells_damage_and_need_not_be_there(motion: Trajectory, tmp_path: Path) -> None:
+    path = tmp_path / "m.h5"
+    save_trajectory(motion, path)
+    whole = path.read_bytes()
+    assert seal_holds(whole) is True and seal_holds(whole[:-SIZE]) is None and seal_holds(b"") is None
+    path.write_bytes(whole[:-SIZE])
+    assert_same(load_trajectory(path), motion)
+    place = whole.index(motion.position.tobytes())
+    for broken in (
+        whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :],
+        whole[:-100] + whole[-99:],
+        whole + b"more",
+        whole[:-5] + b"0000\n",
+    ):
+        path.write_bytes(broken)
+        with pytest.raises(TrajectoryError, match="a damaged file: its bytes are not those that its checksum is of"):
+            load_trajectory(path)
 
 
 def test_the_file_says_what_its_flags_mean(motion: Trajectory, tmp_path: Path) -> None:
