@@ -88,6 +88,14 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
     help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
 )
 @click.option(
+    "--place-object",
+    type=click.Choice(["recorded", "auto"]),
+    default="recorded",
+    show_default=True,
+    help="The object where the recording says, or, as a recording of a bare hand has none, where its closing fingers "
+    "meet it.",
+)
+@click.option(
     "--hand",
     type=click.Choice(["right", "left"]),
     help="Which hand grasps. Default: the recording's, else the right one.",
@@ -169,6 +177,7 @@ def command(
     fingers: tuple[str, ...] | None,
     rate: float,
     samples: Literal["interpolate", "hold"],
+    place_object: Literal["recorded", "auto"],
     hand: Literal["right", "left"] | None,
     hand_file: Path | None,
     stiffness: tuple[float, ...] | None,
@@ -190,8 +199,9 @@ def command(
     """Replay a hand motion against an object, every tick measured.
 
     OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
-    recording, .csv or .h5. Without them, five fingers grasp the bunny. The table shows the paper's figures beside
-    those of this run; every tick is in the file. Ctrl-C stops the replay and keeps the ticks so far.
+    recording, .csv or .h5, or .npz, .json, .bvh as hhsim import reads them. Without them, five fingers grasp the
+    bunny. The table shows the paper's figures beside those of this run; every tick is in the file. Ctrl-C stops the
+    replay and keeps the ticks so far.
 
     \b
     Examples:
@@ -199,11 +209,14 @@ def command(
       hhsim replay cube pinch --method progressive --out pinch.h5
       hhsim replay mug.stl grasp --unit mm --tremor 0.1,0.2
       hhsim replay mug.stl grasp --unit mm --tree mug.h5
+      hhsim replay cup glove.npz --place-object auto
     """
     from hhsim.destination import dated_destination
+    from hhsim.grasp_placement import place_at_grasp
     from hhsim.replay import replay as run
     from hhsim.result import check_result_destination
     from hhsim.scene import make_scene
+    from hhsim.trajectory import Trajectory
 
     changed = {
         "force": force,
@@ -217,7 +230,8 @@ def command(
         "threads": threads,
     }
     solver = _solver_options(method, qp, {name: value for name, value in changed.items() if value is not None})
-    motion = _motion(trajectory, tremor)
+    motion = _motion(trajectory, tremor, place_object)
+    remarks = _mended(motion, trajectory)
     announce_compilation(quiet=quiet)
     mesh, usual_level = read_object(object_, unit, size)
     destination = out or dated_destination(f"{mesh.name}-{motion.name}")
@@ -227,6 +241,11 @@ def command(
         model = _hand(hand or _side(motion), hand_file)
         unit_length = tree_file.length_unit(object_, unit, size) if tree_path else 1.0
         chosen = tree_level.choose_tree(mesh, level, usual_level, max_error, report, tree_path, unit_length)
+        placement = None
+        if place_object == "auto" and isinstance(motion, Trajectory):
+            placement = place_at_grasp(motion, model, chosen.tree)
+            motion = placement.motion
+            remarks.append(placement.text)
         scene = make_scene(mesh, chosen.tree, model, motion, rate=rate, mode=samples, seed=seed)
         description = {
             "object": object_,
@@ -239,18 +258,22 @@ def command(
             "tree_options": dict(chosen.tree.options),
             "trajectory": trajectory,
             "samples": samples,
+            "place_object": place_object,
+            "placement": placement.to_json() if placement else None,
             "hand_file": str(hand_file) if hand_file else None,
             "tremor_mm_deg": tremor,
             "seed": seed,
         }
         summary = run(scene, solver, destination, description=description, progress=report)
     if as_json:
-        print_json(summary.to_json())
+        document = summary.to_json()
+        placed = {"placement": placement.to_json()} if placement else {}
+        print_json({**document, **placed, "notes": [*remarks, *document["notes"]]})
     elif not quiet:
         title = f"{mesh.name}, {motion.name}, {method}: {summary.ticks:,} ticks"
         rows = [(row.label, row.shown, row.unit, row.paper) for row in summary.rows]
         print_table(("", "hhsim", "unit", "paper"), rows, title=title, numbers=("hhsim", "paper"))
-        for note in (*chosen.notes, *summary.notes):
+        for note in (*remarks, *chosen.notes, *summary.notes):
             if note not in mesh.warnings:
                 print(f"note: {note}")
         print(f"every tick is in {summary.path}")
@@ -281,11 +304,16 @@ def _stiffness(numbers: tuple[float, ...] | None, penalty: float | None, method:
     return Stiffness(**changed) if changed else None
 
 
-def _motion(trajectory: str, tremor: tuple[float, ...] | None) -> "Script | Demonstration | Trajectory":
+def _motion(
+    trajectory: str, tremor: tuple[float, ...] | None, place_object: str
+) -> "Script | Demonstration | Trajectory":
     from hhsim.script import Script
+    from hhsim.trajectory import Trajectory
     from hhsim.trajectory_catalogue import resolve_trajectory
 
     motion = resolve_trajectory(trajectory)
+    if place_object == "auto" and not isinstance(motion, Trajectory):
+        raise click.UsageError(f"--place-object is for recordings; '{trajectory}' finds its place at the object itself")
     if tremor is None:
         return motion
     if not isinstance(motion, Script):
@@ -293,6 +321,22 @@ def _motion(trajectory: str, tremor: tuple[float, ...] | None) -> "Script | Demo
     position, rotation = tremor
     shaken = replace(motion.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
     return replace(motion, disturbance=shaken)
+
+
+def _mended(motion: "Script | Demonstration | Trajectory", trajectory: str) -> list[str]:
+    """A remark on a recording that was imported on the way in, and what that changed."""
+    import numpy as np
+
+    from hhsim.sample_flags import MENDED, marked
+    from hhsim.trajectory import Trajectory
+    from hhsim.trajectory_catalogue import IMPORTED_SUFFIXES
+
+    if not isinstance(motion, Trajectory) or motion.flags is None:
+        return []
+    if Path(trajectory).suffix.lower() not in IMPORTED_SUFFIXES:
+        return []
+    mended = int(np.sum(marked(motion.flags, MENDED)))
+    return [f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"]
 
 
 def _side(motion: "Script | Demonstration | Trajectory") -> Literal["right", "left"]:

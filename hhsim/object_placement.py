@@ -130,7 +130,7 @@ def _search(
         abduction = [np.ascontiguousarray(values) for values in motion.abduction[looks]]
         joints = hand.joints(motion.position[moment], motion.orientation[moment], flexion[here], abduction[here])
         tip = back @ joints[finger, 3]
-        side = _across(direction)
+        side = across(direction)
         for a, b in product(ACROSS, ACROSS):
             goal = middle + (np.array([a, b]) * (np.abs(side) @ (high - low))) @ side
             start = positions[here] - tip + goal - size * direction
@@ -163,7 +163,7 @@ def _score(distances: list[Array], here: int, tip_body: int, others: NDArray[np.
     return float(np.minimum(distance[:, others], WANTED_GAP).mean())
 
 
-def _across(direction: Array) -> Array:
+def across(direction: Array) -> Array:
     """Two unit vectors across a direction and each other, shape (2, 3)."""
     least = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = np.cross(direction, least)

@@ -1,7 +1,7 @@
 """The motions that ship with hhsim, and how a name or a path on the command line becomes a motion.
 
 A trajectory is named by its catalogue name (`grasp`), by a script or a demonstration of one's own (`.toml`) or by a
-recording (`.h5`, `.csv`).
+recording: a trajectory (`.h5`, `.csv`), or a file that `hhsim import` reads, imported as it does without options.
 """
 
 import tomllib
@@ -16,6 +16,8 @@ from hhsim.trajectory import Trajectory
 
 SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", ".csv")
+IMPORTED_SUFFIXES = (".npz", ".json", ".lz", ".bvh")
+"""Of recordings that are imported on the way in."""
 DEFAULT_TRAJECTORY = "grasp"
 ORDER = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence", "never")
 """Those for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
@@ -137,7 +139,7 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
     """The script, the demonstration or the recording that a word on the command line means.
 
     A catalogue name wins; then the suffix decides: .toml is a script, or a demonstration where it names a recording,
-    .h5, .hdf5 and .csv are recordings.
+    .h5, .hdf5 and .csv are trajectories, and `IMPORTED_SUFFIXES` are imported.
 
     Raises:
         UnknownNameError: neither a name of the catalogue nor a path with a known suffix.
@@ -153,14 +155,37 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
     suffix = path.suffix.lower()
     if suffix == SCRIPT_SUFFIX:
         return _read_toml(path)
-    if suffix in RECORDING_SUFFIXES:
-        from hhsim.trajectory_file import load_trajectory
-
-        return load_trajectory(path)
+    if suffix in (*RECORDING_SUFFIXES, *IMPORTED_SUFFIXES):
+        return load_recorded(path)
     if path.exists() or "/" in word:
-        kinds = ", ".join((SCRIPT_SUFFIX, *RECORDING_SUFFIXES))
+        kinds = ", ".join((SCRIPT_SUFFIX, *RECORDING_SUFFIXES, *IMPORTED_SUFFIXES))
         raise TrajectoryError(f"{word}: not a trajectory by its suffix; expected {kinds} or a name of the catalogue")
     raise UnknownNameError("trajectory", word, trajectory_names())
+
+
+def load_recorded(path: Path) -> Trajectory:
+    """A recorded motion from a trajectory file, or imported from a file of `IMPORTED_SUFFIXES`.
+
+    Raises:
+        TrajectoryError: no such file, none of the formats, or one that cannot be mended safely.
+    """
+    if path.suffix.lower() in IMPORTED_SUFFIXES:
+        from hhsim.recording_file import read_recording
+        from hhsim.recording_repair import repair
+
+        recording = read_recording(path)
+        try:
+            return repair(recording).trajectory
+        except TrajectoryError as error:
+            raise TrajectoryError(f"{path}: {error}") from None
+    from hhsim.trajectory_file import load_trajectory
+
+    try:
+        return load_trajectory(path)
+    except TrajectoryError as error:
+        if path.suffix.lower() == ".csv" and path.is_file():
+            raise TrajectoryError(f"{error} (hhsim import reads other tables, and mends)") from None
+        raise
 
 
 def _read_toml(path: Path) -> Script | Demonstration:

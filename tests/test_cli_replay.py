@@ -302,3 +302,28 @@ def test_progress_shows_on_a_terminal_only(tmp_path: Path, short: Path) -> None:
     os.close(terminal)
     assert b"ticks" in shown
     assert document["ticks"] == 200
+
+
+def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: Path) -> None:
+    time_ = np.arange(0.0, 1.0, 0.02)
+    flexion = np.interp(time_, [0.0, 0.8], [0.1, 1.0])[:, None, None] * np.ones((1, 5, 3))
+    np.savez(
+        tmp_path / "fist.npz",
+        t=time_,
+        wrist_pos=np.tile([0.0, 0.0, 0.4], (50, 1)),
+        wrist_quat_wxyz=np.tile([1.0, 0.0, 0.0, 0.0], (50, 1)),
+        flex=flexion,
+        abd=np.zeros((50, 5)),
+    )
+    answer = run("replay", "cup", "fist.npz", "--place-object", "auto", "--level", "3", "--out", "fist.h5")
+    assert answer.code == 0, answer.err
+    assert "of 50 samples were mended on the way in: hhsim import tells what" in answer.out
+    assert "note: object placed where " in answer.out
+    placed = load_result(tmp_path / "fist.h5").scene["placement"]
+    assert placed["how"] == "closing fingers" and placed["depth"] > 0.0 and len(placed["position"]) == 3
+    answer = run("replay", "cup", "fist.npz", "--place-object", "auto", "--level", "3", "--out", "again.h5", "--json")
+    document = json.loads(answer.out)
+    assert document["placement"] == placed and any("object placed where" in note for note in document["notes"])
+    assert document["penetration_max"] <= 1e-6 and document["touching_max"] > 0
+    answer = run("replay", "cup", "grasp", "--place-object", "auto")
+    assert answer.code == 2 and "'grasp' finds its place at the object itself" in answer.err

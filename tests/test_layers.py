@@ -58,7 +58,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         ),
         *("recording_stamps", "recording_units", "recording_glitches", "recording_repair", "import_report"),
         *("script", "disturbance", "closing", "closing_search", "slide", "synthesis"),
-        *("demonstration", "object_placement", "trajectory_catalogue"),
+        *("demonstration", "object_placement", "grasp_placement", "trajectory_catalogue"),
         *("regions", "touch", "placement", "placed_closing", "paper_scenarios"),
         *("hand_motion", "brute_distance", "stress", "scene", "haptic_motion", "hard_objects", "hard_postures"),
     ),

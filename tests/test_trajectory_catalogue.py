@@ -83,7 +83,7 @@ def test_what_is_no_trajectory_is_refused(tmp_path: Path) -> None:
         resolve_trajectory("none.toml")
     with pytest.raises(TrajectoryError, match=r"none.csv: no such file"):
         resolve_trajectory("none.csv")
-    other = tmp_path / "glove.npz"
+    other = tmp_path / "glove.mat"
     other.touch()
     with pytest.raises(TrajectoryError, match=r"not a trajectory by its suffix; expected .toml, .h5"):
         resolve_trajectory(other)

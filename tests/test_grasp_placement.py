@@ -1,0 +1,157 @@
+"""Objects placed where a recorded hand closes: synthetic recordings, and three of real hands where they are at hand."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hhsim.brute_distance import round_cone_distance
+from hhsim.errors import TrajectoryError
+from hhsim.grasp_placement import GraspPlacement, find_grasp, place_at_grasp
+from hhsim.hand import HandModel
+from hhsim.haptic_motion import quaternion, quaternion_product, rotation_matrix
+from hhsim.object_catalogue import load_object
+from hhsim.placed_hand import placed_hand
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory import Trajectory
+from hhsim.trajectory_catalogue import load_recorded
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+Array = NDArray[np.float64]
+HAND = HandModel.default()
+CLOSED_AT = 1.5
+
+
+def object_tree(name: str) -> SphereTree:
+    return cached_sphere_tree(load_object(name).mesh, TreeOptions(level=3))
+
+
+def reach_and_close(bend: float = 1.0, fingers: slice = slice(0, 5), still: bool = False) -> Trajectory:
+    """A hand comes 0.3 m in a second, closes for half a second, holds, opens and leaves; 50 samples a second."""
+    time = np.arange(0.0, 3.0, 0.02)
+    away = 0.0 * time if still else np.interp(time, [0.0, 1.0, 2.0, 3.0], [0.3, 0.0, 0.0, 0.3])
+    close = np.interp(time, [1.0, CLOSED_AT, 1.7, 2.0], [0.0, 1.0, 1.0, 0.0])
+    flexion = np.zeros((len(time), 5, 3))
+    flexion[:, fingers] = 0.1 + bend * close[:, None, None] * np.array([0.7, 1.0, 0.6])
+    flexion[:, 0] *= 0.4
+    turn = quaternion(np.array([0.3, -0.5, 0.9]))
+    return Trajectory(
+        time=time + 12.0,
+        position=np.array([0.4, -0.2, 1.1]) + away[:, None] * np.array([0.6, 0.0, 0.8]),
+        orientation=np.tile(turn, (len(time), 1)),
+        flexion=flexion,
+        abduction=np.zeros((len(time), 5)),
+        name="reach",
+        source="made up",
+    )
+
+
+def finger_distances(motion: Trajectory, tree: SphereTree, sample: int) -> Array:
+    """Least distance of each finger to all leaves, one by one [m], shape (5,)."""
+    rotation = rotation_matrix(motion.object_orientation)
+    center, radius = tree.leaf_center @ rotation.T + motion.object_position, tree.leaf_radius
+    pose = (motion.position, motion.orientation, motion.flexion, motion.abduction)
+    joints = placed_hand(HAND, *(values[sample : sample + 1] for values in pose)).joints[0]
+    return np.array(
+        [
+            min(
+                float((round_cone_distance(center, *joints[f, k : k + 2], *HAND.radius[f, k : k + 2]) - radius).min())
+                for k in range(3)
+            )
+            for f in range(5)
+        ]
+    )
+
+
+def check_by_brute_force(placed: GraspPlacement, tree: SphereTree) -> Array:
+    """What the placement says of itself holds leaf by leaf; the fingers' distances at the grasp."""
+    begin, grasp = (finger_distances(placed.motion, tree, sample) for sample in (0, placed.grasp.sample))
+    assert -grasp.min() == pytest.approx(placed.depth, abs=1e-9)
+    named = [finger in placed.fingers for finger in ("thumb", "index", "middle", "ring", "little")]
+    assert named == (grasp < -0.0005).tolist()
+    assert begin.min() >= placed.start_gap - 1e-9
+    return grasp
+
+
+@pytest.mark.parametrize("name", ["sphere", "cup"])
+def test_closing_fingers_meet_the_object(name: str) -> None:
+    tree = object_tree(name)
+    placed = place_at_grasp(reach_and_close(), HAND, tree)
+    check_by_brute_force(placed, tree)
+    assert placed.grasp.closes and len(placed.fingers) >= 3
+    assert 0.002 < placed.depth < 0.025 and placed.start_gap >= 0.002
+    assert CLOSED_AT - 0.05 < placed.time < 1.75
+    assert placed.motion.source == f"made up; {placed.text}"
+    assert f"close on it at {placed.time:.2f} s" in placed.text
+    assert placed.to_json()["position"] == placed.motion.object_position.tolist()
+
+
+def test_only_the_pose_of_the_object_changes_and_always_in_the_same_way() -> None:
+    motion, tree = reach_and_close(0.0), object_tree("cup")
+    one, other = place_at_grasp(motion, HAND, tree), place_at_grasp(motion, HAND, tree)
+    assert one.motion.object_position.tobytes() == other.motion.object_position.tobytes()
+    assert one.motion.object_orientation.tobytes() == other.motion.object_orientation.tobytes()
+    assert one.motion.position.tobytes() == motion.position.tobytes()
+    assert one.motion.flexion.tobytes() == motion.flexion.tobytes()
+
+
+def test_a_moved_recording_moves_the_object_with_it() -> None:
+    motion, tree = reach_and_close(), object_tree("cup")
+    turn = quaternion(np.array([0.0, 0.0, np.radians(60.0)]))
+    shift = np.array([1.0, -2.0, 0.5])
+    moved = Trajectory(
+        time=motion.time,
+        position=motion.position @ rotation_matrix(turn).T + shift,
+        orientation=quaternion_product(turn, motion.orientation),
+        flexion=motion.flexion,
+        abduction=motion.abduction,
+    )
+    here, there = place_at_grasp(motion, HAND, tree), place_at_grasp(moved, HAND, tree)
+    expected = rotation_matrix(turn) @ here.motion.object_position + shift
+    np.testing.assert_allclose(there.motion.object_position, expected, atol=1e-7)
+    assert there.depth == pytest.approx(here.depth, abs=1e-7)
+
+
+def test_the_fingers_that_close_are_those_that_count() -> None:
+    grasp = find_grasp(reach_and_close(fingers=slice(1, 3)))
+    assert grasp.fingers == (1, 2) and grasp.closes
+    # A faster bend while the palm flies is no grasp.
+    motion = reach_and_close()
+    flexion = motion.flexion.copy()
+    flexion[10:20, 1:] = 1.1 * motion.flexion.max()
+    flying = Trajectory(motion.time, motion.position, motion.orientation, flexion, motion.abduction)
+    assert find_grasp(flying).sample >= 70
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.15])
+def test_fingers_that_never_close_fall_back_to_the_deepest_flexion_and_say_so(bend: float) -> None:
+    tree = object_tree("sphere")
+    placed = place_at_grasp(reach_and_close(bend), HAND, tree)
+    assert not placed.grasp.closes and "since no finger closes" in placed.text
+    assert placed.to_json()["how"] == "deepest flexion"
+    check_by_brute_force(placed, tree)
+
+
+def test_a_hand_that_is_always_there_begins_inside_and_says_so() -> None:
+    motion = reach_and_close(0.0, still=True)
+    tree = object_tree("cube")
+    placed = place_at_grasp(motion, HAND, tree)
+    assert placed.start_gap < 0.0 and "the hand begins in it" in placed.text
+    check_by_brute_force(placed, tree)
+    one = Trajectory(*(getattr(motion, key)[:1] for key in ("time", "position", "orientation", "flexion", "abduction")))
+    assert place_at_grasp(one, HAND, tree).start_gap < 0.0
+
+
+def test_where_no_finger_meets_the_object_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hhsim.grasp_placement.IN", 1.0)
+    with pytest.raises(TrajectoryError, match=r"reach cannot be placed at this object: at the grasp, at 1\.5"):
+        place_at_grasp(reach_and_close(), HAND, object_tree("cup"))
+
+
+@pytest.mark.parametrize(("recording", "closes"), [("leap_grab", True), ("dapg_door_17", True), ("leap_wave", False)])
+def test_real_recordings_find_a_place_at_the_cup(shared_data: Path, recording: str, closes: bool) -> None:
+    tree = object_tree("cup")
+    placed = place_at_grasp(load_recorded(shared_data / "recordings" / f"{recording}.npz"), HAND, tree)
+    check_by_brute_force(placed, tree)
+    assert placed.grasp.closes == closes and placed.start_gap > 0.0 and len(placed.fingers) >= (3 if closes else 1)
