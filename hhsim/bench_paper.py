@@ -21,6 +21,7 @@ from hhsim.solver_options import METHODS, SolverOptions
 from hhsim.sphere_tree import SphereTree
 from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 from hhsim.warm_up import warm_up
+from hhsim.workers import usual_threads
 
 Progress = Callable[[str, int, int], None]
 
@@ -150,7 +151,8 @@ def _stages(options: PaperOptions, hand: HandModel, report: Progress) -> list[St
         if scenario.object_name not in trees:
             item = load_object(scenario.object_name)
             level = item.level if options.level is None else options.level
-            trees[scenario.object_name] = cached_sphere_tree(item.mesh, TreeOptions(level=level), report)
+            wanted = TreeOptions(level=level)
+            trees[scenario.object_name] = cached_sphere_tree(item.mesh, wanted, report, usual_threads())
         report("hands placed", number, len(scenarios))
         stages.append(make_stage(scenario, hand, trees[scenario.object_name], options.instances, options.seed))
     return stages
