@@ -10,6 +10,7 @@ from hhsim.destination import check_destination
 from hhsim.hand import FINGERS
 from hhsim.hand_change import turn
 from hhsim.recording import Recording
+from hhsim.recording_units import ANGLE_UNITS, LENGTH_UNITS
 from hhsim.rendering import save_figure
 from hhsim.sample_flags import SampleFlag, marked
 from hhsim.trajectory import Trajectory
@@ -55,13 +56,15 @@ def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
     time_in, time_out = recording.time, motion.time
     scale = _time_scale(recording, motion)
     grey = _Grey(time_in * scale[0] + scale[1], time_out)
-    _panel(rows[0], grey, 1e3 * recording.position, 1e3 * motion.position, ("x", "y", "z"), "palm [mm]")
+    metre = 1e3 * _factor(recording.position, motion.position, LENGTH_UNITS)
+    radian = _factor(recording.flexion, motion.flexion, ANGLE_UNITS)
+    _panel(rows[0], grey, metre * recording.position, 1e3 * motion.position, ("x", "y", "z"), "palm [mm]")
     _panel(rows[1], grey, _angle(recording.orientation), _angle(motion.orientation), ("x", "y", "z"), "turn [°]")
     for f, finger in enumerate(FINGERS):
         names = ("first", "second", "third")
-        came, went = np.degrees(recording.flexion[:, f]), np.degrees(motion.flexion[:, f])
+        came, went = np.degrees(radian * recording.flexion[:, f]), np.degrees(motion.flexion[:, f])
         _panel(rows[2 + f], grey, came, went, names, f"{finger}\nflexion [°]")
-    came, went = np.degrees(recording.abduction), np.degrees(motion.abduction)
+    came, went = np.degrees(radian * recording.abduction), np.degrees(motion.abduction)
     _panel(rows[7], grey, came, went, FINGERS, "abduction [°]")
     _strip(rows[8], motion)
     rows[0].set_title(f"{motion.name}: grey what came in, coloured what went out", fontsize=13, loc="left")
@@ -84,6 +87,15 @@ def _time_scale(recording: Recording, motion: Trajectory) -> tuple[float, float]
     factor = next((f for f in (1.0, 1e-3, 1e-6, 1e-9) if 0.2 < step_in * f / step_out < 5.0), 1.0)
     shift = 0.0 if factor == 1.0 and motion.time[0] >= given.min() else motion.time[0] - factor * float(given.min())
     return factor, shift
+
+
+def _factor(came: Array, went: Array, units: dict[str, float]) -> float:
+    """What the numbers of the file are multiplied by to lie beside those of the trajectory: 1 but for another unit."""
+    before, after = (np.abs(values[np.isfinite(values) & (values != 0.0)]) for values in (came, went))
+    if not before.size or not after.size:
+        return 1.0
+    ratio = float(np.median(after) / np.median(before))
+    return min({1.0, *units.values()}, key=lambda factor: abs(np.log(ratio / factor)))
 
 
 def _angle(orientation: Array) -> Array:

@@ -9,6 +9,7 @@ from conftest import Run
 from recording_samples import smooth_recording
 
 from hhsim.recording_repair import repair
+from hhsim.result import load_result
 from hhsim.trajectory_file import load_trajectory, save_trajectory
 
 MOTION = repair(smooth_recording()).trajectory
@@ -82,3 +83,16 @@ def test_refusals_are_one_line_and_leave_nothing(run: Run, damaged: Path, tmp_pa
         assert code == 2 and out == "" and words in err, (arguments, err)
         assert len(err.strip().splitlines()) == 1
     assert not list(tmp_path.glob("**/*.h5"))
+
+
+def test_a_left_hand_replays_as_one(run: Run, repository: Path, tmp_path: Path) -> None:
+    sample = repository / "trajectories" / "finger-tap.h5"
+    code, out, err = run("import", str(sample), "--mirror", "--out", "left.h5")
+    assert (code, err) == (0, "") and "left hand" in out and "mirrored: x became -x" in out
+    # The shipped sphere, a metre away: the hand is what counts here.
+    motion = load_trajectory(tmp_path / "left.h5").placed([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+    save_trajectory(motion, tmp_path / "left.h5")
+    for options, side in (((), "left"), (("--hand", "right"), "right")):
+        code, _, err = run("replay", "sphere", "left.h5", "--level", "2", "--quiet", "--out", "r.h5", *options)
+        assert code == 0, err
+        assert load_result(tmp_path / "r.h5").scene["hand"]["side"] == side

@@ -32,7 +32,8 @@ TAP = load_demonstration("finger-tap")
 
 
 def object_tree(name: str) -> SphereTree:
-    return cached_sphere_tree(load_object(name).mesh, TreeOptions(level=3))
+    item = load_object(name)
+    return cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
 
 
 def distances(motion: Trajectory, tree: SphereTree) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
