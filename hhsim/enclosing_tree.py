@@ -18,12 +18,15 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-def enclosing_tree(covers: Sequence[LevelCover], parents: Sequence[IntArray]) -> SphereTree:
+def enclosing_tree(
+    covers: Sequence[LevelCover], parents: Sequence[IntArray], cpu_seconds: Sequence[float] = ()
+) -> SphereTree:
     """Make a tree of the covers of its levels; each inner node is the least ball around the leaves below it.
 
     Args:
         covers: Of the levels 0, 1, … to the leaves, each with its balls in the order of the nodes.
         parents: Of the nodes of the levels 1, 2, …: a node of the level above by its place there, ascending.
+        cpu_seconds: That each cover took [s].
     """
     center, radius = covers[-1].center, covers[-1].radius
     centers, radii = [center], [radius]
@@ -46,7 +49,7 @@ def enclosing_tree(covers: Sequence[LevelCover], parents: Sequence[IntArray]) ->
         np.repeat(np.arange(len(count)), count),
         np.concatenate(links),
     )
-    return replace(tree, covers=tuple(covers))
+    return replace(tree, covers=tuple(covers), cpu_seconds=tuple(cpu_seconds))
 
 
 def cover_with_proof(mesh: Mesh, bvh: MeshBvh, center: FloatArray, radius: FloatArray) -> LevelCover:

@@ -14,6 +14,7 @@ fine as its children's, so that each child has about as many of them to look aft
 """
 
 import math
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -114,6 +115,7 @@ def build_medial_tree(
     Raises:
         MeshError: The mesh encloses no volume.
     """
+    started = [time.process_time()]
     pieces = _Pieces(mesh)
     require_inside(pieces.corner, float(mesh.extent.max()))
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
@@ -131,6 +133,7 @@ def build_medial_tree(
         axis = _enough_everywhere(bvh, pieces, axis, regions)
         if depth == 1:
             covers.append(cover_with_proof(mesh, bvh, *_covered(bvh, pieces, axis, np.ones(1, np.int64))[:2]))
+            started.append(time.process_time())
         room = np.minimum(most // regions + (np.arange(regions) < most % regions), branching ** (ahead - depth + 1))
         center, radius, of, owner = _covered(bvh, pieces, axis, room)
         if depth < level:
@@ -138,9 +141,10 @@ def build_medial_tree(
             center, radius = _covered(bvh, pieces, axis, np.ones(len(of), np.int64))[:2]
         parents.append(of)
         covers.append(cover_with_proof(mesh, bvh, center, radius))
+        started.append(time.process_time())
         if progress is not None:
             progress("cover", depth, level)
-    return enclosing_tree(covers, parents)
+    return enclosing_tree(covers, parents, np.diff(started).tolist())
 
 
 def _covered(

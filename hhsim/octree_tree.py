@@ -7,6 +7,7 @@ sphere-trees"). Fitted, it is the smallest ball around that part of the surface 
 Cells that lie wholly inside get no ball: they would cost spheres and leave every error as it is.
 """
 
+import time
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from hhsim.errors import InputError
 from hhsim.kernels.cell_pieces import cut_by_cells
 from hhsim.kernels.enclosing_ball import enclosing_ball
 from hhsim.kernels.mesh_bvh import build_mesh_bvh
+from hhsim.level_cover import LevelCover
 from hhsim.mesh import Mesh
 from hhsim.sphere_tree import SphereTree
 
@@ -69,20 +71,22 @@ def _build(
     if branching != BRANCHING:
         raise InputError(f"tree branching {branching}: an octree has {BRANCHING} children a cell")
     low, size = root_cell(mesh)
-    found = [_cells(mesh, low, size, 0)]
-    for finer in range(1, level + 1):
+    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    codes: list[IntArray] = []
+    covers: list[LevelCover] = []
+    started = [time.process_time()]
+    for finer in range(level + 1):
         cells = _cells(mesh, low, size, finer)
         if leaves is not None and len(cells.code) > leaves:
             break
-        found.append(cells)
+        codes.append(cells.code)
+        ball = _fitted(cells, size) if fitted else _around(cells, low, size)
+        covers.append(cover_with_proof(mesh, bvh, *ball))
+        started.append(time.process_time())
         if progress is not None:
             progress("cover", finer, level)
-
-    codes = [cells.code for cells in found]
-    balls = [_fitted(cells, size) if fitted else _around(cells, low, size) for cells in found]
     parents = [np.searchsorted(codes[at], codes[at + 1] // BRANCHING) for at in range(len(codes) - 1)]
-    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
-    return enclosing_tree([cover_with_proof(mesh, bvh, *ball) for ball in balls], parents)
+    return enclosing_tree(covers, parents, np.diff(started).tolist())
 
 
 def root_cell(mesh: Mesh) -> tuple[FloatArray, float]:

@@ -1,0 +1,150 @@
+"""`hhsim bench trees`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from . import options
+from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .name_list import read_counts, read_names
+
+
+@click.command()
+@click.option(
+    "--object",
+    "objects",
+    callback=read_names,
+    metavar="NAMES",
+    help="Objects. Default: bunny,teapot,cube,hexagonal-prism,cylinder,cup.",
+)
+@click.option(
+    "--method",
+    "methods",
+    callback=read_names,
+    metavar="NAMES",
+    help="Builders. Default: certified,medial,octree-fitted,octree.",
+)
+@click.option(
+    "--spheres", callback=read_counts, metavar="NUMBERS", help="Most leaves of the trees. Default: 64,512,4096."
+)
+@click.option(
+    "--size",
+    type=click.FloatRange(1.0, 10_000.0),
+    default=100.0,
+    show_default=True,
+    metavar="MM",
+    help="Scale every object to this longest extent [mm].",
+)
+@click.option("--time-limits", is_flag=True, help="A missed limit of the CPU time is a miss too.")
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Where the picture goes. Default: beside the table, as .png.",
+)
+@options.seed
+@options.out
+@options.json
+@options.quiet
+def command(
+    objects: tuple[str, ...] | None,
+    methods: tuple[str, ...] | None,
+    spheres: tuple[int, ...] | None,
+    size: float,
+    time_limits: bool,
+    plot: Path | None,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Build sphere trees with every builder: error against spheres against CPU time.
+
+    All objects get one longest extent; cube, prism, cylinder and cup are the shapes that other programs were measured
+    on, which stand in the same table. Errors are measured by coal, apart from the builders, and come out the same in
+    every run. Exit code 1 where a certified tree protrudes farther than its limit, has a gap or no proof.
+
+    \b
+    Examples:
+      hhsim bench trees
+      hhsim bench trees --object bunny --spheres 64,128,256,512 --method certified,medial
+      hhsim bench trees --out trees.h5 --plot trees.png --time-limits
+    """
+    from hhsim.bench_file import check_table_destination, csv_path, write_table
+    from hhsim.bench_trees import COLUMNS, TreesOptions, measure, missed_bars
+    from hhsim.destination import dated_destination
+    from hhsim.errors import OutputError
+    from hhsim.speed_error_figure import check_picture
+    from hhsim.trees_figure import draw_trees
+
+    named = {"objects": objects, "methods": methods, "spheres": spheres}
+    run = replace(
+        TreesOptions(size=1e-3 * size, seed=seed),
+        **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]
+    )
+    destination = out or dated_destination("bench-trees")
+    check_table_destination(destination)
+    picture = plot or destination.with_suffix(".png")
+    if plot is None and picture.exists() and not destination.exists():
+        raise OutputError(f"{picture} exists and is not of hhsim bench: name another file with --plot or --out")
+    check_picture(picture)
+    announce_compilation(quiet=quiet)
+    with progress(quiet=quiet) as report:
+        rows = measure(run, report)
+    write_table(destination, "trees", COLUMNS, rows, run.to_json())
+    draw_trees(picture, rows, run.size)
+    missed = missed_bars(rows, with_times=time_limits)
+    if as_json:
+        print_json(
+            {
+                "table": str(destination),
+                "csv": str(csv_path(destination)),
+                "plot": str(picture),
+                "options": run.to_json(),
+                "units": {column.name: column.unit for column in COLUMNS},
+                "rows": rows,
+                "missed": missed,
+            }
+        )
+    elif not quiet:
+        for name in run.objects:
+            _print_object(name, [row for row in rows if row["object"] == name])
+        if any(row["measured_by"] == "hhsim" and not row["is_reference"] for row in rows):
+            print_notes(["coal is not installed: the errors are those that every tree is measured with"])
+        if any(row["is_reference"] for row in rows):
+            print("in brackets: other programs, as measured in November 2026 on one core of a 2-core machine")
+        print(f"the table is in {destination} and {csv_path(destination)}, the picture in {picture}")
+    print_notes(missed, prefix="missed")
+    if missed:
+        raise SystemExit(1)
+
+
+def _print_object(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    numbers = (
+        *("spheres", "protrusion max [mm]", "limit [mm]", "mean [mm]", "proved bound [mm]", "gap max [mm]"),
+        *("CPU [s]", "limit [s]", "leaves only [s]"),
+    )
+    cells = [
+        (
+            f"({row['method']})" if row["is_reference"] else row["method"],
+            _number(row["spheres"], 1.0, 0),
+            _number(row["protrusion_max"], 1e3, 3),
+            _number(row["protrusion_limit"], 1e3, 2, missing=""),
+            _number(row["protrusion_mean"], 1e3, 3),
+            _number(row["bound"] if row["is_proved"] else None, 1e3, 3),
+            _number(row["gap_max"], 1e3, 3),
+            _number(row["cpu"], 1.0, 2),
+            _number(row["cpu_limit"], 1.0, 0, missing=""),
+            _number(row["cpu_leaves"], 1.0, 2, missing=""),
+        )
+        for row in rows
+    ]
+    print_table(("builder", *numbers), cells, title=name, numbers=numbers)
+    print()
+
+
+def _number(value: float | None, scale: float, digits: int, missing: str = "—") -> str:
+    return missing if value is None or value != value else f"{scale * value:,.{digits}f}"

@@ -1,0 +1,236 @@
+"""Builders of sphere trees side by side: error against spheres against CPU time.
+
+Each tree is measured by code that shares nothing with the builders (`hhsim.tree_referee`, which needs coal), or where
+that is not installed as every tree is (`hhsim.tree_error`). Errors are the same in every run; times are not.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from hhsim.bench_file import Column
+from hhsim.cup import cup
+from hhsim.errors import HhsimError, InputError
+from hhsim.mesh import Mesh
+from hhsim.object_catalogue import load_object
+from hhsim.shapes import cube, cylinder, hexagonal_prism
+from hhsim.sphere_tree import SphereTree
+from hhsim.tree_builder import MOST_LEVEL, TreeOptions, build_sphere_tree
+from hhsim.tree_references import BARS, EXTENT, LEAST_GAP, REFERENCES
+
+Row = dict[str, Any]
+Progress = Callable[[str, int, int], None]
+
+BRANCHING = 8
+CUP_WALL = 0.003
+"""Of the cup at the longest extent of the references [m]."""
+MOST_SPHERES = BRANCHING**MOST_LEVEL
+
+_SHAPES: dict[str, Callable[[], Mesh]] = {
+    "cube": lambda: cube(EXTENT),
+    "hexagonal-prism": lambda: hexagonal_prism(EXTENT / 2.0, EXTENT),
+    "cylinder": lambda: cylinder(EXTENT, EXTENT, 128),
+    "cup": lambda: cup(wall=CUP_WALL * float(cup().extent.max()) / EXTENT),
+}
+"""Shapes that the references are of, where the catalogue's object of that name has other proportions."""
+
+
+@dataclass(frozen=True)
+class TreesOptions:
+    """What is built.
+
+    Attributes:
+        objects: Names of the catalogue.
+        methods: Builders, of `hhsim.tree_methods.METHODS`.
+        spheres: Most leaves of the trees.
+        size: Longest extent of the objects [m].
+        seed: Of the samples that measure.
+    """
+
+    objects: tuple[str, ...] = ("bunny", "teapot", "cube", "hexagonal-prism", "cylinder", "cup")
+    methods: tuple[str, ...] = ("certified", "medial", "octree-fitted", "octree")
+    spheres: tuple[int, ...] = (64, 512, 4096)
+    size: float = EXTENT
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            InputError: A number of spheres that no tree has.
+            UnknownNameError: No such object or method.
+        """
+        for count in self.spheres:
+            if not 1 <= count <= MOST_SPHERES:
+                raise InputError(f"{count:,} spheres, expected 1 to {MOST_SPHERES:,}")
+        for method in self.methods:
+            TreeOptions(level=1, method=method)
+        for name in self.objects:
+            load_object(name)
+
+    def to_json(self) -> dict[str, Any]:
+        """The options as JSON-able values."""
+        return asdict(self)
+
+
+COLUMNS = (
+    Column("object", "object, scaled to the longest extent that the options say"),
+    Column("method", "builder; for a reference the other program"),
+    Column("is_reference", "not built now: another program, as measured in November 2026"),
+    Column("asked", "most spheres that the leaves may be; for a reference 0"),
+    Column("spheres", "leaves that there are"),
+    Column("level", "level of the leaves; for a reference 0"),
+    Column("protrusion_max", "farthest that the union of the leaves was found outside of the mesh", "m"),
+    Column("protrusion_mean", "mean over the part of the union's surface that is outside", "m"),
+    Column("gap_max", "farthest that the mesh was found outside of the leaves", "m"),
+    Column("bound", "proved upper bound of the protrusion", "m"),
+    Column("is_proved", "the leaves hold a proof that they cover the mesh, and it was checked"),
+    Column("cpu", "CPU time of the builder for all levels, without measuring and compiling", "s"),
+    Column("cpu_leaves", "the same for the leaves' level alone", "s"),
+    Column("protrusion_limit", "bar for the protrusion", "m"),
+    Column("cpu_limit", "bar for the CPU time", "s"),
+    Column("measured_by", "coal, or hhsim's own measurement where coal is not installed"),
+)
+
+
+def comparison_object(name: str, size: float) -> Mesh:
+    """The shape that the references are of, or the object of the catalogue, with a longest extent of `size` [m].
+
+    Raises:
+        UnknownNameError: No such object.
+    """
+    mesh = _SHAPES[name]() if name in _SHAPES else load_object(name).mesh
+    return replace(mesh.scaled(size / float(mesh.extent.max())), name=name)
+
+
+def tree_options(method: str, spheres: int, seed: int = 0) -> TreeOptions:
+    """How a builder is asked for at most so many leaves; octrees choose their level themselves, as fine as they may."""
+    level = MOST_LEVEL if method.startswith("octree") else 1
+    while BRANCHING**level < spheres:
+        level += 1
+    return TreeOptions(level=level, branching=BRANCHING, leaves=spheres, seed=seed, method=method)
+
+
+def measure(options: TreesOptions, progress: Progress | None = None) -> list[Row]:
+    """Build and measure every tree; rows in the order of objects, methods and sizes, references last of each object.
+
+    Args:
+        options: what to build.
+        progress: called with (object and method, trees done, trees).
+
+    Raises:
+        HhsimError: An object that a builder cannot do.
+    """
+    _warm_up(options.methods)
+    rows: list[Row] = []
+    total = len(options.objects) * len(options.methods) * len(options.spheres)
+    done = 0
+    for name in options.objects:
+        mesh = comparison_object(name, options.size)
+        for method in options.methods:
+            for spheres in sorted(options.spheres):
+                if progress is not None:
+                    progress(f"{name}, {method}, {spheres:,} spheres", done, total)
+                rows.append(_row(mesh, method, spheres, options))
+                done += 1
+        rows += _references(name, options.size)
+    if progress is not None:
+        progress("done", total, total)
+    return rows
+
+
+def _warm_up(methods: Sequence[str]) -> None:
+    """Compile or load every kernel, so that no tree is timed with that."""
+    for method in methods:
+        build_sphere_tree(cube(EXTENT), tree_options(method, BRANCHING**2))
+
+
+def _row(mesh: Mesh, method: str, spheres: int, options: TreesOptions) -> Row:
+    try:
+        tree = build_sphere_tree(mesh, tree_options(method, spheres, options.seed))
+    except HhsimError as error:
+        raise type(error)(f"{method}, {spheres:,} spheres: {error}") from error
+    protrusion, mean, gap, measured_by = _measured(mesh, tree, options.seed)
+    bar = BARS.get((mesh.name, spheres)) if method == "certified" else None
+    # A tree that was asked for with fewer levels has them all the same: their builder's time counts too.
+    return {
+        "object": mesh.name,
+        "method": method,
+        "is_reference": False,
+        "asked": spheres,
+        "spheres": tree.leaf_count,
+        "level": tree.depth,
+        "protrusion_max": protrusion,
+        "protrusion_mean": mean,
+        "gap_max": gap,
+        "bound": tree.errors[-1].bound,
+        "is_proved": not tree.check(mesh),
+        "cpu": float(sum(tree.cpu_seconds)),
+        "cpu_leaves": float(tree.cpu_seconds[-1]),
+        "protrusion_limit": None if bar is None else bar.protrusion * options.size / EXTENT,
+        "cpu_limit": None if bar is None else bar.cpu,
+        "measured_by": measured_by,
+    }
+
+
+def _measured(mesh: Mesh, tree: SphereTree, seed: int) -> tuple[float, float, float, str]:
+    """Largest and mean protrusion and largest gap of the leaves [m], and by what they were measured."""
+    if find_spec("coal") is None:
+        own = tree.errors[-1]
+        return own.protrusion_max, own.protrusion_mean, own.gap_max, "hhsim"
+    from hhsim.tree_referee import referee
+
+    verdict = referee(mesh, tree, [tree.depth], seed=seed)[0]
+    return verdict.protrusion, verdict.protrusion_mean, verdict.gap, "coal"
+
+
+def _references(name: str, size: float) -> Iterator[Row]:
+    scale = size / EXTENT
+    for peer in REFERENCES:
+        if peer.object == name:
+            yield {
+                "object": name,
+                "method": peer.label,
+                "is_reference": True,
+                "asked": 0,
+                "spheres": None if peer.spheres is None else float(peer.spheres),
+                "level": 0,
+                "protrusion_max": peer.protrusion * scale,
+                "protrusion_mean": None if peer.protrusion_mean is None else peer.protrusion_mean * scale,
+                "gap_max": None if peer.gap is None else peer.gap * scale,
+                "bound": None,
+                "is_proved": False,
+                "cpu": peer.cpu,
+                "cpu_leaves": None,
+                "protrusion_limit": None,
+                "cpu_limit": None,
+                "measured_by": "hhsim",
+            }
+
+
+def missed_bars(rows: Sequence[Mapping[str, Any]], *, with_times: bool = False) -> list[str]:
+    """What certified trees fall short of, a sentence each: error, gap and proof, and CPU time if that counts."""
+    missed = []
+    for row in rows:
+        if row["is_reference"] or row["method"] != "certified":
+            continue
+        what = f"{row['object']}, {row['asked']:,} spheres"
+        limit = row["protrusion_limit"]
+        if limit is not None and not row["protrusion_max"] <= limit:
+            missed.append(f"{what}: protrudes {1e3 * row['protrusion_max']:.3f} mm, limit {1e3 * limit:.3f} mm")
+        if not row["gap_max"] <= LEAST_GAP:
+            missed.append(f"{what}: a gap of {1e9 * row['gap_max']:.1f} nm, limit {1e9 * LEAST_GAP:.0f} nm")
+        if not row["is_proved"]:
+            missed.append(f"{what}: no proof of the cover")
+        if with_times and row["cpu_limit"] is not None and not row["cpu"] <= row["cpu_limit"]:
+            missed.append(f"{what}: {row['cpu']:.1f} s of CPU time, limit {row['cpu_limit']:.1f} s")
+    return missed
+
+
+def largest_error(row: Mapping[str, Any]) -> float:
+    """How far spheres and mesh are apart at most [m]: the larger of protrusion and gap, as far as they are known."""
+    known = [value for value in (row["protrusion_max"], row["gap_max"]) if value is not None and not np.isnan(value)]
+    return float(max(known))

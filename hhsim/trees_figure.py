@@ -1,0 +1,198 @@
+"""The picture of `hhsim bench trees`: largest error against spheres, and against CPU time, an object a column."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hhsim.bench_trees import largest_error
+from hhsim.rendering import save_figure
+from hhsim.speed_error_figure import check_picture
+from hhsim.tree_references import BARS, EXTENT, TOOLKIT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Row = Mapping[str, Any]
+
+COLORS = {"certified": "#1b6ca8", "medial": "#c8641a", "octree-fitted": "#4a7d2f", "octree": "#7a3b8f"}
+OTHER_COLOR = "#8a6d1b"
+MARKERS = {"certified": "o", "medial": "s", "octree-fitted": "D", "octree": "v"}
+GREY = "0.45"
+BAR_COLOR = "#b00020"
+LABELS = {"certified": "certified: proved covers, the default", "medial": "medial: after Bradshaw and O'Sullivan 2004"}
+MOST_COLUMNS = 6
+NARROWEST = 12.0
+"""Width that the legend and the note need [inch]."""
+SPHERES = (8, 64, 512, 4096, 32768)
+SECONDS = (0.01, 0.1, 1, 10, 100, 1000)
+ERRORS = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200)
+
+
+def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
+    """Draw the table.
+
+    Args:
+        path: The picture; matplotlib chooses the format by its ending.
+        rows: The table of `hhsim.bench_trees.measure`; of more than `MOST_COLUMNS` objects the first ones are drawn.
+        size: Longest extent of the objects [m].
+
+    Raises:
+        OutputError: The picture cannot be written.
+        InputError: matplotlib has no such picture format.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    check_picture(path)
+    names = list(dict.fromkeys(row["object"] for row in rows))[:MOST_COLUMNS]
+    shown = [row for row in rows if row["object"] in names]
+    figure = Figure(figsize=(max(2.9 * len(names) + 1.2, NARROWEST), 9.6), dpi=100, facecolor="white")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(2, len(names), squeeze=False)
+    errors = [1e3 * largest_error(row) for row in shown]
+    heights = 0.6 * min(errors), 1.6 * max(errors)
+    counts, times = (_range([row[across] for row in shown]) for across in ("spheres", "cpu"))
+    for column, name in enumerate(names):
+        mine = [row for row in shown if row["object"] == name]
+        top, bottom = panels[0, column], panels[1, column]
+        _draw(top, mine, "spheres", name, size)
+        _draw(bottom, mine, "cpu", name, size)
+        top.set_title(name, fontsize=15, loc="left")
+        _dress(top, counts, heights, column == 0, "spheres", SPHERES)
+        _dress(bottom, times, heights, column == 0, "CPU time of the builder [s]", SECONDS)
+    _draw_legend(figure, shown)
+    figure.text(
+        0.012,
+        0.012,
+        f"Objects of {1e3 * size:g} mm. Error: the larger of how far the leaf spheres reach out of the mesh and "
+        "how far the mesh lies outside of them.\nThe trees built here leave no gap. Other programs: as measured in November "
+        "2026 on one core of a 2-core machine.",
+        fontsize=11,
+        color="0.35",
+        va="bottom",
+    )
+    width = figure.get_figwidth()
+    figure.subplots_adjust(left=0.85 / width, right=1.0 - 0.15 / width, top=0.86, bottom=0.135, wspace=0.08, hspace=0.2)
+    save_figure(figure, path)
+
+
+def _draw(axes: "Axes", rows: Sequence[Row], across: str, name: str, size: float) -> None:
+    from matplotlib.patheffects import withStroke
+
+    methods = list(dict.fromkeys(row["method"] for row in rows if not row["is_reference"]))
+    for method in methods:
+        points = sorted(
+            (float(row[across]), 1e3 * largest_error(row))
+            for row in rows
+            if row["method"] == method and not row["is_reference"]
+        )
+        color = COLORS.get(method, OTHER_COLOR)
+        axes.plot(*zip(*points), color=color, linewidth=1.6, zorder=3)
+        axes.plot(
+            *zip(*points),
+            marker=MARKERS.get(method, "o"),
+            color=color,
+            linestyle="none",
+            markersize=8.0,
+            markeredgecolor="white",
+            markeredgewidth=0.8,
+            zorder=4,
+        )
+    for row in rows:
+        if row["is_reference"] and row[across] is not None:
+            is_toolkit = row["method"] == TOOLKIT
+            axes.plot(
+                float(row[across]),
+                1e3 * largest_error(row),
+                "X" if is_toolkit else "x",
+                color="0.25" if is_toolkit else GREY,
+                markersize=9.0 if is_toolkit else 7.0,
+                markeredgecolor="white" if is_toolkit else None,
+                zorder=5,
+            )
+            if across == "spheres" and not is_toolkit:
+                axes.annotate(
+                    row["method"],
+                    (float(row[across]), 1e3 * largest_error(row)),
+                    (5.0, 5.0),
+                    textcoords="offset points",
+                    fontsize=9.0,
+                    color=GREY,
+                    path_effects=[withStroke(linewidth=2.5, foreground="white")],
+                    zorder=5,
+                )
+    for (object_name, spheres), bar in BARS.items():
+        if object_name == name and any(row["asked"] == spheres for row in rows):
+            x = float(spheres) if across == "spheres" else bar.cpu
+            axes.plot(x, 1e3 * bar.protrusion * size / EXTENT, "_", color=BAR_COLOR, markersize=20, markeredgewidth=2.0)
+
+
+def _range(values: Sequence[float | None]) -> tuple[float, float]:
+    """Of an axis that shows these, as far as they are known."""
+    known = [float(value) for value in values if value is not None]
+    return 0.6 * min(known), 1.7 * max(known)
+
+
+def _dress(
+    axes: "Axes",
+    across: tuple[float, float],
+    up: tuple[float, float],
+    first: bool,
+    label: str,
+    ticks: Sequence[float],
+) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlim(*across)
+    axes.set_ylim(*up)
+    inside = [tick for tick in ticks if across[0] <= tick <= across[1]]
+    axes.set_xticks(inside, [f"{tick:,g}" for tick in inside])
+    heights = [height for height in ERRORS if up[0] <= height <= up[1]]
+    axes.set_yticks(heights, [f"{height:g}" for height in heights] if first else [""] * len(heights))
+    axes.minorticks_off()
+    axes.set_xlabel(label, fontsize=12)
+    if first:
+        axes.set_ylabel("largest error [mm]", fontsize=13)
+    axes.grid(color="0.92", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=11)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
+    from matplotlib.lines import Line2D
+
+    methods = list(dict.fromkeys(row["method"] for row in rows if not row["is_reference"]))
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=COLORS.get(method, OTHER_COLOR),
+            marker=MARKERS.get(method, "o"),
+            linewidth=1.6,
+            markersize=8.0,
+            label=LABELS.get(method, method),
+        )
+        for method in methods
+    ]
+    if any(row["is_reference"] and row["method"] == TOOLKIT for row in rows):
+        handles.append(
+            Line2D(
+                [], [], marker="X", color="0.25", linestyle="none", markersize=9.0, label="Bradshaw's toolkit, medial"
+            )
+        )
+    if any(row["is_reference"] and row["method"] != TOOLKIT and row["spheres"] is not None for row in rows):
+        handles.append(Line2D([], [], marker="x", color=GREY, linestyle="none", markersize=7.0, label="other programs"))
+    if any(row["protrusion_limit"] is not None for row in rows):
+        handles.append(
+            Line2D([], [], marker="_", color=BAR_COLOR, linestyle="none", markersize=16, label="limit for certified")
+        )
+    figure.legend(
+        handles=handles,
+        loc="upper left",
+        ncols=4 if figure.get_figwidth() < 15.0 else 7,
+        fontsize=11.5,
+        frameon=False,
+        bbox_to_anchor=(0.01, 0.995),
+    )
