@@ -85,6 +85,8 @@ def command(
         TreesOptions(size=1e-3 * size, seed=seed),
         **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]
     )
+    if plot is not None:
+        check_picture(plot)
     destination = out or dated_destination("bench-trees")
     check_table_destination(destination)
     picture = plot or destination.with_suffix(".png")

@@ -66,6 +66,12 @@ def complete_method(_context: click.Context, _parameter: click.Parameter, incomp
     metavar="N",
     help="Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.",
 )
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Draw the mesh, its spheres coloured by how far they stick out, and the errors of all levels.",
+)
 @tree_file.source
 @tree_file.frame
 @tree_file.unit
@@ -84,6 +90,7 @@ def command(
     cover: str,
     method: str,
     threads: int | None,
+    plot: Path | None,
     source: Path | None,
     frame: str | None,
     source_unit: str | None,
@@ -106,12 +113,15 @@ def command(
       hhsim build-tree bunny --leaves 2924
       hhsim build-tree bunny --max-error 0.2mm
       hhsim build-tree bunny --level 3 --cover balanced
-      hhsim build-tree cup --level 3 --branching 6 --method octree
+      hhsim build-tree cup --level 3 --branching 6 --method medial
+      hhsim build-tree bunny --level 3 --plot bunny-tree.png
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
     from hhsim.destination import check_destination, dated_destination
+    from hhsim.speed_error_figure import check_picture
     from hhsim.tree_builder import TreeOptions, cache_path, cached_sphere_tree
+    from hhsim.tree_figure import draw_tree
     from hhsim.workers import usual_threads
 
     announce_compilation(quiet=quiet)
@@ -126,6 +136,8 @@ def command(
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
     check_destination(path)
     _check_replaceable(path)
+    if plot is not None:
+        check_picture(plot)
     cached = source is None and cache_path(mesh, wanted).exists()
     found = None
     start = time.perf_counter()
@@ -141,6 +153,8 @@ def command(
         tree.save_sph(path)
     else:
         tree.save(path)
+    if plot is not None:
+        draw_tree(plot, mesh, tree)
     faults = tree.check(mesh)
     print_notes(mesh.warnings, prefix="warning")
     if as_json:
@@ -162,6 +176,7 @@ def command(
                 "notes": found.notes if found else (),
                 "unproved_faces": found.unproved if found else 0,
                 "path": str(path),
+                "plot": None if plot is None else str(plot),
             }
         )
     elif not quiet:
@@ -181,6 +196,8 @@ def command(
         if source is not None:
             how = f"read from {source}"
         print(f"{tree.leaf_count:,} leaves, {how}, written to {path}")
+        if plot is not None:
+            print(f"the picture is in {plot}")
 
 
 COLUMNS = (

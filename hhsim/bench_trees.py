@@ -48,6 +48,7 @@ class TreesOptions:
         spheres: Most leaves of the trees.
         size: Longest extent of the objects [m].
         seed: Of the samples that measure.
+        points: Samples of the mesh, and of the spheres, that coal measures a tree at.
     """
 
     objects: tuple[str, ...] = ("bunny", "teapot", "cube", "hexagonal-prism", "cylinder", "cup")
@@ -55,6 +56,7 @@ class TreesOptions:
     spheres: tuple[int, ...] = (64, 512, 4096)
     size: float = EXTENT
     seed: int = 0
+    points: int = 200_000
 
     def __post_init__(self) -> None:
         """Check the values.
@@ -153,9 +155,8 @@ def _row(mesh: Mesh, method: str, spheres: int, options: TreesOptions) -> Row:
         tree = build_sphere_tree(mesh, tree_options(method, spheres, options.seed))
     except HhsimError as error:
         raise type(error)(f"{method}, {spheres:,} spheres: {error}") from error
-    protrusion, mean, gap, measured_by = _measured(mesh, tree, options.seed)
+    protrusion, mean, gap, measured_by = _measured(mesh, tree, options)
     bar = BARS.get((mesh.name, spheres)) if method == "certified" else None
-    # A tree that was asked for with fewer levels has them all the same: their builder's time counts too.
     return {
         "object": mesh.name,
         "method": method,
@@ -176,14 +177,16 @@ def _row(mesh: Mesh, method: str, spheres: int, options: TreesOptions) -> Row:
     }
 
 
-def _measured(mesh: Mesh, tree: SphereTree, seed: int) -> tuple[float, float, float, str]:
+def _measured(mesh: Mesh, tree: SphereTree, options: TreesOptions) -> tuple[float, float, float, str]:
     """Largest and mean protrusion and largest gap of the leaves [m], and by what they were measured."""
     if find_spec("coal") is None:
         own = tree.errors[-1]
         return own.protrusion_max, own.protrusion_mean, own.gap_max, "hhsim"
     from hhsim.tree_referee import referee
 
-    verdict = referee(mesh, tree, [tree.depth], seed=seed)[0]
+    verdict = referee(
+        mesh, tree, [tree.depth], mesh_points=options.points, sphere_points=options.points, seed=options.seed
+    )[0]
     return verdict.protrusion, verdict.protrusion_mean, verdict.gap, "coal"
 
 

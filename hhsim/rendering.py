@@ -87,8 +87,6 @@ def frame(points: FloatArray, rotation: FloatArray, shape: tuple[int, int], marg
 
 def shade(surface: Surface, camera: Camera) -> Layer:
     """Light a surface."""
-    from scipy.ndimage import gaussian_filter
-
     rows, columns = OVERSAMPLING * camera.shape[0], OVERSAMPLING * camera.shape[1]
     scale = rows / camera.height
     points = (surface.points - camera.center) @ camera.rotation.T
@@ -99,7 +97,22 @@ def shade(surface: Surface, camera: Camera) -> Layer:
     corner, weight = faces[face[seen]], weight[seen]
     normals = np.einsum("pk,pki->pi", weight, surface.normals[corner]) @ camera.rotation.T
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    color = np.einsum("pk,pki->pi", weight, surface.colors[corner])
+    return lit(depth, normals, np.einsum("pk,pki->pi", weight, surface.colors[corner]), camera)
+
+
+def lit(depth: FloatArray, normals: FloatArray, color: FloatArray, camera: Camera) -> Layer:
+    """Light what a camera sees.
+
+    Args:
+        depth: Towards the viewer [m], minus infinity where nothing is, shape (rows, columns).
+        normals: Unit normals of the n pixels where something is, right, up and towards the viewer, shape (n, 3).
+        color: Of these pixels, shape (n, 3).
+        camera: That sees it.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    rows, columns = depth.shape
+    scale, seen = rows / camera.height, np.isfinite(depth)
     light = LIGHT / np.linalg.norm(LIGHT)
     half = light + np.array([0.0, 0.0, 1.0])
     diffuse = np.clip((normals @ light + 0.25) / 1.25, 0.0, None)

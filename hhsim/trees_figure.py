@@ -65,8 +65,8 @@ def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
         0.012,
         0.012,
         f"Objects of {1e3 * size:g} mm. Error: the larger of how far the leaf spheres reach out of the mesh and "
-        "how far the mesh lies outside of them.\nThe trees built here leave no gap. Other programs: as measured in November "
-        "2026 on one core of a 2-core machine.",
+        "how far the mesh lies outside of them.\nThe trees built here leave no gap. Other programs: as measured in "
+        "November 2026 on one core of a 2-core machine.",
         fontsize=11,
         color="0.35",
         va="bottom",

@@ -74,11 +74,12 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("log_histogram", "shrink", "stuck", "failure", "bench_stress"),
     ("hard_case", "hard_judge", "hard_input_cases", "hard_contact_cases", "hard_invariance_cases"),
     ("hard_endurance", "hard_cases", "bench_hard"),
-    ("bench_threads", "end_to_end"),
+    ("bench_threads", "end_to_end", "tree_references", "bench_trees"),
     ("paper_run", "bench_paper", "paper_rows"),
     ("qp_program", "qp_check", "qp_backends", "qp_tally", "qp_degenerate", "qp_sizes", "qp_harvest", "bench_qp"),
     # Pictures of them.
     ("replay_figure", "cost_figure", "speed_error_figure", "scene_pictures", "paper_figures", "recording_figure"),
+    ("trees_figure", "tree_figure"),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
 

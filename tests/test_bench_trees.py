@@ -1,0 +1,181 @@
+"""`hhsim bench trees`: the shapes, the bars, the table, the picture and the command, small."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Run
+
+from hhsim.bench_file import load_table
+from hhsim.bench_trees import (
+    CUP_WALL,
+    TreesOptions,
+    comparison_object,
+    largest_error,
+    measure,
+    missed_bars,
+    tree_options,
+)
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.tree_references import BARS, EXTENT, REFERENCES
+
+SMALL = ("bench", "trees", "--object", "cube", "--spheres", "8", "--method", "certified,octree")
+FEW = TreesOptions(objects=("cube",), methods=("certified", "octree"), spheres=(8, 60), points=3_000)
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[dict[str, Any]]:
+    return measure(FEW)
+
+
+def test_the_shapes_are_those_of_the_references() -> None:
+    extents = {name: comparison_object(name, 0.1).extent for name in TreesOptions().objects}
+    assert all(extent.max() == pytest.approx(0.1) for extent in extents.values())
+    # The diagonals that the references' shapes have [mm].
+    for name, diagonal in {"bunny": 159, "teapot": 128, "cube": 173, "cylinder": 173, "hexagonal-prism": 166}.items():
+        assert 1e3 * np.linalg.norm(extents[name]) == pytest.approx(diagonal, abs=1.0)
+    assert {name for name, _ in BARS} | {peer.object for peer in REFERENCES} <= set(extents)
+    half = comparison_object("cube", 0.05)
+    assert half.name == "cube" and half.extent == pytest.approx([0.05] * 3)
+
+
+def test_the_wall_of_the_cup() -> None:
+    cup = comparison_object("cup", EXTENT)
+    bvh = build_mesh_bvh(cup.vertices, cup.faces)
+    # Halfway up, on the side without the handle: from the outside to the inside along a line to the axis.
+    along = np.linspace(-0.05, 0.0, 50_001)
+    inside = mesh_signed_distance(bvh, np.column_stack([along, np.zeros_like(along), np.zeros_like(along)])) < 0.0
+    assert inside.sum() * 1e-6 == pytest.approx(CUP_WALL, rel=0.01)
+
+
+def test_levels_of_the_builders() -> None:
+    assert [tree_options("certified", count).level for count in (1, 8, 9, 64, 512, 4096, 4097)] == [1, 1, 2, 2, 3, 4, 5]
+    assert tree_options("octree", 64).level == 5
+    assert tree_options("medial", 100).leaves == 100
+
+
+def test_rows_say_what_was_built(rows: list[dict[str, Any]]) -> None:
+    built = [row for row in rows if not row["is_reference"]]
+    assert [(row["method"], row["asked"]) for row in built] == [
+        (method, count) for method in ("certified", "octree") for count in (8, 60)
+    ]
+    for row in built:
+        assert row["spheres"] <= row["asked"] and row["is_proved"]
+        assert row["gap_max"] == 0.0
+        assert 0.0 < row["protrusion_mean"] < row["protrusion_max"] <= row["bound"] * (1.0 + 1e-9)
+        assert row["cpu"] >= row["cpu_leaves"] > 0.0
+        assert largest_error(row) == row["protrusion_max"]
+    assert built[3]["spheres"] == 56
+    # A ball around a cell of a cube's octree sticks out of the face that it lies under.
+    assert built[3]["protrusion_max"] == pytest.approx(0.0125 * (3.0**0.5 - 1.0), rel=1e-3)
+    references = [row for row in rows if row["is_reference"]]
+    assert [row["spheres"] for row in references] == [507, 3163]
+    assert largest_error(references[0]) == 2.92e-3
+
+
+def test_errors_come_out_the_same_again(rows: list[dict[str, Any]]) -> None:
+    again = measure(FEW)
+    times = {"cpu", "cpu_leaves"}
+    assert [{k: v for k, v in row.items() if k not in times or row["is_reference"]} for row in rows] == [
+        {k: v for k, v in row.items() if k not in times or row["is_reference"]} for row in again
+    ]
+
+
+def test_what_is_a_miss() -> None:
+    good: dict[str, Any] = {
+        "object": "cube",
+        "method": "certified",
+        "is_reference": False,
+        "asked": 512,
+        "is_proved": True,
+        "protrusion_max": 1.9e-3,
+        "protrusion_limit": 1.9e-3,
+        "gap_max": 1e-9,
+        "cpu": 2.0,
+        "cpu_limit": 2.0,
+    }
+    assert missed_bars([good], with_times=True) == []
+    for change, said in (
+        ({"protrusion_max": 1.91e-3}, "protrudes 1.910 mm, limit 1.900 mm"),
+        ({"protrusion_max": float("nan")}, "protrudes nan mm"),
+        ({"gap_max": 2e-9}, "a gap of 2.0 nm"),
+        ({"is_proved": False}, "no proof"),
+    ):
+        (sentence,) = missed_bars([good | change])
+        assert said in sentence and sentence.startswith("cube, 512 spheres: ")
+        assert missed_bars([good | change | {"method": "medial"}]) == []
+    slow = good | {"cpu": 2.1}
+    assert missed_bars([slow]) == []
+    assert missed_bars([slow], with_times=True) == ["cube, 512 spheres: 2.1 s of CPU time, limit 2.0 s"]
+
+
+def test_what_cannot_be_run_is_refused() -> None:
+    with pytest.raises(InputError, match="0 spheres"):
+        TreesOptions(spheres=(0,))
+    with pytest.raises(InputError, match="32,768"):
+        TreesOptions(spheres=(40_000,))
+    with pytest.raises(UnknownNameError, match="medial"):
+        TreesOptions(methods=("medal",))
+    with pytest.raises(UnknownNameError, match="bunny"):
+        TreesOptions(objects=("bunyn",))
+
+
+def test_the_command_writes_three_files(run: Run, tmp_path: Path) -> None:
+    answer = run(*SMALL, "--out", "a.h5", "--size", "50")
+    assert answer.code == 0, answer.err
+    assert "certified" in answer.out and "(toolkit 2004, medial)" in answer.out
+    assert "the table is in a.h5 and a.csv, the picture in a.png" in answer.out
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.h5", "a.png"]
+    table = load_table(tmp_path / "a.h5")
+    assert table.suite == "trees" and table.options["size"] == 0.05
+    assert [row["method"] for row in table.rows[:3]] == ["certified", "octree", "toolkit 2004, medial"]
+    toolkit = next(row for row in table.rows if row["is_reference"])
+    assert toolkit["protrusion_max"] == pytest.approx(0.5 * 2.92e-3)
+    assert "protrusion_max [m]" in (tmp_path / "a.csv").read_text().splitlines()[0]
+
+
+def test_the_command_as_json_and_a_missed_bar(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from hhsim import bench_trees
+    from hhsim.tree_references import Bar
+
+    monkeypatch.setattr(bench_trees, "BARS", {("cube", 8): Bar(1e-6, 1e-9)})
+    few = ("bench", "trees", "--object", "cube", "--spheres", "8", "--method", "certified")
+    answer = run(*few, "--json", "--time-limits", "--out", "b.h5", "--plot", "b.svg")
+    assert answer.code == 1
+    document = json.loads(answer.out)
+    assert (document["table"], document["plot"]) == ("b.h5", "b.svg")
+    assert len(document["missed"]) == 2
+    assert "cube, 8 spheres: protrudes" in document["missed"][0] and "s of CPU time" in document["missed"][1]
+    assert "hhsim: missed: cube, 8 spheres: protrudes" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--object", "buny"), "unknown object 'buny': did you mean bunny"),
+        (("--method", "medal"), "unknown tree method 'medal': did you mean medial"),
+        (("--spheres", "0"), "expected whole numbers from 1 on"),
+        (("--spheres", "99999"), "99,999 spheres, expected 1 to 32,768"),
+        (("--out", "a.txt"), "must end in .h5"),
+        (("--plot", "a.h5"), "no picture by its ending"),
+    ],
+)
+def test_a_wrong_word_is_refused(run: Run, tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
+    answer = run("bench", "trees", *arguments)
+    assert answer.code == 2
+    assert message in answer.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_build_tree_draws(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hhsim.tree_figure.PIXELS", 100)
+    answer = run("build-tree", "cube", "--level", "1", "--out", "c.h5", "--plot", "c.png", "--json")
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["plot"] == "c.png"
+    assert (tmp_path / "c.png").stat().st_size > 10_000
+    refused = run("build-tree", "cube", "--level", "1", "--out", "d.h5", "--plot", "d.h5")
+    assert refused.code == 2 and "no picture by its ending" in refused.err
+    assert not (tmp_path / "d.h5").exists()
