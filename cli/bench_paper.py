@@ -50,7 +50,8 @@ def command(
     All scenes of Figs. 11 to 15 by every method: one finger, two, five and the palm on five simple objects; fingers
     that come and go; sliding; five complex objects from several sides, such as the thumb in the cup's handle; 100
     instances of each case of Fig. 15. A row that misses one of our own bars is named, and the exit code is 1; the
-    method `paper` is the baseline and has none. A second table, -scenes, has a line for every scene.
+    method `paper` is the baseline and has none, and with --quick or --object only those of time and depth hold. A
+    second table, -scenes, has a line for every scene.
 
     \b
     Examples:

@@ -72,6 +72,11 @@ class PaperOptions:
         """Every row from coarse spheres, few instances and one repetition: whether it works, not how fast."""
         return cls(level=QUICK_LEVEL, instances=QUICK_INSTANCES, repetitions=1)
 
+    @property
+    def whole(self) -> bool:
+        """Whether it is the paper's evaluation, all of it and on trees of the paper's levels."""
+        return self.level is None and self.objects is None
+
     def to_json(self) -> dict[str, Any]:
         """All options as plain values."""
         return asdict(self)

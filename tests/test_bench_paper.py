@@ -126,6 +126,20 @@ def test_only_our_methods_have_bars_and_what_is_not_measured_keeps_none() -> Non
     assert math.isnan(replace(one, paper=math.nan).ratio)
 
 
+def test_bars_of_all_holds_hold_for_the_whole_evaluation_only(runs: PaperRuns) -> None:
+    part = {one.name: one.bar for one in paper_rows(runs, OPTIONS) if one.method == "coupled"}
+    whole = {
+        one.name: one.bar
+        for one in paper_rows(runs, replace(OPTIONS, objects=None, level=None))
+        if one.method == "coupled"
+    }
+    assert {name for name in whole if math.isnan(part[name]) and not math.isnan(whole[name])} == {
+        "touches",
+        *(f"variation_{noise}_{part}" for noise in NOISES for part in ("size", *"xyz")),
+    }
+    assert PaperOptions().whole and not PaperOptions.quick().whole
+
+
 def test_instances_are_different_hands_and_the_same_again_for_the_same_seed() -> None:
     tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=3))
     scenario = Scenario("15", "cube", "pinch", "TF", 4)
