@@ -1,0 +1,213 @@
+"""`hhsim bench recorded`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from . import options
+from .console import announce_compilation, print_json, print_table, progress
+from .object_argument import complete_object, is_file_argument, read_object
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hhsim.bench_recorded import RecordedFigures
+
+HEADINGS = (
+    "recording",
+    "object",
+    "method",
+    "ticks",
+    "tip [mm/tick]",
+    "deepest [µm]",
+    "in touch",
+    "variation, tick [%]",
+    "sample [%]",
+    "p50 [µs]",
+    "p99 [µs]",
+    "lag [ticks]",
+    "lag [mm]",
+    "stuck",
+    "no cause",
+)
+
+
+@click.command(
+    short_help="Recordings of real hands against any objects: penetration, force variation, time, lag, stuck."
+)
+@click.argument("recordings", metavar="FOLDER|FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--object",
+    "objects",
+    metavar="OBJECT",
+    multiple=True,
+    shell_complete=complete_object,
+    help="Name of hhsim objects or a mesh file; repeat it for several. Default: bunny and cup.",
+)
+@click.option(
+    "--method",
+    "methods",
+    metavar="NAME",
+    multiple=True,
+    help="Method to run; repeat it for several. Default: coupled and progressive.",
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(1.0, 100_000.0),
+    default=1000.0,
+    show_default=True,
+    metavar="HZ",
+    help="Ticks a second [Hz].",
+)
+@click.option(
+    "--resample",
+    type=click.Choice(["interpolate", "hold"]),
+    default="interpolate",
+    show_default=True,
+    help="Between two samples: a smooth curve, or the last sample, as a glove would give it.",
+)
+@click.option(
+    "--place-object",
+    type=click.Choice(["auto", "recorded"]),
+    default="auto",
+    show_default=True,
+    help="The object where the closing fingers of a recording meet it, or where the recording says.",
+)
+@click.option("--level", type=click.IntRange(1, 5), help="Level of the sphere trees. Default: as the catalogue says.")
+@click.option(
+    "--ticks", type=click.IntRange(1), metavar="N", help="Run only the N ticks around the grasp of each recording."
+)
+@click.option("--limit", type=click.IntRange(1), metavar="N", help="Run only the first N recordings.")
+@options.unit
+@options.size
+@options.seed
+@options.out
+@options.json
+@options.quiet
+def command(
+    recordings: tuple[Path, ...],
+    objects: tuple[str, ...],
+    methods: tuple[str, ...],
+    rate: float,
+    resample: Literal["interpolate", "hold"],
+    place_object: Literal["auto", "recorded"],
+    level: int | None,
+    ticks: int | None,
+    limit: int | None,
+    unit: str | None,
+    size: float | None,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Run recordings of real hands against objects, by every method, every tick measured.
+
+    A FOLDER stands for all recordings in it: .h5 and .csv trajectories, and .npz, .json, .lz and .bvh files, which are
+    imported on the way in. Penetration is recomputed from the hand that each tick shows. The exit code is 1 where
+    coupled or progressive penetrates by more than 1 µm, is not finite, or is stuck although there was a way, and where
+    a recording could not be run. --unit and --size are for the mesh files; --seed chooses the ticks that are recomputed
+    by brute force, and nothing else is random.
+
+    \b
+    Examples:
+      hhsim bench recorded recordings
+      hhsim bench recorded recordings --object bunny --object mug.stl --unit mm
+      hhsim bench recorded grab.npz --method paper --resample hold --rate 500
+    """
+    from hhsim.bench_file import check_table_destination, write_table
+    from hhsim.bench_recorded import (
+        COLUMNS,
+        BenchObject,
+        RecordedOptions,
+        bench_recorded,
+        recording_files,
+        table_row,
+        totals,
+    )
+    from hhsim.destination import dated_destination
+    from hhsim.solver_options import SolverOptions
+    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+    solvers = [SolverOptions(method=method) for method in methods or ("coupled", "progressive")]
+    files = recording_files(recordings)[:limit]
+    announce_compilation(quiet=quiet)
+    chosen = {
+        name: read_object(name, *((unit, size) if is_file_argument(name) else (None, None)))
+        for name in objects or ("bunny", "cup")
+    }
+    destination = out or dated_destination("bench-recorded")
+    check_table_destination(destination)
+    asked = RecordedOptions(rate=rate, mode=resample, place=place_object, ticks=ticks, seed=seed)
+    with progress(quiet=quiet) as report:
+        placed = [
+            BenchObject(mesh.name, mesh, cached_sphere_tree(mesh, TreeOptions(level=level or usual or 4), report))
+            for mesh, usual in chosen.values()
+        ]
+        figures = list(bench_recorded(files, placed, solvers, asked, report))
+    described = {
+        "recordings": [str(path) for path in recordings],
+        "objects": list(chosen),
+        "unit": unit,
+        "size_mm": size,
+        "level": [at.tree.depth for at in placed],
+        "rate": rate,
+        "resample": resample,
+        "place_object": place_object,
+        "ticks": ticks,
+        "limit": limit,
+        "seed": seed,
+        "solver": [solver.to_json() for solver in solvers],
+    }
+    rows = [table_row(row) for row in figures]
+    write_table(destination, "recorded", COLUMNS, rows, described)
+    missed = any(row.missed for row in figures)
+    if as_json:
+        whole = [table_row(row) for row in totals(figures)]
+        document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": described}
+        print_json({**document, "path": str(destination)})
+    elif not quiet:
+        _print(figures)
+        print(f"every figure is in {destination}")
+    return int(missed)
+
+
+def _print(figures: "Sequence[RecordedFigures]") -> None:
+    from hhsim.bench_recorded import totals
+
+    ran = [row for row in figures if not row.reason]
+    if ran:
+        title = f"recorded hands, {ran[0].rate:g} ticks a second"
+        print_table(HEADINGS, [_cells(row) for row in [*ran, *totals(ran)]], title=title, numbers=HEADINGS[3:])
+    for row in figures:
+        if row.reason:
+            print(f"NOT RUN: {', '.join(filter(None, (row.recording, row.object, row.method)))}: {row.reason}")
+        elif row.missed:
+            print(f"LIMIT MISSED: {row.recording}, {row.object}, {row.method}")
+    if not any(row.missed for row in figures):
+        print("no limit missed")
+
+
+def _cells(row: "RecordedFigures") -> tuple[str, ...]:
+    return (
+        row.recording,
+        row.object,
+        row.method,
+        f"{row.ticks:,}",
+        f"{1e3 * row.fastest:.2f}",
+        f"{1e6 * row.penetration:,.3f}",
+        f"{row.touching:,}",
+        _number(row.variation_tick, 3),
+        _number(row.variation_sample, 2),
+        _number(1e6 * row.cpu_p50, 1),
+        _number(1e6 * row.cpu_p99, 1),
+        f"{row.lagging:,}",
+        f"{1e3 * row.lag:.1f}",
+        f"{row.stuck:,}",
+        f"{row.unexplained:,}",
+    )
+
+
+def _number(value: float, digits: int) -> str:
+    return "—" if value != value else f"{value:,.{digits}f}"

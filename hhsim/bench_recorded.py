@@ -1,0 +1,422 @@
+"""`hhsim bench recorded`: recordings of real hands, each against every object, by every method, every tick measured.
+
+Penetration is recomputed from the recorded poses, and on a share of the ticks in touch once more by brute force over
+all leaves; a stuck tick is judged by `hhsim.stuck`. A recording that cannot be read or placed is a row with the reason.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.bench_file import Column
+from hhsim.brute_distance import brute_clearance
+from hhsim.errors import HhsimError, InputError
+from hhsim.failure import SAFE_DEPTH, not_finite, recorded_penetration
+from hhsim.grasp_placement import place_at_grasp
+from hhsim.hand import HandModel
+from hhsim.hand_motion import HandMotion
+from hhsim.hard_judge import unexplained_stuck
+from hhsim.interrupt import interruptible_between
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.log_histogram import LogHistogram
+from hhsim.mesh import Mesh
+from hhsim.metrics import force_variation_rate, sample_variation_rate, statistics
+from hhsim.placed_hand import placed_hand
+from hhsim.scene import Scene, make_scene
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory import ResampleMode, TickInput, Trajectory
+from hhsim.trajectory_catalogue import IMPORTED_SUFFIXES, RECORDING_SUFFIXES, load_recorded
+from hhsim.warm_up import warm_up
+
+Array = NDArray[np.float64]
+Placing = Literal["auto", "recorded"]
+Progress = Callable[[str, int, int], None]
+SUFFIXES = (*RECORDING_SUFFIXES, *IMPORTED_SUFFIXES)
+
+GUARANTEED = ("coupled", "progressive")
+"""The methods that promise not to penetrate."""
+BLOCK = 2048
+"""Ticks that are run and measured at a time."""
+BRUTE_TICKS = 12
+"""Ticks in touch of each run whose depth is recomputed by brute force."""
+
+
+@dataclass(frozen=True, eq=False)
+class BenchObject:
+    """An object: its name or file, its surface and its sphere tree."""
+
+    name: str
+    mesh: Mesh
+    tree: SphereTree
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedOptions:
+    """How every recording is run.
+
+    Attributes:
+        rate: ticks a second [Hz].
+        mode: between two samples: interpolate, or hold the last one.
+        place: the object where the closing fingers meet it, or where the recording says.
+        ticks: run only so many, those around the grasp, or the first ones where the object is where it was recorded.
+        seed: of the choice of ticks that are recomputed by brute force.
+    """
+
+    rate: float = 1000.0
+    mode: ResampleMode = "interpolate"
+    place: Placing = "auto"
+    ticks: int | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedFigures:
+    """What a run gave; lengths [m], times [s], variation [%], counts of ticks.
+
+    `variation_tick` and `variation_sample` are means over the ticks with a force before them. The CPU times are those
+    of ticks that have candidates. `reason` is why there was no run.
+    """
+
+    recording: str
+    object: str = ""
+    method: str = ""
+    reason: str = ""
+    placement: str = ""
+    samples: int = 0
+    rate: float = float("nan")
+    ticks: int = 0
+    fastest: float = float("nan")
+    penetration: float = float("nan")
+    penetrating: int = 0
+    brute_ticks: int = 0
+    brute_depth: float = float("nan")
+    not_finite: int = 0
+    touching: int = 0
+    candidates_max: int = 0
+    variation_tick: float = float("nan")
+    variation_sample: float = float("nan")
+    stuck: int = 0
+    longest_stuck: int = 0
+    unexplained: int = 0
+    lagging: int = 0
+    lag: float = 0.0
+    started_inside: bool = False
+    cpu: LogHistogram = field(default_factory=LogHistogram, repr=False, compare=False)
+
+    @property
+    def cpu_p50(self) -> float:
+        """CPU time of a tick in contact, median [s]."""
+        return 1e-9 * self.cpu.percentile(50.0)
+
+    @property
+    def cpu_p99(self) -> float:
+        """CPU time of a tick in contact, 99th percentile [s]."""
+        return 1e-9 * self.cpu.percentile(99.0)
+
+    @property
+    def cpu_max(self) -> float:
+        """CPU time of a tick in contact, largest [s]."""
+        return 1e-9 * self.cpu.largest
+
+    @property
+    def safe(self) -> bool:
+        """Whether it ran, stayed within 1 µm and finite, and no stuck tick had a way out."""
+        if self.reason:
+            return False
+        shallow = self.penetration <= SAFE_DEPTH and not self.brute_depth > SAFE_DEPTH
+        return shallow and self.not_finite == 0 and self.unexplained == 0
+
+    @property
+    def missed(self) -> bool:
+        """Whether a limit was missed: no run, or a method that promises safety and is not safe."""
+        return bool(self.reason) or (self.method in GUARANTEED and not self.safe)
+
+
+COLUMNS = (
+    Column("recording", "recording"),
+    Column("object", "object; empty where the recording could not be read"),
+    Column("method", "method of the solver"),
+    Column("reason", "why there was no run"),
+    Column("placement", "where the object was put, and how the hand begins"),
+    Column("samples", "samples of the recording"),
+    Column("rate", "ticks a second", "Hz"),
+    Column("ticks", "ticks run"),
+    Column("fastest", "farthest way of a fingertip of the user's hand in a tick", "m"),
+    Column("penetration", "deepest penetration", "m"),
+    Column("penetrating", "ticks deeper than 1 um"),
+    Column("brute_ticks", "ticks in touch recomputed by brute force over all leaves"),
+    Column("brute_depth", "deepest penetration of those, by brute force", "m"),
+    Column("not_finite", "ticks whose hand or force is not finite"),
+    Column("touching", "ticks in touch with the object"),
+    Column("candidates_max", "most pairs in the programs of a tick"),
+    Column("variation_tick", "mean force variation from tick to tick", "%"),
+    Column("variation_sample", "mean force variation from one new input sample to the next", "%"),
+    Column("stuck", "ticks that kept the last feasible hand"),
+    Column("longest_stuck", "longest run of stuck ticks"),
+    Column("unexplained", "stuck ticks that had a way out"),
+    Column("lagging", "ticks with distance still to go"),
+    Column("lag", "most distance still to go", "m"),
+    Column("started_inside", "whether the user's hand begins inside the object"),
+    Column("cpu_p50", "CPU time of a tick with candidates, median", "s"),
+    Column("cpu_p99", "CPU time of a tick with candidates, 99th percentile", "s"),
+    Column("cpu_max", "CPU time of a tick with candidates, largest", "s"),
+    Column("safe", "ran within 1 um, finite, and no stuck tick had a way out"),
+)
+"""Of the suite's table: a row a run, or one for a recording that could not be run."""
+
+
+def table_row(figures: RecordedFigures) -> dict[str, Any]:
+    """The figures as a row of `COLUMNS`."""
+    return {column.name: getattr(figures, column.name) for column in COLUMNS}
+
+
+def recording_files(paths: Sequence[Path]) -> list[Path]:
+    """The recordings that files and folders name: all files of a folder that are recordings by their suffix.
+
+    Raises:
+        InputError: a path that is not there, a folder without recordings, or nothing at all.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            inside = sorted(entry for entry in path.iterdir() if entry.is_file() and entry.suffix.lower() in SUFFIXES)
+            if not inside:
+                raise InputError(
+                    f"{path}: no recordings in this folder; expected files that end in {', '.join(SUFFIXES)}"
+                )
+            found += inside
+        elif path.is_file():
+            found.append(path)
+        else:
+            raise InputError(f"{path}: no such file or folder; expected recordings, {', '.join(SUFFIXES)}")
+    if not found:
+        raise InputError("no recordings; expected a folder or files")
+    return list(dict.fromkeys(found))
+
+
+def bench_recorded(
+    files: Sequence[Path],
+    objects: Sequence[BenchObject],
+    solvers: Sequence[SolverOptions],
+    options: RecordedOptions | None = None,
+    progress: Progress | None = None,
+) -> Iterator[RecordedFigures]:
+    """Run every recording against every object by every method, in this order.
+
+    Args:
+        files: recordings, as `recording_files` lists them.
+        objects: at rest in their own frames.
+        solvers: the methods.
+        options: of all runs.
+        progress: called with the recording, the runs done and all runs.
+    """
+    asked = options or RecordedOptions()
+    hands = {side: HandModel.default(side) for side in ("right", "left")}
+    each = len(objects) * len(solvers)
+    with interruptible_between() as check:
+        for number, file in enumerate(files):
+            if progress is not None:
+                progress(file.stem, number * each, len(files) * each)
+            try:
+                motion = load_recorded(file)
+            except HhsimError as error:
+                yield RecordedFigures(recording=file.stem, reason=str(error))
+                continue
+            motion = motion if motion.name else replace(motion, name=file.stem)
+            hand = hands["left" if motion.hand == "left" else "right"]
+            for placed in objects:
+                yield from _runs(motion, file.stem, hand, placed, solvers, asked, check)
+    if progress is not None:
+        progress("recordings", len(files) * each, len(files) * each)
+
+
+def _runs(
+    motion: Trajectory,
+    name: str,
+    hand: HandModel,
+    at: BenchObject,
+    solvers: Sequence[SolverOptions],
+    asked: RecordedOptions,
+    check: Callable[[], None],
+) -> Iterator[RecordedFigures]:
+    try:
+        scene, text = _scene(motion, hand, at, asked)
+    except HhsimError as error:
+        for solver in solvers:
+            yield RecordedFigures(recording=name, object=at.name, method=solver.method, reason=str(error))
+        return
+    for solver in solvers:
+        known = RecordedFigures(
+            recording=name,
+            object=at.name,
+            method=solver.method,
+            placement=text,
+            samples=motion.sample_count,
+            rate=asked.rate,
+            fastest=fastest_fingertip(scene.ticks, hand),
+        )
+        try:
+            yield run_scene(scene, solver, known, asked.seed, check)
+        except HhsimError as error:
+            yield replace(known, reason=str(error))
+
+
+def _scene(motion: Trajectory, hand: HandModel, at: BenchObject, asked: RecordedOptions) -> tuple[Scene, str]:
+    text, middle = "", 0.0
+    if asked.place == "auto":
+        placement = place_at_grasp(motion, hand, at.tree)
+        motion, text, middle = placement.motion, placement.text, placement.time
+    scene = make_scene(at.mesh, at.tree, hand, motion, rate=asked.rate, mode=asked.mode)
+    total = scene.ticks.tick_count
+    if asked.ticks is None or asked.ticks >= total:
+        return scene, text
+    first = min(max(0, round(middle * asked.rate) - asked.ticks // 2), total - asked.ticks)
+    return replace(scene, ticks=_part(scene.ticks, slice(first, first + asked.ticks))), text
+
+
+def _part(ticks: TickInput, part: slice) -> TickInput:
+    keys = ("time", "input_seq", "position", "orientation", "flexion", "abduction")
+    arrays: dict[str, Any] = {key: np.ascontiguousarray(getattr(ticks, key)[part]) for key in keys}
+    return replace(ticks, phases=(), **arrays)
+
+
+def fastest_fingertip(ticks: TickInput, hand: HandModel) -> float:
+    """Farthest way of a fingertip's centre from one tick to the next [m]; 0 for a single tick."""
+    tips = placed_hand(hand, ticks.position, ticks.orientation, ticks.flexion, ticks.abduction).joints[:, :, 3]
+    return float(np.linalg.norm(np.diff(tips, axis=0), axis=2).max(initial=0.0))
+
+
+def run_scene(
+    scene: Scene,
+    solver: SolverOptions,
+    known: RecordedFigures,
+    seed: int = 0,
+    check: Callable[[], None] = lambda: None,
+) -> RecordedFigures:
+    """Run one scene by one method and measure every tick.
+
+    Args:
+        scene: object, hand and recording.
+        solver: the method.
+        known: what is already known of the run.
+        seed: of the choice of ticks that are recomputed by brute force.
+        check: called between blocks.
+
+    Raises:
+        HhsimError: More pairs were near than the solver holds.
+    """
+    solver = replace(solver, period=1.0 / scene.ticks.rate)
+    warm_up(scene.hand, solver)
+    tree = scene.tree.arrays()
+    running = HandSolver(scene.hand, tree, solver)
+    ticks = scene.ticks
+    kept: dict[str, list[NDArray[Any]]] = {key: [] for key in ("status", "depth", "total", "lag", "lost", "touching")}
+    cpu, candidates, unexplained = LogHistogram(), 0, 0
+    brute = _BruteForce(scene, np.random.default_rng(seed))
+    for first in range(0, ticks.tick_count, BLOCK):
+        part = slice(first, first + BLOCK)
+        motion = HandMotion(ticks.position[part], ticks.orientation[part], ticks.flexion[part], ticks.abduction[part])
+        record = running.run(*motion)
+        touching = record.work[:, WORK_TOUCHING] > 0
+        measured = {
+            "status": record.status.copy(),
+            "depth": recorded_penetration(scene.hand, tree, record).depth,
+            "total": record.total.copy(),
+            "lag": record.lag.copy(),
+            "lost": not_finite(record),
+            "touching": touching,
+        }
+        for key, values in measured.items():
+            kept[key].append(values)
+        near = record.work[:, WORK_CANDIDATES] > 0
+        cpu.add(record.duration_cpu[near])
+        candidates = max(candidates, int(record.work[:, WORK_CANDIDATES].max(initial=0)))
+        unexplained += unexplained_stuck(scene.hand, scene.tree, solver, motion, record)
+        brute.look(record, np.flatnonzero(touching))
+        check()
+    series = {key: np.concatenate(values) for key, values in kept.items()}
+    status, depth, force = series["status"], series["depth"], series["total"]
+    stuck = (status & STATUS_STUCK) > 0
+    return replace(
+        known,
+        ticks=ticks.tick_count,
+        penetration=float(depth.max()),
+        penetrating=int((~(depth <= SAFE_DEPTH)).sum()),
+        brute_ticks=brute.ticks,
+        brute_depth=brute.depth,
+        not_finite=int(series["lost"].sum()),
+        touching=int(series["touching"].sum()),
+        candidates_max=candidates,
+        variation_tick=statistics(force_variation_rate(force)).mean,
+        variation_sample=statistics(sample_variation_rate(force, ticks.input_seq)).mean,
+        stuck=int(stuck.sum()),
+        longest_stuck=longest_run(stuck),
+        unexplained=unexplained,
+        lagging=int(((status & STATUS_LAG) > 0).sum()),
+        lag=float(series["lag"].max()),
+        started_inside=bool(((status & STATUS_START_INSIDE) > 0).any()),
+        cpu=cpu,
+    )
+
+
+def longest_run(where: NDArray[np.bool_]) -> int:
+    """Most neighbouring entries that are true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+class _BruteForce:
+    """Depths of chosen ticks in touch over all leaves, one by one."""
+
+    def __init__(self, scene: Scene, random: np.random.Generator) -> None:
+        self._scene, self._random = scene, random
+        self._every = max(1, scene.ticks.tick_count // BRUTE_TICKS)
+        self.ticks, self.depth = 0, float("nan")
+
+    def look(self, record: TickRecord, touching: NDArray[np.int64]) -> None:
+        """Recompute some of a block's ticks in touch."""
+        hand, tree = self._scene.hand, self._scene.tree
+        palm = hand.palm_tree
+        count = min(len(touching), -(-len(record.status) // self._every))
+        for tick in self._random.choice(touching, count, replace=False) if count else ():
+            shown = record.joints[tick], record.position[tick], record.orientation[tick]
+            sizes = hand.radius, palm.leaf_center, palm.leaf_radius
+            clear = brute_clearance(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius), *sizes, *shown)
+            self.depth = float(np.fmax(self.depth, max(0.0, -clear)))
+            self.ticks += 1
+
+
+_ADDED = ("samples", "ticks", "penetrating", "brute_ticks", "not_finite", "touching", "stuck", "unexplained", "lagging")
+_LARGEST = ("fastest", "penetration", "brute_depth", "candidates_max", "longest_stuck", "lag", "started_inside")
+_MEANS = ("variation_tick", "variation_sample")
+
+
+def totals(rows: Sequence[RecordedFigures]) -> list[RecordedFigures]:
+    """All recordings of each object and method as one: counts added, largest of what has one, percentiles over all.
+
+    Means are those of the recordings that have one.
+    """
+    found = []
+    for key in dict.fromkeys((row.object, row.method) for row in rows if not row.reason):
+        group = [row for row in rows if (row.object, row.method) == key and not row.reason]
+        figures: dict[str, Any] = {name: sum(getattr(row, name) for row in group) for name in _ADDED}
+        figures |= {name: _largest([getattr(row, name) for row in group]) for name in _LARGEST}
+        figures |= {name: statistics([getattr(row, name) for row in group]).mean for name in _MEANS}
+        cpu = LogHistogram.sum(row.cpu for row in group)
+        known = RecordedFigures(
+            recording=f"all {len(group)}", object=key[0], method=key[1], rate=group[0].rate, cpu=cpu
+        )
+        found.append(replace(known, **figures))
+    return found
+
+
+def _largest(values: Sequence[Any]) -> Any:
+    defined = [value for value in values if value == value]
+    return max(defined, default=float("nan"))
