@@ -118,30 +118,42 @@ def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> N
         )
 
 
-def load_mesh(path: str | Path, unit: str = "m", size: float | None = None, repair: bool = True) -> Mesh:
-    """Read a mesh file, scale it to metres, check it and repair what is safe to repair.
+def load_mesh(
+    path: str | Path,
+    unit: str = "m",
+    size: float | None = None,
+    repair: bool = True,
+    thickness: float | None = None,
+) -> Mesh:
+    """Read a mesh file, scale it to metres, check it and give it an inside.
+
+    What is safe to repair is repaired. Of what is not, the inside is taken to be where the winding number of the
+    triangles exceeds 1/2, if they enclose nearly all of it; else it is refused.
 
     Args:
         path: Any format that trimesh reads (.obj .stl .ply .off .glb …); the parts of a scene are joined.
         unit: Length unit of the file: m, cm, mm or inch.
         size: Longest extent that the mesh should get [m]; replaces `unit`.
         repair: False refuses a mesh that needs more than merging equal vertices.
+        thickness: Makes a sheet this thick [m] of each part that is open, instead of closing it.
 
     Returns:
-        The mesh [m]; `repairs` says what was changed, `warnings` what looks wrong.
+        The mesh [m]; `repairs` says what was changed and assumed, `warnings` what looks wrong.
 
     Raises:
-        InputError: No such file, an unknown unit, or a size that is not positive.
-        MeshError: Unreadable, empty, not finite, of absurd size, or no inside that could be repaired.
+        InputError: No such file, an unknown unit, or a size or a thickness that is not positive.
+        MeshError: Unreadable, empty, not finite, of absurd size, or without an inside.
     """
     # The checks bring the compiler; who only reads the catalogue does without it.
-    from hhsim.mesh_repair import closed_surface
+    from hhsim.winding_solid import solid_surface
 
     path = Path(path)
     if unit not in METRES_PER_UNIT:
         raise InputError(f"unknown unit '{unit}': known: {', '.join(METRES_PER_UNIT)}")
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise InputError(f"size {size} m: the longest extent must be positive")
+    if thickness is not None and not (np.isfinite(thickness) and thickness > 0.0):
+        raise InputError(f"thickness {thickness} m: the thickness of a sheet must be positive")
     vertices, faces = read_triangles(path)
     require_usable_arrays(vertices, faces, str(path))
     mesh = Mesh(vertices, faces, name=path.stem, source=str(path))
@@ -156,7 +168,14 @@ def load_mesh(path: str | Path, unit: str = "m", size: float | None = None, repa
                 f"{SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g}, both in the file and in metres; is a vertex damaged, "
                 "or --unit or --size wrong?"
             )
-    surface = closed_surface(mesh.vertices, mesh.faces, str(path), unit_length, repair)
+    surface = solid_surface(
+        mesh.vertices,
+        mesh.faces,
+        str(path),
+        unit_length,
+        repair,
+        None if thickness is None else thickness / unit_length,
+    )
     mesh = replace(
         mesh,
         vertices=surface.vertices * unit_length,

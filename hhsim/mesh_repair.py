@@ -107,9 +107,7 @@ def closed_surface(
         MeshError: The mesh has no inside that a safe repair would give; or it needs a repair and `repair` is False.
     """
     surface = Surface(vertices, faces, name, unit_length)
-    _merge_equal_vertices(surface)
-    _drop_useless_faces(surface)
-    _merge_near_vertices(surface)
+    merge_and_clean(surface)
     _drop_fragments(surface)
     _wind_alike(surface)
     _close_holes(surface)
@@ -120,6 +118,17 @@ def closed_surface(
     if surface.repairs and not repair:
         raise MeshError(f"{name}: needs repair, which is switched off: {'; '.join(surface.repairs)}")
     return surface
+
+
+def merge_and_clean(surface: Surface) -> None:
+    """Merge vertices at the same place, drop triangles that are degenerate or occur twice.
+
+    Raises:
+        MeshError: No triangle is left.
+    """
+    _merge_equal_vertices(surface)
+    _drop_useless_faces(surface)
+    _merge_near_vertices(surface)
 
 
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
@@ -150,7 +159,8 @@ def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, flo
     return int(faulty.sum()), len(points), float(winding.min(initial=0.0)), float(winding.max(initial=0.0))
 
 
-def _counted(count: int, noun: str) -> str:
+def counted(count: int, noun: str) -> str:
+    """A number with its noun, in the plural where it is not 1."""
     plural = "vertices" if noun == "vertex" else noun + "s"
     return f"{count} {noun if count == 1 else plural}"
 
@@ -160,7 +170,7 @@ def _merge_equal_vertices(surface: Surface) -> None:
     surface.vertices, surface.faces = merged_vertices(surface.vertices, surface.faces)
     if len(surface.vertices) < before:
         surface.merged.append(
-            f"merged {_counted(before, 'vertex')} into {len(surface.vertices)}: equal places, or used by no triangle"
+            f"merged {counted(before, 'vertex')} into {len(surface.vertices)}: equal places, or used by no triangle"
         )
 
 
@@ -169,11 +179,11 @@ def _drop_useless_faces(surface: Surface) -> None:
     a, b, c = faces.T
     degenerate = (a == b) | (b == c) | (c == a)
     if degenerate.any():
-        surface.repairs.append(f"removed {_counted(int(degenerate.sum()), 'degenerate triangle')}")
+        surface.repairs.append(f"removed {counted(int(degenerate.sum()), 'degenerate triangle')}")
         faces = faces[~degenerate]
     keep = _once(faces)
     if not keep.all():
-        surface.repairs.append(f"removed {_counted(int((~keep).sum()), 'duplicate triangle')}")
+        surface.repairs.append(f"removed {counted(int((~keep).sum()), 'duplicate triangle')}")
         faces = faces[keep]
     if len(faces) == 0:
         raise MeshError(f"{surface.name}: no volume: its triangles are degenerate or cancel each other")
@@ -218,7 +228,7 @@ def _merge_near_vertices(surface: Surface) -> None:
     if len(faces) and _open_edges(faces) < before:
         merged = len(surface.vertices) - len(vertices)
         surface.repairs.append(
-            f"merged {_counted(merged, 'vertex')} closer than {surface.millimetres(distance)} to another"
+            f"merged {counted(merged, 'vertex')} closer than {surface.millimetres(distance)} to another"
         )
         surface.vertices, surface.faces = vertices, faces
         _drop_useless_faces(surface)
@@ -241,7 +251,7 @@ def _drop_fragments(surface: Surface) -> None:
         return
     surface.faces = surface.faces[~small[label]]
     surface.repairs.append(
-        f"dropped {_counted(int(small.sum()), 'loose open fragment')}, {100.0 * share:.2g} % of the surface"
+        f"dropped {counted(int(small.sum()), 'loose open fragment')}, {100.0 * share:.2g} % of the surface"
     )
 
 
@@ -251,7 +261,7 @@ def _wind_alike(surface: Surface) -> None:
         raise MeshError(f"{surface.name}: one-sided like a Möbius strip, so it has no inside")
     surface.faces, turned = result
     if turned:
-        surface.repairs.append(f"turned {_counted(turned, 'triangle')} wound against the neighbours")
+        surface.repairs.append(f"turned {counted(turned, 'triangle')} wound against the neighbours")
 
 
 def _close_holes(surface: Surface) -> None:
@@ -279,13 +289,13 @@ def _close_holes(surface: Surface) -> None:
         sheets += inside < SHEET_VOLUME * float(area[label == part].sum()) ** 1.5
     if share > CAP_AREA or sheets:
         raise MeshError(
-            f"{surface.name}: an open surface: {_counted(holes, 'hole')} up to {widest} wide, whose caps would have "
+            f"{surface.name}: an open surface: {counted(holes, 'hole')} up to {widest} wide, whose caps would have "
             f"{100.0 * share:.0f} % of its area; give it a thickness"
         )
-    surface.repairs.append(f"closed {_counted(holes, 'hole')} up to {widest} wide")
+    surface.repairs.append(f"closed {counted(holes, 'hole')} up to {widest} wide")
     if wide.any():
         surface.warnings.append(
-            f"{_counted(int(wide.sum()), 'hole')} up to {widest} wide closed: it is solid there; if it should be "
+            f"{counted(int(wide.sum()), 'hole')} up to {widest} wide closed: it is solid there; if it should be "
             "hollow, give the wall a thickness"
         )
     surface.vertices, surface.faces = caps.vertices, faces
@@ -300,8 +310,8 @@ def _require_closed(surface: Surface) -> None:
     what = " and ".join(
         part
         for part in (
-            f"{_counted(fanned, 'edge')} shared by more than two triangles" if fanned else "",
-            f"{_counted(open_edges, 'open edge')}" if open_edges else "",
+            f"{counted(fanned, 'edge')} shared by more than two triangles" if fanned else "",
+            f"{counted(open_edges, 'open edge')}" if open_edges else "",
         )
         if part
     )

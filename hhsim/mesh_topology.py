@@ -102,11 +102,15 @@ def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
     return first // 3, second // 3, balance[index[first]] == 0
 
 
-def alike_wound(faces: IntArray) -> tuple[IntArray, int] | None:
+def alike_wound(faces: IntArray, one_sided: bool = False) -> tuple[IntArray, int] | None:
     """Turn faces round until neighbours are wound alike; in each part the minority is turned.
 
+    Args:
+        faces: Indices, shape (F, 3).
+        one_sided: Wind a one-sided part too, against its neighbours along a seam.
+
     Returns:
-        Faces and how many were turned; None where a part is one-sided and cannot be wound.
+        Faces and how many were turned; None where a part is one-sided and `one_sided` is False.
     """
     first, second, alike = _neighbours(faces)
     if alike.all():
@@ -130,7 +134,7 @@ def alike_wound(faces: IntArray) -> tuple[IntArray, int] | None:
                     state[other] = wanted
                     part.append(other)
                     queue.append(other)
-                elif state[other] != wanted:
+                elif state[other] != wanted and not one_sided:
                     return None
         if 2 * state[part].sum() > len(part):
             state[part] = 1 - state[part]

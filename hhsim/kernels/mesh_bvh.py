@@ -67,12 +67,13 @@ def _pseudonormals(vertices: Array, faces: Indices) -> Array:
     return result
 
 
-def build_mesh_bvh(vertices: Array, faces: Indices) -> MeshBvh:
+def build_mesh_bvh(vertices: Array, faces: Indices, signed: bool = True) -> MeshBvh:
     """Build the hierarchy.
 
     Args:
         vertices: [m], shape (V, 3).
         faces: vertex indices, outward by the right hand, shape (F, 3), F ≥ 1.
+        signed: False leaves the pseudonormals 0, which saves most of the time: nothing is then outside.
     """
     corners = np.ascontiguousarray(vertices[faces], np.float64)
     tree = build_median_tree(corners.mean(axis=1), _LEAF_TRIANGLES)
@@ -81,7 +82,8 @@ def build_mesh_bvh(vertices: Array, faces: Indices) -> MeshBvh:
     bound = np.empty((nodes, 11))
     corner = np.ascontiguousarray(corners.reshape(-1, 9))
     _bound(corner, tree.start, tree.end, tree.right, bound)
-    pseudonormal = np.ascontiguousarray(_pseudonormals(vertices, faces)[tree.order])
+    normal = _pseudonormals(vertices, faces)[tree.order] if signed else np.zeros((len(faces), 7, 3))
+    pseudonormal = np.ascontiguousarray(normal)
     return MeshBvh(corner, pseudonormal, tree.order, bound, tree.start, tree.end, tree.right)
 
 

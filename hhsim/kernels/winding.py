@@ -10,9 +10,52 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit
+from .jit import jit, jit_inline
 
 SMALL = 1.0e-100
+
+
+@jit_inline
+def turned_by(
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    cx: float,
+    cy: float,
+    cz: float,
+    real: float,
+    imaginary: float,
+    turns: int,
+) -> tuple[float, float, int]:
+    """Multiply a product of arguments by that of one triangle, given relative to the point; see `winding_numbers`."""
+    n = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    a = math.sqrt(ax * ax + ay * ay + az * az)
+    b = math.sqrt(bx * bx + by * by + bz * bz)
+    c = math.sqrt(cx * cx + cy * cy + cz * cz)
+    ab = ax * bx + ay * by + az * bz
+    bc = bx * cx + by * cy + bz * cz
+    ca = cx * ax + cy * ay + cz * az
+    d = a * b * c + ab * c + bc * a + ca * b
+    # Lengths cubed: only their ratio counts, and a product of many would leave the range of a float.
+    size = abs(n) + abs(d)
+    if n == 0.0 or size < SMALL:
+        return real, imaginary, turns
+    n /= size
+    d /= size
+    next_real = real * d - imaginary * n
+    next_imaginary = real * n + imaginary * d
+    if n > 0.0 and imaginary >= 0.0 and next_imaginary < 0.0:
+        turns += 1
+    elif n < 0.0 and imaginary < 0.0 and next_imaginary >= 0.0:
+        turns -= 1
+    weight = abs(next_real) + abs(next_imaginary)
+    if weight < 0.01:
+        next_real /= weight
+        next_imaginary /= weight
+    return next_real, next_imaginary, turns
 
 
 @jit
@@ -37,32 +80,19 @@ def winding_numbers(
         real, imaginary = 1.0, 0.0
         turns = 0
         for k in range(triangles.shape[0]):
-            ax, ay, az = triangles[k, 0, 0] - px, triangles[k, 0, 1] - py, triangles[k, 0, 2] - pz
-            bx, by, bz = triangles[k, 1, 0] - px, triangles[k, 1, 1] - py, triangles[k, 1, 2] - pz
-            cx, cy, cz = triangles[k, 2, 0] - px, triangles[k, 2, 1] - py, triangles[k, 2, 2] - pz
-            n = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-            a = math.sqrt(ax * ax + ay * ay + az * az)
-            b = math.sqrt(bx * bx + by * by + bz * bz)
-            c = math.sqrt(cx * cx + cy * cy + cz * cz)
-            ab = ax * bx + ay * by + az * bz
-            bc = bx * cx + by * cy + bz * cz
-            ca = cx * ax + cy * ay + cz * az
-            d = a * b * c + ab * c + bc * a + ca * b
-            # Lengths cubed: only their ratio counts, and a product of many would leave the range of a float.
-            size = abs(n) + abs(d)
-            if n == 0.0 or size < SMALL:
-                continue
-            n /= size
-            d /= size
-            next_real = real * d - imaginary * n
-            next_imaginary = real * n + imaginary * d
-            if n > 0.0 and imaginary >= 0.0 and next_imaginary < 0.0:
-                turns += 1
-            elif n < 0.0 and imaginary < 0.0 and next_imaginary >= 0.0:
-                turns -= 1
-            real, imaginary = next_real, next_imaginary
-            weight = abs(real) + abs(imaginary)
-            if weight < 0.01:
-                real /= weight
-                imaginary /= weight
+            t = triangles[k]
+            real, imaginary, turns = turned_by(
+                t[0, 0] - px,
+                t[0, 1] - py,
+                t[0, 2] - pz,
+                t[1, 0] - px,
+                t[1, 1] - py,
+                t[1, 2] - pz,
+                t[2, 0] - px,
+                t[2, 1] - py,
+                t[2, 2] - pz,
+                real,
+                imaginary,
+                turns,
+            )
         winding_out[i] = (math.atan2(imaginary, real) + 2.0 * math.pi * turns) / (2.0 * math.pi)

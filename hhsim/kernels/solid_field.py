@@ -1,0 +1,205 @@
+"""The inside of what may be no closed surface: where the winding number exceeds ½, or a sheet is near.
+
+Also the walks along straight lines through its triangles: where a line leaves the inside, and how many it meets.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fast_winding import WindingMoments, winding_at
+from .jit import as_int64, jit, jit_inline
+from .median_tree import STACK
+from .mesh_bvh import MeshBvh, closest_on_mesh
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+_MOST_HITS = 16
+_HALVINGS = 12
+_STEP = 1e-6
+"""Before and behind a triangle the inside is looked up this share of a segment away from it."""
+
+
+class SolidField(NamedTuple):
+    """What has an inside.
+
+    bvh, moments: triangles that enclose, wound outward, and their moments; sheet: triangles of sheets; half: half their
+    thickness [m], negative for no sheets.
+    """
+
+    bvh: MeshBvh
+    moments: WindingMoments
+    sheet: MeshBvh
+    half: float
+
+
+@jit
+def inside_at(field: SolidField, x: float, y: float, z: float, stack: Indices, stack_distance2: Array) -> bool:
+    """Whether a point [m] lies inside."""
+    if field.half > 0.0:
+        limit2 = field.half * field.half
+        triangle, _, _, _, _, _ = closest_on_mesh(field.sheet, x, y, z, limit2, stack, stack_distance2)
+        if triangle >= 0:
+            return True
+    return bool(winding_at(field.bvh, field.moments, x, y, z, stack) > 0.5)
+
+
+@jit
+def inside(field: SolidField, points: Array, inside_out: Bools) -> None:
+    """Which points [m], shape (n, 3), lie inside, shape (n,)."""
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
+    for i in range(points.shape[0]):
+        inside_out[i] = inside_at(field, points[i, 0], points[i, 1], points[i, 2], stack, stack_distance2)
+
+
+@jit
+def near(bvh: MeshBvh, points: Array, distance: float, near_out: Bools) -> None:
+    """Which points [m], shape (n, 3), have a triangle within a distance [m], shape (n,)."""
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
+    for i in range(points.shape[0]):
+        triangle, _, _, _, _, _ = closest_on_mesh(
+            bvh, points[i, 0], points[i, 1], points[i, 2], distance * distance, stack, stack_distance2
+        )
+        near_out[i] = triangle >= 0
+
+
+@jit_inline
+def _hit(t: Array, px: float, py: float, pz: float, dx: float, dy: float, dz: float) -> float:
+    """Where p + s·d meets the triangle t (9,), as s; −1 if not within 0 to 1 (Möller and Trumbore, 1997)."""
+    ux, uy, uz = t[3] - t[0], t[4] - t[1], t[5] - t[2]
+    vx, vy, vz = t[6] - t[0], t[7] - t[1], t[8] - t[2]
+    hx, hy, hz = dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx
+    det = ux * hx + uy * hy + uz * hz
+    if det == 0.0:
+        return -1.0
+    sx, sy, sz = px - t[0], py - t[1], pz - t[2]
+    a = (sx * hx + sy * hy + sz * hz) / det
+    if not 0.0 <= a <= 1.0:
+        return -1.0
+    qx, qy, qz = sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux
+    b = (dx * qx + dy * qy + dz * qz) / det
+    if not (b >= 0.0 and a + b <= 1.0):
+        return -1.0
+    s = (vx * qx + vy * qy + vz * qz) / det
+    return s if 0.0 < s < 1.0 else -1.0
+
+
+@jit_inline
+def _meets_box(low: Array, high: Array, node: int, p: Array, d: Array) -> bool:
+    """Whether the segment from p along d meets the box of a node."""
+    near, far = 0.0, 1.0
+    for k in range(3):
+        if d[k] == 0.0:
+            if p[k] < low[node, k] or p[k] > high[node, k]:
+                return False
+        else:
+            first, second = (low[node, k] - p[k]) / d[k], (high[node, k] - p[k]) / d[k]
+            if first > second:
+                first, second = second, first
+            near, far = max(near, first), min(far, second)
+            # A little room, so that rounding loses no hit in a flat box.
+            if near > far + 1e-12:
+                return False
+    return True
+
+
+@jit
+def segment_hits(bvh: MeshBvh, p: Array, d: Array, stack: Indices, hits: Array) -> int:
+    """Where the segment from p along d (both (3,)) meets triangles, sorted, shares of d; how many in all.
+
+    No more are noted than `hits` has room for.
+    """
+    count = 0
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if not _meets_box(bvh.low, bvh.high, node, p, d):
+            continue
+        if bvh.right[node] < 0:
+            for i in range(bvh.start[node], bvh.end[node]):
+                s = _hit(bvh.corner[i], p[0], p[1], p[2], d[0], d[1], d[2])
+                if s >= 0.0:
+                    if count < hits.shape[0]:
+                        j = count
+                        while j > 0 and hits[j - 1] > s:
+                            hits[j] = hits[j - 1]
+                            j -= 1
+                        hits[j] = s
+                    count += 1
+        else:
+            stack[top], stack[top + 1] = bvh.right[node], node + 1
+            top += 2
+    return count
+
+
+@jit
+def count_hits(bvh: MeshBvh, start: Array, along: Array, count_out: Indices) -> None:
+    """How many triangles each segment meets, (n,): from `start` along `along` [m], shapes (n, 3)."""
+    stack, hits = np.empty(STACK, np.int64), np.empty(1)
+    for i in range(start.shape[0]):
+        count_out[i] = segment_hits(bvh, start[i], along[i], stack, hits)
+
+
+@jit_inline
+def _inside_on(field: SolidField, p: Array, d: Array, s: float, stack: Indices, stack_distance2: Array) -> bool:
+    return inside_at(field, p[0] + s * d[0], p[1] + s * d[1], p[2] + s * d[2], stack, stack_distance2)
+
+
+@jit
+def leave_inside(field: SolidField, start: Array, end: Array, share_out: Array) -> None:
+    """Where each segment from inside to outside first leaves the inside: a share of it, shape (n,).
+
+    It is where it meets a triangle, exactly, or, where the inside ends without one, found by halving.
+
+    Args:
+        field: the solid.
+        start: points inside [m], shape (n, 3).
+        end: points outside [m], shape (n, 3).
+        share_out: shares [-], shape (n,), strictly between 0 and 1.
+    """
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
+    hits = np.empty(_MOST_HITS)
+    d = np.empty(3)
+    for i in range(start.shape[0]):
+        p = start[i]
+        for k in range(3):
+            d[k] = end[i, k] - p[k]
+        count = min(segment_hits(field.bvh, p, d, stack, hits), as_int64(_MOST_HITS))
+        low, high = 0.0, 1.0
+        # Mostly there is one hit, and the inside ends there.
+        at = hits[0] if count == 1 else -1.0
+        if count > 1:
+            for j in range(count + 1):
+                before = hits[j - 1] if j > 0 else 0.0
+                after = hits[j] if j < count else 1.0
+                if not after > before:
+                    continue
+                middle = 0.5 * (before + after)
+                if _inside_on(field, p, d, middle, stack, stack_distance2):
+                    low = middle
+                else:
+                    high = middle
+                    at = before if j > 0 else -1.0
+                    break
+        if at > low:
+            ahead, behind = max(at - _STEP, low), min(at + _STEP, high)
+            if not _inside_on(field, p, d, ahead, stack, stack_distance2):
+                high = ahead
+            elif not _inside_on(field, p, d, behind, stack, stack_distance2):
+                share_out[i] = at
+                continue
+            else:
+                low = behind
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            if _inside_on(field, p, d, middle, stack, stack_distance2):
+                low = middle
+            else:
+                high = middle
+        share_out[i] = 0.5 * (low + high)

@@ -1,0 +1,158 @@
+"""A closed mesh of a solid that is known only by a test of points: adaptive, to a tolerance that is then measured."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.solid_field import SolidField, inside, leave_inside, near
+from hhsim.mesh_topology import is_closed, part_labels, used_vertices
+from hhsim.tet_grid import HALVINGS, TetGrid
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+COARSE = 16
+"""Cubes along the longest extent, to begin with …"""
+FIRST = 3
+"""… and how often their tetrahedra are halved where the surface is known to be."""
+MOST_TETS = 3_000_000
+MOST_TRIANGLES = 600_000
+ENOUGH = 150_000
+"""Triangles from which on only what is missed is refined."""
+MARGIN = 0.07
+"""Room around the solid, as a share of the longest extent."""
+_SIMPLER = (0.5, 0.1)
+_NEAREST = 1e-3
+"""A corner of the surface keeps this share of its edge away from the ends."""
+
+
+def is_inside(field: SolidField, points: FloatArray) -> BoolArray:
+    """Which points, shape (n, 3) [m], lie inside."""
+    result = np.empty(len(points), np.bool_)
+    inside(field, np.ascontiguousarray(points, np.float64), result)
+    return result
+
+
+class _Crossings:
+    """Where the edges of a grid leave the solid; each is looked for once."""
+
+    def __init__(self, field: SolidField) -> None:
+        self.field = field
+        self.key, self.point = np.empty(0, np.int64), np.empty((0, 3))
+
+    def of(self, edges: IntArray, points: FloatArray) -> FloatArray:
+        """Places [m] for edges (vertex inside, vertex outside), shape (n, 2)."""
+        key = (edges[:, 0] << np.int64(32)) | edges[:, 1]
+        at = np.minimum(np.searchsorted(self.key, key), max(len(self.key) - 1, 0))
+        known = self.key[at] == key if len(self.key) else np.zeros(len(key), np.bool_)
+        place = np.empty((len(key), 3))
+        place[known] = self.point[at[known]]
+        start, end = points[edges[~known, 0]], points[edges[~known, 1]]
+        share = np.empty(len(start))
+        leave_inside(self.field, start, end, share)
+        place[~known] = start + np.clip(share, _NEAREST, 1.0 - _NEAREST)[:, None] * (end - start)
+        order = np.argsort(key)
+        self.key, self.point = key[order], place[order]
+        return place
+
+
+def solid_mesh(
+    field: SolidField,
+    border: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    tolerance: float,
+) -> tuple[FloatArray, IntArray]:
+    """Closed manifold mesh of a solid, wound outward.
+
+    Tetrahedra are halved where the mesh is off by more than the tolerance: where a triangle's middle has none of the
+    solid's triangles that near and, moved by that much outward and inward, is not outside and inside; or where a point
+    of the true border is farther away. It ends when none is, or when
+    the mesh gets too large; so its error has to be measured.
+
+    Args:
+        field: the solid.
+        border: points known to lie on its border, shape (n, 3).
+        low, high: corners of a box around it, shape (3,).
+        tolerance: in the unit of the field.
+
+    Returns:
+        Vertices, shape (V, 3), and faces, shape (F, 3); both empty where no inside is found.
+    """
+    extent = float((high - low).max())
+    # Off the round numbers that drawn meshes are made of.
+    off = MARGIN * extent * np.array([1.0, 1.0137, 0.9871])
+    grid = TetGrid(low - off, high + off, extent / COARSE)
+    grid.refine(np.unique(grid.locate(border)), FIRST)
+    crossings = _Crossings(field)
+    within = np.empty(0, np.bool_)
+    good = np.empty(0, np.bool_)
+    waiting = border
+    oldest = min(3 * HALVINGS, 3 * int(np.ceil(np.log2(extent / COARSE / tolerance))))
+    while True:
+        points = grid.points
+        within = np.concatenate([within, is_inside(field, points[len(within) :])])
+        within[grid.on_border()] = False
+        edges, faces, owner = grid.surface(within)
+        if len(faces) == 0:
+            return np.empty((0, 3)), faces
+        vertices = crossings.of(edges, points)
+        good = np.concatenate([good, np.zeros(len(grid.tets) - len(good), np.bool_)])
+        fresh = np.flatnonzero(~good[owner])
+        a, b, c = vertices[faces[fresh]].transpose(1, 0, 2)
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal, axis=1)
+        step = tolerance * normal / np.where(length > 0.0, length, 1.0)[:, None]
+        middle = (a + b + c) / 3.0
+        wrong = np.zeros(len(fresh), np.bool_)
+        near(field.bvh, middle, tolerance, wrong)
+        wrong = ~wrong
+        wrong[wrong] = is_inside(field, (middle + step)[wrong]) | ~is_inside(field, (middle - step)[wrong])
+        good[owner[fresh]] = True
+        good[owner[fresh[wrong]]] = False
+        far = np.abs(mesh_signed_distance(build_mesh_bvh(vertices, faces, signed=False), waiting)) > tolerance
+        waiting = waiting[far]
+        missed = grid.locate(waiting)
+        # Near the end, what is missed altogether comes first.
+        chosen = np.unique(np.concatenate([owner[fresh[wrong]], missed]) if len(faces) < ENOUGH else missed)
+        chosen = chosen[(chosen >= 0) & (grid.ages[chosen] < oldest)]
+        if len(chosen) == 0 or len(faces) > MOST_TRIANGLES or len(grid.tets) > MOST_TETS:
+            return _without_specks(vertices, faces, 4.0 * tolerance)
+        grid.refine(chosen)
+
+
+def _without_specks(vertices: FloatArray, faces: IntArray, size: float) -> tuple[FloatArray, IntArray]:
+    """Drop closed parts and cavities that are no larger than `size`."""
+    label = part_labels(faces)
+    corner = vertices[faces].reshape(-1, 3)
+    low, high = np.full((int(label.max()) + 1, 3), np.inf), np.full((int(label.max()) + 1, 3), -np.inf)
+    np.minimum.at(low, np.repeat(label, 3), corner)
+    np.maximum.at(high, np.repeat(label, 3), corner)
+    return used_vertices(vertices, faces[((high - low).max(axis=1) > size)[label]])
+
+
+def border_distances(vertices: FloatArray, faces: IntArray, border: FloatArray) -> tuple[float, float]:
+    """How far points, shape (n, 3), are outside of a closed mesh at most, and how far inside."""
+    distance = mesh_signed_distance(build_mesh_bvh(vertices, faces), border)
+    return float(distance.max(initial=0.0)), float(-distance.min(initial=0.0))
+
+
+def simplified(
+    vertices: FloatArray, faces: IntArray, border: FloatArray, tolerance: float
+) -> tuple[FloatArray, IntArray]:
+    """The mesh with fewer triangles, where that takes it no farther from points of the border, shape (n, 3)."""
+    from manifold3d import Error, Manifold, Mesh64
+
+    before = max(border_distances(vertices, faces, border))
+    whole = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
+    if whole.status() == Error.NoError:
+        for share in _SIMPLER:
+            result = whole.simplify(share * tolerance).to_mesh64()
+            points = np.ascontiguousarray(np.asarray(result.vert_properties, dtype=np.float64)[:, :3])
+            triangles = np.asarray(result.tri_verts).astype(np.int64)
+            if len(triangles) == 0 or not is_closed(triangles):
+                continue
+            if max(border_distances(points, triangles, border)) <= max(before, tolerance) + share * tolerance:
+                return points, triangles
+    return vertices, faces

@@ -1,0 +1,287 @@
+"""A solid for a mesh that encloses none cleanly: what is inside by generalized winding number, or sheets with a thickness.
+
+The triangles of the file are wound alike, and outward as far as that can be found out; the inside is then where their
+winding number exceeds 1/2. Of it a closed mesh is made; how far that is from the triangles is measured, and told.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import MeshError
+from hhsim.kernels.fast_winding import winding_moments
+from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
+from hhsim.kernels.solid_field import SolidField
+from hhsim.mesh_orientation import turned_outward
+from hhsim.mesh_repair import CAP_AREA, Surface, closed_surface, counted, merge_and_clean
+from hhsim.mesh_topology import face_areas, in_fixed_order, is_closed, part_labels, undirected_edges, used_vertices
+from hhsim.sheet_slabs import slab_union
+from hhsim.solid_mesh import border_distances, is_inside, simplified, solid_mesh
+from hhsim.surface_samples import face_samples
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+TOLERANCE = 5e-4
+"""Wanted distance of the new mesh from the triangles of the file, as a share of the longest extent."""
+
+BESIDE = 1e-5
+"""Distance from a triangle at which its two sides are looked up, as a share of the longest extent."""
+
+SAMPLES = 60_000
+"""Points on a surface that measure it."""
+
+LOST_AREA = 0.02
+"""Triangles that enclose nothing are left out while they make at most this share of the surface."""
+
+FARTHEST = 0.02
+"""A new mesh that is farther than this from what it stands for, as a share of the longest extent, is refused."""
+
+THICKNESS = (2e-3, 0.5)
+"""Least and greatest thickness of a sheet, as shares of the longest extent."""
+
+SLABS = 3000
+"""Sheets of no more triangles are made of slabs."""
+
+THICKEN = "pass --thickness to make sheets of its open parts"
+
+SEED = 20180
+
+
+def solid_surface(
+    vertices: FloatArray,
+    faces: IntArray,
+    name: str,
+    unit_length: float = 1.0,
+    repair: bool = True,
+    thickness: float | None = None,
+) -> Surface:
+    """Closed surface of a mesh: by a safe repair, else by winding number, else, if that is wanted, of sheets.
+
+    Args:
+        vertices: Finite corners [unit of the source], shape (V, 3).
+        faces: Valid indices, shape (F, 3), F > 0.
+        name: What messages call the mesh.
+        unit_length: Length of the unit [m].
+        repair: False refuses a mesh that needs more than merging vertices at equal places.
+        thickness: Of open parts, which become sheets [unit of the source]; closed parts stay solid.
+
+    Returns:
+        The closed surface, in the unit of the source; its repairs say what was changed and assumed.
+
+    Raises:
+        MeshError: The mesh has no inside; or it needs a repair and `repair` is False; or the thickness is out of range.
+    """
+    if thickness is not None and repair:
+        sheets = _sheets(vertices, faces, name, unit_length, thickness)
+        if sheets is not None:
+            return sheets
+    try:
+        surface = closed_surface(vertices, faces, name, unit_length, repair)
+    except MeshError as error:
+        if not repair:
+            raise
+        return _winding_solid(vertices, faces, name, unit_length, str(error).removeprefix(f"{name}: "))
+    if thickness is not None:
+        surface.warnings.append("the thickness is not used: the mesh is closed")
+    if surface.repairs:
+        source = np.ascontiguousarray(vertices[faces])
+        share, distance = _assumed(surface, source, TOLERANCE * surface.size)
+        if share > 0.0:
+            surface.repairs.append(_assumption(surface, share, distance))
+    return surface
+
+
+@dataclass(frozen=True)
+class _Border:
+    """Points on triangles, and what lies beside them.
+
+    Attributes:
+        point: Shape (n, 3).
+        face: Triangle of each, shape (n,).
+        area: What each stands for, shape (n,).
+        front, back: Whether it is inside in front of the triangle and behind it, shape (n,).
+    """
+
+    point: FloatArray
+    face: IntArray
+    area: FloatArray
+    front: BoolArray
+    back: BoolArray
+
+    @property
+    def parting(self) -> FloatArray:
+        """The points between inside and outside, shape (m, 3)."""
+        return self.point[self.front != self.back]
+
+    def share(self, chosen: BoolArray) -> float:
+        """Share of the area that the chosen points stand for."""
+        return float(self.area[chosen].sum() / self.area.sum())
+
+
+def _winding_solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float, refusal: str) -> Surface:
+    """Closed surface of what is inside by winding number; `refusal` says why no safe repair gives one."""
+    surface, origin = _cleaned(vertices, faces, name, unit_length)
+    source = np.ascontiguousarray(surface.vertices[surface.faces])
+    size = surface.size
+    surface.repairs.insert(
+        0, f"{refusal.partition(';')[0]}: what has a winding number above 1/2 is taken for the inside"
+    )
+    surface.faces, turned = turned_outward(surface.vertices, surface.faces, BESIDE * size)
+    if turned:
+        surface.repairs.append(f"turned {counted(turned, 'triangle')} to face outward")
+    field = _field(surface.vertices, surface.faces)
+    border = _border(surface, field)
+    lost = ~border.front & ~border.back
+    if border.share(lost) > LOST_AREA:
+        raise MeshError(
+            f"{name}: {refusal.partition(';')[0]}; and {100.0 * border.share(lost):.2g} % of its triangles enclose "
+            f"nothing by winding number; {THICKEN}"
+        )
+    useless = np.bincount(border.face[~lost], minlength=len(surface.faces)) == 0
+    if useless.any():
+        share = (
+            face_areas(surface.vertices, surface.faces)[useless].sum()
+            / face_areas(surface.vertices, surface.faces).sum()
+        )
+        surface.repairs.append(
+            f"left out {counted(int(useless.sum()), 'triangle')}, {100.0 * share:.2g} % of the surface: "
+            "nothing is enclosed there"
+        )
+        surface.faces = surface.faces[~useless]
+        field = _field(surface.vertices, surface.faces)
+        border = _border(surface, field)
+    hidden = border.share(border.front & border.back)
+    if hidden > 0.0:
+        surface.repairs.append(f"left out {100.0 * hidden:.2g} % of the surface, which lies inside")
+    if not len(border.parting):
+        raise MeshError(f"{name}: {refusal.partition(';')[0]}; and it has no inside by winding number")
+    out, buried = _mesh_anew(surface, field, border.parting, TOLERANCE * size)
+    surface.repairs.append(_distances(surface, "what parts inside from outside", out, buried))
+    share, reach = _assumed(surface, source, max(TOLERANCE * size, out))
+    if share > CAP_AREA / (1.0 + CAP_AREA):
+        raise MeshError(
+            f"{name}: {refusal.partition(';')[0]}; and {100.0 * share:.0f} % of its surface would have to be assumed; "
+            f"{THICKEN}"
+        )
+    if share > 0.0:
+        surface.repairs.append(_assumption(surface, share, reach))
+    surface.vertices = surface.vertices + origin
+    return surface
+
+
+def _sheets(vertices: FloatArray, faces: IntArray, name: str, unit_length: float, thickness: float) -> Surface | None:
+    """Closed surface around all that is within half the thickness of an open part, and of closed parts; or None."""
+    surface, origin = _cleaned(vertices, faces, name, unit_length)
+    size = surface.size
+    label = part_labels(surface.faces)
+    index, count, _ = undirected_edges(surface.faces)
+    is_open = np.zeros(int(label.max()) + 1, dtype=bool)
+    is_open[label[np.flatnonzero(count[index] != 2) // 3]] = True
+    if not is_open.any():
+        return None
+    least, most = (share * size for share in THICKNESS)
+    if not least <= thickness <= most:
+        raise MeshError(
+            f"{name}: a sheet {surface.millimetres(thickness)} thick; expected {surface.millimetres(least)} to "
+            f"{surface.millimetres(most)} for a mesh {surface.millimetres(size)} long"
+        )
+    surface.repairs.append(
+        f"{counted(int(is_open.sum()), 'open part')} made a sheet {surface.millimetres(thickness)} thick"
+        + (f"; {counted(int((~is_open).sum()), 'closed part')} kept solid" if not is_open.all() else "")
+    )
+    sheet = is_open[label]
+    surface.faces, _ = turned_outward(surface.vertices, surface.faces, BESIDE * size)
+    field = _field(surface.vertices, surface.faces[~sheet])
+    half = 0.5 * thickness
+    field = field._replace(sheet=build_mesh_bvh(surface.vertices, surface.faces[sheet], signed=False), half=half)
+    border = _border(surface, field)
+    thick = sheet[border.face]
+    normal = face_normals(surface.vertices, surface.faces)[border.face[thick]]
+    skin = np.concatenate([border.point[thick] + half * normal, border.point[thick] - half * normal])
+    beyond = np.concatenate(
+        [border.point[thick] + 1.0001 * half * normal, border.point[thick] - 1.0001 * half * normal]
+    )
+    skin = skin[~is_inside(field, beyond)]
+    places = np.concatenate([skin, border.parting])
+    tolerance = min(TOLERANCE * size, 0.05 * thickness)
+    slabs = None
+    if sheet.sum() <= SLABS:
+        slabs = slab_union(surface.vertices, surface.faces[sheet], half, surface.faces[~sheet], 0.2 * tolerance)
+    if slabs is not None and is_closed(slabs[1]):
+        surface.vertices, surface.faces = in_fixed_order(*used_vertices(*slabs))
+        out, buried = border_distances(surface.vertices, surface.faces, places)
+    else:
+        out, buried = _mesh_anew(surface, field, places, tolerance)
+    surface.repairs.append(_distances(surface, "the sheet", out, buried))
+    surface.vertices = surface.vertices + origin
+    return surface
+
+
+def _cleaned(vertices: FloatArray, faces: IntArray, name: str, unit_length: float) -> tuple[Surface, FloatArray]:
+    """The mesh about the origin, so that a far place costs no digits, and what was its middle."""
+    corner = vertices[faces].reshape(-1, 3)
+    origin = 0.5 * (corner.min(axis=0) + corner.max(axis=0))
+    surface = Surface(vertices - origin, faces, name, unit_length)
+    merge_and_clean(surface)
+    if not face_areas(surface.vertices, surface.faces).sum() > 1e-12 * surface.size**2:
+        raise MeshError(f"{name}: no volume: its triangles have no area; expected a surface mesh")
+    return surface, origin
+
+
+def _field(vertices: FloatArray, faces: IntArray) -> SolidField:
+    """The inside by winding number of faces, none of which makes an empty one, and of no sheets."""
+    nowhere = build_mesh_bvh(np.zeros((1, 3)), np.zeros((1, 3), np.int64), signed=False)
+    bvh = build_mesh_bvh(vertices, faces, signed=False) if len(faces) else nowhere
+    return SolidField(bvh, winding_moments(bvh), nowhere, -1.0)
+
+
+def _border(surface: Surface, field: SolidField) -> _Border:
+    point, face, area = face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
+    beside = BESIDE * surface.size * face_normals(surface.vertices, surface.faces)[face]
+    return _Border(point, face, area, is_inside(field, point + beside), is_inside(field, point - beside))
+
+
+def _mesh_anew(surface: Surface, field: SolidField, border: FloatArray, tolerance: float) -> tuple[float, float]:
+    """Replace a surface by the mesh of the field.
+
+    Returns:
+        How far points on the border are outside of it at most, and how far inside.
+    """
+    size = surface.size
+    grown = max(field.half, 0.0)
+    corner = surface.vertices[surface.faces].reshape(-1, 3)
+    vertices, faces = solid_mesh(field, border, corner.min(axis=0) - grown, corner.max(axis=0) + grown, tolerance)
+    if len(faces) == 0:
+        raise MeshError(f"{surface.name}: no volume: it encloses nothing as large as {surface.millimetres(tolerance)}")
+    vertices, faces = simplified(vertices, faces, border, tolerance)
+    out, buried = border_distances(vertices, faces, border)
+    if out > FARTHEST * size:
+        raise MeshError(
+            f"{surface.name}: too thin in places: its surface is {surface.millimetres(out)} outside of the finest mesh "
+            f"of its inside; {'pass more --thickness' if grown else THICKEN}"
+        )
+    surface.vertices, surface.faces = in_fixed_order(*used_vertices(vertices, faces))
+    return out, buried
+
+
+def _distances(surface: Surface, what: str, out: float, buried: float) -> str:
+    return (
+        f"meshed anew: {what} is at most {surface.millimetres(out)} outside of the mesh "
+        f"and {surface.millimetres(buried)} inside it"
+    )
+
+
+def _assumed(surface: Surface, source: FloatArray, tolerance: float) -> tuple[float, float]:
+    """Share of a surface that is farther than a tolerance from the triangles of the file, (F, 3, 3), and how far."""
+    bvh = build_mesh_bvh(source.reshape(-1, 3), np.arange(3 * len(source)).reshape(-1, 3), signed=False)
+    point, _, area = face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
+    distance = np.abs(mesh_signed_distance(bvh, point))
+    far = distance > 2.0 * tolerance
+    return float(area[far].sum() / area.sum()), float(distance.max())
+
+
+def _assumption(surface: Surface, share: float, distance: float) -> str:
+    return f"{100.0 * share:.2g} % of the surface is assumed, up to {surface.millimetres(distance)} from any triangle"
