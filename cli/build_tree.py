@@ -77,6 +77,7 @@ def complete_method(_context: click.Context, _parameter: click.Parameter, incomp
 @tree_file.unit
 @options.unit
 @options.size
+@options.thickness
 @options.seed
 @options.out
 @options.json
@@ -96,6 +97,7 @@ def command(
     source_unit: str | None,
     unit: str | None,
     size: float | None,
+    thickness: float | None,
     seed: int,
     out: Path | None,
     as_json: bool,
@@ -116,6 +118,7 @@ def command(
       hhsim build-tree cup --level 3 --branching 6 --method medial
       hhsim build-tree bunny --level 3 --plot bunny-tree.png
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
+      hhsim build-tree bowl.stl --unit mm --thickness 2
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
     from hhsim.destination import check_destination, dated_destination
@@ -126,7 +129,7 @@ def command(
 
     announce_compilation(quiet=quiet)
     tree_file.check_source(source, frame, source_unit)
-    mesh, usual_level = read_object(object_, unit, size)
+    mesh, usual_level = read_object(object_, unit, size, thickness)
     if level is None and leaves is None and max_error is None:
         level = usual_level
     wanted = TreeOptions(level, branching, leaves, seed, method, cover, max_error)

@@ -24,3 +24,9 @@ size = click.option(
     metavar="MM",
     help="Scale a mesh file to this longest extent [mm], whatever its unit.",
 )
+thickness = click.option(
+    "--thickness",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="MM",
+    help="Make each open part of a mesh file a sheet this thick [mm], instead of closing it.",
+)

@@ -161,6 +161,7 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
 )
 @options.unit
 @options.size
+@options.thickness
 @options.seed
 @options.out
 @options.json
@@ -191,6 +192,7 @@ def command(
     tremor: tuple[float, ...] | None,
     unit: str | None,
     size: float | None,
+    thickness: float | None,
     seed: int,
     out: Path | None,
     as_json: bool,
@@ -233,7 +235,7 @@ def command(
     motion = _motion(trajectory, tremor, place_object)
     remarks = _mended(motion, trajectory)
     announce_compilation(quiet=quiet)
-    mesh, usual_level = read_object(object_, unit, size)
+    mesh, usual_level = read_object(object_, unit, size, thickness)
     destination = out or dated_destination(f"{mesh.name}-{motion.name}")
     check_result_destination(destination)
     print_notes(mesh.warnings, prefix="warning")
@@ -252,6 +254,8 @@ def command(
             "object_mesh": mesh.sha256,
             "unit": unit,
             "size_mm": size,
+            "thickness_mm": thickness,
+            "object_repairs": list(mesh.repairs),
             "level": chosen.level,
             "max_error": max_error,
             "tree": str(tree_path) if tree_path else None,

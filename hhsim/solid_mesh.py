@@ -18,7 +18,7 @@ FIRST = 3
 """… and how often their tetrahedra are halved where the surface is known to be."""
 MOST_TETS = 3_000_000
 MOST_TRIANGLES = 600_000
-ENOUGH = 150_000
+ENOUGH = 100_000
 """Triangles from which on only what is missed is refined."""
 MARGIN = 0.07
 """Room around the solid, as a share of the longest extent."""

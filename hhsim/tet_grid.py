@@ -1,7 +1,5 @@
 """A box of tetrahedra that is refined where it is asked to be, and the closed surface between inside and outside."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 

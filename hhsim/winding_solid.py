@@ -1,4 +1,4 @@
-"""A solid for a mesh that encloses none cleanly: what is inside by generalized winding number, or sheets with a thickness.
+"""A solid for a mesh that encloses none cleanly: the inside by generalized winding number, or sheets with a thickness.
 
 The triangles of the file are wound alike, and outward as far as that can be found out; the inside is then where their
 winding number exceeds 1/2. Of it a closed mesh is made; how far that is from the triangles is measured, and told.
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
-from hhsim.kernels.fast_winding import winding_moments
+from hhsim.kernels.fast_winding import fast_winding_numbers, winding_moments
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.kernels.solid_field import SolidField
 from hhsim.mesh_orientation import turned_outward
@@ -33,7 +33,10 @@ BESIDE = 1e-5
 SAMPLES = 60_000
 """Points on a surface that measure it."""
 
-LOST_AREA = 0.02
+LOOSE = 0.25
+"""Mean winding number of its sides under which a triangle hangs in the air: nothing is enclosed there."""
+
+LOST_AREA = 0.05
 """Triangles that enclose nothing are left out while they make at most this share of the surface."""
 
 FARTHEST = 0.02
@@ -45,7 +48,9 @@ THICKNESS = (2e-3, 0.5)
 SLABS = 3000
 """Sheets of no more triangles are made of slabs."""
 
-THICKEN = "pass --thickness to make sheets of its open parts"
+_LEAST_TOLD = 1e-5
+
+THICKEN = "pass --thickness to make a sheet of it"
 
 SEED = 20180
 
@@ -74,24 +79,51 @@ def solid_surface(
     Raises:
         MeshError: The mesh has no inside; or it needs a repair and `repair` is False; or the thickness is out of range.
     """
-    if thickness is not None and repair:
-        sheets = _sheets(vertices, faces, name, unit_length, thickness)
-        if sheets is not None:
-            return sheets
+    if thickness is None or not repair:
+        return _solid(vertices, faces, name, unit_length, repair)
+    surface, origin = _cleaned(vertices, faces, name, unit_length)
+    is_open = open_faces(surface.faces)
+    if not is_open.any():
+        try:
+            result = _solid(vertices, faces, name, unit_length, repair)
+            result.warnings.append("the thickness is not used: the mesh is closed")
+            return result
+        except MeshError:
+            is_open[:] = True
+    _make_sheets(surface, is_open, thickness)
+    surface.vertices = surface.vertices + origin
+    return surface
+
+
+def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float, repair: bool) -> Surface:
     try:
         surface = closed_surface(vertices, faces, name, unit_length, repair)
     except MeshError as error:
         if not repair:
             raise
-        return _winding_solid(vertices, faces, name, unit_length, str(error).removeprefix(f"{name}: "))
-    if thickness is not None:
-        surface.warnings.append("the thickness is not used: the mesh is closed")
+        surface, origin = _cleaned(vertices, faces, name, unit_length)
+        _fill_winding(surface, str(error).removeprefix(f"{name}: ").partition(";")[0])
+        surface.vertices = surface.vertices + origin
+        return surface
     if surface.repairs:
-        source = np.ascontiguousarray(vertices[faces])
-        share, distance = _assumed(surface, source, TOLERANCE * surface.size)
-        if share > 0.0:
+        share, distance = _assumed(surface, np.ascontiguousarray(vertices[faces]), TOLERANCE * surface.size)
+        if share > _LEAST_TOLD:
             surface.repairs.append(_assumption(surface, share, distance))
     return surface
+
+
+def open_faces(faces: IntArray) -> BoolArray:
+    """Which faces belong to parts that are open, shape (F,): taken away with them, they leave no edge with one face."""
+    result = np.zeros(len(faces), dtype=bool)
+    while not result.all():
+        rest = np.flatnonzero(~result)
+        label = part_labels(faces[rest])
+        index, count, _ = undirected_edges(faces[rest])
+        open_parts = label[np.flatnonzero(count[index] == 1) // 3]
+        if len(open_parts) == 0:
+            break
+        result[rest[np.isin(label, open_parts)]] = True
+    return result
 
 
 @dataclass(frozen=True)
@@ -103,6 +135,8 @@ class _Border:
         face: Triangle of each, shape (n,).
         area: What each stands for, shape (n,).
         front, back: Whether it is inside in front of the triangle and behind it, shape (n,).
+        turns: Mean of the winding numbers of both sides, shape (n,): 1/2 for a triangle that parts inside from outside
+            if the whole is closed, 0 for one that hangs in the air.
     """
 
     point: FloatArray
@@ -110,102 +144,90 @@ class _Border:
     area: FloatArray
     front: BoolArray
     back: BoolArray
+    turns: FloatArray
 
     @property
     def parting(self) -> FloatArray:
-        """The points between inside and outside, shape (m, 3)."""
-        return self.point[self.front != self.back]
+        """The points between inside and outside, shape (m, 3), but for films beside what hangs in the air."""
+        parts = (self.front != self.back) & (np.abs(self.turns - 0.5) <= 0.5 - LOOSE)
+        return np.asarray(self.point[parts])
+
+    @property
+    def loose(self) -> BoolArray:
+        """Which points hang in the air, shape (n,)."""
+        return np.asarray(self.turns < LOOSE)
 
     def share(self, chosen: BoolArray) -> float:
         """Share of the area that the chosen points stand for."""
         return float(self.area[chosen].sum() / self.area.sum())
 
 
-def _winding_solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float, refusal: str) -> Surface:
-    """Closed surface of what is inside by winding number; `refusal` says why no safe repair gives one."""
-    surface, origin = _cleaned(vertices, faces, name, unit_length)
+def _fill_winding(surface: Surface, refusal: str) -> None:
+    """Make a surface that of its inside by winding number; `refusal` says why no safe repair closes it."""
     source = np.ascontiguousarray(surface.vertices[surface.faces])
     size = surface.size
-    surface.repairs.insert(
-        0, f"{refusal.partition(';')[0]}: what has a winding number above 1/2 is taken for the inside"
-    )
+    surface.repairs.insert(0, f"{refusal}: its inside is taken to be where the winding number exceeds 1/2")
+    surface.warnings.append("no safe repair gives it an inside: it is assumed by winding number")
     surface.faces, turned = turned_outward(surface.vertices, surface.faces, BESIDE * size)
     if turned:
         surface.repairs.append(f"turned {counted(turned, 'triangle')} to face outward")
     field = _field(surface.vertices, surface.faces)
     border = _border(surface, field)
-    lost = ~border.front & ~border.back
-    if border.share(lost) > LOST_AREA:
+    lost = border.share(border.loose)
+    if lost > LOST_AREA:
         raise MeshError(
-            f"{name}: {refusal.partition(';')[0]}; and {100.0 * border.share(lost):.2g} % of its triangles enclose "
-            f"nothing by winding number; {THICKEN}"
+            f"{surface.name}: {refusal}; and {100.0 * lost:.2g} % of its surface encloses nothing by winding number; "
+            f"{THICKEN}"
         )
-    useless = np.bincount(border.face[~lost], minlength=len(surface.faces)) == 0
-    if useless.any():
-        share = (
-            face_areas(surface.vertices, surface.faces)[useless].sum()
-            / face_areas(surface.vertices, surface.faces).sum()
-        )
-        surface.repairs.append(
-            f"left out {counted(int(useless.sum()), 'triangle')}, {100.0 * share:.2g} % of the surface: "
-            "nothing is enclosed there"
-        )
-        surface.faces = surface.faces[~useless]
+    if lost > 0.0:
+        surface.repairs.append(f"left out {100.0 * lost:.2g} % of the surface, which encloses nothing")
+        kept = np.bincount(border.face[~border.loose], minlength=len(surface.faces)) > 0
+        surface.faces = surface.faces[kept]
         field = _field(surface.vertices, surface.faces)
         border = _border(surface, field)
-    hidden = border.share(border.front & border.back)
-    if hidden > 0.0:
+    hidden = border.share(border.turns > 1.0 - LOOSE)
+    if hidden > _LEAST_TOLD:
         surface.repairs.append(f"left out {100.0 * hidden:.2g} % of the surface, which lies inside")
     if not len(border.parting):
-        raise MeshError(f"{name}: {refusal.partition(';')[0]}; and it has no inside by winding number")
+        raise MeshError(f"{surface.name}: {refusal}; and it has no inside by winding number; {THICKEN}")
     out, buried = _mesh_anew(surface, field, border.parting, TOLERANCE * size)
     surface.repairs.append(_distances(surface, "what parts inside from outside", out, buried))
     share, reach = _assumed(surface, source, max(TOLERANCE * size, out))
     if share > CAP_AREA / (1.0 + CAP_AREA):
         raise MeshError(
-            f"{name}: {refusal.partition(';')[0]}; and {100.0 * share:.0f} % of its surface would have to be assumed; "
-            f"{THICKEN}"
+            f"{surface.name}: {refusal}; and {100.0 * share:.0f} % of its surface would have to be assumed; {THICKEN}"
         )
-    if share > 0.0:
+    if share > _LEAST_TOLD:
         surface.repairs.append(_assumption(surface, share, reach))
-    surface.vertices = surface.vertices + origin
-    return surface
 
 
-def _sheets(vertices: FloatArray, faces: IntArray, name: str, unit_length: float, thickness: float) -> Surface | None:
-    """Closed surface around all that is within half the thickness of an open part, and of closed parts; or None."""
-    surface, origin = _cleaned(vertices, faces, name, unit_length)
+def _make_sheets(surface: Surface, sheet: BoolArray, thickness: float) -> None:
+    """Make a surface that of all within half the thickness of the faces `sheet`, and of what the others enclose."""
     size = surface.size
-    label = part_labels(surface.faces)
-    index, count, _ = undirected_edges(surface.faces)
-    is_open = np.zeros(int(label.max()) + 1, dtype=bool)
-    is_open[label[np.flatnonzero(count[index] != 2) // 3]] = True
-    if not is_open.any():
-        return None
     least, most = (share * size for share in THICKNESS)
     if not least <= thickness <= most:
         raise MeshError(
-            f"{name}: a sheet {surface.millimetres(thickness)} thick; expected {surface.millimetres(least)} to "
+            f"{surface.name}: a sheet {surface.millimetres(thickness)} thick; expected {surface.millimetres(least)} to "
             f"{surface.millimetres(most)} for a mesh {surface.millimetres(size)} long"
         )
+    parts = int(part_labels(surface.faces[sheet]).max()) + 1
     surface.repairs.append(
-        f"{counted(int(is_open.sum()), 'open part')} made a sheet {surface.millimetres(thickness)} thick"
-        + (f"; {counted(int((~is_open).sum()), 'closed part')} kept solid" if not is_open.all() else "")
+        f"made {counted(parts, 'open part')} a sheet {surface.millimetres(thickness)} thick"
+        + ("" if sheet.all() else "; what the closed parts enclose is solid")
     )
-    sheet = is_open[label]
     surface.faces, _ = turned_outward(surface.vertices, surface.faces, BESIDE * size)
-    field = _field(surface.vertices, surface.faces[~sheet])
     half = 0.5 * thickness
-    field = field._replace(sheet=build_mesh_bvh(surface.vertices, surface.faces[sheet], signed=False), half=half)
+    field = _field(surface.vertices, surface.faces[~sheet])._replace(
+        sheet=build_mesh_bvh(surface.vertices, surface.faces[sheet], signed=False), half=half
+    )
     border = _border(surface, field)
     thick = sheet[border.face]
     normal = face_normals(surface.vertices, surface.faces)[border.face[thick]]
-    skin = np.concatenate([border.point[thick] + half * normal, border.point[thick] - half * normal])
-    beyond = np.concatenate(
-        [border.point[thick] + 1.0001 * half * normal, border.point[thick] - 1.0001 * half * normal]
-    )
-    skin = skin[~is_inside(field, beyond)]
-    places = np.concatenate([skin, border.parting])
+    # To both sides; and to any, which finds the rims.
+    ways = np.concatenate([normal, -normal, np.random.default_rng(SEED).normal(size=normal.shape)])
+    ways *= half / np.linalg.norm(ways, axis=1)[:, None]
+    middle = np.tile(border.point[thick], (3, 1))
+    places = np.concatenate([(middle + ways)[~is_inside(field, middle + 1.0001 * ways)], border.parting])
     tolerance = min(TOLERANCE * size, 0.05 * thickness)
     slabs = None
     if sheet.sum() <= SLABS:
@@ -216,8 +238,6 @@ def _sheets(vertices: FloatArray, faces: IntArray, name: str, unit_length: float
     else:
         out, buried = _mesh_anew(surface, field, places, tolerance)
     surface.repairs.append(_distances(surface, "the sheet", out, buried))
-    surface.vertices = surface.vertices + origin
-    return surface
 
 
 def _cleaned(vertices: FloatArray, faces: IntArray, name: str, unit_length: float) -> tuple[Surface, FloatArray]:
@@ -241,7 +261,15 @@ def _field(vertices: FloatArray, faces: IntArray) -> SolidField:
 def _border(surface: Surface, field: SolidField) -> _Border:
     point, face, area = face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
     beside = BESIDE * surface.size * face_normals(surface.vertices, surface.faces)[face]
-    return _Border(point, face, area, is_inside(field, point + beside), is_inside(field, point - beside))
+    turns = [np.empty(len(point)), np.empty(len(point))]
+    sides = [point + beside, point - beside]
+    for side, out in zip(sides, turns):
+        fast_winding_numbers(field.bvh, field.moments, side, out)
+    if field.half > 0.0:
+        within = [is_inside(field, side) for side in sides]
+    else:
+        within = [out > 0.5 for out in turns]
+    return _Border(point, face, area, within[0], within[1], 0.5 * (turns[0] + turns[1]))
 
 
 def _mesh_anew(surface: Surface, field: SolidField, border: FloatArray, tolerance: float) -> tuple[float, float]:

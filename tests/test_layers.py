@@ -18,7 +18,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("destination", "info", "whole_file", "sealed_file", "workers"),
     # The model: what is simulated.
     (
-        *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts"),
+        *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts", "surface_samples"),
+        *("winding_solid", "mesh_orientation", "solid_mesh", "sheet_slabs", "tet_grid"),
         *("shapes", "cup", "rock", "shamrock", "object_catalogue", "object_sources"),
         *(
             "sphere_tree",

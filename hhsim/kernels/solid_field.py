@@ -3,7 +3,6 @@
 Also the walks along straight lines through its triangles: where a line leaves the inside, and how many it meets.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -89,15 +88,15 @@ def _hit(t: Array, px: float, py: float, pz: float, dx: float, dy: float, dz: fl
 
 
 @jit_inline
-def _meets_box(low: Array, high: Array, node: int, p: Array, d: Array) -> bool:
-    """Whether the segment from p along d meets the box of a node."""
+def _meets_box(box: Array, p: Array, d: Array) -> bool:
+    """Whether the segment from p along d meets the box with the lowest and the highest corner box[:6]."""
     near, far = 0.0, 1.0
     for k in range(3):
         if d[k] == 0.0:
-            if p[k] < low[node, k] or p[k] > high[node, k]:
+            if p[k] < box[k] or p[k] > box[3 + k]:
                 return False
         else:
-            first, second = (low[node, k] - p[k]) / d[k], (high[node, k] - p[k]) / d[k]
+            first, second = (box[k] - p[k]) / d[k], (box[3 + k] - p[k]) / d[k]
             if first > second:
                 first, second = second, first
             near, far = max(near, first), min(far, second)
@@ -119,7 +118,7 @@ def segment_hits(bvh: MeshBvh, p: Array, d: Array, stack: Indices, hits: Array) 
     while top > 0:
         top -= 1
         node = stack[top]
-        if not _meets_box(bvh.low, bvh.high, node, p, d):
+        if not _meets_box(bvh.bound[node], p, d):
             continue
         if bvh.right[node] < 0:
             for i in range(bvh.start[node], bvh.end[node]):

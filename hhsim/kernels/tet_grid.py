@@ -58,9 +58,9 @@ class Tets(NamedTuple):
     """Tetrahedra and their vertices; those in use come first in all arrays.
 
     tet: (T, 4) vertices; tag: (T,) k; age: (T,) how often it was halved; child: (T,) the first of two children, which
-    follow each other, or −1; vertex: (V, 3) integer coordinates; table: hash table of the vertices, a power of two long,
-    at least 2 V; cubes: (3,) cubes along each axis, six tetrahedra each, which come first; used: (3,) tetrahedra and
-    vertices in use, and vertices of which all around have been halved.
+    follow each other, or −1; vertex: (V, 3) integer coordinates; table: hash table of the vertices, a power of two
+    long, at least 2 V; cubes: (3,) cubes along each axis, six tetrahedra each, which come first; used: (3,) tetrahedra
+    and vertices in use, and vertices of which all around have been halved.
     """
 
     tet: Indices

@@ -1,0 +1,233 @@
+"""Meshes that no safe repair closes: a solid by winding number or sheets, with a true statement; or a clear refusal.
+
+By default some of the corrupted meshes are gone through, coarsely. HHSIM_CORRUPTED=200 takes 200 at full resolution.
+"""
+
+import os
+import re
+
+import numpy as np
+import pytest
+from corrupted_meshes import corrupted
+from numpy.typing import NDArray
+
+from hhsim import winding_solid
+from hhsim.errors import MeshError
+from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
+from hhsim.kernels.winding import winding_numbers
+from hhsim.mesh import Mesh
+from hhsim.mesh_orientation import turned_outward
+from hhsim.mesh_repair import Surface
+from hhsim.mesh_topology import face_areas, is_closed, merged_vertices, signed_volume, undirected_edges
+from hhsim.shapes import cube, sphere
+from hhsim.surface_samples import face_samples
+from hhsim.tree_builder import TreeOptions, build_sphere_tree
+from hhsim.winding_solid import open_faces, solid_surface
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CORRUPTED = int(os.environ.get("HHSIM_CORRUPTED", "0"))
+SEEDS = range(CORRUPTED) if CORRUPTED else range(2, 200, 11)
+COARSE = 4e-3
+POINTS = 400
+
+BALL = sphere(0.08, subdivisions=3)
+CUBE = cube(0.07)
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    if not CORRUPTED:
+        monkeypatch.setattr(winding_solid, "TOLERANCE", COARSE)
+        monkeypatch.setattr(winding_solid, "SAMPLES", 6000)
+
+
+def exact_winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
+    result = np.empty(len(points))
+    winding_numbers(np.ascontiguousarray(triangles), np.ascontiguousarray(points), result)
+    return result
+
+
+def signed_distance(surface: Surface, points: FloatArray) -> FloatArray:
+    return mesh_signed_distance(build_mesh_bvh(surface.vertices, surface.faces), points)
+
+
+def stated(surface: Surface, pattern: str) -> float:
+    """A length [m] that the statement names, 0 where it names none."""
+    lengths = [match for sentence in surface.repairs for match in re.findall(pattern, sentence)]
+    return max((1e-3 * float(length) for length in lengths), default=0.0)
+
+
+def assert_true_statement(vertices: FloatArray, faces: IntArray, surface: Surface) -> float:
+    """Hold a solid against the exact winding number of the triangles that it was made of.
+
+    Returns:
+        How far the surface of the file may be outside of it [m], as it says itself.
+    """
+    assert is_closed(surface.faces)
+    assert signed_volume(surface.vertices, surface.faces) > 0.0
+    assert len(np.unique(surface.faces)) == len(surface.vertices)
+    out = stated(surface, r"at most (\S+) mm outside")
+    buried = stated(surface, r"and (\S+) mm inside it")
+    assumed = stated(surface, r"assumed, up to (\S+) mm")
+    size = surface.size
+
+    # One of each triangle, and turned outward: what is counted twice or backwards has no winding number to speak of.
+    vertices, faces = merged_vertices(vertices, faces)
+    faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]
+    faces, _ = turned_outward(vertices, faces, 1e-5 * size)
+    triangles = vertices[faces]
+    rng = np.random.default_rng(5)
+    middle, face, _ = face_samples(vertices, faces, POINTS, rng)
+    chosen = rng.choice(len(middle), POINTS)
+    middle, normal = middle[chosen], face_normals(vertices, faces)[face[chosen]]
+    beside = normal * size * 10.0 ** rng.uniform(-3.5, -1.0, size=(POINTS, 1))
+    number = exact_winding(triangles, np.concatenate([middle + beside, middle - beside]))
+    points = np.concatenate([middle + beside, middle - beside])
+    distance = signed_distance(surface, points)
+    # Well within by winding number, yet outside of the solid: no more than it says.
+    room = max(out, assumed) + 0.001 * size
+    lost = distance[number > 0.8].max(initial=0.0)
+    assert lost <= room, f"{1e3 * lost:.3g} mm lost, {1e3 * room:.3g} mm stated"
+    room = max(buried, assumed) + 0.001 * size
+    won = -distance[np.abs(number) < 0.2].min(initial=0.0)
+    assert won <= room, f"{1e3 * won:.3g} mm added, {1e3 * room:.3g} mm stated"
+    return out
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.usefixtures("coarse")
+def test_corrupted_meshes_become_a_covered_solid_or_are_refused(seed: int) -> None:
+    vertices, faces, what = corrupted(seed)
+    try:
+        mesh = Mesh(vertices, faces)
+        vertices = (vertices - np.nanmean(vertices, axis=0)) * (0.1 / mesh.extent.max())
+        surface = solid_surface(vertices, faces, "test")
+    except MeshError as error:
+        assert "\n" not in str(error), what
+        assert re.search("export the mesh again|pass --thickness|no volume", str(error)), f"{what}: {error}"
+        return
+    out = assert_true_statement(vertices, faces, surface)
+    solid = Mesh(surface.vertices, surface.faces)
+    tree = build_sphere_tree(solid, TreeOptions(level=2))
+    # The points of the file that part inside from outside lie in the leaves, up to what was stated.
+    source, _, _ = face_samples(vertices, faces, 2 * POINTS, np.random.default_rng(7))
+    off = signed_distance(surface, source)
+    border = source[np.abs(off) <= out]
+    gap = np.linalg.norm(border[:, None] - tree.leaf_center, axis=2) - tree.leaf_radius
+    assert gap.min(axis=1).max(initial=-1.0) <= out + 1e-9, what
+
+
+def test_a_closed_mesh_is_left_alone_and_its_thickness_unused() -> None:
+    surface = solid_surface(BALL.vertices, BALL.faces, "test", thickness=0.002)
+    assert surface.repairs == []
+    assert surface.warnings == ["the thickness is not used: the mesh is closed"]
+    assert len(surface.faces) == len(BALL.faces)
+
+
+def fin_on_ball() -> tuple[FloatArray, IntArray]:
+    """A ball with a fin, and with a bent window that no safe repair closes."""
+    x, _, z = BALL.triangles.mean(axis=1).T
+    faces = BALL.faces[~((np.abs(z) < 0.015) & (x > -0.02))]
+    a, b = faces[0, :2]
+    tip = 1.1 * BALL.vertices[[a]] + np.array([[0.0, 0.01, 0.0]])
+    return np.concatenate([BALL.vertices, tip]), np.concatenate([faces, [[a, b, len(BALL.vertices)]]])
+
+
+@pytest.mark.usefixtures("coarse")
+def test_a_bent_hole_is_filled_by_winding_number_and_a_fin_left_out() -> None:
+    vertices, faces = fin_on_ball()
+    surface = solid_surface(vertices, faces, "test")
+    assert "its inside is taken to be where the winding number exceeds 1/2" in surface.repairs[0]
+    assert any(re.match(r"left out .* of the surface, which encloses nothing", line) for line in surface.repairs)
+    assert any(" of the surface is assumed, up to " in line for line in surface.repairs)
+    assert surface.warnings == ["no safe repair gives it an inside: it is assumed by winding number"]
+    # Across the window the surface sinks in; it was an eighth of the ball's surface.
+    assert 0.9 * BALL.volume < signed_volume(surface.vertices, surface.faces) < 1.001 * BALL.volume
+    assert_true_statement(vertices, faces, surface)
+
+
+@pytest.mark.usefixtures("coarse")
+def test_repair_switched_off_assumes_nothing() -> None:
+    with pytest.raises(MeshError, match="too much to close safely; close it in a mesh editor"):
+        solid_surface(*fin_on_ball(), "test", repair=False)
+
+
+@pytest.mark.usefixtures("coarse")
+def test_the_result_does_not_depend_on_place_and_unit_beyond_rounding() -> None:
+    vertices, faces = fin_on_ball()
+    here = solid_surface(vertices, faces, "test")
+    there = solid_surface(1000.0 * vertices + 5000.0, faces, "test", unit_length=0.001)
+    volume = signed_volume(here.vertices, here.faces)
+    assert 1e-9 * signed_volume(there.vertices, there.faces) == pytest.approx(volume, rel=1e-3)
+    again = solid_surface(vertices, faces, "test")
+    assert again.vertices.tobytes() == here.vertices.tobytes()
+    assert again.faces.tobytes() == here.faces.tobytes()
+
+
+def test_an_open_sheet_is_refused_with_a_way_out() -> None:
+    lower = BALL.faces[BALL.triangles.mean(axis=1)[:, 2] < -0.01]
+    with pytest.raises(MeshError, match=r"an open surface: .*; and .*; pass --thickness to make a sheet of it"):
+        solid_surface(BALL.vertices, lower, "test")
+
+
+def test_an_open_ball_becomes_a_shell_of_the_thickness() -> None:
+    lower = BALL.faces[BALL.triangles.mean(axis=1)[:, 2] < 0.0]
+    surface = solid_surface(BALL.vertices, lower, "test", thickness=0.004)
+    assert surface.repairs[0] == "made 1 open part a sheet 4 mm thick"
+    assert stated(surface, r"at most (\S+) mm outside") < 4e-4
+    area = face_areas(BALL.vertices, lower).sum()
+    # A shell about a surface, and half a tube about its rim.
+    expected = 0.004 * area + 0.5 * np.pi * 0.002**2 * 2.0 * np.pi * 0.04
+    assert signed_volume(surface.vertices, surface.faces) == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.usefixtures("coarse")
+def test_a_sheet_of_many_triangles_is_meshed_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    lower = BALL.faces[BALL.triangles.mean(axis=1)[:, 2] < 0.0]
+    slabs = solid_surface(BALL.vertices, lower, "test", thickness=0.008)
+    monkeypatch.setattr(winding_solid, "SLABS", 0)
+    anew = solid_surface(BALL.vertices, lower, "test", thickness=0.008)
+    assert len(anew.faces) != len(slabs.faces)
+    volume = signed_volume(slabs.vertices, slabs.faces)
+    assert signed_volume(anew.vertices, anew.faces) == pytest.approx(volume, rel=0.02)
+
+
+def test_a_closed_part_beside_a_sheet_stays_solid() -> None:
+    flag = np.array([[0.06, 0.0, 0.0], [0.09, 0.0, 0.0], [0.06, 0.03, 0.0]])
+    vertices, faces = np.concatenate([CUBE.vertices, flag]), np.concatenate([CUBE.faces, [[8, 9, 10]]])
+    np.testing.assert_array_equal(np.flatnonzero(open_faces(faces)), [12])
+    surface = solid_surface(vertices, faces, "test", thickness=0.002)
+    assert surface.repairs[0] == "made 1 open part a sheet 2 mm thick; what the closed parts enclose is solid"
+    rim = 0.5 * np.pi * 0.001**2 * (0.06 + 0.03 * np.sqrt(2.0))
+    expected = CUBE.volume + 0.002 * 0.5 * 0.03**2 + rim
+    assert signed_volume(surface.vertices, surface.faces) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("thickness", [1e-6, 1.0])
+def test_a_thickness_out_of_range_names_the_range(thickness: float) -> None:
+    lower = BALL.faces[BALL.triangles.mean(axis=1)[:, 2] < 0.0]
+    with pytest.raises(MeshError, match=r"a sheet .* mm thick; expected 0.16 mm to 40 mm for a mesh 80 mm long"):
+        solid_surface(BALL.vertices, lower, "test", thickness=thickness)
+
+
+def test_fins_are_open_and_what_they_stand_on_is_not() -> None:
+    a, b = CUBE.faces[0, :2]
+    faces = np.concatenate([CUBE.faces, [[a, b, 8]]])
+    assert undirected_edges(faces)[1].max() == 3
+    np.testing.assert_array_equal(np.flatnonzero(open_faces(faces)), [12])
+    assert open_faces(CUBE.faces[1:]).all()
+    assert not open_faces(CUBE.faces).any()
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.5, 1.0])
+def test_loose_triangles_are_turned_outward_one_by_one(turned: float) -> None:
+    vertices = (BALL.triangles * 0.98 + 0.02 * BALL.triangles.mean(axis=1, keepdims=True)).reshape(-1, 3)
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    wrong = np.random.default_rng(8).random(len(faces)) < turned
+    faces[wrong] = faces[wrong][:, ::-1]
+    result, count = turned_outward(vertices, faces, 1e-6)
+    outward = np.einsum("ij,ij->i", face_normals(vertices, result), vertices[result].mean(axis=1)) > 0.0
+    assert outward.mean() > 0.99
+    assert abs(count - int(wrong.sum())) <= 0.02 * len(faces)
