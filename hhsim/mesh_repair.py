@@ -46,11 +46,17 @@ WINDING_TOLERANCE = 0.05
 CROSSING_SHARE = 0.01
 """Share of test points that may lie where the surface crosses itself; more is refused."""
 
+PART_CROSSING_SHARE = 0.001
+"""The same for one of several parts that are to be joined: a union goes wrong where one crosses itself."""
+
 WINDING_WORK = 3.0e7
 """Largest number of point-triangle pairs in one winding test, about a third of a second."""
 
 FEWEST_SAMPLES = 600
 """Triangles that are fewer are tested at more than one place each."""
+
+CAVITY_POINTS = 50
+"""At about so many points a part wound inward has to lie within the others to be a cavity."""
 
 SAMPLE_OFFSET = 1e-4
 """Distance of the test points from the surface, as a share of the longest extent."""
@@ -318,10 +324,10 @@ def _require_closed(surface: Surface) -> None:
     raise MeshError(f"{surface.name}: not watertight: {what or 'neighbours wound against each other'}; no safe repair")
 
 
-def _winding_at(vertices: FloatArray, faces: IntArray, point: FloatArray) -> float:
-    winding = np.empty(1)
-    winding_numbers(np.ascontiguousarray(vertices[faces]), np.ascontiguousarray(point[None]), winding)
-    return float(winding[0])
+def _winding_at(vertices: FloatArray, faces: IntArray, points: FloatArray) -> FloatArray:
+    winding = np.empty(len(points))
+    winding_numbers(np.ascontiguousarray(vertices[faces]), np.ascontiguousarray(points), winding)
+    return winding
 
 
 def _turn_outward(surface: Surface) -> None:
@@ -340,8 +346,9 @@ def _turn_outward(surface: Surface) -> None:
         if signed_volume(surface.vertices, faces) >= 0.0:
             continue
         others = surface.faces[label != part]
-        point = surface.vertices[faces[0]].mean(axis=0)
-        enclosed = len(others) > 0 and abs(_winding_at(surface.vertices, others, point)) > 0.5
+        # What only overlaps another part is no cavity of it, so one point is not enough.
+        points = surface.vertices[faces[:: max(1, len(faces) // CAVITY_POINTS)]].mean(axis=1)
+        enclosed = len(others) > 0 and bool((np.abs(_winding_at(surface.vertices, others, points)) > 0.5).all())
         if not enclosed:
             surface.faces[label == part] = faces[:, ::-1]
             turned[part] = not turned[part]
@@ -358,6 +365,7 @@ def _turn_outward(surface: Surface) -> None:
 def _resolve_overlaps(surface: Surface) -> None:
     faulty, tested, low, high = winding_faults(surface.vertices, surface.faces)
     if faulty and part_labels(surface.faces).max() > 0:
+        _require_sound_parts(surface)
         joined = _union_of_parts(surface)
         if joined is not None:
             parts = int(part_labels(surface.faces).max()) + 1
@@ -375,6 +383,20 @@ def _resolve_overlaps(surface: Surface) -> None:
         surface.warnings.append(
             f"crosses itself at about {100.0 * share:.2g} % of its surface (winding number {low:.2f} to {high:.2f})"
         )
+
+
+def _require_sound_parts(surface: Surface) -> None:
+    """Raise a MeshError where a part crosses itself: a union would lose what is inside out there."""
+    label = part_labels(surface.faces)
+    for part in range(int(label.max()) + 1):
+        faces = surface.faces[label == part]
+        inward = signed_volume(surface.vertices, faces) < 0.0
+        faulty, tested, low, high = winding_faults(surface.vertices, faces[:, ::-1] if inward else faces)
+        if faulty > PART_CROSSING_SHARE * tested:
+            raise MeshError(
+                f"{surface.name}: a part crosses itself: the winding number is neither 0 nor 1 at {faulty} of {tested} "
+                f"points beside its surface (from {low:.2f} to {high:.2f}); no safe repair"
+            )
 
 
 def _union_of_parts(surface: Surface) -> tuple[FloatArray, IntArray] | None:
