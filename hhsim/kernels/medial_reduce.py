@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .inner_ball import far_corner2
-from .jit import jit
+from .jit import as_int64, jit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -210,7 +210,7 @@ def merge(cost: Array, start: Indices, most: int, chosen_out: Indices) -> int:
             price[p, q] = _price(group, p, q)
     left = count
     while left > most:
-        into, gone = 1, 0
+        into, gone = as_int64(1), as_int64(0)
         for p in range(count):
             for q in range(p):
                 if alive[p] and alive[q] and (price[p, q] < price[into, gone] or not (alive[into] and alive[gone])):
