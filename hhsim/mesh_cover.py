@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.canonical_frame import GRID, canonical_frame
+from hhsim.canonical_frame import GRID, CanonicalFrame, canonical_frame
 from hhsim.errors import MeshError
 from hhsim.kernels.cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
 from hhsim.kernels.cover_refine import group_by_owner, move_balls, removal_cost, spare_balls
@@ -185,43 +186,78 @@ class _Cover:
         self.relax(_ROUNDS[1])
 
 
-def build_cover(
-    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None = None, workers: Workers | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Cover a mesh with at most `balls` balls.
+class MeshInFrame(NamedTuple):
+    """A mesh made ready for covers of any number of balls: in its own frame.
 
-    Where the mesh lies, how it is turned and how large it is make no difference: the cover is found in its own frame.
+    vertices: (V, 3) in the frame; faces: (F, 3); bvh: over both; frame: back to where the mesh is; reach: largest
+    coordinate of the mesh [m].
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    bvh: MeshBvh
+    frame: CanonicalFrame
+    reach: float
+
+
+def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
+    """Make a mesh ready for covers.
 
     Args:
         vertices: [m], shape (V, 3).
         faces: wound outward, shape (F, 3).
-        balls: Most balls.
-        progress: called with ("cover", cycles done, cycles).
-        workers: threads to build with; None for the calling one. The same bytes with any number.
-
-    Returns:
-        Centres [m], shape (n, 3), and radii [m], shape (n,).
 
     Raises:
         MeshError: The mesh encloses no volume.
     """
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
     require_inside(corner, float(np.ptp(corner.reshape(-1, 3), axis=0).max()))
-    used = np.unique(faces)
-    frame = canonical_frame(vertices[used])
-    center, radius = _build_in_frame(frame.into(vertices), faces, balls, progress, workers or Workers())
-    center, radius = frame.out_of(center), radius * frame.size
-    size = max(float(np.abs(corner).max()), float(np.abs(center).max()))
-    # A vertex was moved by at most half a step of the grid along each axis.
-    return center, radius + GRID * frame.size + ROUNDING * (radius + size)
+    frame = canonical_frame(vertices[np.unique(faces)])
+    inside = frame.into(vertices)
+    return MeshInFrame(inside, faces, build_mesh_bvh(inside, faces), frame, float(np.abs(corner).max()))
 
 
-def _build_in_frame(
-    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None, workers: Workers
+def build_cover(
+    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    corner = np.ascontiguousarray(vertices[faces]).reshape(-1, 9)
-    micro = cut_mesh(corner, face_normals(vertices, faces), edges_for(corner, np.ones(len(corner)), COARSE * balls))
-    cover = _Cover(build_mesh_bvh(vertices, faces), micro, 1.0, balls, workers)
+    """Cover a mesh with at most `balls` balls: `cover_of` for one cover.
+
+    Raises:
+        MeshError: The mesh encloses no volume.
+    """
+    return cover_of(in_own_frame(vertices, faces), balls, progress)
+
+
+def cover_of(
+    mesh: MeshInFrame, balls: int, progress: Progress | None = None, workers: Workers | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Cover a mesh with at most `balls` balls.
+
+    Where the mesh lies, how it is turned and how large it is make no difference: the cover is found in its own frame.
+
+    Args:
+        mesh: The mesh.
+        balls: Most balls.
+        progress: called with ("cover", cycles done, cycles).
+        workers: threads to build with; None for the calling one. The same bytes with any number.
+
+    Returns:
+        Centres [m], shape (n, 3), and radii [m], shape (n,).
+    """
+    center, radius = _cover_in_frame(mesh, balls, progress, workers or Workers())
+    center, radius = mesh.frame.out_of(center), radius * mesh.frame.size
+    size = max(mesh.reach, float(np.abs(center).max()))
+    # A vertex was moved by at most half a step of the grid along each axis.
+    return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
+
+
+def _cover_in_frame(
+    mesh: MeshInFrame, balls: int, progress: Progress | None, workers: Workers
+) -> tuple[FloatArray, FloatArray]:
+    corner = np.ascontiguousarray(mesh.vertices[mesh.faces]).reshape(-1, 9)
+    edge = edges_for(corner, np.ones(len(corner)), COARSE * balls)
+    micro = cut_mesh(corner, face_normals(mesh.vertices, mesh.faces), edge)
+    cover = _Cover(mesh.bvh, micro, 1.0, balls, workers)
     cover.fill()
     cover.assign()
     least, best = cover.worst, (cover.center.copy(), cover.depth.copy())

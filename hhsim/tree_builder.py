@@ -41,7 +41,7 @@ from hhsim.kernels.jit import cache_root
 from hhsim.kernels.mesh_bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
 from hhsim.level_cover import LevelCover
 from hhsim.mesh import Mesh
-from hhsim.mesh_cover import build_cover
+from hhsim.mesh_cover import cover_of, in_own_frame
 from hhsim.sphere_tree import SphereTree
 from hhsim.tree_error import measure_levels, prove_cover
 from hhsim.tree_methods import METHODS, Progress
@@ -212,6 +212,7 @@ class _Builder:
     ) -> None:
         self.vertices, self.faces, self.bvh, self.options = vertices, faces, bvh, options
         self.progress, self.workers = progress, workers
+        self.ready = in_own_frame(vertices, faces)
         self.done = self.total = 0
 
     def build(self) -> SphereTree:
@@ -249,7 +250,7 @@ class _Builder:
                 total = max(self.total, self.done + size)
                 self.progress(stage, cycles * self.done + done * size, cycles * total)
 
-        center, radius = build_cover(self.vertices, self.faces, size, report, self.workers)
+        center, radius = cover_of(self.ready, size, report, self.workers)
         self.done += size
         balanced = self.options.cover == "balanced"
         return proved_cover(

@@ -19,7 +19,7 @@ from hhsim.errors import InputError, MeshError
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh import Mesh
-from hhsim.mesh_cover import build_cover
+from hhsim.mesh_cover import cover_of
 from hhsim.sphere_tree import SphereTree
 from hhsim.tree_builder import GROWTH, TreeOptions, build_sphere_tree, cache_path, cached_sphere_tree
 from hhsim.tree_error import sample_mesh, uncovered_faces
@@ -226,10 +226,10 @@ def test_rounding_in_the_way_of_a_proof_makes_the_balls_a_little_larger(monkeypa
 
     def less(by: float) -> SphereTree:
         def build(*arguments: Any) -> tuple[Array, Array]:
-            center, radius = build_cover(*arguments)
+            center, radius = cover_of(*arguments)
             return center, radius - by
 
-        monkeypatch.setattr(tree_builder, "build_cover", build)
+        monkeypatch.setattr(tree_builder, "cover_of", build)
         return build_sphere_tree(mesh, TreeOptions(level=1))
 
     exact, grown = less(0.0), less(2e-8)
