@@ -11,7 +11,7 @@ from recording_samples import smooth_recording
 
 from hhsim.errors import TrajectoryError
 from hhsim.haptic_motion import rotation_matrix
-from hhsim.recorded_axes import WORLD_UP, axes_matrix, to_our_palm, to_our_world, world_matrix
+from hhsim.recorded_axes import WORLD_UP, axes_matrix, to_our_palm, to_our_world, turned, world_matrix
 from hhsim.recording_file import read_recording
 from hhsim.recording_npz import FRAMES, read_npz_recording
 from hhsim.recording_repair import repair
@@ -78,8 +78,8 @@ def test_every_frame_is_right_handed_and_every_world_stands_up() -> None:
         position, orientation = to_our_world(CLEAN.position, CLEAN.orientation, up)
         assert np.allclose(position, CLEAN.position @ matrix.T)
         assert np.allclose(rotation_matrix(orientation[0]), matrix @ rotation_matrix(CLEAN.orientation[0]))
-    turned = to_our_palm(CLEAN.orientation, ("-x", "z", "y"))
-    assert np.allclose(rotation_matrix(turned[0])[:, 1], rotation_matrix(CLEAN.orientation[0])[:, 2])
+    theirs = to_our_palm(CLEAN.orientation, ("-x", "z", "y"))
+    assert np.allclose(rotation_matrix(theirs[0])[:, 1], rotation_matrix(CLEAN.orientation[0])[:, 2])
 
 
 @pytest.mark.parametrize(
@@ -121,3 +121,8 @@ def test_every_real_recording_comes_in(shared_data: Path) -> None:
         assert motion.flags is not None
         assert marked(motion.flags, SampleFlag.SUSPECT).mean() < 0.04, file.stem
         assert ("fingers_filled" in kinds) == file.stem.startswith("dfki")
+        fingers, back = (turned(motion.orientation, axis).mean(axis=0) for axis in np.eye(3)[1:])
+        if file.stem.startswith("leap") and not file.stem.endswith("wave"):
+            assert fingers[1] > 0.6 and back[2] > 0.4, "over the device the fingers point forward, the back up"
+        elif file.stem.endswith("wave"):
+            assert fingers[2] > 0.8, "a waving hand points up"
