@@ -12,7 +12,7 @@ from .object_argument import complete_object, is_file_argument, read_object
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hhsim.bench_recorded import RecordedFigures
+    from hhsim.recorded_figures import RecordedFigures
 
 HEADINGS = (
     "recording",
@@ -117,16 +117,9 @@ def command(
       hhsim bench recorded grab.npz --method paper --resample hold --rate 500
     """
     from hhsim.bench_file import check_table_destination, write_table
-    from hhsim.bench_recorded import (
-        COLUMNS,
-        BenchObject,
-        RecordedOptions,
-        bench_recorded,
-        recording_files,
-        table_row,
-        totals,
-    )
+    from hhsim.bench_recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
     from hhsim.destination import dated_destination
+    from hhsim.recorded_figures import COLUMNS, table_row, totals
     from hhsim.solver_options import SolverOptions
     from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
@@ -174,7 +167,7 @@ def command(
 
 
 def _print(figures: "Sequence[RecordedFigures]") -> None:
-    from hhsim.bench_recorded import totals
+    from hhsim.recorded_figures import totals
 
     ran = [row for row in figures if not row.reason]
     if ran:

@@ -13,17 +13,7 @@ from numpy.typing import NDArray
 from recording_samples import smooth_recording
 
 from hhsim.bench_file import load_table
-from hhsim.bench_recorded import (
-    COLUMNS,
-    BenchObject,
-    RecordedFigures,
-    RecordedOptions,
-    bench_recorded,
-    longest_run,
-    recording_files,
-    table_row,
-    totals,
-)
+from hhsim.bench_recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
 from hhsim.brute_distance import brute_clearance
 from hhsim.errors import InputError
 from hhsim.grasp_placement import place_at_grasp
@@ -32,6 +22,7 @@ from hhsim.hand_motion import HandMotion
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.tick_state import STATUS_STUCK, WORK_TOUCHING
 from hhsim.object_catalogue import load_object
+from hhsim.recorded_figures import COLUMNS, RecordedFigures, longest_run, table_row, totals
 from hhsim.recording_repair import repair
 from hhsim.scene import make_scene
 from hhsim.solver import HandSolver

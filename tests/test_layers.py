@@ -74,7 +74,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("bench_file", "pareto", "run_errors", "speed_error", "speed_error_table"),
     ("log_histogram", "shrink", "stuck", "failure", "bench_stress"),
     ("hard_case", "hard_judge", "hard_input_cases", "hard_contact_cases", "hard_invariance_cases"),
-    ("hard_endurance", "hard_cases", "bench_hard", "bench_recorded"),
+    ("hard_endurance", "hard_cases", "bench_hard", "recorded_figures", "bench_recorded"),
     ("bench_threads", "end_to_end", "tree_references", "bench_trees"),
     ("paper_run", "bench_paper", "paper_rows"),
     ("qp_program", "qp_check", "qp_backends", "qp_tally", "qp_degenerate", "qp_sizes", "qp_harvest", "bench_qp"),

@@ -1,0 +1,152 @@
+"""What `hhsim bench recorded` measures of a run, what it is held to, and the rows of its table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.bench_file import Column
+from hhsim.failure import SAFE_DEPTH
+from hhsim.log_histogram import LogHistogram
+from hhsim.metrics import statistics
+
+GUARANTEED = ("coupled", "progressive")
+"""The methods that promise not to penetrate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedFigures:
+    """What a run gave; lengths [m], times [s], variation [%], counts of ticks.
+
+    `variation_tick` and `variation_sample` are means over the ticks with a force before them. The CPU times are those
+    of ticks that have candidates. `reason` is why there was no run.
+    """
+
+    recording: str
+    object: str = ""
+    method: str = ""
+    reason: str = ""
+    placement: str = ""
+    samples: int = 0
+    rate: float = float("nan")
+    ticks: int = 0
+    fastest: float = float("nan")
+    penetration: float = float("nan")
+    penetrating: int = 0
+    brute_ticks: int = 0
+    brute_depth: float = float("nan")
+    not_finite: int = 0
+    touching: int = 0
+    candidates_max: int = 0
+    variation_tick: float = float("nan")
+    variation_sample: float = float("nan")
+    stuck: int = 0
+    longest_stuck: int = 0
+    unexplained: int = 0
+    lagging: int = 0
+    lag: float = 0.0
+    started_inside: bool = False
+    cpu: LogHistogram = field(default_factory=LogHistogram, repr=False, compare=False)
+
+    @property
+    def cpu_p50(self) -> float:
+        """CPU time of a tick in contact, median [s]."""
+        return 1e-9 * self.cpu.percentile(50.0)
+
+    @property
+    def cpu_p99(self) -> float:
+        """CPU time of a tick in contact, 99th percentile [s]."""
+        return 1e-9 * self.cpu.percentile(99.0)
+
+    @property
+    def cpu_max(self) -> float:
+        """CPU time of a tick in contact, largest [s]."""
+        return 1e-9 * self.cpu.largest
+
+    @property
+    def safe(self) -> bool:
+        """Whether it ran, stayed within 1 µm and finite, and no stuck tick had a way out."""
+        if self.reason:
+            return False
+        shallow = self.penetration <= SAFE_DEPTH and not self.brute_depth > SAFE_DEPTH
+        return shallow and self.not_finite == 0 and self.unexplained == 0
+
+    @property
+    def missed(self) -> bool:
+        """Whether a limit was missed: no run, or a method that promises safety and is not safe."""
+        return bool(self.reason) or (self.method in GUARANTEED and not self.safe)
+
+
+COLUMNS = (
+    Column("recording", "recording"),
+    Column("object", "object; empty where the recording could not be read"),
+    Column("method", "method of the solver"),
+    Column("reason", "why there was no run"),
+    Column("placement", "where the object was put, and how the hand begins"),
+    Column("samples", "samples of the recording"),
+    Column("rate", "ticks a second", "Hz"),
+    Column("ticks", "ticks run"),
+    Column("fastest", "farthest way of a fingertip of the user's hand in a tick", "m"),
+    Column("penetration", "deepest penetration", "m"),
+    Column("penetrating", "ticks deeper than 1 um"),
+    Column("brute_ticks", "ticks in touch recomputed by brute force over all leaves"),
+    Column("brute_depth", "deepest penetration of those, by brute force", "m"),
+    Column("not_finite", "ticks whose hand or force is not finite"),
+    Column("touching", "ticks in touch with the object"),
+    Column("candidates_max", "most pairs in the programs of a tick"),
+    Column("variation_tick", "mean force variation from tick to tick", "%"),
+    Column("variation_sample", "mean force variation from one new input sample to the next", "%"),
+    Column("stuck", "ticks that kept the last feasible hand"),
+    Column("longest_stuck", "longest run of stuck ticks"),
+    Column("unexplained", "stuck ticks that had a way out"),
+    Column("lagging", "ticks with distance still to go"),
+    Column("lag", "most distance still to go", "m"),
+    Column("started_inside", "whether the user's hand begins inside the object"),
+    Column("cpu_p50", "CPU time of a tick with candidates, median", "s"),
+    Column("cpu_p99", "CPU time of a tick with candidates, 99th percentile", "s"),
+    Column("cpu_max", "CPU time of a tick with candidates, largest", "s"),
+    Column("safe", "ran within 1 um, finite, and no stuck tick had a way out"),
+)
+"""Of the suite's table: a row a run, or one for a recording that could not be run."""
+
+
+def table_row(figures: RecordedFigures) -> dict[str, Any]:
+    """The figures as a row of `COLUMNS`."""
+    return {column.name: getattr(figures, column.name) for column in COLUMNS}
+
+
+def longest_run(where: NDArray[np.bool_]) -> int:
+    """Most neighbouring entries that are true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+_ADDED = ("samples", "ticks", "penetrating", "brute_ticks", "not_finite", "touching", "stuck", "unexplained", "lagging")
+_LARGEST = ("fastest", "penetration", "brute_depth", "candidates_max", "longest_stuck", "lag", "started_inside")
+_MEANS = ("variation_tick", "variation_sample")
+
+
+def totals(rows: Sequence[RecordedFigures]) -> list[RecordedFigures]:
+    """All recordings of each object and method as one: counts added, largest of what has one, percentiles over all.
+
+    Means are those of the recordings that have one.
+    """
+    found = []
+    for key in dict.fromkeys((row.object, row.method) for row in rows if not row.reason):
+        group = [row for row in rows if (row.object, row.method) == key and not row.reason]
+        figures: dict[str, Any] = {name: sum(getattr(row, name) for row in group) for name in _ADDED}
+        figures |= {name: _largest([getattr(row, name) for row in group]) for name in _LARGEST}
+        figures |= {name: statistics([getattr(row, name) for row in group]).mean for name in _MEANS}
+        cpu = LogHistogram.sum(row.cpu for row in group)
+        known = RecordedFigures(
+            recording=f"all {len(group)}", object=key[0], method=key[1], rate=group[0].rate, cpu=cpu
+        )
+        found.append(replace(known, **figures))
+    return found
+
+
+def _largest(values: Sequence[Any]) -> Any:
+    defined = [value for value in values if value == value]
+    return max(defined, default=float("nan"))
