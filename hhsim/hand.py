@@ -33,7 +33,7 @@ of a *right* hand (x from thumb to little finger, y to the fingers, z out of the
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -47,7 +47,7 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh import Mesh
 from hhsim.palm import palm_mesh
 from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree, proved_anew
 
 FloatArray = NDArray[np.float64]
 Side = Literal["right", "left"]
@@ -339,7 +339,7 @@ def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
         for key in ("base", "distal", "dorsal"):
             arrays[key] = arrays[key] * mirror
         mesh = Mesh(mesh.vertices * mirror, mesh.faces[:, ::-1], name=mesh.name, source=f"{mesh.source}, left")
-        tree = replace(tree.transformed(np.diag(mirror), np.zeros(3)), mesh_sha256=mesh.sha256)
+        tree = proved_anew(tree.transformed(np.diag(mirror), np.zeros(3)), mesh)
     return HandModel(
         side=side,
         hand_length=hand_length,

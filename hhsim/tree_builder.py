@@ -296,6 +296,21 @@ def proved_cover(
     return replace(cover, radius=np.maximum(radius - half, 0.0), gap=half)
 
 
+def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:
+    """Return the tree of a mesh, such as a mirror image, with proofs that are made for this mesh.
+
+    Raises:
+        MeshError: A face cannot be proved.
+    """
+    covers = []
+    for old in tree.covers:
+        unproved, proof = prove_cover(mesh.vertices, mesh.faces, old.center, old.radius + old.gap)
+        if unproved.size:
+            raise MeshError(f"{mesh.name}: {unproved.size} faces are not covered, first face {unproved[0]}")
+        covers.append(replace(old, proof=proof))
+    return replace(tree, covers=tuple(covers), mesh_sha256=mesh.sha256)
+
+
 def cached_sphere_tree(
     mesh: Mesh, options: TreeOptions | None = None, progress: Progress | None = None, threads: int = 1
 ) -> SphereTree:

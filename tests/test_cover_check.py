@@ -1,6 +1,7 @@
 """The check of a cover's proof: it passes what the builder made, and nothing that was tampered with."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hhsim.cover_check import faults
+from hhsim.errors import MeshError
+from hhsim.hand import HandModel
 from hhsim.kernels.cover_check import HOLDS, check_proof
 from hhsim.level_cover import LevelCover
 from hhsim.mesh import Mesh
 from hhsim.rock import rock
-from hhsim.tree_builder import TreeOptions, build_sphere_tree
+from hhsim.tree_builder import TreeOptions, build_sphere_tree, proved_anew
 from hhsim.tree_error import prove_cover
 
 Array = NDArray[np.float64]
@@ -171,6 +174,17 @@ def test_a_moved_tree_is_proved_of_the_moved_mesh() -> None:
     assert moved.check(MESH) != ()
     mirrored = TREE.transformed(np.diag([-1.0, 1.0, 1.0]), np.zeros(3))
     assert not any(cover.proved for cover in mirrored.covers)
+    image = Mesh(MESH.vertices * [-1.0, 1.0, 1.0], MESH.faces[:, ::-1], name="image")
+    assert proved_anew(mirrored, image).check(image) == ()
+    with pytest.raises(MeshError, match=r"shape: \d+ faces are not covered"):
+        proved_anew(mirrored, MESH.scaled(1.5))
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_palms_of_both_hands_are_proved(side: Literal["left", "right"]) -> None:
+    hand = HandModel.default(side)
+    assert hand.palm_tree.check(hand.palm_mesh) == ()
+    assert hand.palm_tree.errors[-1].gap_max == 0.0
 
 
 def test_a_corner_must_lie_inside_by_the_room() -> None:
