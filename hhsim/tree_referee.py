@@ -383,6 +383,7 @@ def main(arguments: Sequence[str]) -> None:
         help="turn, shift and scale the mesh at random first; the table then is of the original size",
     )
     parser.add_argument("--tree", type=Path, metavar="FILE.h5", help="judge this tree instead of building one")
+    parser.add_argument("--points", type=int, default=MESH_POINTS, help="on the mesh, and on the spheres of a level")
     parser.add_argument("--seed", type=int, default=0, help="of the points; default: 0")
     options = parser.parse_args(arguments)
     try:
@@ -395,7 +396,8 @@ def main(arguments: Sequence[str]) -> None:
             tree = cached_sphere_tree(mesh, TreeOptions(level=options.level, leaves=options.leaves))
         else:
             tree = SphereTree.load(options.tree)
-        print(table(referee(mesh, tree, seed=options.seed), scale))
+        count = options.points
+        print(table(referee(mesh, tree, mesh_points=count, sphere_points=count, seed=options.seed), scale))
     except HhsimError as error:
         raise SystemExit(str(error)) from error
 

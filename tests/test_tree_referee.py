@@ -165,11 +165,12 @@ def test_another_process_builds_the_same_bytes() -> None:
 
 
 def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["cube", "--size", "100", "--level", "1"])
+    few = ["cube", "--size", "100", "--level", "1", "--points", "2000"]
+    main(few)
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
     assert lines[-1].split()[:2] == ["1", "8"]
-    main(["cube", "--size", "100", "--level", "1", "--moved", "1"])
+    main([*few, "--moved", "1"])
     moved = capsys.readouterr().out.splitlines()
     assert float(moved[-1].split()[2]) == pytest.approx(float(lines[-1].split()[2]), rel=0.02)
     with pytest.raises(SystemExit, match="unknown object 'cbue'"):
