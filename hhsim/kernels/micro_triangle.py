@@ -20,7 +20,7 @@ _CUT_TRIALS = 12
 
 
 class MicroTriangles(NamedTuple):
-    """Micro-triangles in spatial order, and a median tree over them whose leaves are blocks of at most 32.
+    """Micro-triangles in spatial order, and a median tree over them whose leaves are blocks of at most 8.
 
     corner: (M, 9) a, b, c [m]; normal: (M, 3) outward unit normal of the face (zero without area);
     start, end, right: (N,) as in `MedianTree`; center: (N, 3) and radius: (N,) balls around the nodes [m].
