@@ -17,6 +17,8 @@ from hhsim.tree_error import prove_cover
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+OVERLAP = 2e-5
+
 
 def enclosing_tree(
     covers: Sequence[LevelCover], parents: Sequence[IntArray], cpu_seconds: Sequence[float] = ()
@@ -55,6 +57,8 @@ def enclosing_tree(
 def cover_with_proof(mesh: Mesh, bvh: MeshBvh, center: FloatArray, radius: FloatArray) -> LevelCover:
     """Make a cover of balls that are said to contain the whole surface, with the proof if there is one.
 
+    Where there is none, they are made larger by `OVERLAP` of the mesh's longest extent, and it is tried again.
+
     Args:
         mesh: That they cover.
         bvh: over it.
@@ -63,4 +67,8 @@ def cover_with_proof(mesh: Mesh, bvh: MeshBvh, center: FloatArray, radius: Float
     """
     radius = radius + ROUNDING * (radius + float(np.abs(mesh.bounds).max()))
     _, proof = prove_cover(mesh.vertices, mesh.faces, center, radius)
+    if not proof.size:
+        # Where balls only just meet on the surface, as at the corners of cells, nothing but an overlap can be proved.
+        radius = radius + OVERLAP * float(mesh.extent.max())
+        _, proof = prove_cover(mesh.vertices, mesh.faces, center, radius)
     return LevelCover(center, radius, -mesh_signed_distance(bvh, center), 0.0, proof)

@@ -10,7 +10,7 @@ from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh import Mesh
 from hhsim.object_catalogue import load_object
 from hhsim.octree_tree import build_octree, root_cell
-from hhsim.shapes import cube, cylinder, sphere
+from hhsim.shapes import cube, cylinder, hexagonal_prism, sphere
 from hhsim.sphere_tree import SphereTree
 from hhsim.tree_builder import TreeOptions, build_sphere_tree
 from hhsim.tree_error import uncovered_faces
@@ -74,6 +74,13 @@ def test_an_octree_of_a_cube_is_its_grid() -> None:
     assert tree.covers[2].bound == pytest.approx(0.0125 * (np.sqrt(3.0) - 1.0))
     low, size = root_cell(mesh)
     assert low == pytest.approx([-0.05] * 3) and size == pytest.approx(0.1)
+
+
+def test_a_surface_through_corners_of_cells_is_proved_to_be_covered() -> None:
+    mesh = hexagonal_prism(0.05, 0.1)
+    tree = build_octree(mesh, 2, 8)
+    assert tree.check(mesh) == ()
+    assert tree.leaf_radius == pytest.approx(0.0125 * np.sqrt(3.0), rel=2e-4)
 
 
 def test_fitted_balls_are_no_larger_than_those_around_the_cells() -> None:
