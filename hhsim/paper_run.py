@@ -264,7 +264,8 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
         shown=_shown(stage, records[0]) if single else [],
         curves=_curves(record) if single else None,
         contact=contact,
-        depth=np.maximum(0.0, -np.minimum(palm, finger.min(axis=1))),
+        # 0 - x and not -x: a free hand has depth 0, not minus 0.
+        depth=np.maximum(0.0, 0.0 - np.minimum(palm, finger.min(axis=1))),
         touches=touches,
         variation=variation,
     )
