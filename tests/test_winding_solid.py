@@ -5,6 +5,7 @@ By default some of the corrupted meshes are gone through, coarsely. HHSIM_CORRUP
 
 import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from hhsim import winding_solid
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.kernels.winding import winding_numbers
-from hhsim.mesh import Mesh
+from hhsim.mesh import Mesh, load_mesh
+from hhsim.mesh_file import read_triangles
 from hhsim.mesh_orientation import turned_outward
 from hhsim.mesh_repair import Surface
 from hhsim.mesh_topology import face_areas, is_closed, merged_vertices, signed_volume, undirected_edges
@@ -233,3 +235,34 @@ def test_loose_triangles_are_turned_outward_one_by_one(turned: float) -> None:
     outward = np.einsum("ij,ij->i", face_normals(vertices, result), vertices[result].mean(axis=1)) > 0.0
     assert outward.mean() > 0.99
     assert abs(count - int(wrong.sum())) <= 0.02 * len(faces)
+
+
+NASTY = ("nasty_bunny_94_components.ply", "nasty_teapot_open_shells.obj")
+
+
+@pytest.mark.parametrize("file", NASTY)
+@pytest.mark.usefixtures("coarse")
+def test_nasty_meshes_get_the_same_solid_by_winding_number_as_by_repair(
+    shared_data: Path, file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    vertices, faces = read_triangles(shared_data / "meshes" / file)
+    repaired = solid_surface(vertices, faces, file)
+
+    def refused(*_: object) -> Surface:
+        raise MeshError(f"{file}: not to be repaired")
+
+    monkeypatch.setattr(winding_solid, "closed_surface", refused)
+    assumed = solid_surface(vertices, faces, file)
+    assert assumed.repairs[0].startswith("not to be repaired: its inside is taken to be where the winding number")
+    volume = signed_volume(repaired.vertices, repaired.faces)
+    assert signed_volume(assumed.vertices, assumed.faces) == pytest.approx(volume, rel=0.02)
+
+
+def test_loose_triangles_are_refused_and_become_sheets_on_demand(shared_data: Path) -> None:
+    file = shared_data / "meshes/nasty_soup_100_triangles.stl"
+    with pytest.raises(MeshError, match=r"an open surface: 100 holes .* pass --thickness to make a sheet of it"):
+        load_mesh(file, size=0.1)
+    mesh = load_mesh(file, size=0.1, thickness=0.002)
+    assert mesh.repairs[0] == "made 100 open parts a sheet 2 mm thick"
+    assert is_closed(mesh.faces)
+    assert mesh.volume > 0.0
