@@ -43,11 +43,8 @@ BENT_HOLE = 0.2
 """Largest distance of a wide hole's edge from its plane, as a share of its width."""
 
 WINDING_TOLERANCE = 0.05
-CROSSING_SHARE = 0.01
+CROSSING_SHARE = 0.001
 """Share of test points that may lie where the surface crosses itself; more is refused."""
-
-PART_CROSSING_SHARE = 0.001
-"""The same for one of several parts that are to be joined: a union goes wrong where one crosses itself."""
 
 WINDING_WORK = 3.0e7
 """Largest number of point-triangle pairs in one winding test, about a third of a second."""
@@ -392,7 +389,7 @@ def _require_sound_parts(surface: Surface) -> None:
         faces = surface.faces[label == part]
         inward = signed_volume(surface.vertices, faces) < 0.0
         faulty, tested, low, high = winding_faults(surface.vertices, faces[:, ::-1] if inward else faces)
-        if faulty > PART_CROSSING_SHARE * tested:
+        if faulty > CROSSING_SHARE * tested:
             raise MeshError(
                 f"{surface.name}: a part crosses itself: the winding number is neither 0 nor 1 at {faulty} of {tested} "
                 f"points beside its surface (from {low:.2f} to {high:.2f}); no safe repair"
