@@ -94,6 +94,7 @@ class HandSolver:
         pose.flexion[:] = flexion
         pose.abduction[:] = abduction
         self.states[0].warm.count = 0
+        self.states[0].parted = False
         if self.penalty is not None:
             self.penalty[0].velocity[:] = 0.0
         self._settle()

@@ -46,8 +46,9 @@ def optimum(problem: QpProblem, multiplier: Array) -> Array:
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize("backend", ["quadprog", "clarabel"])
-def test_another_solver_finds_the_same_optimum(backend: str, seed: int) -> None:
+# An interior-point method ends near the vertex and not at it: to 1e-8 of the energy, and in a joint to more.
+@pytest.mark.parametrize(("backend", "exact"), [("quadprog", 1e-9), ("clarabel", 1e-7)])
+def test_another_solver_finds_the_same_optimum(backend: str, exact: float, seed: int) -> None:
     programs, loaded = 0, 0
     for solver in harvest("coupled", random_targets(HAND, TICKS, seed), 7):
         assert solve_prepared(solver) == OPTIMAL
@@ -57,7 +58,7 @@ def test_another_solver_finds_the_same_optimum(backend: str, seed: int) -> None:
         theirs = solve(problem, backend)
         assert theirs.status == "optimal", theirs.message
         assert (multiplier >= 0.0).all()
-        np.testing.assert_allclose(own, theirs.x, rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(own, theirs.x, rtol=1e-6, atol=exact)
         assert problem.objective(own) == pytest.approx(problem.objective(theirs.x), rel=1e-8, abs=1e-12)
         assert problem.kkt_residual(own, multiplier) < 1e-8
         programs += 1

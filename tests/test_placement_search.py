@@ -27,7 +27,7 @@ touch = { index = "stem" }
 
 
 def test_a_place_is_found_where_the_finger_touches_the_part_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in (("DRAWS", 150), ("LEADERS", 3), ("STEPS", 40), ("PLAYED", 3), ("PLAYED_STEPS", 4)):
+    for name, value in (("DRAWS", 300), ("LEADERS", 6), ("STEPS", 40), ("PLAYED", 6), ("PLAYED_STEPS", 4)):
         monkeypatch.setattr(placement_search, name, value)
     script = parse_script(SCRIPT, name="stem", where="stem.toml", unplaced=True)
     tree = cached_sphere_tree(load_object("shamrock").mesh, TreeOptions(level=3))
