@@ -18,14 +18,17 @@ RAYS = 60_000
 """Rays in all, shared out by area, but …"""
 LEAST_RAYS = 12
 """… at least so many from each part."""
+CLEAR = 0.1
+"""A part is turned where its back sees more by this share of its rays: a few reach a cavity through a hole."""
+
 SEED = 20131
 
 
 def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple[IntArray, int]:
     """Wind neighbours alike, and then each part so that the outside is where it sees more of the far away.
 
-    A part that sees nothing of it from either side keeps its winding: it may be a cavity or a solid within a solid, and
-    only who made the file knows.
+    A part that sees hardly anything of it from either side keeps its winding: it may be a cavity or a solid within a
+    solid, and only who made the file knows.
 
     Args:
         vertices: Corners, shape (V, 3).
@@ -65,7 +68,7 @@ def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple
         hits = np.empty(len(face), np.int64)
         count_hits(bvh, np.ascontiguousarray(place + side * start * up), np.ascontiguousarray(along), hits)
         score += side * np.bincount(label[face], weights=hits == 0, minlength=parts)
-    inward = (score < 0.0)[label]
+    inward = (score < -CLEAR * number)[label]
     result[inward] = result[inward][:, ::-1]
     return result, int(np.count_nonzero((result != faces).any(axis=1)))
 

@@ -327,6 +327,11 @@ def _winding_at(vertices: FloatArray, faces: IntArray, points: FloatArray) -> Fl
     return winding
 
 
+def _middles(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Middles of about `CAVITY_POINTS` faces, shape (n, 3)."""
+    return np.asarray(vertices[faces[:: max(1, len(faces) // CAVITY_POINTS)]].mean(axis=1))
+
+
 def _turn_outward(surface: Surface) -> None:
     """Wind closed parts outward; a part inside another may be wound inward: a cavity."""
     label = part_labels(surface.faces)
@@ -344,7 +349,7 @@ def _turn_outward(surface: Surface) -> None:
             continue
         others = surface.faces[label != part]
         # What only overlaps another part is no cavity of it, so one point is not enough.
-        points = surface.vertices[faces[:: max(1, len(faces) // CAVITY_POINTS)]].mean(axis=1)
+        points = _middles(surface.vertices, faces)
         enclosed = len(others) > 0 and bool((np.abs(_winding_at(surface.vertices, others, points)) > 0.5).all())
         if not enclosed:
             surface.faces[label == part] = faces[:, ::-1]
@@ -397,23 +402,36 @@ def _require_sound_parts(surface: Surface) -> None:
 
 
 def _union_of_parts(surface: Surface) -> tuple[FloatArray, IntArray] | None:
-    """Union of the parts wound outward less those wound inward; None where a part is no manifold."""
+    """Union of the parts wound outward, each less the cavities in it; None where that is not clear."""
     from manifold3d import Error, Manifold, Mesh64, OpType
 
     label = part_labels(surface.faces)
     solids: list[Manifold] = []
-    cavities: list[Manifold] = []
+    outlines: list[IntArray] = []
+    inward: list[int] = []
     for part in range(int(label.max()) + 1):
         faces = surface.faces[label == part]
-        inward = signed_volume(surface.vertices, faces) < 0.0
-        vertices, faces = merged_vertices(surface.vertices, faces[:, ::-1] if inward else faces)
-        solid = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
-        if solid.status() != Error.NoError:
+        if signed_volume(surface.vertices, faces) < 0.0:
+            faces = faces[:, ::-1]
+            inward.append(part)
+        points, corners = merged_vertices(surface.vertices, faces)
+        solids.append(Manifold(Mesh64(points, corners.astype(np.uint64))))
+        if solids[-1].status() != Error.NoError:
             return None
-        (cavities if inward else solids).append(solid)
+        outlines.append(faces)
+    for cavity in inward:
+        points = _middles(surface.vertices, outlines[cavity])
+        holders = [
+            number
+            for number, faces in enumerate(outlines)
+            if number != cavity and (_winding_at(surface.vertices, faces, points) > 0.5).any()
+        ]
+        # With two solids around it, or another cavity across it, counting windings is more than a union can do.
+        if len(holders) != 1 or holders[0] in inward:
+            return None
+        solids[holders[0]] -= solids[cavity]
+    solids = [solid for part, solid in enumerate(solids) if part not in inward]
     whole = Manifold.batch_boolean(solids, OpType.Add)
-    if cavities:
-        whole -= Manifold.batch_boolean(cavities, OpType.Add)
     result = whole.to_mesh64()
     vertices = np.asarray(result.vert_properties, dtype=np.float64)[:, :3]
     faces = np.asarray(result.tri_verts).astype(np.int64)

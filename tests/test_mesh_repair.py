@@ -171,6 +171,37 @@ def test_part_inside_a_part_is_swallowed_and_a_cavity_stays() -> None:
     assert volume(hollow) == pytest.approx(0.875 * BALL.volume)
 
 
+def test_a_cavity_is_no_hole_in_a_part_that_fills_it() -> None:
+    vertices, faces = second_ball(0.0, inward=True, scale=0.5)
+    # A third ball reaches into the cavity: what is in both is solid, but a union cannot count that.
+    third = BALL.vertices * 0.9 + np.array([0.05, 0.0, 0.0])
+    with pytest.raises(MeshError, match="crosses itself"):
+        closed_surface(np.concatenate([vertices, third]), np.concatenate([faces, BALL.faces + len(vertices)]), "test")
+    # One that stays clear of it is joined, and the cavity stays.
+    aside = BALL.vertices * 0.4 + np.array([0.04, 0.0, 0.0])
+    surface = repaired(np.concatenate([vertices, aside]), np.concatenate([faces, BALL.faces + len(vertices)]))
+    assert surface.repairs == ["joined 3 overlapping parts into 2"]
+    assert 0.875 * BALL.volume < volume(surface) < 0.94 * BALL.volume
+
+
+def test_a_part_wound_inward_that_only_overlaps_is_no_cavity() -> None:
+    vertices, faces = second_ball(0.03, inward=True, scale=0.8)
+    # Its first face lies in the other ball, and most of it does not.
+    order = np.argsort(vertices[faces[len(BALL.faces) :]].mean(axis=1)[:, 0])
+    faces[len(BALL.faces) :] = faces[len(BALL.faces) :][order]
+    surface = repaired(vertices, faces)
+    assert surface.repairs == ["1 of 2 parts wound inside out: turned", "joined 2 overlapping parts into 1"]
+    assert volume(surface) > BALL.volume
+
+
+def test_a_part_that_crosses_itself_is_not_joined() -> None:
+    pushed = BALL.vertices.copy()
+    pushed[:, 2] = np.where(pushed[:, 2] > 0.01, -1.5 * pushed[:, 2], pushed[:, 2])
+    vertices = np.concatenate([pushed, BALL.vertices + np.array([0.05, 0.0, 0.0])])
+    with pytest.raises(MeshError, match="a part crosses itself"):
+        closed_surface(vertices, np.concatenate([BALL.faces, BALL.faces + len(pushed)]), "test")
+
+
 def test_hollow_ball_inside_out_keeps_its_cavity() -> None:
     vertices, faces = second_ball(0.0, inward=True, scale=0.5)
     surface = repaired(vertices, faces[:, ::-1])

@@ -19,8 +19,8 @@ from hhsim.kernels.winding import winding_numbers
 from hhsim.mesh import Mesh, load_mesh
 from hhsim.mesh_file import read_triangles
 from hhsim.mesh_orientation import turned_outward
-from hhsim.mesh_repair import Surface
-from hhsim.mesh_topology import face_areas, is_closed, merged_vertices, signed_volume, undirected_edges
+from hhsim.mesh_repair import Surface, merge_and_clean
+from hhsim.mesh_topology import face_areas, is_closed, signed_volume, undirected_edges
 from hhsim.shapes import cube, sphere
 from hhsim.surface_samples import face_samples
 from hhsim.tree_builder import TreeOptions, build_sphere_tree
@@ -76,9 +76,10 @@ def assert_true_statement(vertices: FloatArray, faces: IntArray, surface: Surfac
     size = surface.size
 
     # One of each triangle, and turned outward: what is counted twice or backwards has no winding number to speak of.
-    vertices, faces = merged_vertices(vertices, faces)
-    faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]
-    faces, _ = turned_outward(vertices, faces, 1e-5 * size)
+    cleaned = Surface(vertices, faces, "test")
+    merge_and_clean(cleaned)
+    vertices = cleaned.vertices
+    faces, _ = turned_outward(vertices, cleaned.faces, 1e-5 * size)
     triangles = vertices[faces]
     rng = np.random.default_rng(5)
     middle, face, _ = face_samples(vertices, faces, POINTS, rng)
