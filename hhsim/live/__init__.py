@@ -1,0 +1,1 @@
+"""Live: a glove in the loop at 1 kHz, safely, recorded and replayable."""

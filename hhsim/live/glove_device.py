@@ -1,0 +1,183 @@
+"""What a glove is to the loop: samples in, a position limit for each finger out.
+
+A position limit is what the gloves that push back have in common: Dexmo's set point, the curl of OpenGloves and
+XR_MNDX_force_feedback_curl are one thing, the bend at which a finger is stopped. Newtons are never commanded.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from enum import Flag, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import HhsimError
+
+Array = NDArray[np.float64]
+
+FINGER_COUNT = 5
+MOST_CHANNELS = 64
+"""Channels of a sample; a glove with fewer leaves the rest NaN."""
+UNKNOWN = -1
+
+GLOVE_SAMPLE = np.dtype(
+    [
+        ("seq", np.int64),
+        ("time_ns", np.int64),
+        ("device_time_ns", np.int64),
+        ("device_seq", np.int64),
+        ("battery", np.int64),
+        ("good", np.bool_),
+        ("channels", np.float64, (MOST_CHANNELS,)),
+        ("flexion", np.float64, (FINGER_COUNT, 3)),
+        ("abduction", np.float64, (FINGER_COUNT,)),
+    ],
+    align=True,
+)
+"""A sample of a glove.
+
+| field | meaning |
+|---|---|
+| seq | number of the sample since the device was opened, from 0; the driver counts |
+| time_ns | CLOCK_MONOTONIC when its bytes were read [ns] |
+| device_time_ns, device_seq | as the device stamped it, -1 where it does not |
+| battery | charge [%], -1 where it is not known |
+| good | all that the driver uses of it is finite and in range; others are recorded and never used |
+| channels | as the device sent them, in the order of `GloveInfo.channels`, the rest NaN |
+| flexion, abduction | of the hand [rad] |
+"""
+
+
+class DeviceError(HhsimError):
+    """A glove that cannot be reached, or that went away; the message says what to look at."""
+
+
+class Capability(Flag):
+    """What a glove can do."""
+
+    NONE = 0
+    POSITION_LIMIT = auto()
+    """Takes the bend at which a finger is stopped."""
+    STIFFNESS = auto()
+    """Takes how hard it is stopped there, 0 (free) to 1."""
+    SPLAY = auto()
+    """Senses how the fingers are spread."""
+    JOINTS = auto()
+    """Senses every joint, and not only one bend of a finger."""
+    BATTERY = auto()
+    """Tells its charge."""
+    STAMPS = auto()
+    """Stamps its samples."""
+
+
+@dataclass(frozen=True)
+class GloveInfo:
+    """What a driver says of its glove.
+
+    Attributes:
+        name: as people call it, with where it is: "dexmo at 127.0.0.1:55555".
+        capabilities: what it can do.
+        channels: names of the channels of a sample.
+        hand: "right" or "left"; "" where it is not known.
+        unit: of the channels, "" for normalised ones.
+        doubtful: channels whose calibration says little, in words; the loop logs them.
+    """
+
+    name: str
+    capabilities: Capability
+    channels: tuple[str, ...]
+    hand: str = ""
+    unit: str = ""
+    doubtful: tuple[str, ...] = ()
+
+
+@dataclass
+class DeviceCounters:
+    """What came from a device and what became of it; every frame is in one of these."""
+
+    frames: int = 0
+    """Whole frames, as the device's protocol has them."""
+    samples: int = 0
+    """Samples of our glove handed on."""
+    rejected: int = 0
+    """Samples of our glove with values that are not finite or far out of range."""
+    other: int = 0
+    """Frames or messages for another hand or device, or without hand data."""
+    malformed: int = 0
+    """Frames that could not be decoded."""
+    resyncs: int = 0
+    """Times the stream was searched for the next frame, or the connection made anew, since its framing was lost."""
+    dropped: int = 0
+    """Samples that did not fit where they were to go, or that the device says it sent and that never came."""
+    commands: int = 0
+    """Commands sent."""
+    commands_refused: int = 0
+    """Commands that could not be sent at once, since the device does not take them fast enough; not sent later."""
+
+
+@dataclass
+class FingerCommand:
+    """What the fingers are told; written in place, tick by tick.
+
+    Attributes:
+        bend: where each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
+        stiffness: how hard, 0 (free) to 1, shape (5,).
+    """
+
+    bend: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
+    stiffness: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
+
+
+class GloveDevice(ABC):
+    """A glove. `read`, `send` and `reconnect` never block: they are called in a tick."""
+
+    info: GloveInfo
+    counters: DeviceCounters
+
+    @abstractmethod
+    def open(self, timeout: float = 5.0) -> None:
+        """Connect.
+
+        Args:
+            timeout: longest wait [s].
+
+        Raises:
+            DeviceError: nothing there, or something that speaks otherwise.
+        """
+
+    @abstractmethod
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        """Decode all that has arrived.
+
+        Args:
+            samples_out: of `GLOVE_SAMPLE`, oldest first. What does not fit waits for the next call.
+
+        Returns:
+            How many samples.
+
+        Raises:
+            DeviceError: the device is gone; `reconnect` may bring it back.
+        """
+
+    @abstractmethod
+    def send(self, command: FingerCommand) -> bool:
+        """Tell the fingers; all of it or nothing.
+
+        Returns:
+            False where the device takes no more now; a command is never kept to be sent late.
+
+        Raises:
+            DeviceError: the device is gone.
+        """
+
+    @abstractmethod
+    def release(self, timeout: float = 0.05) -> bool:
+        """Stiffness 0 on every finger, now; waits at most `timeout` [s] and never raises. True where it was sent."""
+
+    @abstractmethod
+    def reconnect(self) -> bool:
+        """After `DeviceError`: try again, without waiting. True where the device is back; call it again until it is."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of the device; never raises. Does not release: call `release` before."""

@@ -1,0 +1,125 @@
+"""Memory that several processes of a session see: a block, and a ring with one writer and any number of readers.
+
+The memory has no name (memfd), so that nothing is left behind however the processes end; children inherit the
+descriptor. Words of eight bytes are written whole; on the processors that hhsim runs on, stores become visible in their
+order, which is what a reader relies on.
+"""
+
+import mmap
+import os
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class SharedBlock:
+    """An array in shared memory.
+
+    Args:
+        descriptor: of the memory.
+        dtype: of the elements; every process must agree.
+        count: how many elements.
+    """
+
+    def __init__(self, descriptor: int, dtype: np.dtype[Any], count: int = 1) -> None:
+        """Map the memory of a descriptor."""
+        self.descriptor = descriptor
+        self._map = mmap.mmap(descriptor, dtype.itemsize * count)
+        self.array: NDArray[Any] = np.frombuffer(self._map, dtype, count)
+
+    @classmethod
+    def create(cls, name: str, dtype: np.dtype[Any], count: int = 1) -> Self:
+        """Fresh memory, all zeros; `name` is for people who look into /proc. The descriptor can be inherited."""
+        descriptor = os.memfd_create(f"hhsim-{name}", 0)
+        os.ftruncate(descriptor, dtype.itemsize * count)
+        os.set_inheritable(descriptor, True)
+        return cls(descriptor, dtype, count)
+
+
+class SharedRing:
+    """Records in shared memory: the writer never waits, a reader that falls behind loses the oldest and knows it.
+
+    Args:
+        descriptor: of the memory.
+        dtype: of a record.
+        capacity: how many records the ring holds.
+    """
+
+    def __init__(self, descriptor: int, dtype: np.dtype[Any], capacity: int) -> None:
+        """Map the memory of a descriptor."""
+        whole = np.dtype([("written", np.int64), ("record", dtype, (capacity,))], align=True)
+        self._block = SharedBlock(descriptor, whole)
+        self.descriptor = descriptor
+        self.capacity = capacity
+        self._written = self._block.array["written"]
+        self.records = self._block.array["record"][0]
+
+    @classmethod
+    def create(cls, name: str, dtype: np.dtype[Any], capacity: int) -> Self:
+        """A fresh, empty ring."""
+        whole = np.dtype([("written", np.int64), ("record", dtype, (capacity,))], align=True)
+        block = SharedBlock.create(name, whole)
+        return cls(block.descriptor, dtype, capacity)
+
+    @property
+    def written(self) -> int:
+        """Records written since the beginning."""
+        return int(self._written[0])
+
+    def slot(self) -> Any:
+        """The record to fill next, in place; nobody sees it before `publish`."""
+        return self.records[int(self._written[0]) % self.capacity]
+
+    def publish(self) -> None:
+        """The record that `slot` gave is complete."""
+        self._written[0] += 1
+
+
+class RingReader:
+    """One reader's place in a ring.
+
+    Args:
+        ring: which.
+        from_start: begin with the oldest record that is there, or with the next one.
+    """
+
+    lost: int
+    """Records that were overwritten before they were read."""
+
+    def __init__(self, ring: SharedRing, *, from_start: bool = True) -> None:
+        """Nothing is read yet."""
+        self._ring = ring
+        self.next = 0 if from_start else ring.written
+        self.lost = 0
+
+    def read(self, most: int) -> tuple[int, NDArray[Any]]:
+        """The oldest records not yet read.
+
+        Args:
+            most: at most this many.
+
+        Returns:
+            The number of the first one, counted from the ring's beginning, and copies of the records; numbers that
+            are passed over were lost.
+        """
+        ring = self._ring
+        self._skip_lost(ring.written)
+        first = self.next
+        count = min(most, ring.written - first)
+        place = np.arange(first, first + count) % ring.capacity
+        copies = ring.records[place]
+        # The slot after the newest record may be in the making, so one record fewer than the capacity is safe.
+        overwritten = max(0, ring.written - (ring.capacity - 1) - first)
+        if overwritten:
+            gone = min(overwritten, count)
+            self.lost += gone
+            first, copies = first + gone, copies[gone:]
+        self.next = first + len(copies)
+        return first, copies
+
+    def _skip_lost(self, written: int) -> None:
+        oldest = max(0, written - (self._ring.capacity - 1))
+        if self.next < oldest:
+            self.lost += oldest - self.next
+            self.next = oldest
