@@ -145,6 +145,29 @@ class GloveDevice(ABC):
             DeviceError: nothing there, or something that speaks otherwise.
         """
 
+    def open_for_release(self, timeout: float = 5.0) -> None:
+        """Connect as the guardian does, beside the loop's connection: only `release`, `close` and `drain` follow.
+
+        Takes no samples away from the loop. The same as `open` unless a driver says otherwise.
+
+        Args:
+            timeout: longest wait [s].
+
+        Raises:
+            DeviceError: nothing there.
+        """
+        self.open(timeout)
+
+    def drain(self) -> None:
+        """Throw away what has arrived on a connection opened for release, so that the device's buffers do not fill.
+
+        Never blocks. Does nothing unless a driver says otherwise.
+
+        Raises:
+            DeviceError: the device is gone; `reconnect` may bring it back.
+        """
+        return
+
     @abstractmethod
     def read(self, samples_out: NDArray[np.void]) -> int:
         """Decode all that has arrived.

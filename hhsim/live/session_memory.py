@@ -1,0 +1,166 @@
+"""The shared memory of one live session: the status block, the three rings, and a page of facts.
+
+Made by the supervisor; every other process attaches to it by the descriptors that it inherits and is told on its
+command line::
+
+    --setup FD --status FD --ticks FD --samples FD --events FD --facts FD
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.live.glove_device import GLOVE_SAMPLE
+from hhsim.live.live_records import EVENT, LIVE_STATUS, LIVE_TICK
+from hhsim.live.shared_memory import SharedBlock, SharedRing
+
+TICK_CAPACITY = 16_384
+SAMPLE_CAPACITY = 16_384
+EVENT_CAPACITY = 1_024
+FACT_BYTES = 65_520
+
+FACTS = np.dtype([("version", np.int64), ("size", np.int64), ("text", np.uint8, (FACT_BYTES,))], align=True)
+"""A JSON document; `version` is odd while it is being written, 0 before the first."""
+
+EVENT_BYTES = EVENT["text"].itemsize
+INFORMATION, WARNING, FAULT = 0, 1, 2
+"""Levels of an event."""
+
+
+class Descriptors(NamedTuple):
+    """Of the memory, in the order of the command line's options."""
+
+    status: int
+    ticks: int
+    samples: int
+    events: int
+    facts: int
+
+
+class SessionMemory:
+    """All that the processes of a session share.
+
+    Args:
+        status: of `LIVE_STATUS`.
+        ticks: of `LIVE_TICK`, written by the loop.
+        samples: of `GLOVE_SAMPLE`, written by the loop.
+        events: of `EVENT`, written by the loop.
+        facts: of `FACTS`, written by the loop.
+
+    Attributes:
+        status: the one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
+    """
+
+    def __init__(
+        self, status: SharedBlock, ticks: SharedRing, samples: SharedRing, events: SharedRing, facts: SharedBlock
+    ) -> None:
+        """Take over memory that is mapped."""
+        self.status_block = status
+        self.status = status.array[0]
+        self.ticks = ticks
+        self.samples = samples
+        self.events = events
+        self._facts_block = facts
+        self._facts = facts.array[0]
+        self.descriptors = Descriptors(
+            status.descriptor, ticks.descriptor, samples.descriptor, events.descriptor, facts.descriptor
+        )
+
+    @classmethod
+    def create(cls) -> Self:
+        """Fresh memory for a session; pass `descriptors` on to the children (`subprocess`, `pass_fds`)."""
+        return cls(
+            SharedBlock.create("status", LIVE_STATUS),
+            SharedRing.create("ticks", LIVE_TICK, TICK_CAPACITY),
+            SharedRing.create("samples", GLOVE_SAMPLE, SAMPLE_CAPACITY),
+            SharedRing.create("events", EVENT, EVENT_CAPACITY),
+            SharedBlock.create("facts", FACTS),
+        )
+
+    @classmethod
+    def attach(cls, descriptors: Descriptors) -> Self:
+        """Map the memory that another process made."""
+        return cls(
+            SharedBlock(descriptors.status, LIVE_STATUS),
+            SharedRing(descriptors.ticks, LIVE_TICK, TICK_CAPACITY),
+            SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY),
+            SharedRing(descriptors.events, EVENT, EVENT_CAPACITY),
+            SharedBlock(descriptors.facts, FACTS),
+        )
+
+    def arguments(self) -> list[str]:
+        """The command line's options of a child that is to attach."""
+        return [word for name, value in self.descriptors._asdict().items() for word in (f"--{name}", str(value))]
+
+    def field(self, name: str) -> NDArray[Any]:
+        """One field of the status as an array whose first axis has length 1; faster in a tick than by the record."""
+        column: NDArray[Any] = self.status_block.array[name]
+        return column
+
+    def log(self, level: int, text: str, time_ns: int | None = None) -> None:
+        """Add an event; only the loop may. What does not fit is cut off between two letters.
+
+        Args:
+            level: INFORMATION, WARNING or FAULT.
+            text: one line.
+            time_ns: CLOCK_MONOTONIC [ns]; now by default.
+        """
+        slot = self.events.slot()
+        slot["time_ns"] = time.monotonic_ns() if time_ns is None else time_ns
+        slot["level"] = level
+        encoded = text.encode("utf-8", "replace")[:EVENT_BYTES]
+        slot["text"] = encoded.decode("utf-8", "ignore").encode("utf-8")
+        self.events.publish()
+
+    def write_facts(self, facts: Mapping[str, Any]) -> None:
+        """Say what is known of the session, as plain values; only the loop may, before it runs and when it has ended.
+
+        Raises:
+            ValueError: more than fits.
+        """
+        encoded = json.dumps(facts).encode("utf-8")
+        if len(encoded) > FACT_BYTES:
+            raise ValueError(f"{len(encoded):,} bytes of facts; {FACT_BYTES:,} fit")
+        page = self._facts
+        page["version"] += 1
+        page["text"][: len(encoded)] = np.frombuffer(encoded, np.uint8)
+        page["size"] = len(encoded)
+        page["version"] += 1
+
+    def read_facts(self) -> dict[str, Any]:
+        """What the loop says of the session, empty before it has said anything.
+
+        | key | meaning |
+        |---|---|
+        | real_time | the achieved mode, `hhsim.live.real_time` |
+        | device | name, hand, channels, unit, capabilities, doubtful |
+        | pose | name of the source of the palm's pose |
+        | summary | when it has ended: ticks, missed, wakeup and latency with their percentiles [ns], counters, reason |
+        """
+        page = self._facts
+        while True:
+            version = int(page["version"])
+            if version == 0:
+                return {}
+            if version % 2 == 0:
+                encoded = page["text"][: int(page["size"])].tobytes()
+                if int(page["version"]) == version:
+                    facts: dict[str, Any] = json.loads(encoded)
+                    return facts
+            time.sleep(1e-4)
+
+
+def add_memory_options(parser: argparse.ArgumentParser) -> None:
+    """The options of every process of a session: its setup and its memory, by descriptor."""
+    for name in ("setup", *Descriptors._fields):
+        parser.add_argument(f"--{name}", type=int, required=True, metavar="FD")
+
+
+def attached(options: argparse.Namespace) -> SessionMemory:
+    """The memory that the options of `add_memory_options` name."""
+    return SessionMemory.attach(Descriptors(*(getattr(options, name) for name in Descriptors._fields)))

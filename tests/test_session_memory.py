@@ -1,0 +1,132 @@
+"""The memory and the setup of a live session, as other processes see them."""
+
+import argparse
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hhsim.errors import InputError
+from hhsim.hand import HandModel
+from hhsim.live.live_setup import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits, read_setup, write_setup
+from hhsim.live.session_memory import FACT_BYTES, WARNING, SessionMemory, add_memory_options, attached
+from hhsim.live.shared_memory import RingReader
+from hhsim.shapes import sphere
+from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+
+CHILD = """
+import argparse
+from hhsim.live.session_memory import add_memory_options, attached
+from hhsim.live.live_setup import read_setup
+from hhsim.live.shared_memory import RingReader
+parser = argparse.ArgumentParser()
+add_memory_options(parser)
+options = parser.parse_args()
+memory, setup = attached(options), read_setup(options.setup)
+first, ticks = RingReader(memory.ticks).read(10)
+print(first, ticks["tick"].tolist(), int(memory.status["heartbeat_ns"]), memory.read_facts(), setup.rate, setup.device)
+memory.status["recorder_ticks"] = 77
+"""
+
+
+@pytest.fixture(scope="module")
+def setup() -> LiveSetup:
+    return LiveSetup(
+        mesh=sphere(0.06, 1),
+        tree=SphereTree(np.zeros((1, 3)), np.array([0.03]), np.array([0]), np.array([-1])),
+        hand=HandModel.default(),
+        options=SolverOptions(),
+        device={"kind": "sim"},
+        pose=None,
+        rate=500.0,
+    )
+
+
+def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup) -> None:
+    memory, descriptor = SessionMemory.create(), write_setup(setup)
+    memory.status["heartbeat_ns"] = 123
+    memory.write_facts({"real_time": {"fifo": True}})
+    for tick in (4, 5, 9):
+        memory.ticks.slot()["tick"] = tick
+        memory.ticks.publish()
+    for _ in range(2):
+        # Twice: a reader must not take the setup away from the next one.
+        child = subprocess.run(
+            [sys.executable, "-c", CHILD, "--setup", str(descriptor), *memory.arguments()],
+            pass_fds=(descriptor, *memory.descriptors),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert child.returncode == 0, child.stderr
+        assert child.stdout == "0 [4, 5, 9] 123 {'real_time': {'fifo': True}} 500.0 {'kind': 'sim'}\n"
+    assert memory.status["recorder_ticks"] == 77
+    assert memory.field("recorder_ticks")[0] == 77
+
+
+def test_a_setup_comes_back_whole(setup: LiveSetup) -> None:
+    again = read_setup(write_setup(setup))
+    assert np.array_equal(again.mesh.vertices, setup.mesh.vertices)
+    assert np.array_equal(again.tree.radius, setup.tree.radius)
+    assert again.options == setup.options
+    assert (again.output, again.safety, again.real_time) == (setup.output, setup.safety, setup.real_time)
+    assert again.period_ns == 2_000_000
+
+
+def test_events_are_cut_between_letters() -> None:
+    memory = SessionMemory.create()
+    memory.log(WARNING, "é" * 200, 5)
+    memory.log(WARNING, "x" + "é" * 200, 6)
+    _, events = RingReader(memory.events).read(10)
+    assert [text.decode("utf-8") for text in events["text"]] == ["é" * 120, "x" + "é" * 119]
+    assert events["time_ns"].tolist() == [5, 6]
+    assert events["level"].tolist() == [WARNING, WARNING]
+
+
+def test_facts_are_replaced_whole_and_bounded() -> None:
+    memory = SessionMemory.create()
+    assert memory.read_facts() == {}
+    memory.write_facts({"long": "x" * 1000})
+    memory.write_facts({"short": 1})
+    assert memory.read_facts() == {"short": 1}
+    with pytest.raises(ValueError, match="fit"):
+        memory.write_facts({"too": "x" * FACT_BYTES})
+    assert memory.read_facts() == {"short": 1}
+
+
+def test_the_options_name_the_memory() -> None:
+    memory = SessionMemory.create()
+    parser = argparse.ArgumentParser()
+    add_memory_options(parser)
+    other = attached(parser.parse_args(["--setup", "0", *memory.arguments()]))
+    memory.status["ticks"] = 42
+    assert other.status["ticks"] == 42
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "word"),
+    [
+        (OutputLimits, {"stiffness": (0.5,) * 4}, "one a finger"),
+        (OutputLimits, {"stiffness": (1.1,) * 5}, "expected 0"),
+        (OutputLimits, {"stiffness": (float("nan"),) * 5}, "expected 0"),
+        (OutputLimits, {"stiffness_rise": 0.0}, "positive"),
+        (OutputLimits, {"bend_speed": float("inf")}, "positive"),
+        (OutputLimits, {"ramp": -1.0}, "not negative"),
+        (SafetyLimits, {"stale": 0.0}, "positive"),
+        (SafetyLimits, {"overruns": 0}, "at least 1"),
+        (RealTimeWishes, {"priority": 99}, "1 to 98"),
+        (RealTimeWishes, {"cpu": -2}, "processor"),
+    ],
+)
+def test_limits_that_are_none_are_refused(kind: type, wrong: dict[str, object], word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        kind(**wrong)
+
+
+@pytest.mark.parametrize("wrong", [{"rate": 5.0}, {"rate": float("nan")}, {"duration": 0.0}])
+def test_a_session_without_a_rate_or_an_end_is_refused(setup: LiveSetup, wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError):
+        replace(setup, **wrong)  # type: ignore[arg-type]
