@@ -81,6 +81,7 @@ class GloveInfo:
         hand: "right" or "left"; "" where it is not known.
         unit: of the channels, "" for normalised ones.
         doubtful: channels whose calibration says little, in words; the loop logs them.
+        kept_free: numbers of the fingers, 0 (thumb) to 4, whose bend says too little to push on; no stiffness for them.
     """
 
     name: str
@@ -89,6 +90,7 @@ class GloveInfo:
     hand: str = ""
     unit: str = ""
     doubtful: tuple[str, ...] = ()
+    kept_free: tuple[int, ...] = ()
 
 
 @dataclass

@@ -1,0 +1,154 @@
+"""A glove without hardware: a virtual user whose fingers obey the position limit.
+
+Each finger follows what its user wants with the lag of a limb. Where it is stopped, the user's muscle and the motor are
+two springs against each other, so that the finger rests a little beyond the set point: by 1/(1 + `MOTOR_STIFFNESS`) of
+what the user wants at full stiffness. It is a model of a position limit and of no glove that can be bought.
+"""
+
+import math
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.dexmo_regression import BEND, DexmoRegression
+from hhsim.errors import InputError
+from hhsim.live.glove_device import (
+    FINGER_COUNT,
+    UNKNOWN,
+    Capability,
+    DeviceCounters,
+    FingerCommand,
+    GloveDevice,
+    GloveInfo,
+)
+
+if TYPE_CHECKING:
+    from hhsim.live.devices import DeviceConfig
+
+Array = NDArray[np.float64]
+
+MOTOR_STIFFNESS = 20.0
+"""Of the motor at stiffness 1 against the user's muscle."""
+LIMB_LAG = 0.02
+"""Time constant with which a finger goes to its place of rest [s]."""
+COUNTS = 2000.0
+"""Counts of the sensor from an open to a closed finger; its noise is one count."""
+CLOSED = 0.7
+"""Bend to which fingers close that have no motion to make."""
+LONGEST_PAUSE = 1.0
+"""Samples of a longer time without a read are dropped [s]."""
+
+
+class SimGlove(GloveDevice):
+    """A simulated glove.
+
+    Without noise and commands the fingers make the motion of the playback; its channels are the bends of the fingers.
+    Each sample follows from the seed, the motion and the commands before it, not from when it is read.
+
+    Args:
+        config: `playback` or, without one, fingers that open and close as `seed` says; `rate` [Hz].
+
+    Raises:
+        InputError: a rate that is not positive.
+    """
+
+    def __init__(self, config: "DeviceConfig") -> None:
+        """Nothing is read yet."""
+        if not (math.isfinite(config.rate) and 0.0 < config.rate <= 1e4):
+            raise InputError(f"device sim gives samples at {config.rate} Hz; expected up to 10,000")
+        self._regression = DexmoRegression.default()
+        self._slope = np.stack([self._regression.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(FINGER_COUNT)])
+        self._playback = config.playback
+        self._period = 1.0 / config.rate
+        self._follow = 1.0 - math.exp(-self._period / LIMB_LAG)
+        self._random = np.random.default_rng(config.seed)
+        self._cycle = self._random.uniform(1.6, 2.4, FINGER_COUNT)
+        self._limit = np.zeros(FINGER_COUNT)
+        self._stiffness = np.zeros(FINGER_COUNT)
+        self._held_back = np.zeros(FINGER_COUNT)
+        self._start_ns = -1
+        self._next = 0
+        self._seq = 0
+        self.info = GloveInfo(
+            name="simulated glove",
+            capabilities=Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.JOINTS | Capability.STAMPS,
+            channels=tuple(f"{finger}_bend" for finger in ("thumb", "index", "middle", "ring", "little")),
+            hand=config.hand,
+        )
+        self.counters = DeviceCounters()
+
+    def open(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open`; there is nothing to connect to."""
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        """See `GloveDevice.read`."""
+        now = time.monotonic_ns()
+        if self._start_ns < 0:
+            # Fingers and palm of one motion begin together.
+            self._start_ns = now if self._playback is None else now - round(1e9 * self._playback.elapsed(now))
+        elapsed = 1e-9 * (now - self._start_ns)
+        late = int((elapsed - LONGEST_PAUSE) / self._period)
+        if late > self._next:
+            self.counters.dropped += late - self._next
+            self._next = late
+        count = 0
+        while count < len(samples_out) and self._next * self._period <= elapsed:
+            self._fill(samples_out[count], now)
+            self._next += 1
+            count += 1
+        self.counters.frames += count
+        self.counters.samples += count
+        return count
+
+    def _fill(self, sample: np.void, now: int) -> None:
+        flexion, abduction = self._wanted(self._next * self._period)
+        bend = self._regression.bends(flexion)
+        motor = MOTOR_STIFFNESS * self._stiffness
+        beyond = np.maximum(0.0, bend - self._limit)
+        self._held_back += self._follow * (beyond * motor / (1.0 + motor) - self._held_back)
+        counts = np.round(self._random.standard_normal(FINGER_COUNT))
+        felt = np.round(COUNTS * (bend - self._held_back)) + counts
+        sample["seq"] = self._seq
+        self._seq += 1
+        sample["device_seq"] = self._next
+        sample["time_ns"] = now
+        sample["device_time_ns"] = round(1e9 * self._next * self._period)
+        sample["battery"] = UNKNOWN
+        sample["good"] = True
+        sample["channels"] = np.nan
+        sample["channels"][:FINGER_COUNT] = felt / COUNTS
+        sample["flexion"] = flexion + (felt / COUNTS - bend)[:, None] * self._slope
+        sample["abduction"] = abduction
+
+    def _wanted(self, elapsed: float) -> tuple[Array, Array]:
+        """Flexion (5, 3) and abduction (5,) [rad] that the user is at without a motor."""
+        if self._playback is not None:
+            motion = self._playback.trajectory
+            before, after, share = self._playback.place(elapsed)
+            flexion = (1.0 - share) * motion.flexion[before] + share * motion.flexion[after]
+            return flexion, (1.0 - share) * motion.abduction[before] + share * motion.abduction[after]
+        bend = 0.5 * CLOSED * (1.0 - np.cos(2.0 * np.pi * elapsed / self._cycle))
+        channels = np.zeros(11)
+        channels[list(BEND)] = bend
+        return self._regression.angles(channels)
+
+    def send(self, command: FingerCommand) -> bool:
+        """See `GloveDevice.send`."""
+        self._limit[:] = command.bend
+        self._stiffness[:] = np.clip(command.stiffness, 0.0, 1.0)
+        self.counters.commands += 1
+        return True
+
+    def release(self, timeout: float = 0.05) -> bool:
+        """See `GloveDevice.release`."""
+        self._stiffness[:] = 0.0
+        return True
+
+    def reconnect(self) -> bool:
+        """See `GloveDevice.reconnect`; it never goes away."""
+        return True
+
+    def close(self) -> None:
+        """See `GloveDevice.close`."""
