@@ -1,0 +1,186 @@
+"""Fingers that jump, stuck sensors, channels that say nothing: named, and nothing pushes there."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from hhsim.live.glove_device import GLOVE_SAMPLE, Capability, GloveInfo
+from hhsim.live.glove_watch import BURST, CONFIRM, JOINT_SPEED, STUCK_TIME, GloveWatch
+
+Array = NDArray[np.float64]
+INFO = GloveInfo("a glove", Capability.NONE, ())
+STEP = 5_000_000
+"""Between two samples [ns]."""
+
+
+class Run:
+    """A glove whose samples a test makes."""
+
+    def __init__(self, info: GloveInfo = INFO) -> None:
+        self.watch = GloveWatch(info)
+        self.now = 10**9
+        self.flexion = np.full((5, 3), np.nan)
+        self.abduction = np.full(5, np.nan)
+        self.texts = [text for _, text in self.watch.events()]
+
+    def step(self, flexion: Array | float, abduction: float = 0.0, good: bool = True, step: int = STEP) -> bool:
+        sample = np.zeros(1, GLOVE_SAMPLE)[0]
+        self.now += step
+        sample["time_ns"] = self.now
+        sample["good"] = good
+        sample["flexion"] = flexion
+        sample["abduction"] = abduction
+        used = self.watch.use(sample, self.flexion, self.abduction)
+        self.texts += [text for _, text in self.watch.events()]
+        return used
+
+
+def bent(finger: int, angle: float, rest: float = 0.1) -> Array:
+    flexion = np.full((5, 3), rest)
+    flexion[finger] += angle
+    return flexion
+
+
+def test_a_finger_that_jumps_and_comes_back_never_moved() -> None:
+    run = Run()
+    for _ in range(3):
+        assert run.step(0.1)
+    assert not run.watch.free.any()
+    assert run.step(bent(1, np.pi / 2))
+    assert np.array_equal(run.flexion, np.full((5, 3), 0.1)), "the jump is not believed"
+    assert run.watch.free.tolist() == [False, True, False, False, False]
+    assert run.texts == ["index finger jumped by 90° in one sample: not believed until it stays, and kept free"]
+    run.step(0.1)
+    assert not run.watch.free.any()
+    assert np.array_equal(run.flexion, np.full((5, 3), 0.1))
+    assert run.texts[1:] == ["index finger came back from its jump"]
+
+
+def test_a_jump_that_stays_is_followed_at_the_speed_of_a_joint() -> None:
+    run = Run()
+    run.step(0.1)
+    believed, free = [], []
+    for _ in range(30):
+        run.step(bent(2, np.pi / 2))
+        believed.append(run.flexion[2, 0])
+        free.append(run.watch.free[2])
+    path = np.array([0.1, *believed])
+    assert np.diff(path).max() <= JOINT_SPEED * 1e-9 * STEP + 1e-12
+    assert (path[:4] == 0.1).all(), "held until it was seen for long enough"
+    assert path[-1] == 0.1 + np.pi / 2
+    # 1.57 rad at 0.175 rad a sample: nine steps behind the three that were held.
+    assert free == [True] * 11 + [False] * 19
+    assert run.texts[1:] == ["middle finger stays where it jumped to: followed"]
+
+
+def test_the_other_fingers_go_on_while_one_is_doubted() -> None:
+    run = Run()
+    run.step(0.1)
+    for k in range(1, 6):
+        flexion = bent(4, 1.5, rest=0.1 + 0.01 * k)
+        run.step(flexion)
+        assert np.array_equal(run.flexion[:4], flexion[:4])
+        assert run.watch.free.tolist() == [False] * 4 + [True]
+
+
+def test_a_sensor_that_jumps_about_is_never_followed() -> None:
+    run = Run()
+    run.step(0.1)
+    for k in range(400):
+        run.step(bent(3, (1.0, 2.0, 3.0)[k // 2 % 3]))
+        assert run.flexion[3, 0] == 0.1
+        assert run.watch.free[3]
+    assert len(run.texts) < 10, "told, but not four hundred times"
+
+
+def test_samples_that_come_together_are_no_jump() -> None:
+    run = Run()
+    run.step(0.0)
+    # A fast finger, 15 rad/s, whose samples of 20 ms come at once.
+    for k in range(1, 81):
+        angle = 15.0 * 0.005 * k
+        run.step(angle, step=4 * STEP if k % 4 == 1 else 0)
+        assert (run.flexion == angle).all()
+    assert run.texts == []
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), rate=st.sampled_from([60.0, 200.0, 1000.0]))
+def test_no_motion_of_a_glove_makes_a_joint_faster_than_the_limit(seed: int, rate: float) -> None:
+    random = np.random.default_rng(seed)
+    run = Run()
+    run.step(0.0)
+    begin, path = run.now, [run.flexion.copy()]
+    steps = np.where(random.random(200) < 0.2, 0, round(1e9 / rate))
+    flexion = np.zeros((5, 3))
+    times = [0.0]
+    for step in steps:
+        flexion = flexion + random.standard_normal((5, 3)) * random.choice([0.01, 0.1, 1.0])
+        assert run.step(np.clip(flexion, -3.0, 3.0), step=int(step))
+        path.append(run.flexion.copy())
+        times.append(1e-9 * (run.now - begin))
+    moved = np.concatenate([np.zeros((1, 15)), np.abs(np.diff(np.reshape(path, (-1, 15)), axis=0)).cumsum(axis=0)])
+    for start in np.flatnonzero(steps)[::7]:
+        allowed = JOINT_SPEED * (np.array(times[start + 1 :]) - times[start] + BURST)
+        assert (moved[start + 1 :] - moved[start] <= allowed[:, None] + 1e-9).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 7.0])
+def test_what_is_not_finite_or_no_angle_is_not_used(value: float) -> None:
+    run = Run()
+    assert not run.step(value)
+    assert np.isnan(run.flexion).all(), "nothing is written"
+    assert run.step(0.2, abduction=0.1)
+    assert not run.step(0.2, abduction=value)
+    assert not run.step(0.2, good=False)
+    assert (run.flexion == 0.2).all()
+    assert (run.abduction == 0.1).all()
+
+
+def moving(k: int, still: tuple[int, ...] = ()) -> Array:
+    """All fingers open and close within a second; some stay as they are."""
+    flexion: Array = np.full((5, 3), 0.6 - 0.5 * np.cos(2.0 * np.pi * k / 200.0)) + 0.01 * np.arange(5)[:, None]
+    flexion[list(still)] = 0.25
+    return flexion
+
+
+def test_a_stuck_sensor_is_named_and_its_finger_free_until_it_moves() -> None:
+    run = Run()
+    steps = round(1e9 * STUCK_TIME / STEP)
+    for k in range(steps + 1):
+        run.step(moving(k, still=(1,)))
+        if k < steps - 1:
+            assert not run.watch.free.any()
+    assert run.watch.free.tolist() == [False, True, False, False, False]
+    assert len(run.texts) == 1
+    assert run.texts[0].startswith("index finger has not changed by one bit in 2.0 s in which thumb and middle finger")
+    run.step(moving(steps, still=(1,)) + 1e-6)
+    assert not run.watch.free.any()
+    assert run.texts[1] == "index finger moves again"
+
+
+def test_a_hand_at_rest_and_a_finger_that_moves_alone_are_not_stuck() -> None:
+    for still in ((0, 1, 2, 3, 4), (0, 1, 2, 3)):
+        run = Run()
+        for k in range(1000):
+            run.step(moving(k, still=still))
+        assert not run.watch.free.any()
+        assert run.texts == []
+
+
+def test_a_useless_channel_is_told_and_its_finger_always_free() -> None:
+    run = Run(GloveInfo("a glove", Capability.NONE, (), doubtful=("pinky_bend spans 37 counts",), kept_free=(4,)))
+    assert run.texts == [
+        "pinky_bend spans 37 counts",
+        "little finger: its bend says too little to push on; it is kept free",
+    ]
+    for _ in range(5):
+        run.step(0.1)
+        assert run.watch.free.tolist() == [False] * 4 + [True]
+
+
+def test_the_stated_limits_hold_together() -> None:
+    assert np.pi / 2 > JOINT_SPEED * (BURST + 1e-9 * STEP), "90° within a sample of a 200 Hz glove is a jump"
+    assert CONFIRM < 0.025, "a jump is settled before the input is stale"
