@@ -85,7 +85,9 @@ class LiveStatus:
             print(f"hhsim: {now - self._began:,.0f} s: {text}", file=sys.stderr, flush=True)
             return
         if pose_step is not None:
-            rows.append(("keys", f"a stroke is {1e3 * pose_step:g} mm; " + ", ".join(f"{k}: {w}" for k, w in self.keys)))
+            rows.append(
+                ("keys", f"a stroke is {1e3 * pose_step:g} mm; " + ", ".join(f"{k}: {w}" for k, w in self.keys))
+            )
         self._live.update(self._table(rows, now - self._began), refresh=True)
 
     def _table(self, rows: Rows, seconds: float) -> Any:

@@ -15,7 +15,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "errors"),
     ("kernels",),
-    ("destination", "info", "whole_file", "sealed_file", "workers"),
+    ("destination", "info", "whole_file", "sealed_file", "workers", "log_histogram"),
     # The model: what is simulated.
     (
         *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts", "surface_samples"),
@@ -77,7 +77,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("live",),
     # Many runs, side by side.
     ("bench_file", "pareto", "run_errors", "speed_error", "speed_error_table"),
-    ("log_histogram", "shrink", "stuck", "failure", "bench_stress"),
+    ("shrink", "stuck", "failure", "bench_stress"),
     ("hard_case", "hard_judge", "hard_input_cases", "hard_contact_cases", "hard_invariance_cases"),
     ("hard_endurance", "hard_cases", "bench_hard", "recorded_figures", "bench_recorded"),
     ("bench_threads", "end_to_end", "tree_references", "bench_trees"),

@@ -1,7 +1,6 @@
-"""Keys that carry the palm: the paper moves it with several keys of the keyboard, and does not say which; these are ours.
+"""Keys that carry the palm; the paper moves it with "several keys on the keyboard" and names none: these are ours.
 
-A key gives the palm a place to go to, and the palm glides there, so that a stroke never moves the hand further in a tick
-than a hand moves.
+A key gives the palm a place to go to, and the palm glides there, so that no stroke moves it faster than a hand moves.
 """
 
 import math
@@ -124,19 +123,6 @@ class PalmKeys:
         else:
             rotate_quaternion(self.orientation.copy(), *(TURNING * seconds / wide * turn), self.orientation)
         return True
-
-    def write(self, status: NDArray[np.void]) -> None:
-        """Tell the loop: into a block of `LIVE_STATUS`, whose `pose_version` is odd meanwhile.
-
-        Raises:
-            ValueError: a pose that is not finite.
-        """
-        if not (np.isfinite(self.position).all() and np.isfinite(self.orientation).all()):
-            raise ValueError(f"the palm's pose is not finite: {self.position}, {self.orientation}")
-        status["pose_version"][0] += 1
-        status["pose_position"][0] = self.position
-        status["pose_orientation"][0] = self.orientation
-        status["pose_version"][0] += 1
 
 
 def _turned(orientation: Array, vector: Array) -> tuple[float, float, float]:
