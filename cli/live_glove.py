@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -251,7 +251,7 @@ def command(
     if trajectory is not None and not plays:
         raise click.UsageError("--trajectory is for --device sim or replay, and for --pose replay")
     motion = resolve_trajectory(trajectory or "grasp") if plays else None
-    side = "left" if (hand or getattr(motion, "hand", "")) == "left" else "right"
+    side: Literal["right", "left"] = "left" if (hand or getattr(motion, "hand", "")) == "left" else "right"
     glove = DeviceConfig(
         kind=device,
         host=host,

@@ -121,7 +121,8 @@ class PalmKeys:
         if wide <= TURNING * seconds:
             self.orientation[:] = orientation
         else:
-            rotate_quaternion(self.orientation.copy(), *(TURNING * seconds / wide * turn), self.orientation)
+            x, y, z = map(float, TURNING * seconds / wide * turn)
+            rotate_quaternion(self.orientation.copy(), x, y, z, self.orientation)
         return True
 
 

@@ -116,6 +116,7 @@ class Supervisor:
         self._guardian_restarts = 0
         self._guardian_due = 0.0
         self._began = time.monotonic()
+        self._never_ran = False
         self._outcome: SessionOutcome | None = None
 
     def __enter__(self) -> Self:
@@ -222,7 +223,7 @@ class Supervisor:
         """
         outcome = self.end()
         if self._loop_failed:
-            if outcome.tally.ticks == 0:
+            if self._never_ran:
                 raise DeviceError(self._loop_failed)
             raise HhsimError(f"the session ended early: {self._loop_failed}")
         if self._record_failed:
@@ -265,10 +266,11 @@ class Supervisor:
             if loop.wait(LOOP_PATIENCE):
                 break
         if loop.code != 0 or self.stage != Stage.ENDED:
-            died = loop.code is None or loop.code < 0
+            died = loop.code is None or loop.code <= 0
             self._loop_failed = f"the loop {loop.how_it_ended()}" if died else loop.complaint() or loop.how_it_ended()
             self._reason = self._reason or self._loop_failed
-            if self.tally.ticks or died:
+            self._never_ran = not died and self.tally.ticks == 0
+            if not self._never_ran:
                 self._notice(f"{self._loop_failed}; the guardian frees the fingers", FAULT)
         if self.stage != Stage.ENDED:
             # The loop is dead and writes no more. The guardian frees the fingers first: it stops when this is ENDED.
