@@ -21,6 +21,12 @@ from hhsim.trajectory import TickPhase
 
 Array: TypeAlias = NDArray[Any]
 
+_HINTS = {
+    "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
+    "hhsim-tree": " (to replay with a sphere tree: hhsim replay OBJECT --tree FILE)",
+}
+"""What a file of another format is for."""
+
 CHUNK_TICKS = 512
 """Ticks in a chunk of the file; blocks of this size fill it best."""
 
@@ -174,7 +180,7 @@ def _check_format(file: h5py.File, path: Path) -> None:
     found = file.attrs.get("format")
     if found != FORMAT:
         what = f"its format is '{found}'" if isinstance(found, str) else "it states no format"
-        raise InputError(f"{path} is no result file: {what}, not '{FORMAT}'")
+        raise InputError(f"{path} is no result file: {what}, not '{FORMAT}'{_HINTS.get(str(found), '')}")
     version = file.attrs.get("schema_version", 0)
     if version > SCHEMA_VERSION:
         here = f"schema {version}; this one reads up to {SCHEMA_VERSION}"
