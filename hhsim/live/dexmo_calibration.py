@@ -41,12 +41,14 @@ class DexmoCalibration:
         regression: from what the glove sends, 0 to 1 where `counts` is not used, to joint angles.
         counts: the same for a glove that sends raw counts; None where nothing is known of its counts.
         doubtful: channels that say little, in words.
+        kept_free: numbers of the fingers whose bend says too little to push on.
         name: where it comes from, for messages; "" for the default.
     """
 
     regression: DexmoRegression
     counts: DexmoRegression | None = None
     doubtful: tuple[str, ...] = ()
+    kept_free: tuple[int, ...] = ()
     name: str = ""
 
     def fitting(self, channels: Sequence[float]) -> DexmoRegression:
@@ -91,7 +93,8 @@ def load_calibration(path: Path | None, hand: str = "right", profile: str = "") 
         return _parse_vendor(_text(path), str(path), hand, profile)
     regression = read_calibration(path)
     if _in_counts(regression):
-        return DexmoCalibration(regression, regression, _narrow(regression.open, regression.closed), str(path))
+        low, high = regression.open, regression.closed
+        return DexmoCalibration(regression, regression, _narrow(low, high), _kept_free(low, high), str(path))
     return DexmoCalibration(regression, name=str(path))
 
 
@@ -119,12 +122,16 @@ def _parse_vendor(text: str, where: str, hand: str, profile: str) -> DexmoCalibr
         raise InputError(f"{where}: not JSON: {error}") from None
     sides = {key.lower(): value for key, value in _table(where, whole).items()}
     if (hand or "right") not in sides:
-        raise InputError(f"{where}: no {(hand or 'right').upper()}; it has {', '.join(_table(where, whole)) or 'nothing'}")
+        raise InputError(
+            f"{where}: no {(hand or 'right').upper()}; it has {', '.join(_table(where, whole)) or 'nothing'}"
+        )
     where = f"{where}: {(hand or 'right').upper()}"
     profiles = _table(where, sides[hand or "right"])
     if not profile:
         if len(profiles) != 1:
-            raise InputError(f"{where} has {len(profiles)} profiles: name one of {', '.join(map(repr, profiles)) or 'them'}")
+            raise InputError(
+                f"{where} has {len(profiles)} profiles: name one of {', '.join(map(repr, profiles)) or 'them'}"
+            )
         profile = next(iter(profiles))
     if profile not in profiles:
         raise InputError(f"{where}: {UnknownNameError('profile', profile, profiles)}")
@@ -143,7 +150,7 @@ def _parse_vendor(text: str, where: str, hand: str, profile: str) -> DexmoCalibr
     # A channel without span would divide by nothing: its joints stay at their offset.
     slope = np.where(dead, 0.0, base.slope)
     counts = replace(base, open=low, closed=np.where(dead, low + 1.0, high), slope=slope)
-    return DexmoCalibration(replace(base, slope=slope), counts, hints, where)
+    return DexmoCalibration(replace(base, slope=slope), counts, hints, _kept_free(low, high), where)
 
 
 def _narrow(low: Array, high: Array) -> tuple[str, ...]:
@@ -152,6 +159,10 @@ def _narrow(low: Array, high: Array) -> tuple[str, ...]:
         for name, a, b in zip(CHANNELS, low, high)
         if abs(b - a) < LEAST_SPAN
     )
+
+
+def _kept_free(low: Array, high: Array) -> tuple[int, ...]:
+    return tuple(finger for finger, k in enumerate(BEND) if abs(high[k] - low[k]) < LEAST_SPAN)
 
 
 def _ends(where: str, value: Any) -> Array:
