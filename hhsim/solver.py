@@ -78,10 +78,31 @@ class HandSolver:
         record = tick_record(ticks)
         if ticks == 0:
             return record
-        status = 0 if self._started else self._start(haptic)
-        self._run(self.tick_options, haptic, record)
-        record.status[0] |= status
+        if self._advance(haptic, record) & STATUS_FULL:
+            raise self._full()
         return record
+
+    def tick(self, haptic: list[FloatArray], record: TickRecord) -> int:
+        """Run one tick in memory that is there already: for a loop that must not wait for any.
+
+        The same bytes as `run` with that configuration alone; a tick whose pairs did not fit says so instead of
+        raising, since a loop goes on.
+
+        Args:
+            haptic: Position, orientation, flexion and abduction as in `run` with B = 1, float64 and C-contiguous.
+            record: Of one tick; overwritten.
+
+        Returns:
+            The tick's status bits (`hhsim.kernels.tick_state`).
+        """
+        return self._advance(haptic, record)
+
+    def _advance(self, haptic: list[FloatArray], record: TickRecord) -> int:
+        """One tick for each configuration, at least one; returns the status bits of the last one that was run."""
+        start = 0 if self._started else self._start(haptic)
+        done = self._run(self.tick_options, haptic, record)
+        record.status[0] |= start
+        return int(record.status[done - 1])
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
         """Put the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.
@@ -100,7 +121,8 @@ class HandSolver:
         self._settle()
         self._started = True
 
-    def _run(self, options: TickOptions, haptic: list[FloatArray], record: TickRecord) -> None:
+    def _run(self, options: TickOptions, haptic: list[FloatArray], record: TickRecord) -> int:
+        """Run the ticks by the method's kernel; returns how many were, fewer where the pairs of one did not fit."""
         position, orientation, flexion, abduction = haptic
         if self.paper is not None and options.method != METHOD_COUPLED:
             done = run_block_paper(
@@ -143,8 +165,7 @@ class HandSolver:
             done = run_block_with_backend(
                 self.hand, self.tree, options, self.states[0], self.qp, self.options.qp, haptic, record
             )
-        if record.status[done - 1] & STATUS_FULL:
-            raise self._full()
+        return int(done)
 
     def _clearance(self) -> float:
         """Signed distance [m] between the graphic hand and the object's leaves, up to ten times the margin.
@@ -218,7 +239,10 @@ class HandSolver:
             # The start is no part of the method: every method begins from the same place.
             options = options._replace(method=METHOD_COUPLED)
             gather_anew(self.hand, self.tree, options, self.states)
-        self._run(options, [np.array(haptic_pose[name])[None] for name in CONFIGURATION], tick_record(1))
+        way = tick_record(1)
+        self._run(options, [np.array(haptic_pose[name])[None] for name in CONFIGURATION], way)
+        if way.status[0] & STATUS_FULL:
+            raise self._full()
         if self.paper is not None:
             self._settle()
         return STATUS_START_INSIDE

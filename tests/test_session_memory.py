@@ -10,7 +10,9 @@ import pytest
 
 from hhsim.errors import InputError
 from hhsim.hand import HandModel
+from hhsim.live.devices import DeviceConfig
 from hhsim.live.live_setup import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits, read_setup, write_setup
+from hhsim.live.pose_sources import PoseConfig
 from hhsim.live.session_memory import FACT_BYTES, WARNING, SessionMemory, add_memory_options, attached
 from hhsim.live.shared_memory import RingReader
 from hhsim.shapes import sphere
@@ -27,7 +29,8 @@ add_memory_options(parser)
 options = parser.parse_args()
 memory, setup = attached(options), read_setup(options.setup)
 first, ticks = RingReader(memory.ticks).read(10)
-print(first, ticks["tick"].tolist(), int(memory.status["heartbeat_ns"]), memory.read_facts(), setup.rate, setup.device)
+heartbeat = int(memory.status["heartbeat_ns"])
+print(first, ticks["tick"].tolist(), heartbeat, memory.read_facts(), setup.rate, setup.device.kind)
 memory.status["recorder_ticks"] = 77
 """
 
@@ -39,8 +42,8 @@ def setup() -> LiveSetup:
         tree=SphereTree(np.zeros((1, 3)), np.array([0.03]), np.array([0]), np.array([-1])),
         hand=HandModel.default(),
         options=SolverOptions(),
-        device={"kind": "sim"},
-        pose=None,
+        device=DeviceConfig(kind="sim"),
+        pose=PoseConfig(),
         rate=500.0,
     )
 
@@ -62,7 +65,7 @@ def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup) -> None:
             check=False,
         )
         assert child.returncode == 0, child.stderr
-        assert child.stdout == "0 [4, 5, 9] 123 {'real_time': {'fifo': True}} 500.0 {'kind': 'sim'}\n"
+        assert child.stdout == "0 [4, 5, 9] 123 {'real_time': {'fifo': True}} 500.0 sim\n"
     assert memory.status["recorder_ticks"] == 77
     assert memory.field("recorder_ticks")[0] == 77
 

@@ -11,7 +11,9 @@ from typing import Any
 from hhsim.dexmo_regression import DexmoRegression
 from hhsim.errors import InputError
 from hhsim.hand import HandModel
+from hhsim.live.devices import DeviceConfig
 from hhsim.live.glove_device import FINGER_COUNT
+from hhsim.live.pose_sources import PoseConfig
 from hhsim.mesh import Mesh
 from hhsim.solver_options import SolverOptions
 from hhsim.sphere_tree import SphereTree
@@ -127,8 +129,8 @@ class LiveSetup:
         tree: its sphere tree, world frame.
         hand: the hand.
         options: of the solver; its period is that of the rate.
-        device: which glove, `hhsim.live.devices.DeviceConfig`.
-        pose: where the palm's pose comes from, `hhsim.live.pose_sources.PoseConfig`.
+        device: which glove.
+        pose: where the palm's pose comes from.
         regression: what a bend is in angles; the set points are made with it.
         rate: ticks per second [Hz].
         duration: how long to run [s]; None until it is stopped.
@@ -140,14 +142,15 @@ class LiveSetup:
         dry_run: nothing is sent to the glove.
         command: the command line, for the record.
         description: what else the file is to say of how the scene came about, as plain values.
+        supervisor: process id of who makes the setup and starts the others; the loop ends with it.
     """
 
     mesh: Mesh
     tree: SphereTree
     hand: HandModel
     options: SolverOptions
-    device: Any
-    pose: Any
+    device: DeviceConfig
+    pose: PoseConfig
     regression: DexmoRegression = field(default_factory=DexmoRegression.default)
     rate: float = 1000.0
     duration: float | None = None
@@ -159,6 +162,7 @@ class LiveSetup:
     dry_run: bool = False
     command: tuple[str, ...] = ()
     description: Mapping[str, Any] = field(default_factory=dict)
+    supervisor: int = field(default_factory=os.getpid)
 
     def __post_init__(self) -> None:
         """Refuse a rate or a duration that is none.

@@ -1,0 +1,219 @@
+"""The guardian: frees the fingers when the loop no longer can; `python -m hhsim.live.guardian --setup FD …`.
+
+It has a process and a connection to the glove of its own, stands above the loop under SCHED_FIFO, and watches two
+things: the loop's heartbeat, and the end of its process, which the system tells at once. While either is amiss it
+tells the glove every 20 ms that the fingers are free. It does not end before the loop has, whatever signal it gets; a
+session that has ended is released once more, for good measure.
+"""
+
+import argparse
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from types import FrameType
+
+from hhsim.live.devices import open_device
+from hhsim.live.glove_device import DeviceError, GloveDevice
+from hhsim.live.live_records import Stage
+from hhsim.live.live_setup import LiveSetup, read_setup
+from hhsim.live.real_time import become_real_time
+from hhsim.live.session_memory import SessionMemory, add_memory_options, attached
+
+WATCH_MS = 4
+"""The guardian looks at least this often [ms]."""
+RELEASE_NS = 20_000_000
+"""While the loop is amiss the glove is told anew after this long."""
+CONNECT_NS = 250_000_000
+"""Between two tries to reach the glove."""
+LAST_WORDS_NS = 200_000_000
+"""How long the fingers are freed again and again after the loop has gone without saying so."""
+PERIODS = 2.5
+"""A slow loop may keep still for this many periods."""
+
+
+class Guardian:
+    """Watches one session.
+
+    Args:
+        setup: of the session.
+        memory: of the session; the guardian's fields of the status are written here.
+        device: the guardian's own, not yet opened.
+    """
+
+    def __init__(self, setup: LiveSetup, memory: SessionMemory, device: GloveDevice) -> None:
+        """Nothing is connected yet."""
+        self._dry_run = setup.dry_run
+        self._supervisor = setup.supervisor
+        self._stale_ns = max(round(1e9 * setup.safety.heartbeat_stale), round(PERIODS * setup.period_ns))
+        self._status = memory.status
+        self._device = device
+        self._loop = _LoopProcess()
+        self._opened = False
+        self._armed = False
+        self._tried_ns = -CONNECT_NS
+        self._released_ns = -RELEASE_NS
+        self._gone_ns = -1
+        self._asked = False
+
+    def ask(self) -> None:
+        """End as soon as the loop has; safe to call from a signal's handler."""
+        self._asked = True
+
+    def watch(self) -> None:
+        """Watch until the session has ended, then release the glove once more."""
+        try:
+            while not self._step():
+                pass
+        finally:
+            self._status["guardian_armed"] = 0
+            self._release()
+            if self._opened:
+                self._device.close()
+            self._loop.close()
+
+    def _step(self) -> bool:
+        """Look once; True where there is nothing left to watch."""
+        status = self._status
+        self._loop.wait(int(status["loop_pid"]), WATCH_MS)
+        now = time.monotonic_ns()
+        status["guardian_ns"] = now
+        self._stay_connected(now)
+        stage = int(status["stage"])
+        if stage == Stage.ENDED:
+            return True
+        running = stage in (Stage.RUNNING, Stage.ENDING)
+        amiss = running and (self._loop.gone or now - int(status["heartbeat_ns"]) > self._stale_ns)
+        if amiss and now - self._released_ns >= RELEASE_NS:
+            self._released_ns = now
+            self._release()
+        return self._may_go(now, running)
+
+    def _may_go(self, now: int, running: bool) -> bool:
+        """Whether nobody is left who would want a guardian."""
+        nobody = self._loop.gone or not self._loop.known
+        if not nobody:
+            self._gone_ns = -1
+            return False
+        if self._gone_ns < 0:
+            self._gone_ns = now
+        orphan = os.getppid() != self._supervisor
+        # A loop that was killed while it ran: the first word may have been lost.
+        long_enough = not running or now - self._gone_ns >= LAST_WORDS_NS
+        return (self._asked or orphan) and long_enough
+
+    def _stay_connected(self, now: int) -> None:
+        if self._dry_run:
+            return
+        if self._armed:
+            try:
+                self._device.drain()
+            except DeviceError:
+                self._armed = False
+                self._status["guardian_armed"] = 0
+        if not self._armed and now - self._tried_ns >= CONNECT_NS:
+            self._tried_ns = now
+            self._armed = self._connect()
+            self._status["guardian_armed"] = int(self._armed)
+
+    def _connect(self) -> bool:
+        if self._opened:
+            return self._device.reconnect()
+        try:
+            self._device.open_for_release(1.0)
+        except DeviceError:
+            return False
+        self._opened = True
+        return True
+
+    def _release(self) -> None:
+        if not self._dry_run and self._opened and self._device.release():
+            self._status["guardian_releases"] += 1
+
+
+class _LoopProcess:
+    """The process of the loop, whose end wakes the guardian."""
+
+    def __init__(self) -> None:
+        self.known = False
+        self.gone = False
+        self._pid = 0
+        self._descriptor = -1
+        self._poll = select.poll()
+
+    def wait(self, pid: int, timeout_ms: int) -> None:
+        """Sleep, at most until the process ends; `pid` is 0 as long as there is none."""
+        if pid != self._pid:
+            self._take(pid)
+        ended = bool(self._poll.poll(timeout_ms))
+        if self.known and not self.gone and (ended or (self._descriptor < 0 and not _exists(pid))):
+            self.gone = True
+            self.close()
+
+    def close(self) -> None:
+        if self._descriptor >= 0:
+            self._poll.unregister(self._descriptor)
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def _take(self, pid: int) -> None:
+        self.close()
+        self._pid, self.known, self.gone = pid, True, False
+        try:
+            self._descriptor = os.pidfd_open(pid)
+        except ProcessLookupError:
+            self.gone = True
+        except OSError:
+            # A system without this call: the process is asked for in every look.
+            self._descriptor = -1
+        else:
+            self._poll.register(self._descriptor, select.POLLIN)
+
+
+def _exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except OSError:
+        return False
+    return True
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Guard a session; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.guardian", description=__doc__)
+    add_memory_options(parser)
+    options = parser.parse_args(arguments)
+    setup, memory = read_setup(options.setup), attached(options)
+    guard(setup, memory, open_device(setup.device))
+    return 0
+
+
+def guard(setup: LiveSetup, memory: SessionMemory, device: GloveDevice) -> None:
+    """Guard a session in this process, under real-time scheduling; signals do not end it while the loop lives.
+
+    Args:
+        setup: of the session.
+        memory: of the session.
+        device: the guardian's own, not yet opened.
+    """
+    guardian = Guardian(setup, memory, device)
+    on_signal(guardian.ask)
+    become_real_time(replace(setup.real_time, cpu=-1), above=1)
+    guardian.watch()
+
+
+def on_signal(action: Callable[[], None]) -> None:
+    """Do this, and nothing else, on the signals that end a process."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        action()
+
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, handle)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,314 @@
+"""The loop: glove in, graphic hand, fingers out, once a period, in memory that is there before the first tick."""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_FULL, STATUS_HELD, WORK_TOUCHING
+from hhsim.live.deadlines import Clock, Deadlines
+from hhsim.live.glove_device import GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
+from hhsim.live.glove_watch import GloveWatch
+from hhsim.live.live_records import LIVE_TICK, Safety, Stage
+from hhsim.live.live_setup import LiveSetup
+from hhsim.live.output_stage import OutputStage
+from hhsim.live.pose_source import PoseSource
+from hhsim.live.safety_gate import SafetyGate, SafetyLog
+from hhsim.live.session_memory import FAULT, SessionMemory
+from hhsim.live.tick_times import TickTimes
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+
+MOST_SAMPLES = 64
+"""Read in one tick; what is left waits for the next one."""
+RECONNECT_SECONDS = 0.01
+COUNTERS = tuple(item.name for item in fields(DeviceCounters))
+COUNTER_TICKS = 16
+"""Counters of the glove are shown once in so many ticks."""
+
+_read_counters: Callable[[DeviceCounters], tuple[int, ...]] = attrgetter(*COUNTERS)
+_SOLVER_FAILED = int(Safety.SOLVER_FAILED)
+_NOT_FINITE = int(Safety.NOT_FINITE)
+_DEVICE_LOST = int(Safety.DEVICE_LOST)
+
+
+def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
+    """The options that a loop solves with: its own period, and one thread.
+
+    Helpers of a real-time thread would spin on its own processor. The same bytes come out with one.
+    """
+    return replace(options, period=1.0 / rate, threads=1)
+
+
+class LiveLoop:
+    """A session's loop.
+
+    A tick whose haptic hand is not known yet, or whose solver raised, is not published: there is nothing to replay.
+
+    Args:
+        setup: of the session.
+        memory: of the session; this is the loop that writes it.
+        device: the glove, open.
+        pose: of the palm, open.
+        clock: CLOCK_MONOTONIC by default.
+
+    Attributes:
+        deadlines: of the periods.
+        wakeups: how late the loop woke, from the deadline that was slept for.
+        latencies: from the newest sample's bytes read to the command sent.
+        works: from waking to the end of the tick's work.
+    """
+
+    def __init__(
+        self,
+        setup: LiveSetup,
+        memory: SessionMemory,
+        device: GloveDevice,
+        pose: PoseSource,
+        *,
+        clock: Clock | None = None,
+    ) -> None:
+        """Allocate everything; nothing is read, sent or computed yet."""
+        self.setup = setup
+        self.memory = memory
+        self.device = device
+        self.pose = pose
+        period = setup.period_ns
+        self.deadlines = Deadlines(period, clock)
+        self.wakeups, self.latencies, self.works = TickTimes(), TickTimes(), TickTimes()
+        self.solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
+        self.output = OutputStage(setup.output, setup.regression, 1e-9 * period)
+        self.gate = SafetyGate(setup.safety, dry_run=setup.dry_run)
+        self.watch = GloveWatch(device.info)
+        self._safety_log = SafetyLog()
+        self._periods = None if setup.duration is None else max(1, round(setup.duration * setup.rate))
+        self._reconnect_ticks = max(1, round(RECONNECT_SECONDS * setup.rate))
+        self._next_reconnect = 0
+        self._stop = ""
+        self._rows = np.zeros(1, LIVE_TICK)
+        self._row = self._rows[0]
+        self._record = TickRecord(*(self._rows[name] for name in TickRecord._fields))
+        names = ("haptic_position", "haptic_orientation", "haptic_flexion", "haptic_abduction")
+        self._haptic = [self._rows[name] for name in names]
+        self._position, self._orientation, self._flexion, self._abduction = (part[0] for part in self._haptic)
+        self._graphic, self._phalanx = self._record.flexion[0], self._record.phalanx[0]
+        self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)
+        self._sample_ns = self._pose_ns = -1
+        self._input_seq = -1
+        self._usable = True
+        self._lost = False
+        self._status = memory.status
+        self._due: list[Callable[[], None]] = []
+        self._row["input_seq"] = -1
+        self._orientation[0] = 1.0
+
+    def stop(self, reason: str) -> None:
+        """Make the next tick the last one; safe to call from a signal's handler."""
+        self._stop = self._stop or reason
+
+    def run(self) -> str:
+        """Run until told otherwise, then release the glove.
+
+        Returns:
+            Why it ended.
+        """
+        self._begin()
+        try:
+            while not self._stop:
+                self.deadlines.wait()
+                self._look_for_stop()
+                self.tick()
+        finally:
+            self.end()
+        return self._stop
+
+    def _begin(self) -> None:
+        status = self._status
+        self.deadlines.start()
+        status["heartbeat_ns"] = self.deadlines.woke_ns
+        status["wakeup_p50_ns"] = status["wakeup_p99_ns"] = -1
+        status["latency_p50_ns"] = status["latency_p99_ns"] = -1
+        status["sample_ns"] = status["battery"] = -1
+        self._tell()
+        status["stage"] = Stage.RUNNING
+
+    def end(self) -> None:
+        """Release the glove and say so; may be called twice."""
+        self._status["stage"] = Stage.ENDING
+        self._status["command_stiffness"] = 0.0
+        self.output.free()
+        if not self.setup.dry_run and not self.device.release():
+            self.memory.log(FAULT, "the glove could not be told to free the fingers")
+        self._status["counters"][:] = _read_counters(self.device.counters)
+
+    def tick(self) -> None:
+        """All that is done in a period, after `deadlines.wait`."""
+        deadlines, row, status, clock = self.deadlines, self._row, self._status, self.deadlines.clock
+        now = deadlines.woke_ns
+        status["heartbeat_ns"] = now
+        arrived = self._take_samples()
+        pose_ns = self.pose.read(now, self._position, self._orientation)
+        if pose_ns >= 0:
+            self._pose_ns = pose_ns
+        safety = self.gate.judge(
+            now,
+            sample_ns=self._sample_ns,
+            pose_ns=self._pose_ns,
+            usable=self._usable,
+            missed=deadlines.missed,
+            guardian_ns=int(status["guardian_ns"]),
+            armed=bool(status["guardian_armed"]),
+            lost=self._lost,
+            stopping=bool(self._stop),
+        )
+        solved = self._sample_ns >= 0 and self._pose_ns >= 0
+        if solved:
+            solved, safety = self._solve(safety)
+        if not solved:
+            self.output.free()
+        safety, sent = self._send(safety)
+        done = clock.now()
+        latency = done - arrived if sent and arrived >= 0 else -1
+        if solved:
+            row["tick"] = deadlines.tick
+            row["time_ns"] = deadlines.deadline_ns
+            row["wakeup_ns"] = deadlines.wakeup_ns
+            row["latency_ns"] = latency
+            row["missed"] = deadlines.missed
+            row["input_seq"] = self._input_seq
+            row["safety"] = safety
+            row["command_bend"] = self.output.command.bend
+            row["command_stiffness"] = self.output.command.stiffness
+            ticks = self.memory.ticks
+            ticks.records[ticks.written % ticks.capacity] = row
+            ticks.publish()
+        self._show(safety)
+        self._count(latency)
+        for level, text in self._safety_log.changed(safety, now):
+            self.memory.log(level, text, now)
+        self._work_at_leisure(clock.now() - now)
+
+    def _take_samples(self) -> int:
+        """Read the glove; returns when the newest sample's bytes were read [ns], -1 where none came."""
+        if self._lost and not self._reconnected():
+            return -1
+        try:
+            count = self.device.read(self._samples)
+        except DeviceError as error:
+            self._lose(error)
+            return -1
+        if count == 0:
+            return -1
+        ring = self.memory.samples
+        for i in range(count):
+            sample = self._samples[i]
+            ring.records[ring.written % ring.capacity] = sample
+            ring.publish()
+            self._usable = self.watch.use(sample, self._flexion, self._abduction)
+            if self._usable:
+                self._sample_ns = int(sample["time_ns"])
+                self._input_seq = int(sample["seq"])
+        self._status["sample_ns"] = self._sample_ns
+        self._status["battery"] = sample["battery"]
+        self._tell()
+        return int(sample["time_ns"])
+
+    def _reconnected(self) -> bool:
+        if self.deadlines.tick < self._next_reconnect:
+            return False
+        self._next_reconnect = self.deadlines.tick + self._reconnect_ticks
+        if not self.device.reconnect():
+            return False
+        self._lost = False
+        return True
+
+    def _lose(self, error: DeviceError) -> None:
+        self._lost = True
+        self._safety_log.detail[Safety.DEVICE_LOST] = str(error)
+
+    def _solve(self, safety: int) -> tuple[bool, int]:
+        """Solve the tick and make its command; whether there is a graphic hand, and the tick's safety bits."""
+        try:
+            status = self.solver.tick(self._haptic, self._record)
+        except Exception as error:  # whatever it is, the fingers are freed and the loop goes on
+            self._safety_log.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
+            return False, safety | _SOLVER_FAILED
+        if status & STATUS_FULL:
+            self._safety_log.detail[Safety.SOLVER_FAILED] = "more contacts than the solver holds"
+            safety |= _SOLVER_FAILED
+        if status & STATUS_HELD:
+            safety |= _NOT_FINITE
+        return True, self.output.update(self._graphic, self._phalanx, safety, self.watch.free)
+
+    def _send(self, safety: int) -> tuple[int, bool]:
+        """Send the command; the tick's safety bits, and whether the glove has it (or would have it, in a dry run)."""
+        if self.setup.dry_run:
+            return safety, True
+        if self._lost:
+            return safety, False
+        try:
+            return safety, self.device.send(self.output.command)
+        except DeviceError as error:
+            self._lose(error)
+            self.output.free()
+            return safety | _DEVICE_LOST, False
+
+    def _show(self, safety: int) -> None:
+        status, deadlines = self._status, self.deadlines
+        status["ticks"] += 1
+        status["missed"] = deadlines.missed_total
+        status["streak"] = self.gate.streak
+        status["safety"] = safety
+        status["contacts"] = self._record.work[0, WORK_TOUCHING]
+        status["force"] = self.output.force
+        status["command_bend"] = self.output.command.bend
+        status["command_stiffness"] = self.output.command.stiffness
+        if deadlines.tick % COUNTER_TICKS == 0:
+            status["counters"][:] = _read_counters(self.device.counters)
+
+    def _count(self, latency: int) -> None:
+        if self.wakeups.add(self.deadlines.late_ns):
+            self._due += [self.wakeups.count, self._show_wakeups]
+        if latency >= 0 and self.latencies.add(latency):
+            self._due += [self.latencies.count, self._show_latencies]
+
+    def _work_at_leisure(self, work_ns: int) -> None:
+        """Count the tick's work, and do one thing that was put off: none of them delays what the fingers are told."""
+        if self.works.add(work_ns):
+            self._due.append(self.works.count)
+        if self._due:
+            self._due.pop(0)()
+
+    def _show_wakeups(self) -> None:
+        self._status["wakeup_p50_ns"] = self.wakeups.percentile(50.0)
+        self._status["wakeup_p99_ns"] = self.wakeups.percentile(99.0)
+
+    def _show_latencies(self) -> None:
+        self._status["latency_p50_ns"] = self.latencies.percentile(50.0)
+        self._status["latency_p99_ns"] = self.latencies.percentile(99.0)
+
+    def _tell(self) -> None:
+        for level, text in self.watch.events():
+            self.memory.log(level, text)
+
+    def _look_for_stop(self) -> None:
+        if self._status["stop_asked"]:
+            self.stop("stopped")
+        if self._periods is not None and self.deadlines.tick + 1 >= self._periods:
+            self.stop("duration")
+
+    def summary(self) -> dict[str, Any]:
+        """What became of the ticks, as plain values; times in ns."""
+        counters = dict(zip(COUNTERS, _read_counters(self.device.counters)))
+        return {
+            "reason": self._stop,
+            "ticks": int(self._status["ticks"]),
+            "missed": self.deadlines.missed_total,
+            "wakeup": self.wakeups.summary(),
+            "latency": self.latencies.summary(),
+            "work": self.works.summary(),
+            "counters": counters,
+        }

@@ -1,0 +1,142 @@
+"""The process of the loop: `python -m hhsim.live.loop_process --setup FD --status FD …`, started by the supervisor.
+
+Kernels are ready and everything is allocated before the glove is connected. However the process ends, short of being
+killed outright, the glove is released; then the guardian does it.
+
+Exit codes: 0 it was stopped, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached, or a setup that
+cannot be used. The reason is the last event and a line on stderr.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import replace
+from types import FrameType
+from typing import Any
+
+from hhsim.errors import HhsimError
+from hhsim.live.devices import open_device
+from hhsim.live.glove_device import GloveDevice
+from hhsim.live.linux_calls import end_with
+from hhsim.live.live_loop import LiveLoop, loop_options
+from hhsim.live.live_records import Stage
+from hhsim.live.live_setup import LiveSetup, read_setup
+from hhsim.live.pose_source import PoseSource
+from hhsim.live.pose_sources import make_pose_source
+from hhsim.live.real_time import become_real_time, described
+from hhsim.live.session_memory import FAULT, INFORMATION, WARNING, SessionMemory, add_memory_options, attached
+from hhsim.warm_up import warm_up
+
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
+
+class Ending:
+    """What a signal does: before the loop runs it ends the process, then it makes the next tick the last one."""
+
+    loop: LiveLoop | None = None
+
+    def install(self) -> None:
+        """Take over `SIGNALS`."""
+        for number in SIGNALS:
+            signal.signal(number, self._handle)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self.loop is None:
+            raise SystemExit(0)
+        self.loop.stop(signal.Signals(number).name)
+
+
+def run_session(setup: LiveSetup, memory: SessionMemory, device: GloveDevice, pose: PoseSource, ending: Ending) -> None:
+    """Make everything ready, run the loop until it is stopped, and leave the glove released and closed.
+
+    Args:
+        setup: of the session.
+        memory: of the session.
+        device: not yet opened.
+        pose: not yet opened.
+        ending: what signals do, installed.
+
+    Raises:
+        HhsimError: the glove or the pose cannot be reached.
+    """
+    facts: dict[str, Any] = {}
+    opened = False
+    try:
+        prepare_kernels(setup)
+        pose.open()
+        opened = True
+        device.open()
+        loop = LiveLoop(setup, memory, device, pose)
+        mode = become_real_time(setup.real_time)
+        facts = {"real_time": mode, "device": device_facts(device), "pose": pose.name}
+        memory.write_facts(facts)
+        memory.log(INFORMATION, f"the loop runs at {setup.rate:g} Hz: {described(mode)}")
+        for line in mode["refused"]:
+            memory.log(WARNING, line)
+        ending.loop = loop
+        loop.run()
+        facts["summary"] = loop.summary()
+        memory.write_facts(facts)
+    finally:
+        if opened:
+            if not setup.dry_run:
+                device.release()
+            device.close()
+        pose.close()
+
+
+def prepare_kernels(setup: LiveSetup) -> None:
+    """Compile, or load from the cache, every kernel that a tick runs, whatever the place where the hand begins."""
+    options = loop_options(setup.options, setup.rate)
+    warm_up(setup.hand, options)
+    if options.method not in ("coupled", "progressive"):
+        # A hand that begins inside the object is brought out by `coupled`.
+        warm_up(setup.hand, replace(options, method="coupled"))
+
+
+def device_facts(device: GloveDevice) -> dict[str, Any]:
+    """What a driver says of its glove, as plain values."""
+    info = device.info
+    return {
+        "name": info.name,
+        "hand": info.hand,
+        "channels": list(info.channels),
+        "unit": info.unit,
+        "capabilities": [flag.name for flag in info.capabilities],
+        "doubtful": list(info.doubtful),
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the loop of a session; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop_process", description=__doc__)
+    add_memory_options(parser)
+    options = parser.parse_args(arguments)
+    setup, memory = read_setup(options.setup), attached(options)
+    ending = Ending()
+    ending.install()
+    memory.status["loop_pid"] = os.getpid()
+    memory.status["stage"] = Stage.STARTING
+    try:
+        if not end_with(setup.supervisor):
+            raise HhsimError("the loop's supervisor ended before the loop began")
+        device = open_device(setup.device)
+        run_session(setup, memory, device, make_pose_source(setup.pose, memory.status_block), ending)
+    except HhsimError as error:
+        memory.log(FAULT, str(error))
+        print(f"hhsim: {error}", file=sys.stderr)
+        return error.exit_code
+    except Exception as error:  # said, and the fingers are free by now
+        memory.log(FAULT, f"the loop ended by a fault of its own: {type(error).__name__}: {error}")
+        traceback.print_exc()
+        return 1
+    finally:
+        memory.status["stage"] = Stage.ENDED
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,121 @@
+"""From the graphic hand to what the fingers are told.
+
+A finger is stopped at the bend of the graphic hand, with the configured stiffness while its phalanges carry contact
+force, and is free otherwise. Both change no faster than the limits allow, but the stiffness falls at once.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.dexmo_regression import BEND, DexmoRegression
+from hhsim.live.glove_device import FINGER_COUNT, FingerCommand
+from hhsim.live.live_records import Safety
+from hhsim.live.live_setup import OutputLimits
+
+Array = NDArray[np.float64]
+
+_SOLVER_FAILED = int(Safety.SOLVER_FAILED)
+
+
+class OutputStage:
+    """Writes the command of each tick in place.
+
+    Limits count in ticks and not in time: after missed ticks nothing changes faster.
+
+    Args:
+        limits: what the fingers may be told.
+        regression: what a bend is in angles.
+        period: of a tick [s].
+
+    Attributes:
+        command: of the last tick, stiffness 0 before the first.
+    """
+
+    def __init__(self, limits: OutputLimits, regression: DexmoRegression, period: float) -> None:
+        """Every finger is free."""
+        self.command = FingerCommand()
+        self._configured = np.array(limits.stiffness, np.float64)
+        self._rise = limits.stiffness_rise * period
+        self._move = limits.bend_speed * period
+        self._ramp_ticks = max(1, math.ceil(limits.ramp / period))
+        self._contact_force = limits.contact_force
+        slope = np.stack([regression.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(FINGER_COUNT)])
+        size = (slope * slope).sum(axis=1, keepdims=True)
+        # As `DexmoRegression.bends`, with the division done beforehand.
+        self._gain = np.divide(slope, size, out=np.zeros_like(slope), where=size > 0.0)
+        self._offset = regression.offset[:15].reshape(FINGER_COUNT, 3).copy()
+        self._good_ticks = 0
+        self._begun = False
+        self._angle = np.zeros((FINGER_COUNT, 3))
+        self._bend = np.zeros(FINGER_COUNT)
+        self._square = np.zeros((FINGER_COUNT, 3, 3))
+        self._norm = np.zeros((FINGER_COUNT, 3))
+        self.force = np.zeros(FINGER_COUNT)
+        """What the phalanges of each finger feel together in this tick [N], shape (5,)."""
+        self._target = np.zeros(FINGER_COUNT)
+        self._most = np.zeros(FINGER_COUNT)
+        self._free = np.zeros(FINGER_COUNT, dtype=bool)
+
+    def update(self, flexion: Array, phalanx: Array, safety: int, kept_free: NDArray[np.bool_]) -> int:
+        """Make the command of a tick.
+
+        Args:
+            flexion: of the graphic hand [rad], shape (5, 3).
+            phalanx: force on each phalanx [N], shape (5, 3, 3).
+            safety: bits of `Safety`; any of them frees all fingers.
+            kept_free: fingers on which nothing may push, shape (5,).
+
+        Returns:
+            `safety`, with SOLVER_FAILED where an angle or a force is not finite.
+        """
+        bend, force = self._bend, self.force
+        np.subtract(flexion, self._offset, out=self._angle)
+        np.multiply(self._angle, self._gain, out=self._angle)
+        np.add.reduce(self._angle, axis=1, out=bend)
+        np.multiply(phalanx, phalanx, out=self._square)
+        np.add.reduce(self._square, axis=2, out=self._norm)
+        np.sqrt(self._norm, out=self._norm)
+        np.add.reduce(self._norm, axis=1, out=force)
+        if not (math.isfinite(np.add.reduce(bend)) and math.isfinite(np.add.reduce(force))):
+            force[:] = 0.0
+            self.free()
+            return safety | _SOLVER_FAILED
+        np.maximum(bend, 0.0, out=bend)
+        np.minimum(bend, 1.0, out=bend)
+        self._follow(bend)
+        if safety:
+            self.free()
+            return safety
+        self._good_ticks = min(self._good_ticks + 1, self._ramp_ticks)
+        self._press(kept_free)
+        return safety
+
+    def free(self) -> None:
+        """Stiffness 0, and the ramp from the beginning."""
+        self.command.stiffness[:] = 0.0
+        self._good_ticks = 0
+
+    def _follow(self, bend: Array) -> None:
+        """Move the set points; the first ones have nowhere to come from, and no finger is held yet."""
+        told = self.command.bend
+        if not self._begun:
+            self._begun = True
+            told[:] = bend
+            return
+        np.subtract(bend, told, out=bend)
+        np.maximum(bend, -self._move, out=bend)
+        np.minimum(bend, self._move, out=bend)
+        np.add(told, bend, out=told)
+        np.maximum(told, 0.0, out=told)
+        np.minimum(told, 1.0, out=told)
+
+    def _press(self, kept_free: NDArray[np.bool_]) -> None:
+        stiffness = self.command.stiffness
+        np.multiply(self._configured, self._good_ticks / self._ramp_ticks, out=self._target)
+        np.less(self.force, self._contact_force, out=self._free)
+        np.logical_or(self._free, kept_free, out=self._free)
+        self._target[self._free] = 0.0
+        np.add(stiffness, self._rise, out=self._most)
+        np.minimum(self._target, self._most, out=stiffness)
