@@ -8,12 +8,13 @@ import click
 Reader = Callable[[click.Context, click.Parameter, str | None], tuple[float, ...] | None]
 
 
-def number_list(*meanings: str, positive: bool = False) -> Reader:
+def number_list(*meanings: str, positive: bool = False, signed: bool = False) -> Reader:
     """Make the callback of an option such as --stiffness 1000,5,0.5.
 
     Args:
         meanings: what each number is, with its unit.
-        positive: refuse 0 too; negative numbers are always refused.
+        positive: refuse 0 too.
+        signed: take negative numbers, which are refused otherwise.
     """
 
     def read(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
@@ -24,11 +25,11 @@ def number_list(*meanings: str, positive: bool = False) -> Reader:
         except ValueError:
             numbers = ()
         in_range = all(
-            math.isfinite(number) and (number > 0.0 or (number == 0.0 and not positive)) for number in numbers
+            math.isfinite(number) and (signed or number > 0.0 or (number == 0.0 and not positive)) for number in numbers
         )
         if len(numbers) != len(meanings) or not in_range:
-            sign = "positive" if positive else "none of them negative"
-            wanted = f"{len(meanings)} numbers, {sign}, with commas between: {', '.join(meanings)}"
+            sign = "" if signed else " positive," if positive else " none of them negative,"
+            wanted = f"{len(meanings)} numbers,{sign} with commas between: {', '.join(meanings)}"
             raise click.BadParameter(f"'{value}', expected {wanted}", context, parameter)
         return numbers
 

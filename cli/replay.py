@@ -12,6 +12,7 @@ from . import options, tree_file, tree_level
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 from .number_list import number_list
 from .object_argument import complete_object, read_object
+from .run_again import names_a_result, run_again
 
 if TYPE_CHECKING:
     from hhsim.demonstration import Demonstration
@@ -205,6 +206,9 @@ def command(
     bunny. The table shows the paper's figures beside those of this run; every tick is in the file. Ctrl-C stops the
     replay and keeps the ticks so far.
 
+    OBJECT may also be a result or a recorded live session: its ticks are run again with the options that it holds, and
+    every array is compared bit for bit; exit code 1 where one differs. As TRAJECTORY, such a file is the motion in it.
+
     \b
     Examples:
       hhsim replay
@@ -212,7 +216,12 @@ def command(
       hhsim replay mug.stl grasp --unit mm --tremor 0.1,0.2
       hhsim replay mug.stl grasp --unit mm --tree mug.h5
       hhsim replay cup glove.npz --place-object auto
+      hhsim replay results/session.h5
+      hhsim replay cube results/session.h5 --method progressive
     """
+    if names_a_result(object_):
+        run_again(click.get_current_context(), Path(object_), as_json=as_json, quiet=quiet)
+        return
     from hhsim.destination import dated_destination
     from hhsim.grasp_placement import place_at_grasp
     from hhsim.replay import replay as run

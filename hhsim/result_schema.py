@@ -1,13 +1,21 @@
 """What a result file holds: the one table that the writer, the reader and the checks go by.
 
 Format `hhsim-result`. A change here raises `SCHEMA_VERSION`; the reader keeps reading the older ones. Schema 2 added
-`lag`, `work/rows`, `work/bodies` and `work/units`.
+`lag`, `work/rows`, `work/bodies` and `work/units`. Schema 3 added the object's pose and all of the hand, so that a
+result can be run again from nothing but itself (`hhsim.run_again`), and room for a live session
+(`LIVE_TICK_COLUMNS`, `sample_columns`, `EVENT_COLUMNS`).
 """
 
 from dataclasses import dataclass
 
 FORMAT = "hhsim-result"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
+LIVE = "live"
+"""The group that only live sessions have."""
+LIVE_TICK = "live/tick"
+LIVE_SAMPLE = "live/sample"
+LIVE_EVENT = "live/event"
+"""Its tables: one row a tick, as /tick; one row a sample of the glove; one row a line of the log."""
 
 
 @dataclass(frozen=True)
@@ -98,5 +106,58 @@ STATIC_COLUMNS: tuple[Column, ...] = (
     Column("hand/phalanx_length", (5, 3), "<f8", "m", "length of each phalanx, finger by phalanx"),
     Column("hand/palm_center", (-1, 3), "<f8", "m", "centres of the palm's spheres, palm frame"),
     Column("hand/palm_radius", (-1,), "<f8", "m", "radii of the palm's spheres"),
+    Column("object/position", (3,), "<f8", "m", "origin of the object's own frame, world", since=3),
+    Column("object/orientation", (4,), "<f8", "1", "object to world, unit quaternion w x y z", since=3),
+    Column("hand/base", (5, 3), "<f8", "m", "first joint of each finger, palm frame", since=3),
+    Column(
+        "hand/distal", (5, 3), "<f8", "1", "unit direction of each straight finger, abduction 0, palm frame", since=3
+    ),
+    Column("hand/dorsal", (5, 3), "<f8", "1", "unit direction out of each finger's back, palm frame", since=3),
+    Column("hand/flexion_min", (5, 3), "<f8", "rad", "least flexion, finger by joint", since=3),
+    Column("hand/flexion_max", (5, 3), "<f8", "rad", "greatest flexion, finger by joint", since=3),
+    Column("hand/abduction_min", (5,), "<f8", "rad", "least abduction, positive towards the thumb side", since=3),
+    Column("hand/abduction_max", (5,), "<f8", "rad", "greatest abduction", since=3),
+    Column("hand/palm_tree/center", (-1, 3), "<f8", "m", "spheres of the palm's tree, breadth first", since=3),
+    Column("hand/palm_tree/radius", (-1,), "<f8", "m", "their radii", since=3),
+    Column("hand/palm_tree/level", (-1,), "<i8", "1", "their levels; the root is 0, the leaves collide", since=3),
+    Column("hand/palm_tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1", since=3),
+    Column("hand/palm_mesh/vertices", (-1, 3), "<f8", "m", "vertices of the palm's mesh, palm frame", since=3),
+    Column("hand/palm_mesh/faces", (-1, 3), "<i8", "1", "its triangles, outward by the right hand", since=3),
 )
 """Datasets that do not change with time; `name` is relative to the root."""
+
+LIVE_TICK_COLUMNS: tuple[Column, ...] = (
+    Column("record", (), "<i8", "1", "number of the tick's record since the loop began; a gap: records that were lost"),
+    Column("period", (), "<i8", "1", "number of the tick's period since the loop began; a gap: periods without a tick"),
+    Column("deadline", (), "<i8", "ns", "CLOCK_MONOTONIC at which the tick was due"),
+    Column("wakeup", (), "<i8", "ns", "how long after the deadline the loop woke"),
+    Column("latency", (), "<i8", "ns", "from the newest sample's bytes read to the command sent; -1: no new sample"),
+    Column("missed", (), "<i8", "1", "periods without a tick right before this one"),
+    Column("safety", (), "<i8", "1", "why the fingers were kept free, sum of bits; 0: they were not"),
+    Column("command_bend", (5,), "<f8", "1", "where each finger was told to stop, 0 flat to 1 fist"),
+    Column("command_stiffness", (5,), "<f8", "1", "how hard, 0 free to 1"),
+)
+"""Datasets under /live/tick, one row a tick of /tick."""
+
+EVENT_COLUMNS: tuple[Column, ...] = (
+    Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC of the event"),
+    Column("level", (), "<i8", "1", "0 information, 1 warning, 2 fault"),
+    Column("text", (), "S240", "1", "what happened, UTF-8"),
+)
+"""Datasets under /live/event."""
+
+
+def sample_columns(channels: int) -> tuple[Column, ...]:
+    """Datasets under /live/sample, of a glove with so many channels: every sample that came, good or not."""
+    return (
+        Column("record", (), "<i8", "1", "number of the sample's record since the loop began; a gap: records lost"),
+        Column("seq", (), "<i8", "1", "number of the sample since the glove was opened, from 0"),
+        Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC when its bytes were read"),
+        Column("device_time", (), "<i8", "ns", "as the glove stamped it; -1: it does not"),
+        Column("device_seq", (), "<i8", "1", "as the glove numbered it; -1: it does not"),
+        Column("battery", (), "<i8", "%", "charge; -1: unknown"),
+        Column("good", (), "|u1", "1", "1: finite and in range; others were never used"),
+        Column("channel", (channels,), "<f8", "1", "channels as the glove sent them; names and unit: /live"),
+        Column("flexion", (5, 3), "<f8", "rad", "flexion, finger by joint, positive curls"),
+        Column("abduction", (5,), "<f8", "rad", "abduction, positive towards the thumb side"),
+    )

@@ -37,7 +37,12 @@ class Scene:
 
         What a model without trees tests every tick.
         """
-        return (self.hand.radius[:, 1:].size + self.hand.palm_tree.leaf_count) * self.tree.leaf_count
+        return all_pairs(self.hand, self.tree)
+
+
+def all_pairs(hand: HandModel, tree: SphereTree) -> int:
+    """Pairs of a body of the hand (phalanx or palm sphere) and an object sphere."""
+    return (hand.radius[:, 1:].size + hand.palm_tree.leaf_count) * tree.leaf_count
 
 
 def make_scene(

@@ -69,7 +69,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("metrics", "mesh_penetration", "hand_referee", "hold_touches", "placement_search"),
     ),
     # Runs and their files.
-    ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
+    (
+        *("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up"),
+        *("result", "result_schema", "result_writer", "tick_columns", "stored_scene", "run_again"),
+    ),
     # A glove in the loop.
     ("live",),
     # Many runs, side by side.

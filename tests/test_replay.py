@@ -14,13 +14,14 @@ from sphere_scenes import brute_clearance, bumpy_ball
 from hhsim import metrics
 from hhsim.hand import HandModel
 from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
-from hhsim.replay import modelled, replay
+from hhsim.replay import replay
 from hhsim.result import CHUNK_TICKS, Result, load_result
 from hhsim.result_schema import TICK_COLUMNS
 from hhsim.scene import Scene, make_scene
 from hhsim.script import Script
 from hhsim.shapes import sphere
 from hhsim.solver_options import SolverOptions
+from hhsim.stored_scene import modelled
 from hhsim.summary import ReplaySummary
 from hhsim.trajectory_catalogue import load_script
 
@@ -75,7 +76,7 @@ def test_the_file_is_complete_and_says_what_was_done(run: tuple[Result, ReplaySu
     assert result.scene["seed"] == 0
     assert result.scene["motion"] == "grasp"
     assert result.scene["object_spheres"] == 400
-    assert result.scene["modelled"] == modelled(scene, SolverOptions())
+    assert result.scene["modelled"] == modelled(scene.tree, scene.hand, SolverOptions())
     for name in ("position", "orientation", "flexion", "abduction"):
         np.testing.assert_array_equal(result[f"haptic/{name}"], getattr(scene.ticks, name))
     np.testing.assert_array_equal(result["time"], scene.ticks.time)

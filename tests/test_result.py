@@ -16,8 +16,19 @@ from numpy.typing import NDArray
 
 from hhsim import info
 from hhsim.errors import InputError, OutputError
-from hhsim.result import CHUNK_TICKS, ResultWriter, load_result
-from hhsim.result_schema import SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.result import CHUNK_TICKS, load_result
+from hhsim.result_schema import (
+    EVENT_COLUMNS,
+    LIVE_EVENT,
+    LIVE_SAMPLE,
+    LIVE_TICK,
+    LIVE_TICK_COLUMNS,
+    SCHEMA_VERSION,
+    STATIC_COLUMNS,
+    TICK_COLUMNS,
+    sample_columns,
+)
+from hhsim.result_writer import ResultWriter
 from hhsim.trajectory import TickPhase
 
 Arrays = dict[str, NDArray[Any]]
@@ -108,11 +119,68 @@ def test_a_result_of_the_first_schema_is_still_read(tmp_path: Path) -> None:
         for column in TICK_COLUMNS:
             if column.since > 1:
                 del file["tick"][column.name]
+        for column in STATIC_COLUMNS:
+            if column.since > 1:
+                del file[column.name]
     loaded = load_result(path)
     assert (loaded.ticks, loaded.schema_version) == (50, 1)
     assert loaded["force/total"].shape == (50, 3)
+    assert set(loaded.static) == {column.name for column in STATIC_COLUMNS if column.since == 1}
     with pytest.raises(InputError, match="has no dataset lag: its schema is 1, not 2"):
         loaded["lag"]
+
+
+EXTRA = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: sample_columns(3), LIVE_EVENT: EVENT_COLUMNS}
+
+
+def extra(rows: dict[str, int], seed: int = 0) -> dict[str, Arrays]:
+    """Rows of the tables of a live session."""
+    generator = np.random.default_rng(seed)
+    tables: dict[str, Arrays] = {}
+    for group, columns in EXTRA.items():
+        tables[group] = {
+            column.name: (generator.uniform(0.0, 99.0, (rows[group], *column.shape))).astype(column.dtype)
+            for column in columns
+        }
+    return tables
+
+
+def test_tables_of_a_session_grow_beside_the_ticks(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    counts = ({LIVE_TICK: 600, LIVE_SAMPLE: 130, LIVE_EVENT: 1}, {LIVE_TICK: 10, LIVE_SAMPLE: 700, LIVE_EVENT: 0})
+    tables = [extra(rows, seed) for seed, rows in enumerate(counts)]
+    with ResultWriter(path, scene=SCENE, static=static(), tables=EXTRA) as writer:
+        for rows, others in zip(counts, tables):
+            writer.append(block(rows[LIVE_TICK]), others, {"live": {"lost_ticks": rows[LIVE_TICK]}})
+        writer.finish({})
+    loaded = load_result(path)
+    assert loaded.live == {"lost_ticks": 10}
+    assert loaded.ticks == 610
+    for group, columns in EXTRA.items():
+        for column in columns:
+            expected = np.concatenate([others[group][column.name] for others in tables])
+            assert np.array_equal(loaded[f"{group}/{column.name}"], expected), column.name
+
+
+def test_tables_of_unequal_length_are_trimmed_to_what_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    with ResultWriter(path, scene=SCENE, static=static(), tables=EXTRA) as writer:
+        writer.append(block(50), extra({LIVE_TICK: 50, LIVE_SAMPLE: 30, LIVE_EVENT: 2}))
+    with h5py.File(path, "r+") as file:
+        file["tick/time"].resize(41, axis=0)
+        file["live/sample/flexion"].resize(20, axis=0)
+        file["live/event/text"].resize(1, axis=0)
+    loaded = load_result(path)
+    assert len(loaded["live/tick/wakeup"]) == 41
+    assert len(loaded["live/sample/time"]) == 20
+    assert len(loaded["live/event/level"]) == 1
+
+
+def test_a_replay_is_no_session(tmp_path: Path) -> None:
+    loaded = load_result(write(tmp_path / "run.h5", [block(3)]))
+    assert loaded.live is None
+    with pytest.raises(InputError, match="has no dataset live/sample/time: it is no live session"):
+        loaded["live/sample/time"]
 
 
 def test_the_schema_is_the_documented_one() -> None:
@@ -262,7 +330,7 @@ def run_limited(script: str, path: Path, limit: int) -> subprocess.CompletedProc
         from pathlib import Path
         sys.path.insert(0, {str(Path(__file__).parent)!r})
         from test_result import SCENE, PHASES, block, static
-        from hhsim.result import ResultWriter
+        from hhsim.result_writer import ResultWriter
         path = Path({str(path)!r})
         resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
     """
@@ -314,7 +382,7 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
         from pathlib import Path
         sys.path.insert(0, {str(Path(__file__).parent)!r})
         from test_result import SCENE, block, static
-        from hhsim.result import ResultWriter
+        from hhsim.result_writer import ResultWriter
         with ResultWriter(Path({str(path)!r}), scene=SCENE, static=static()) as writer:
             arrays = block(128)
             while True:
@@ -419,7 +487,7 @@ def spoil_folder(path: Path) -> None:
         (spoil_text, "is no HDF5 file"),
         (spoil_cut, "cut short or damaged"),
         (spoil_empty, "is no HDF5 file"),
-        (spoil_newer, r"newer hhsim \(schema 3; this one reads up to 2\): upgrade hhsim"),
+        (spoil_newer, r"newer hhsim \(schema 4; this one reads up to 3\): upgrade hhsim"),
         (spoil_format, "its format is 'hhsim-tree', not 'hhsim-result'"),
         (spoil_no_format, "states no format"),
         (spoil_lacking, "lacks the dataset force/total"),

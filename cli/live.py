@@ -1,0 +1,26 @@
+"""`hhsim live`: one subcommand a kind of device, imported when it is run."""
+
+from .lazy_group import LazyGroup, show_help
+
+COMMANDS = {"glove": "A data glove in the loop: its hand against an object, forces back to its fingers."}
+"""Every command with its one line."""
+
+command = LazyGroup(
+    "live",
+    COMMANDS,
+    module=lambda name: f"live_{name}",
+    kind="command",
+    short_help="Put a glove in the loop at 1 kHz, safely, and record it.",
+    invoke_without_command=True,
+    subcommand_metavar="COMMAND [ARGS]...",
+    help="""Put a glove in the loop at 1 kHz, safely, and record it.
+
+    A session is recorded as a result file: hhsim replay runs its ticks again, and takes it for a trajectory too.
+
+    \b
+    Examples:
+      hhsim live glove --device sim
+      hhsim live glove cube --device dexmo --host 127.0.0.1
+    """,
+    callback=show_help,
+)

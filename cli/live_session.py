@@ -1,0 +1,65 @@
+"""A live session in the terminal: its status, its keys, and its end."""
+
+import time
+from typing import TYPE_CHECKING
+
+from .live_status import LiveStatus
+from .terminal_keys import terminal_keys
+
+if TYPE_CHECKING:
+    from hhsim.live.live_setup import LiveSetup
+    from hhsim.live.supervisor import SessionOutcome
+
+POLL = 0.02
+"""The session is looked after this often [s]."""
+
+
+def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[SessionOutcome, str]":
+    """Run a session to its end, on whatever way.
+
+    Args:
+        setup: of the session.
+        heading: what runs, for the display.
+        quiet: show nothing but warnings and faults.
+
+    Returns:
+        What became of it, and what went wrong: a line, or "".
+    """
+    from hhsim.errors import HhsimError
+    from hhsim.live.palm_keys import HELP, PalmKeys
+    from hhsim.live.pose_sources import write_keyboard_pose
+    from hhsim.live.stop_signals import stop_signals
+    from hhsim.live.supervisor import Supervisor
+
+    by_keys = setup.pose.kind == "keyboard"
+    palm = PalmKeys(setup.pose.position, setup.pose.orientation)
+    status = LiveStatus(heading, HELP if by_keys else (HELP[-1],), quiet=quiet)
+    with (
+        stop_signals() as asked,
+        terminal_keys() as read_keys,
+        status.shown(),
+        Supervisor(setup, status.say) as session,
+    ):
+        before = time.monotonic()
+        stopping = False
+        while session.poll():
+            time.sleep(POLL)
+            now = time.monotonic()
+            keys = read_keys() if read_keys is not None else ""
+            reason = asked() or ("the terminal is gone" if keys is None else "")
+            if palm.press(keys or ""):
+                reason = reason or "a key"
+            if reason and not stopping:
+                stopping = True
+                session.ask_stop(reason)
+            if by_keys and palm.advance(now - before):
+                write_keyboard_pose(session.memory.status_block, palm.position, palm.orientation)
+            before = now
+            where = str(setup.record) if setup.record else ""
+            status.update(session.memory.status, session.tally, where, palm.step if by_keys else None)
+        outcome = session.end()
+    try:
+        session.check()
+    except HhsimError as error:
+        return outcome, str(error)
+    return outcome, ""

@@ -1,0 +1,150 @@
+"""What a live session shows while it runs: a panel in a terminal, a plain line now and then elsewhere."""
+
+import math
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hhsim.live.live_tally import LiveTally
+
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+PANEL_SECONDS = 0.25
+LINE_SECONDS = 5.0
+NONE = "—"
+
+Rows = list[tuple[str, str]]
+
+
+class LiveStatus:
+    """Shows how a session is.
+
+    Args:
+        heading: what runs, on which glove.
+        keys: names of keys and what they do; empty where no keys are taken.
+        quiet: show nothing but warnings and faults.
+    """
+
+    def __init__(self, heading: str, keys: Sequence[tuple[str, str]] = (), *, quiet: bool = False) -> None:
+        """Nothing is shown yet."""
+        self.heading = heading
+        self.keys = keys
+        self.quiet = quiet
+        self.panel = not quiet and sys.stderr.isatty()
+        self._live: Any = None
+        self._began = time.monotonic()
+        self._shown = -math.inf
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show the panel while the block runs; the cursor comes back with whatever error it ends."""
+        if not self.panel:
+            self._shown = time.monotonic()
+            yield
+            return
+        from rich.console import Console
+        from rich.live import Live
+
+        with Live(console=Console(stderr=True, highlight=False), auto_refresh=False, transient=True) as live:
+            self._live = live
+            try:
+                yield
+            finally:
+                self._live = None
+
+    def say(self, text: str, level: int = 0) -> None:
+        """Tell of something that happened: level 0 for information, 1 a warning, 2 a fault."""
+        if self.quiet and level == 0:
+            return
+        line = f"hhsim: {('', 'warning: ', 'fault: ')[min(level, 2)]}{text}"
+        if self._live is not None:
+            from rich.text import Text
+
+            self._live.console.print(Text(line, style=("", "yellow", "bold red")[min(level, 2)]), soft_wrap=True)
+        else:
+            print(line, file=sys.stderr, flush=True)
+
+    def update(self, status: Any, tally: "LiveTally", recording: str, pose_step: float | None = None) -> None:
+        """Show the state anew where it is time to.
+
+        Args:
+            status: the session's block of `LIVE_STATUS`.
+            tally: of its ticks.
+            recording: where the recording goes, "" for nowhere.
+            pose_step: what a key moves the palm by [m]; None where no keys are taken.
+        """
+        now = time.monotonic()
+        if self.quiet or now - self._shown < (PANEL_SECONDS if self.panel else LINE_SECONDS):
+            return
+        self._shown = now
+        rows = status_rows(status[0], tally, recording, time.monotonic_ns())
+        if self._live is None:
+            text = "; ".join(f"{name} {value}" for name, value in rows)
+            print(f"hhsim: {now - self._began:,.0f} s: {text}", file=sys.stderr, flush=True)
+            return
+        if pose_step is not None:
+            rows.append(
+                ("keys", f"a stroke is {1e3 * pose_step:g} mm; " + ", ".join(f"{k}: {w}" for k, w in self.keys))
+            )
+        self._live.update(self._table(rows, now - self._began), refresh=True)
+
+    def _table(self, rows: Rows, seconds: float) -> Any:
+        from rich import box
+        from rich.table import Table
+        from rich.text import Text
+
+        table = Table(box=box.ROUNDED, show_header=False, title_justify="left")
+        table.title = Text(f"{self.heading}   {seconds // 60:.0f}:{seconds % 60:04.1f}", style="bold")
+        table.add_column(style="cyan", no_wrap=True)
+        table.add_column(overflow="fold")
+        for name, value in rows:
+            alarm = name == "fingers" and value.startswith("free")
+            table.add_row(Text(name), Text(value, style="bold yellow" if alarm else ""))
+        return table
+
+
+def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) -> Rows:
+    """The lines of the display: name and text.
+
+    Args:
+        status: one record of `LIVE_STATUS`.
+        tally: of the session's ticks.
+        recording: where it goes, "" for nowhere.
+        now_ns: CLOCK_MONOTONIC [ns].
+    """
+    from hhsim.live.safety_words import why_free
+
+    forces = "  ".join(f"{name} {value:.2f}" for name, value in zip(FINGERS, status["force"], strict=True))
+    stiff = [f"{name} {k:.2f}" for name, k in zip(FINGERS, status["command_stiffness"], strict=True) if k > 0.0]
+    free = why_free(int(status["safety"]))
+    battery = int(status["battery"])
+    sample = int(status["sample_ns"])
+    rows = [
+        ("rate", f"{tally.rate(now_ns):,.0f} Hz, {tally.missed:,} of {tally.ticks + tally.missed:,} ticks missed"),
+        ("wake-up", _two(tally.wakeup)),
+        ("latency", _two(tally.latency)),
+        ("contacts", f"{int(status['contacts']):,}"),
+        ("force [N]", forces),
+        ("fingers", f"free: {free}" if free else f"resisting: {', '.join(stiff)}" if stiff else "nothing to resist"),
+        ("glove", f"battery {f'{battery} %' if battery >= 0 else NONE}, last sample {_age(sample, now_ns)}"),
+    ]
+    if recording:
+        lost = int(status["recorder_lost"])
+        state = ", FAILED" if status["recorder_failed"] else f", {lost:,} lost" if lost else ""
+        rows.append(("recording", f"{recording}, {int(status['recorder_ticks']):,} ticks{state}"))
+    return rows
+
+
+def _two(values: Any) -> str:
+    if values.count == 0:
+        return NONE
+    return f"p50 {1e-3 * values.percentile(50):,.0f} µs, p99 {1e-3 * values.percentile(99):,.0f} µs"
+
+
+def _age(sample_ns: int, now_ns: int) -> str:
+    if sample_ns <= 0:
+        return NONE
+    age = 1e-6 * (now_ns - sample_ns)
+    return f"{age:,.0f} ms ago" if age < 1e4 else f"{1e-3 * age:,.0f} s ago"

@@ -1,0 +1,96 @@
+"""What a live session prints at its end."""
+
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from .console import print_table
+
+if TYPE_CHECKING:
+    from hhsim.live.supervisor import SessionOutcome
+
+Row = tuple[str, str, str]
+
+
+def print_summary(outcome: "SessionOutcome", title: str) -> None:
+    """Print the table, and where the recording is."""
+    print_table(("", "hhsim", "unit"), summary_rows(outcome), title=title, numbers=("hhsim",))
+    mode = outcome.facts.get("real_time")
+    if mode:
+        print(f"real time: {_mode(mode)}")
+    if outcome.record is not None and outcome.recorded:
+        whole = "" if not outcome.record_failed else ", as far as it came"
+        print(f"the session is in {outcome.record}{whole}; hhsim replay {outcome.record} runs it again")
+
+
+def summary_rows(outcome: "SessionOutcome") -> list[Row]:
+    """Label, figure and unit of every line."""
+    from hhsim.live.safety_words import WORDS
+
+    tally, counters = outcome.tally, outcome.counters
+    everything = max(tally.ticks + tally.missed, 1)
+    rows: list[Row] = [
+        ("ticks", f"{tally.ticks:,}", ""),
+        ("missed ticks", f"{tally.missed:,}", ""),
+        ("missed ticks, of all periods", f"{100.0 * tally.missed / everything:.3f}", "%"),
+    ]
+    for label, values in (
+        ("wake-up after the deadline", tally.wakeup),
+        ("sample in to command out", tally.latency),
+        ("the solver's tick, wall", tally.duration),
+    ):
+        rows += [(f"{label}, p{p:g}", _number(1e-3 * values.percentile(p), 1), "µs") for p in (50, 99, 99.9)]
+    rows += [
+        ("ticks with candidate pairs", f"{tally.in_contact:,}", ""),
+        ("candidate pairs, most", f"{tally.candidates_max:,}", ""),
+        ("force, most", _number(tally.force_max, 2), "N"),
+        ("ticks that resist a finger", f"{tally.stiff:,}", ""),
+        *((f"ticks with free fingers: {WORDS[why]}", f"{n:,}", "") for why, n in tally.free_for.items() if n),
+        ("stuck ticks", f"{tally.stuck:,}", ""),
+        ("ticks with lag", f"{tally.lagging:,}", ""),
+        ("frames of the glove", f"{counters.frames:,}", ""),
+        ("samples of the hand", f"{counters.samples:,}", ""),
+        ("samples used", f"{tally.new_samples:,}", ""),
+        ("samples that a newer one replaced", f"{tally.superseded:,}", ""),
+        ("samples rejected, malformed, for others, lost", _several(counters), ""),
+        ("commands sent, not taken", f"{counters.commands:,}, {counters.commands_refused:,}", ""),
+    ]
+    if outcome.guardian_restarts or outcome.guardian_releases:
+        rows.append(("guardian: restarts, releases", f"{outcome.guardian_restarts}, {outcome.guardian_releases}", ""))
+    if outcome.record is not None:
+        rows.append(("ticks recorded, lost", f"{outcome.recorded:,}, {outcome.record_lost:,}", ""))
+    return rows
+
+
+def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
+    """The same for machines, SI units; `error` is what went wrong, or ""."""
+    return {
+        "session": str(outcome.record) if outcome.record is not None else None,
+        "reason": outcome.reason,
+        "error": error or None,
+        "seconds": outcome.seconds,
+        **outcome.tally.to_json(),
+        "device": outcome.facts.get("device"),
+        "pose": outcome.facts.get("pose"),
+        "real_time": outcome.facts.get("real_time"),
+        "counters": asdict(outcome.counters),
+        "recorded_ticks": outcome.recorded,
+        "recorder_lost": outcome.record_lost,
+        "guardian_restarts": outcome.guardian_restarts,
+        "guardian_releases": outcome.guardian_releases,
+        "events": [{"seconds": at, "level": level, "text": text} for at, level, text in outcome.notices],
+    }
+
+
+def _number(value: float, digits: int) -> str:
+    return "—" if math.isnan(value) else f"{value:,.{digits}f}"
+
+
+def _several(counters: Any) -> str:
+    return f"{counters.rejected:,}, {counters.malformed:,}, {counters.other:,}, {counters.dropped:,}"
+
+
+def _mode(mode: Any) -> str:
+    if not isinstance(mode, dict):
+        return str(mode)
+    return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in mode.items())

@@ -1,0 +1,73 @@
+"""`hhsim replay RESULT`: the ticks of a result or a live session once more, compared bit for bit."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from click.core import ParameterSource
+
+from .console import announce_compilation, print_json, print_notes, print_table, progress
+
+if TYPE_CHECKING:
+    from hhsim.run_again import ArrayComparison
+
+RESULT_SUFFIXES = (".h5", ".hdf5")
+"""No mesh has these: OBJECT with one of them is a result."""
+TAKEN = ("object_", "as_json", "quiet")
+"""Parameters of `hhsim replay` that mean something here."""
+
+
+def names_a_result(object_: str) -> bool:
+    """Whether OBJECT is a result that is to be run again."""
+    return Path(object_).suffix.lower() in RESULT_SUFFIXES
+
+
+def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> None:
+    """Run the ticks of a result again and print what is identical.
+
+    Raises:
+        UsageError: an option that would make it another run.
+        HhsimError: no result, or one that cannot be run again.
+        SystemExit: with 1, where something differs.
+    """
+    _refuse_changes(context, path)
+    announce_compilation(quiet=quiet)
+    from hhsim.result import load_result
+    from hhsim.run_again import run_again as run
+
+    with progress(quiet=quiet) as report:
+        again = run(load_result(path), progress=report)
+    if as_json:
+        print_json(again.to_json())
+    elif not quiet:
+        same = sum(array.identical for array in again.arrays)
+        title = f"{path}: {again.ticks:,} ticks run again, {same} of {len(again.arrays)} arrays identical"
+        columns = ("array", "bit for bit", "ticks that differ", "first", "largest difference", "unit")
+        numbers = ("ticks that differ", "first", "largest difference")
+        print_table(columns, [_row(array) for array in again.arrays], title=title, numbers=numbers)
+        for note in again.notes:
+            print(f"note: {note}")
+        print("identical in every tick" if again.identical else "not identical")
+    if not again.identical:
+        if quiet:
+            print_notes([f"{path} is not identical when it is run again"], prefix="missed")
+        raise SystemExit(1)
+
+
+def _row(array: "ArrayComparison") -> tuple[str, ...]:
+    if array.identical:
+        return array.name, "identical", "", "", "", ""
+    return array.name, "differs", f"{array.ticks:,}", f"{array.first_tick:,}", f"{array.largest:.3g}", array.units
+
+
+def _refuse_changes(context: click.Context, path: Path) -> None:
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if name in TAKEN or context.get_parameter_source(name) in (ParameterSource.DEFAULT, None):
+            continue
+        if isinstance(parameter, click.Argument):
+            raise click.UsageError(f"{path} runs again with the motion that it holds: it takes no TRAJECTORY")
+        raise click.UsageError(
+            f"{path} runs again as it was, so {parameter.opts[0]} has no place here; to replay its motion otherwise, "
+            f"give an object first: hhsim replay OBJECT {path}"
+        )

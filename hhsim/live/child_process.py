@@ -1,0 +1,96 @@
+"""One process of a session as its supervisor sees it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+
+LONGEST_COMPLAINT = 4_000
+"""Bytes of what a process wrote last that are looked at."""
+
+
+class ChildProcess:
+    """A Python module run as a process of its own, apart from the terminal.
+
+    It leads a session of its own: Ctrl-C, Ctrl-Z and a terminal that goes reach the supervisor alone, which ends the
+    processes in their order. What it writes is kept in memory for `complaint`.
+
+    Args:
+        name: for people.
+        module: that is run.
+        arguments: of its command line.
+        descriptors: that it inherits.
+
+    Attributes:
+        told: whether its end has been told; for the supervisor.
+    """
+
+    def __init__(self, name: str, module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
+        """Start it."""
+        self.name = name
+        self.told = False
+        self._output = os.memfd_create(f"hhsim-{name}-output")
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=self._output,
+            pass_fds=list(descriptors),
+            start_new_session=True,
+        )
+        self.began = time.monotonic()
+
+    @property
+    def pid(self) -> int:
+        """Its number."""
+        return self._process.pid
+
+    @property
+    def code(self) -> int | None:
+        """Its exit code, the negative signal that ended it, or None while it runs."""
+        return self._process.poll()
+
+    @property
+    def running(self) -> bool:
+        """Whether it still runs."""
+        return self.code is None
+
+    def how_it_ended(self) -> str:
+        """In words: by which signal or code, and its last line."""
+        code = self.code
+        if code is None:
+            return "is running"
+        line = self.complaint()
+        if code < 0:
+            how = f"was ended by {signal.Signals(-code).name}"
+        else:
+            how = f"ended with code {code}"
+        return f"{how}: {line}" if line else how
+
+    def complaint(self) -> str:
+        """The last line that it wrote, without the "hhsim: error: " in front; "" where it wrote nothing."""
+        size = os.fstat(self._output).st_size
+        tail = os.pread(self._output, LONGEST_COMPLAINT, max(0, size - LONGEST_COMPLAINT))
+        lines = [line.strip() for line in tail.decode("utf-8", "replace").splitlines() if line.strip()]
+        return lines[-1].removeprefix("hhsim: ").removeprefix("error: ") if lines else ""
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until it has ended, at most so long [s]; whether it has."""
+        try:
+            self._process.wait(max(seconds, 0.0))
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal; nothing where it has ended."""
+        if self.running:
+            self._process.send_signal(number)
+
+    def close(self) -> None:
+        """Forget what it wrote."""
+        if self._output >= 0:
+            os.close(self._output)
+            self._output = -1

@@ -1,0 +1,184 @@
+"""What the channels of a live Dexmo mean: from the vendor's calibration file, or from ours.
+
+The vendor's server keeps the ends of each channel as raw 12-bit counts, in profiles with names::
+
+    {"RIGHT": {"anna": {"max": {"thumb_bend": 3166, …}, "min": {"thumb_bend": 712, …}}}, "LEFT": {…}}
+
+It divides by them itself: what it sends is 0 to 1 already. So such a profile tells which channels say little, and its
+ends are used only where a server sends counts. Our own calibration is the TOML of `hhsim.dexmo_regression`; its ends,
+where it has any, are those of what the glove sends.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.live.dexmo_codec import CHANNELS
+
+Array = NDArray[np.float64]
+
+MOST_NORMALISED = 1.5
+"""Channels beyond this are raw counts."""
+MOST_COUNT = 4095.0
+"""Of a 12-bit sensor."""
+MOST_FILE = 4 << 20
+"""Bytes of a calibration file."""
+
+
+@dataclass(frozen=True, eq=False)
+class DexmoCalibration:
+    """The calibration of a live glove.
+
+    Attributes:
+        regression: from what the glove sends, 0 to 1 where `counts` is not used, to joint angles.
+        counts: the same for a glove that sends raw counts; None where nothing is known of its counts.
+        doubtful: channels that say little, in words.
+        kept_free: numbers of the fingers whose bend says too little to push on.
+        name: where it comes from, for messages; "" for the default.
+    """
+
+    regression: DexmoRegression
+    counts: DexmoRegression | None = None
+    doubtful: tuple[str, ...] = ()
+    kept_free: tuple[int, ...] = ()
+    name: str = ""
+
+    def fitting(self, channels: Sequence[float]) -> DexmoRegression:
+        """The regression for what a glove sends.
+
+        Args:
+            channels: of one sample, finite, shape (11,).
+
+        Raises:
+            InputError: counts without their ends, or ends in counts of channels that are 0 to 1.
+        """
+        most = max(abs(value) for value in channels)
+        if most > MOST_NORMALISED:
+            if self.counts is None:
+                raise InputError(
+                    f"the glove sends raw counts (up to {most:g}): expected 0 to 1, or a calibration with the counts "
+                    "of the open and of the closed hand"
+                )
+            return self.counts
+        if _in_counts(self.regression):
+            raise InputError(
+                f"{self.name}: its [channel] ends are raw counts, but the glove sends 0 to 1: "
+                "expected a calibration without [channel]"
+            )
+        return self.regression
+
+
+def load_calibration(path: Path | None, hand: str = "right", profile: str = "") -> DexmoCalibration:
+    """A calibration from a file, `.json` of the vendor or `.toml` of ours.
+
+    Args:
+        path: of the file; None for the default.
+        hand: "right" or "left", for the vendor's file, which holds both.
+        profile: name within the vendor's file; may be "" where there is only one for the hand.
+
+    Raises:
+        InputError: a file that cannot be read, that is neither, or that lacks what is asked for.
+    """
+    if path is None:
+        return DexmoCalibration(DexmoRegression.default())
+    if path.suffix.lower() == ".json":
+        return _parse_vendor(_text(path), str(path), hand, profile)
+    regression = read_calibration(path)
+    if _in_counts(regression):
+        low, high = regression.open, regression.closed
+        return DexmoCalibration(regression, regression, _narrow(low, high), _kept_free(low, high), str(path))
+    return DexmoCalibration(regression, name=str(path))
+
+
+def _in_counts(regression: DexmoRegression) -> bool:
+    return bool(np.abs(regression.closed - regression.open).max() > MOST_NORMALISED)
+
+
+def _text(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(MOST_FILE + 1)
+        if len(data) > MOST_FILE:
+            raise InputError(f"{path}: more than {MOST_FILE >> 20} MB: expected a small calibration file")
+        return data.decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file; expected a calibration of the vendor's server") from None
+
+
+def _parse_vendor(text: str, where: str, hand: str, profile: str) -> DexmoCalibration:
+    try:
+        whole = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where}: not JSON: {error}") from None
+    sides = {key.lower(): value for key, value in _table(where, whole).items()}
+    if (hand or "right") not in sides:
+        raise InputError(
+            f"{where}: no {(hand or 'right').upper()}; it has {', '.join(_table(where, whole)) or 'nothing'}"
+        )
+    where = f"{where}: {(hand or 'right').upper()}"
+    profiles = _table(where, sides[hand or "right"])
+    if not profile:
+        if len(profiles) != 1:
+            raise InputError(
+                f"{where} has {len(profiles)} profiles: name one of {', '.join(map(repr, profiles)) or 'them'}"
+            )
+        profile = next(iter(profiles))
+    if profile not in profiles:
+        raise InputError(f"{where}: {UnknownNameError('profile', profile, profiles)}")
+    where = f"{where}.{profile}"
+    ends = _table(where, profiles[profile])
+    low, high = (_ends(f"{where}.{key}", ends.get(key)) for key in ("min", "max"))
+    base = DexmoRegression.default()
+    dead = high - low <= 0.0
+    if dead[list(BEND)].any():
+        name = next(CHANNELS[k] for k in BEND if dead[k])
+        raise InputError(f"{where}: {name}: min is not below max; expected the counts of a finger that moves")
+    hints = _narrow(low, high)
+    beyond = [name for name, a, b in zip(CHANNELS, low, high) if a < 0.0 or b > MOST_COUNT]
+    if beyond:
+        hints += (f"counts beyond 0 to {MOST_COUNT:.0f}: {', '.join(beyond)}",)
+    # A channel without span would divide by nothing: its joints stay at their offset.
+    slope = np.where(dead, 0.0, base.slope)
+    counts = replace(base, open=low, closed=np.where(dead, low + 1.0, high), slope=slope)
+    return DexmoCalibration(replace(base, slope=slope), counts, hints, _kept_free(low, high), where)
+
+
+def _narrow(low: Array, high: Array) -> tuple[str, ...]:
+    return tuple(
+        f"{name} spans {abs(b - a):.0f} counts of {MOST_COUNT:.0f}: it says little"
+        for name, a, b in zip(CHANNELS, low, high)
+        if abs(b - a) < LEAST_SPAN
+    )
+
+
+def _kept_free(low: Array, high: Array) -> tuple[int, ...]:
+    return tuple(finger for finger, k in enumerate(BEND) if abs(high[k] - low[k]) < LEAST_SPAN)
+
+
+def _ends(where: str, value: Any) -> Array:
+    table = {key.replace("little_", "pinky_"): number for key, number in _table(where, value).items()}
+    found = []
+    for name in CHANNELS:
+        number = table.get(name)
+        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
+            raise InputError(f"{where}.{name} is {number!r}; expected a count")
+        if abs(number) > 1e6:
+            raise InputError(f"{where}.{name} is {number:g}; expected a count, 0 to {MOST_COUNT:.0f}")
+        found.append(float(number))
+    return np.array(found)
+
+
+def _table(where: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{where} is {'missing' if value is None else repr(value)[:40]}; expected an object")
+    return value

@@ -1,0 +1,88 @@
+"""The scene of a live session: the object in the world, and where palm and fingers begin."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hhsim.demonstration import Demonstration
+from hhsim.hand import HandModel
+from hhsim.live.devices import DeviceConfig
+from hhsim.live.palm_place import palm_place
+from hhsim.live.playback import Playback
+from hhsim.live.pose_sources import PoseConfig
+from hhsim.mesh import Mesh
+from hhsim.scene import make_scene
+from hhsim.script import Script
+from hhsim.sphere_tree import SphereTree
+from hhsim.trajectory import Trajectory
+
+PLAYED = ("replay", "sim")
+"""Gloves whose fingers make a motion."""
+KEYBOARD_BACK = 0.06
+"""A palm that is moved with keys begins so far back from where it grasps [m]: its user comes to the object."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiveScene:
+    """Object, glove and palm of a session.
+
+    Attributes:
+        mesh: the object's surface [m], world frame.
+        tree: its sphere tree, world frame.
+        device: the glove, with its motion where it plays one.
+        pose: the palm's source, with its motion or where it begins.
+        description: how it came about, as plain values.
+    """
+
+    mesh: Mesh
+    tree: SphereTree
+    device: DeviceConfig
+    pose: PoseConfig
+    description: dict[str, Any]
+
+
+def make_live_scene(
+    mesh: Mesh,
+    tree: SphereTree,
+    hand: HandModel,
+    device: DeviceConfig,
+    pose: PoseConfig,
+    motion: Script | Demonstration | Trajectory | None,
+    *,
+    placed: bool = False,
+    seed: int = 0,
+) -> LiveScene:
+    """Put object, glove and palm together.
+
+    Args:
+        mesh: the object [m], in its own frame.
+        tree: its sphere tree, in the same frame.
+        hand: which hand.
+        device: settings of the glove.
+        pose: settings of the palm's source.
+        motion: what a simulated or replayed glove does, and a palm that is replayed; None where neither is.
+        placed: the position and orientation of `pose` are wanted; else the palm begins where it can grasp.
+        seed: of a script's tremor and sensor noise.
+
+    Raises:
+        TrajectoryError: the motion cannot be done on this object.
+    """
+    if motion is not None:
+        scene = make_scene(mesh, tree, hand, motion, seed=seed)
+        mesh, tree = scene.mesh, scene.tree
+        # One for both, so that fingers and palm stay together.
+        playback = Playback(scene.trajectory, repeat=True)
+        if device.kind in PLAYED:
+            device = replace(device, playback=playback)
+        if pose.kind == "replay":
+            pose = replace(pose, playback=playback)
+    if pose.kind in ("fixed", "keyboard") and not placed:
+        position, orientation = palm_place(hand, tree, KEYBOARD_BACK if pose.kind == "keyboard" else 0.0)
+        x, y, z = map(float, position)
+        a, b, c, d = map(float, orientation)
+        pose = replace(pose, position=(x, y, z), orientation=(a, b, c, d))
+    described = {
+        "motion": None if motion is None else motion.name,
+        "pose": pose.kind,
+        "palm_begins": [*pose.position, *pose.orientation] if pose.kind in ("fixed", "keyboard") else None,
+    }
+    return LiveScene(mesh, tree, device, pose, described)

@@ -1,0 +1,117 @@
+"""Figures of a session while it runs and at its end, from the ring of its ticks."""
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES
+from hhsim.live.live_records import Safety
+from hhsim.live.shared_memory import RingReader, SharedRing
+from hhsim.log_histogram import LogHistogram
+
+AT_ONCE = 2048
+"""Ticks taken from the ring in one go."""
+RATE_WINDOW = 2.0
+"""The rate that is shown is that of so many seconds."""
+
+
+class LiveTally:
+    """Reads the ticks of a session and counts.
+
+    Args:
+        ring: of `LIVE_TICK`; read from its beginning.
+    """
+
+    ticks: int
+    """Ticks seen."""
+    missed: int
+    """Periods without a tick."""
+    new_samples: int
+    """Ticks that used a sample for the first time."""
+    superseded: int
+    """Samples that a newer one replaced before a tick could use them."""
+
+    def __init__(self, ring: SharedRing) -> None:
+        """Nothing is counted yet."""
+        self._reader = RingReader(ring)
+        self.wakeup, self.latency, self.duration = LogHistogram(), LogHistogram(), LogHistogram()
+        """How late the loop woke, from sample to command, and the solver's tick [ns]."""
+        self.ticks = self.missed = self.new_samples = self.superseded = 0
+        self.stuck = self.lagging = self.in_contact = 0
+        self.candidates_max = 0
+        self.force_max = 0.0
+        self.stiff = 0
+        """Ticks in which a finger was told to resist."""
+        self.free_for = dict.fromkeys(Safety, 0)
+        """Ticks whose fingers were kept free, by why."""
+        self._sample = -1
+        self._recent: list[tuple[int, int]] = []
+
+    @property
+    def lost(self) -> int:
+        """Ticks that were overwritten before they were counted."""
+        return self._reader.lost
+
+    def read(self) -> None:
+        """Count all ticks since the last call."""
+        while True:
+            _, ticks = self._reader.read(AT_ONCE)
+            if len(ticks) == 0:
+                return
+            self._count(ticks)
+
+    def rate(self, now_ns: int | None = None) -> float:
+        """Ticks a second of late [Hz]; `now_ns` is CLOCK_MONOTONIC, by default now."""
+        now = time.monotonic_ns() if now_ns is None else now_ns
+        self._recent = [(at, ticks) for at, ticks in self._recent if now - at < 1e9 * RATE_WINDOW]
+        self._recent.append((now, self.ticks))
+        (first, before), (last, after) = self._recent[0], self._recent[-1]
+        return 1e9 * (after - before) / (last - first) if last > first else 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """All figures, SI units."""
+        return {
+            "ticks": self.ticks,
+            "missed": self.missed,
+            "uncounted_ticks": self.lost,
+            **_percentiles("wakeup", self.wakeup),
+            **_percentiles("latency", self.latency),
+            **_percentiles("tick", self.duration),
+            "ticks_in_contact": self.in_contact,
+            "ticks_with_resistance": self.stiff,
+            "candidates_max": self.candidates_max,
+            "force_max": self.force_max,
+            "stuck_ticks": self.stuck,
+            "lag_ticks": self.lagging,
+            "samples_used": self.new_samples,
+            "samples_superseded": self.superseded,
+            "ticks_kept_free": {why.name: count for why, count in self.free_for.items() if why.name},
+        }
+
+    def _count(self, ticks: NDArray[np.void]) -> None:
+        self.ticks += len(ticks)
+        self.missed += int(ticks["missed"].sum())
+        self.wakeup.add(np.maximum(ticks["wakeup_ns"], 0))
+        self.duration.add(ticks["duration_total"])
+        self.latency.add(ticks["latency_ns"][ticks["latency_ns"] >= 0])
+        contact = ticks["work"][:, WORK_CANDIDATES]
+        self.in_contact += int(np.sum(contact > 0))
+        self.candidates_max = max(self.candidates_max, int(contact.max()))
+        self.force_max = max(self.force_max, float(np.nanmax(np.linalg.norm(ticks["total"], axis=1), initial=0.0)))
+        self.stuck += int(np.sum(ticks["status"] & STATUS_STUCK > 0))
+        self.lagging += int(np.sum(ticks["status"] & STATUS_LAG > 0))
+        self.stiff += int(np.sum((ticks["command_stiffness"] > 0.0).any(axis=1)))
+        for why in Safety:
+            self.free_for[why] += int(np.sum(ticks["safety"] & int(why) > 0))
+        steps = np.diff(ticks["input_seq"], prepend=self._sample)
+        self.new_samples += int(np.sum(steps > 0))
+        self.superseded += int(np.sum(steps[steps > 1] - 1))
+        self._sample = int(ticks["input_seq"][-1])
+
+
+def _percentiles(name: str, values: LogHistogram) -> dict[str, float]:
+    """Of a histogram of ns, in seconds; NaN where nothing was counted."""
+    found = {f"{name}_p{str(p).replace('.', '')}": 1e-9 * values.percentile(p) for p in (50, 99, 99.9)}
+    return {**found, f"{name}_max": 1e-9 * values.largest}

@@ -1,0 +1,134 @@
+"""Keys that carry the palm; the paper moves it with "several keys on the keyboard" and names none: these are ours.
+
+A key gives the palm a place to go to, and the palm glides there, so that no stroke moves it faster than a hand moves.
+"""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
+
+Array = NDArray[np.float64]
+
+MOVES: dict[str, tuple[float, float, float]] = {
+    "a": (-1.0, 0.0, 0.0),
+    "d": (1.0, 0.0, 0.0),
+    "s": (0.0, -1.0, 0.0),
+    "w": (0.0, 1.0, 0.0),
+    "f": (0.0, 0.0, -1.0),
+    "r": (0.0, 0.0, 1.0),
+}
+"""Keys that move the palm along an axis of the world: x to the right, y away, z up."""
+TURNS: dict[str, tuple[float, float, float]] = {
+    "k": (-1.0, 0.0, 0.0),
+    "i": (1.0, 0.0, 0.0),
+    "u": (0.0, -1.0, 0.0),
+    "o": (0.0, 1.0, 0.0),
+    "l": (0.0, 0.0, -1.0),
+    "j": (0.0, 0.0, 1.0),
+}
+"""Keys that turn the palm about an axis of its own: fingers down and up, roll, fingers to the right and left."""
+HOME, FINER, COARSER = "h", "-", "+"
+STOP = ("q", " ", "\x1b", "\x03", "\x04")
+"""Keys that end the session: q, the space bar, Escape; Ctrl-C and Ctrl-D where the terminal hands them on."""
+
+STEPS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3)
+"""What a stroke can move the palm by [m]; it turns by 0.5° for each mm."""
+DEGREES_PER_METRE = 500.0
+SPEED = 0.25
+"""The palm glides at most this fast [m/s]."""
+TURNING = 2.0
+"""And turns at most this fast [rad/s]."""
+REACH = 1.0
+"""Farthest from where it began that keys bring the palm, along each axis [m]."""
+
+HELP = (
+    ("a d", "left, right (x)"),
+    ("s w", "nearer, away (y)"),
+    ("f r", "down, up (z)"),
+    ("i k", "fingers up, down"),
+    ("u o", "roll"),
+    ("j l", "fingers left, right"),
+    ("- +", "finer, coarser steps"),
+    ("h", "back to where it began"),
+    ("space, q", "free the fingers and end"),
+)
+"""Every key in words."""
+
+
+class PalmKeys:
+    """Where the palm is, and where the keys want it.
+
+    Args:
+        position: where it begins [m], shape (3,), world.
+        orientation: unit (w, x, y, z), shape (4,).
+    """
+
+    def __init__(self, position: ArrayLike, orientation: ArrayLike) -> None:
+        """The palm rests where it begins."""
+        self.position: Array = np.array(position, np.float64)
+        self.orientation: Array = np.array(orientation, np.float64)
+        self._home = (self.position.copy(), self.orientation.copy())
+        self._target = (self.position.copy(), self.orientation.copy())
+        self._step = 2
+
+    @property
+    def step(self) -> float:
+        """What a stroke moves the palm by [m]."""
+        return STEPS[self._step]
+
+    def press(self, keys: Iterable[str]) -> bool:
+        """Take key strokes, upper or lower case; a key that means nothing does nothing.
+
+        Returns:
+            Whether one of them ends the session; those behind it are not taken.
+        """
+        position, orientation = self._target
+        for key in keys:
+            key = "+" if key == "=" else key.lower()
+            if key in STOP:
+                return True
+            if key in MOVES:
+                moved = position + self.step * np.array(MOVES[key])
+                position[:] = np.clip(moved, self._home[0] - REACH, self._home[0] + REACH)
+            elif key in TURNS:
+                turn = math.radians(DEGREES_PER_METRE * self.step) * np.array(TURNS[key])
+                rotate_quaternion(orientation.copy(), *_turned(orientation, turn), orientation)
+            elif key == HOME:
+                position[:], orientation[:] = self._home
+            elif key in (FINER, COARSER):
+                self._step = min(max(self._step + (1 if key == COARSER else -1), 0), len(STEPS) - 1)
+        return False
+
+    def advance(self, seconds: float) -> bool:
+        """Glide for a time [s] towards where the keys want the palm.
+
+        Returns:
+            Whether it moved.
+        """
+        position, orientation = self._target
+        way = position - self.position
+        turn = np.empty(3)
+        rotation_vector_between(self.orientation, orientation, turn)
+        far, wide = float(np.linalg.norm(way)), float(np.linalg.norm(turn))
+        if far == 0.0 and wide < 1e-12:
+            return False
+        share = 1.0 if far <= SPEED * seconds else SPEED * seconds / far
+        self.position[:] = position if share == 1.0 else self.position + share * way
+        if wide <= TURNING * seconds:
+            self.orientation[:] = orientation
+        else:
+            x, y, z = map(float, TURNING * seconds / wide * turn)
+            rotate_quaternion(self.orientation.copy(), x, y, z, self.orientation)
+        return True
+
+
+def _turned(orientation: Array, vector: Array) -> tuple[float, float, float]:
+    """A vector of the palm frame in the world's."""
+    w, axis = orientation[0], orientation[1:]
+    across = 2.0 * np.cross(axis, vector)
+    turned = vector + w * across + np.cross(axis, across)
+    return float(turned[0]), float(turned[1]), float(turned[2])

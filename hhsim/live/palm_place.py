@@ -1,0 +1,37 @@
+"""Where the palm is at an object when nobody says: as five fingers grasp it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand import HandModel
+from hhsim.sphere_tree import SphereTree
+from hhsim.synthesis import planned, quaternion_from_matrix
+from hhsim.trajectory_catalogue import load_script
+
+Array = NDArray[np.float64]
+
+ABOVE = 0.05
+"""The palm is this far above an object that no hand can grasp [m]."""
+
+
+def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[Array, Array]:
+    """Find a place for the palm.
+
+    Args:
+        hand: which hand.
+        tree: the object, world frame.
+        back: how far the palm is drawn back from where the fingers grasp [m].
+
+    Returns:
+        The palm's origin [m], shape (3,), and its unit quaternion (w, x, y, z), both in the world frame: of the script
+        `grasp` in its hold, or above an object that is too large for a grasp.
+    """
+    try:
+        closing = planned(load_script("grasp"), hand, tree)
+    except TrajectoryError:
+        leaves = tree.level == tree.level.max()
+        top = float((tree.center[leaves, 2] + tree.radius[leaves]).max())
+        middle = tree.center[leaves].mean(axis=0)
+        return np.array([middle[0], middle[1], top + ABOVE + back]), np.array([1.0, 0.0, 0.0, 0.0])
+    return closing.position + back * closing.back, quaternion_from_matrix(closing.rotation)

@@ -1,0 +1,45 @@
+"""Signals that ask a session to end, noted and never raised: a session ends in its order or the fingers stay held."""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+WORDS = {
+    "SIGINT": "Ctrl-C",
+    "SIGTERM": "SIGTERM",
+    "SIGHUP": "the terminal is gone",
+    # A session that is suspended would leave the hand in the glove with nobody to watch over it.
+    "SIGTSTP": "Ctrl-Z, which ends a live session",
+    "SIGQUIT": "Ctrl-backslash",
+}
+
+
+@contextmanager
+def stop_signals() -> Iterator[Callable[[], str]]:
+    """Note every signal that ends a session while the block runs.
+
+    A signal that is ignored already (nohup) stays ignored. Outside of the main thread nothing is noted.
+
+    Yields:
+        Returns what asked first, in words; "" while nothing has.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: ""
+        return
+    asked: list[str] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        asked.append(WORDS[signal.Signals(number).name])
+
+    before = {}
+    for name in WORDS:
+        number = getattr(signal, name)
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            before[number] = signal.signal(number, note)
+    try:
+        yield lambda: asked[0] if asked else ""
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,361 @@
+"""Starts the processes of a live session, watches them, and ends them in order: the loop first, the guardian last.
+
+| process | dies by itself | then |
+|---|---|---|
+| loop | the guardian frees the fingers | the session ends |
+| guardian | the loop frees the fingers | it is started again, and the fingers come back with their ramp |
+| recorder | nothing | the session goes on; the file holds what was written |
+| viewer | nothing | the session goes on |
+
+The supervisor itself is needed by none of them: when it is killed, the loop frees the fingers and ends.
+"""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from hhsim.errors import HhsimError
+from hhsim.live.child_process import ChildProcess
+from hhsim.live.glove_device import DeviceCounters, DeviceError
+from hhsim.live.live_records import Stage
+from hhsim.live.live_setup import LiveSetup, write_setup
+from hhsim.live.live_tally import LiveTally
+from hhsim.live.session_memory import FAULT, INFORMATION, WARNING, SessionMemory
+from hhsim.live.shared_memory import RingReader
+
+Say = Callable[[str, int], None]
+"""Called with a line for people and its level."""
+
+LOOP, GUARDIAN, RECORDER, VIEWER = "loop", "guardian", "recorder", "viewer"
+MODULES = {
+    LOOP: "hhsim.live.loop_process",
+    GUARDIAN: "hhsim.live.guardian",
+    RECORDER: "hhsim.live.recorder",
+    VIEWER: "hhsim.live.viewer",
+}
+
+LOOP_PATIENCE = 3.0
+"""How long the loop has to end after it was asked; it then gets SIGTERM, and SIGKILL after as long again [s]."""
+RECORDER_PATIENCE = 60.0
+"""How long the recorder has to write the rest [s]."""
+RELEASE_PATIENCE = 0.25
+"""How long the guardian has to free the fingers after a loop that did not [s]: a dozen times what it needs."""
+VIEWER_PATIENCE = 5.0
+GUARDIAN_PATIENCE = 2.0
+RESTART_PAUSES = (0.0, 0.1, 0.5, 2.0)
+"""Before a guardian is started again, the first time, the second and so on [s]."""
+STEADY = 10.0
+"""A guardian that has lived so long begins again at the first pause [s]."""
+
+
+@dataclass
+class SessionOutcome:
+    """What became of a session.
+
+    Attributes:
+        reason: why it ended.
+        seconds: how long it ran.
+        tally: of its ticks.
+        facts: what the loop said of it (`SessionMemory.read_facts`).
+        counters: of the device.
+        record: the recording, where there is one.
+        recorded: ticks in it.
+        record_lost: ticks that it lacks.
+        record_failed: what ended it early; "" where nothing did.
+        notices: what was told: seconds since the beginning, level, text.
+        guardian_restarts: how often the guardian was started again.
+        guardian_releases: how often it freed the fingers.
+        loop_failed: how the loop ended, where it did not end as it should.
+    """
+
+    reason: str
+    seconds: float
+    tally: LiveTally
+    facts: dict[str, Any]
+    counters: DeviceCounters
+    record: Path | None = None
+    recorded: int = 0
+    record_lost: int = 0
+    record_failed: str = ""
+    notices: list[tuple[float, int, str]] = field(default_factory=list)
+    guardian_restarts: int = 0
+    guardian_releases: int = 0
+    loop_failed: str = ""
+
+
+class Supervisor:
+    """A live session; use it in a `with`, which ends the session in order on every way out.
+
+    Args:
+        setup: of the session.
+        say: told of what happens while it happens.
+    """
+
+    memory: SessionMemory
+    tally: LiveTally
+
+    def __init__(self, setup: LiveSetup, say: Say = lambda text, level: None) -> None:
+        """Nothing is started yet."""
+        self.setup = setup
+        self._say = say
+        self.memory = SessionMemory.create()
+        self.tally = LiveTally(self.memory.ticks)
+        self._events = RingReader(self.memory.events)
+        self._setup_descriptor = write_setup(setup)
+        self._children: dict[str, ChildProcess] = {}
+        self._notices: list[tuple[float, int, str]] = []
+        self._reason = ""
+        self._loop_failed = ""
+        self._record_failed = ""
+        self._guardians = 0
+        self._guardian_restarts = 0
+        self._guardian_due = 0.0
+        self._began = time.monotonic()
+        self._never_ran = False
+        self._outcome: SessionOutcome | None = None
+
+    def __enter__(self) -> Self:
+        """Start all processes.
+
+        Raises:
+            HhsimError: a process cannot be started; none is left running.
+        """
+        self._began = time.monotonic()
+        try:
+            if self.setup.record is not None:
+                self._start(RECORDER)
+            if self.setup.safety.guardian and not self.setup.dry_run:
+                self._start(GUARDIAN)
+            self._start(LOOP)
+            if self.setup.rerun is not None:
+                self._start(VIEWER)
+        except OSError as error:
+            self.end("a process could not be started")
+            raise HhsimError(f"cannot start the processes of the session: {error.strerror or error}") from error
+        except BaseException:
+            self.end("interrupted")
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.end("an error" if kind is not None else "")
+
+    @property
+    def stage(self) -> Stage:
+        """Where the session is."""
+        return Stage(int(self.memory.status["stage"]))
+
+    @property
+    def seconds(self) -> float:
+        """Since the beginning [s]."""
+        return time.monotonic() - self._began
+
+    def pid(self, name: str) -> int | None:
+        """The number of a process that runs, by `LOOP`, `GUARDIAN`, `RECORDER` or `VIEWER`; None where it does not."""
+        child = self._children.get(name)
+        return child.pid if child is not None and child.running else None
+
+    def poll(self) -> bool:
+        """Look after the processes, tell what happened, count the ticks; to be called some ten times a second.
+
+        Returns:
+            Whether the session goes on.
+        """
+        self.tally.read()
+        self._tell_events()
+        loop = self._children[LOOP]
+        if not loop.running:
+            return False
+        self._watch_guardian()
+        for name, loses in ((RECORDER, "the rest of the session is not recorded"), (VIEWER, "")):
+            child = self._children.get(name)
+            if child is not None and not child.running and not child.told:
+                child.told = True
+                if name == RECORDER:
+                    self._record_failed = child.how_it_ended()
+                what = f"; {loses}" if loses else ""
+                self._notice(f"the {name} {child.how_it_ended()}{what}; the session goes on", WARNING)
+        return True
+
+    def ask_stop(self, reason: str) -> None:
+        """Ask the loop to free the fingers and end; the first reason is kept."""
+        self._reason = self._reason or reason
+        self.memory.status["stop_asked"] = 1
+
+    def end(self, reason: str = "") -> SessionOutcome:
+        """End all processes in order; asking again gives the same.
+
+        Args:
+            reason: why, where nothing else has ended the session.
+
+        Returns:
+            What became of it.
+        """
+        if self._outcome is not None:
+            return self._outcome
+        if reason:
+            self._reason = self._reason or reason
+        self._end_loop()
+        self._end_recorder()
+        self._end_viewer()
+        self._end_guardian()
+        self.tally.read()
+        self._tell_events()
+        self._outcome = self._told()
+        for child in self._children.values():
+            child.close()
+        os.close(self._setup_descriptor)
+        return self._outcome
+
+    def check(self) -> None:
+        """Raise what went wrong, after `end`.
+
+        Raises:
+            DeviceError: the glove could not be reached.
+            HhsimError: the loop died, or the recording is not whole.
+        """
+        outcome = self.end()
+        if self._loop_failed:
+            if self._never_ran:
+                raise DeviceError(self._loop_failed)
+            raise HhsimError(f"the session ended early: {self._loop_failed}")
+        if self._record_failed:
+            where = f" {outcome.record}" if outcome.record is not None else ""
+            raise HhsimError(f"the recording{where} is not whole: {self._record_failed}")
+
+    def _start(self, name: str) -> ChildProcess:
+        arguments = ["--setup", str(self._setup_descriptor), *self.memory.arguments()]
+        descriptors = [self._setup_descriptor, *self.memory.descriptors]
+        child = ChildProcess(name, MODULES[name], arguments, descriptors)
+        self._children[name] = child
+        return child
+
+    def _watch_guardian(self) -> None:
+        guardian = self._children.get(GUARDIAN)
+        if guardian is None or guardian.running:
+            return
+        now = time.monotonic()
+        if not guardian.told:
+            guardian.told = True
+            self._guardians = 0 if now - guardian.began > STEADY else self._guardians + 1
+            self._guardian_due = now + RESTART_PAUSES[min(max(self._guardians - 1, 0), len(RESTART_PAUSES) - 1)]
+            text = f"the guardian {guardian.how_it_ended()}: it is started again, the fingers are free until it is back"
+            self._notice(text, FAULT)
+        if now >= self._guardian_due and self.memory.status["stop_asked"] == 0:
+            guardian.close()
+            self._guardian_restarts += 1
+            self._start(GUARDIAN)
+
+    def _end_loop(self) -> None:
+        loop = self._children.get(LOOP)
+        if loop is None:
+            self.memory.status["stage"] = Stage.ENDED
+            return
+        self.memory.status["stop_asked"] = 1
+        for signal_ in (None, signal.SIGTERM, signal.SIGKILL):
+            if signal_ is not None:
+                self._notice(f"the loop does not end: it gets {signal_.name}", FAULT)
+                loop.send(signal_)
+            if loop.wait(LOOP_PATIENCE):
+                break
+        if loop.code != 0 or self.stage != Stage.ENDED:
+            died = loop.code is None or loop.code <= 0
+            self._loop_failed = f"the loop {loop.how_it_ended()}" if died else loop.complaint() or loop.how_it_ended()
+            self._reason = self._reason or self._loop_failed
+            self._never_ran = not died and self.tally.ticks == 0
+            if not self._never_ran:
+                self._notice(f"{self._loop_failed}; the guardian frees the fingers", FAULT)
+        if self.stage != Stage.ENDED:
+            # The loop is dead and writes no more. The guardian frees the fingers first: it stops when this is ENDED.
+            self._let_guardian_release()
+            self.memory.status["stage"] = Stage.ENDED
+
+    def _let_guardian_release(self) -> None:
+        until = time.monotonic() + RELEASE_PATIENCE
+        while self.pid(GUARDIAN) is not None and time.monotonic() < until:
+            time.sleep(0.01)
+
+    def _end_recorder(self) -> None:
+        recorder = self._children.get(RECORDER)
+        if recorder is None:
+            return
+        until = time.monotonic() + RECORDER_PATIENCE
+        while not recorder.wait(0.1) and time.monotonic() < until:
+            self.tally.read()
+        if recorder.running:
+            recorder.send(signal.SIGTERM)
+            if not recorder.wait(GUARDIAN_PATIENCE):
+                recorder.send(signal.SIGKILL)
+                recorder.wait(GUARDIAN_PATIENCE)
+            self._record_failed = self._record_failed or "the recorder did not end"
+        if recorder.code != 0 and not self._record_failed:
+            self._record_failed = recorder.complaint() or recorder.how_it_ended()
+
+    def _end_viewer(self) -> None:
+        viewer = self._children.get(VIEWER)
+        if viewer is None:
+            return
+        for signal_ in (None, signal.SIGTERM, signal.SIGKILL):
+            if signal_ is not None:
+                viewer.send(signal_)
+            if viewer.wait(VIEWER_PATIENCE):
+                return
+
+    def _end_guardian(self) -> None:
+        guardian = self._children.get(GUARDIAN)
+        if guardian is None:
+            return
+        for signal_ in (None, signal.SIGTERM, signal.SIGKILL):
+            if signal_ is not None:
+                guardian.send(signal_)
+            if guardian.wait(GUARDIAN_PATIENCE):
+                return
+
+    def _tell_events(self) -> None:
+        _, events = self._events.read(256)
+        for event in events:
+            self._notice(bytes(event["text"]).decode("utf-8", "replace"), int(event["level"]))
+
+    def _notice(self, text: str, level: int) -> None:
+        self._notices.append((self.seconds, level, text))
+        try:
+            self._say(text, level)
+        except OSError:
+            # A terminal that has gone hears nothing more; the session is ended in order all the same.
+            self._say = lambda text, level: None
+
+    def _told(self) -> SessionOutcome:
+        status = self.memory.status
+        names = [f.name for f in fields(DeviceCounters)]
+        counters = DeviceCounters(**dict(zip(names, map(int, status["counters"]), strict=True)))
+        facts = self.memory.read_facts()
+        failed = self._record_failed
+        if not failed and status["recorder_failed"]:
+            failed = "the recorder failed"
+        self._record_failed = failed
+        reason = self._reason or str(facts.get("summary", {}).get("reason", "")) or "the loop ended"
+        return SessionOutcome(
+            reason=reason,
+            seconds=self.seconds,
+            tally=self.tally,
+            facts=facts,
+            counters=counters,
+            record=self.setup.record,
+            recorded=int(status["recorder_ticks"]),
+            record_lost=int(status["recorder_lost"]),
+            record_failed=failed,
+            notices=self._notices,
+            guardian_restarts=self._guardian_restarts,
+            guardian_releases=int(status["guardian_releases"]),
+            loop_failed=self._loop_failed,
+        )
+
+
+__all__ = ["FAULT", "GUARDIAN", "INFORMATION", "LOOP", "RECORDER", "VIEWER", "WARNING", "SessionOutcome", "Supervisor"]

@@ -1,0 +1,280 @@
+"""A TCP connection that a real-time loop can hold: nothing waits but `connect`, nothing is sent by halves."""
+
+import contextlib
+import errno
+import fcntl
+import select
+import socket
+import struct
+import termios
+import time
+from typing import Any
+
+from hhsim.live.glove_device import DeviceError
+
+MOST_READ = 16_384
+"""Bytes taken at once, so that a peer that floods cannot hold up a tick; the rest waits its turn."""
+MOST_UNSENT = 1024
+"""Bytes on their way that the peer has not taken; with more, it is too slow and is sent no more."""
+RETRY = 0.05
+"""Between two attempts to connect again [s]."""
+GIVE_UP = 2.0
+"""On an attempt that gets no answer [s]."""
+LINGER = 0.05
+"""How long closing waits until the peer has seen all that was sent [s]."""
+ACKNOWLEDGED = 1000
+"""A peer that acknowledges nothing for so long is gone [ms]."""
+
+WAITING = (errno.EINPROGRESS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EALREADY, errno.EINTR)
+
+
+class TcpLink:
+    """A connection to a server.
+
+    Args:
+        host: name or address.
+        port: TCP port.
+        name: of the device in messages, as "dexmo at 127.0.0.1:55555".
+
+    Attributes:
+        connection: counts the connections made.
+    """
+
+    def __init__(self, host: str, port: int, name: str) -> None:
+        """Nothing is connected yet."""
+        self.host, self.port, self.name = host, port, name
+        self._socket: socket.socket | None = None
+        self._begun: socket.socket | None = None
+        self._begun_at = self._last_try = -GIVE_UP
+        self._address: tuple[int, Any] | None = None
+        self._rest = b""
+        self.connection = 0
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a connection, as far as is known."""
+        return self._socket is not None
+
+    def connect(self, timeout: float) -> None:
+        """Connect, and wait for it.
+
+        Args:
+            timeout: longest wait [s].
+
+        Raises:
+            DeviceError: no such host, or nothing there that answers.
+        """
+        self.close()
+        deadline = time.monotonic() + timeout
+        try:
+            found = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_STREAM)
+        except OSError as error:
+            raise DeviceError(f"{self.name}: no such host ({error.strerror or error})") from None
+        except UnicodeError:
+            raise DeviceError(f"{self.name}: no such host (not a name)") from None
+        reason = "no address"
+        for family, _, _, _, address in found:
+            self._address = (family, address)
+            try:
+                self._attach(_connected(family, address, max(0.0, deadline - time.monotonic())))
+                return
+            except OSError as error:
+                reason = error.strerror or str(error)
+        raise DeviceError(f"{self.name}: cannot connect ({reason}): is its server running, and the port right?")
+
+    def reconnect(self) -> bool:
+        """Try again without waiting; True where there is a connection."""
+        if self._socket is not None:
+            return True
+        now = time.monotonic()
+        if self._begun is None:
+            if self._address is None or now - self._last_try < RETRY:
+                return False
+            self._last_try = self._begun_at = now
+            family, address = self._address
+            try:
+                self._begun = socket.socket(family, socket.SOCK_STREAM)
+                self._begun.setblocking(False)
+                if self._begun.connect_ex(address) not in (0, *WAITING):
+                    self._abandon()
+                    return False
+            except OSError:
+                self._abandon()
+                return False
+        begun = self._begun
+        if not _ready(begun, select.POLLOUT, 0.0):
+            if now - self._begun_at > GIVE_UP:
+                self._abandon()
+            return False
+        if begun.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) or _is_itself(begun):
+            self._abandon()
+            return False
+        self._begun = None
+        self._attach(begun)
+        return True
+
+    def receive(self) -> bytes | None:
+        """What has arrived; None where nothing has.
+
+        Raises:
+            DeviceError: the peer is gone.
+        """
+        if self._socket is None:
+            raise DeviceError(f"{self.name}: not connected")
+        try:
+            data = self._socket.recv(MOST_READ)
+        except (BlockingIOError, InterruptedError):
+            return None
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from None
+        if not data:
+            raise self._gone("its server closed the connection")
+        return data
+
+    def send(self, data: bytes, *, urgent: bool = False) -> bool:
+        """Send all of it or nothing, without waiting.
+
+        Args:
+            data: to send.
+            urgent: also to a peer that is slow to take what it was sent.
+
+        Returns:
+            False where the peer takes no more now.
+
+        Raises:
+            DeviceError: the peer is gone.
+        """
+        if self._socket is None:
+            raise DeviceError(f"{self.name}: not connected")
+        try:
+            if self._rest:
+                # What was sent by half must be ended, or the peer would take the next for the rest of it.
+                self._rest = self._rest[self._socket.send(self._rest) :]
+                if self._rest:
+                    return False
+            if not urgent and self._unsent() > MOST_UNSENT:
+                return False
+            self._rest = data[self._socket.send(data) :]
+        except (BlockingIOError, InterruptedError):
+            return False
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from None
+        return True
+
+    def send_within(self, data: bytes, timeout: float) -> bool:
+        """Send all of it on this connection or else on a fresh one, which then is this one; never raises.
+
+        Args:
+            data: to send.
+            timeout: longest wait [s].
+
+        Returns:
+            Whether it was sent.
+        """
+        deadline = time.monotonic() + timeout
+        # Half of the time is kept for the fresh connection.
+        if self._send_until(data, time.monotonic() + timeout / 2.0):
+            return True
+        if self._address is None:
+            return False
+        family, address = self._address
+        try:
+            fresh = _connected(family, address, max(0.0, deadline - time.monotonic()))
+        except OSError:
+            return False
+        if self._socket is not None:
+            self._socket.close()
+        self._abandon()
+        self._attach(fresh)
+        return self._send_until(data, deadline)
+
+    def wait(self, timeout: float) -> None:
+        """Wait until something has arrived, or for so long [s]."""
+        if self._socket is not None:
+            _ready(self._socket, select.POLLIN, timeout)
+
+    def close(self, linger: float = LINGER) -> None:
+        """Let go, after the peer has taken what it was sent, or did not in `linger` seconds; never raises."""
+        self._abandon()
+        if self._socket is None:
+            return
+        link, self._socket, self._rest = self._socket, None, b""
+        deadline = time.monotonic() + linger
+        with contextlib.suppress(OSError):
+            # A socket closed over unread bytes resets the connection, and the peer may lose the last command.
+            link.shutdown(socket.SHUT_WR)
+            while (left := deadline - time.monotonic()) > 0.0:
+                if not _ready(link, select.POLLIN, left) or not link.recv(MOST_READ):
+                    break
+        link.close()
+
+    def _send_until(self, data: bytes, deadline: float) -> bool:
+        try:
+            while not self.send(data, urgent=True):
+                left = deadline - time.monotonic()
+                if left <= 0.0 or self._socket is None:
+                    return False
+                _ready(self._socket, select.POLLOUT, left)
+            while self._rest and self._socket is not None:
+                left = deadline - time.monotonic()
+                if left <= 0.0:
+                    return False
+                _ready(self._socket, select.POLLOUT, left)
+                self._rest = self._rest[self._socket.send(self._rest) :]
+        except (DeviceError, OSError):
+            return False
+        return True
+
+    def _attach(self, link: socket.socket) -> None:
+        link.setblocking(False)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, ACKNOWLEDGED)
+        self._socket, self._rest = link, b""
+        self.connection += 1
+
+    def _abandon(self) -> None:
+        if self._begun is not None:
+            self._begun.close()
+            self._begun = None
+
+    def _gone(self, reason: str) -> DeviceError:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket, self._rest = None, b""
+        return DeviceError(f"{self.name}: gone: {reason}")
+
+    def _unsent(self) -> int:
+        assert self._socket is not None
+        answer = fcntl.ioctl(self._socket, termios.TIOCOUTQ, bytes(4))
+        return int(struct.unpack("i", answer)[0])
+
+
+def _connected(family: int, address: Any, timeout: float) -> socket.socket:
+    link = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        link.settimeout(max(timeout, 1e-3))
+        link.connect(address)
+        if _is_itself(link):
+            raise ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused")
+    except BaseException:
+        link.close()
+        raise
+    return link
+
+
+def _is_itself(link: socket.socket) -> bool:
+    """Whether a socket is connected to itself.
+
+    The ports of gloves lie where the system takes the ports of clients from; when nothing listens on one of them, a
+    client on the same machine can be given that very port, and then hears its own commands.
+    """
+    try:
+        return bool(link.getsockname() == link.getpeername())
+    except OSError:
+        return True
+
+
+def _ready(link: socket.socket, event: int, timeout: float) -> bool:
+    poll = select.poll()
+    poll.register(link, event)
+    return bool(poll.poll(max(0.0, 1e3 * timeout)))

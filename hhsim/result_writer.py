@@ -1,0 +1,298 @@
+"""Writes result files (format `hhsim-result`, see `hhsim.result_schema`) block by block.
+
+Each block is flushed, so that a run that is killed leaves a readable file whose attribute `complete` is 0; it becomes 1
+as the very last thing. Where a result of that name exists already, the new one grows beside it as NAME.partial.h5 and
+takes its place when it is complete: nothing of the old one is lost before.
+
+The space of each block is claimed from the file system before HDF5 writes into it. A full disk is thus found while the
+file is still sound; HDF5 itself cannot go on after a write that failed, not even to close the file.
+"""
+
+import contextlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeAlias
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim import info
+from hhsim.destination import free_name
+from hhsim.errors import OutputError
+from hhsim.result import CHUNK_TICKS, check_result_destination, fits, spelled
+from hhsim.result_schema import FORMAT, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column
+from hhsim.trajectory import TickPhase
+
+Array: TypeAlias = NDArray[Any]
+Scalar: TypeAlias = str | int | float | bool
+
+_TICK = "tick"
+_OVERHEAD = 512 * 1024
+"""More than HDF5's own bookkeeping grows by in a block [bytes]."""
+
+
+class ResultWriter:
+    """Writes a result file block by block; use it in a `with`, and call `finish` last.
+
+    Leaving the `with` by an exception keeps what has been written, with complete = 0, and adds a note to the exception
+    that says where it is; a file without any tick is removed.
+
+    Args:
+        path: where the result goes; an existing result there is replaced when the new one is complete.
+        scene: every option of the run, as JSON-able values.
+        static: the arrays of `STATIC_COLUMNS` by name.
+        phases: phases of the trajectory, where they are known already.
+        tables: of a live session, columns by group; they grow with the ticks.
+
+    Raises:
+        OutputError: the file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
+    """
+
+    path: Path
+    """Where the file is now: NAME.partial.h5 while an older result of the name still stands."""
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        scene: Mapping[str, Any],
+        static: Mapping[str, Array],
+        phases: Sequence[TickPhase] = (),
+        tables: Mapping[str, Sequence[Column]] | None = None,
+    ) -> None:
+        check_result_destination(path)
+        self._destination = path
+        self.path = path
+        if path.exists():
+            self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}"))
+        self._tables = {_TICK: _Table(TICK_COLUMNS)}
+        self._tables |= {group: _Table(columns) for group, columns in (tables or {}).items()}
+        self._complete = False
+        with _output_errors(self.path), contextlib.ExitStack() as undo:
+            self.path.touch(exist_ok=False)
+            undo.callback(self.path.unlink, missing_ok=True)
+            self._file = h5py.File(self.path, "w")
+            undo.callback(self._close)
+            self._write_header(scene, static, phases)
+            undo.pop_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._complete:
+            return
+        self._drop_half_a_block()
+        self._close()
+        if self.ticks == 0:
+            self.path.unlink(missing_ok=True)
+        elif error is not None:
+            error.add_note(f"the {self.ticks:,} ticks so far are in {self.path} (complete = 0)")
+
+    @property
+    def ticks(self) -> int:
+        """Ticks written so far."""
+        return self._tables[_TICK].rows
+
+    def append(
+        self,
+        block: Mapping[str, Array],
+        others: Mapping[str, Mapping[str, Array]] | None = None,
+        attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
+    ) -> None:
+        """Write the next ticks, and what else there is, and flush them.
+
+        Args:
+            block: one array for each of `TICK_COLUMNS`, by its name; each of shape (ticks, *column.shape).
+            others: the same for `tables`, by group.
+            attributes: of groups, to set or to replace.
+
+        Raises:
+            OutputError: the disk is full or gone; the ticks before stay readable.
+        """
+        blocks = {
+            group: _rows(of, self._tables[group].columns) for group, of in {_TICK: block, **(others or {})}.items()
+        }
+        with _output_errors(self.path):
+            self._claim(sum(self._tables[group].growth(arrays) for group, arrays in blocks.items()) + _OVERHEAD)
+            for group, arrays in blocks.items():
+                table = self._tables[group]
+                end = table.rows + _count(arrays)
+                for name, array in arrays.items():
+                    dataset = self._file[group][name]
+                    dataset.resize(end, axis=0)
+                    dataset[table.rows :] = array
+            for group, values in (attributes or {}).items():
+                self._file[group].attrs.update(values)
+            self._file.flush()
+        for group, arrays in blocks.items():
+            self._tables[group].rows += _count(arrays)
+
+    def finish(self, summary: Mapping[str, Scalar], phases: Sequence[TickPhase] | None = None) -> Path:
+        """Write the summary, mark the file complete and give it its final name.
+
+        Args:
+            summary: the figures of the table that `hhsim replay` prints, by name.
+            phases: phases of the trajectory, where they were not known at the start.
+
+        Returns:
+            Where the result is.
+        """
+        with _output_errors(self.path):
+            self._claim(_OVERHEAD)
+            if phases is not None:
+                self._write_phases(phases)
+            self._file["summary"].attrs.update(summary)
+            self._file.flush()
+            self._file.attrs["complete"] = 1
+            self._file.flush()
+            size = self._file.id.get_filesize()
+            self._file.close()
+            if self.path.stat().st_size > size:
+                os.truncate(self.path, size)
+            self._complete = True
+            if self.path != self._destination:
+                self.path.replace(self._destination.resolve())
+                self.path = self._destination
+        return self.path
+
+    def _write_header(self, scene: Mapping[str, Any], static: Mapping[str, Array], phases: Sequence[TickPhase]) -> None:
+        arrays = _checked(static, STATIC_COLUMNS, lambda column: column.shape)
+        scene_json = json.dumps(scene, sort_keys=True)
+        self._claim(sum(array.nbytes for array in arrays.values()) + len(scene_json) + 2 * _OVERHEAD)
+        self._file.attrs.update(
+            {
+                "format": FORMAT,
+                "schema_version": SCHEMA_VERSION,
+                "complete": 0,
+                **info.file_attributes(),
+                "scene": scene_json,
+            }
+        )
+        for column in STATIC_COLUMNS:
+            _describe(self._file.create_dataset(column.name, data=arrays[column.name]), column)
+        for group, table in self._tables.items():
+            for column in table.columns:
+                dataset = self._file.create_dataset(
+                    f"{group}/{column.name}",
+                    shape=(0, *column.shape),
+                    maxshape=(None, *column.shape),
+                    chunks=(CHUNK_TICKS, *column.shape),
+                    dtype=_stored_type(column),
+                )
+                _describe(dataset, column)
+        self._file.create_group("summary")
+        self._write_phases(phases)
+        self._file.flush()
+
+    def _write_phases(self, phases: Sequence[TickPhase]) -> None:
+        if "phase" in self._file:
+            del self._file["phase"]
+        group = self._file.create_group("phase")
+        names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
+        _describe(names, Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
+        for name, ticks in (
+            ("first_tick", [phase.first_tick for phase in phases]),
+            ("last_tick", [phase.last_tick for phase in phases]),
+        ):
+            dataset = group.create_dataset(name, data=np.array(ticks, dtype="<i8"))
+            _describe(dataset, Column(name, (-1,), "<i8", "1", f"{name.split('_')[0]} tick of each phase, from 0"))
+
+    def _claim(self, size: int) -> None:
+        """Make the file system set `size` bytes aside behind what HDF5 has allocated."""
+        if not hasattr(os, "posix_fallocate"):
+            return
+        descriptor = os.open(self.path, os.O_RDWR)
+        try:
+            os.posix_fallocate(descriptor, self._file.id.get_filesize(), size)
+        finally:
+            os.close(descriptor)
+
+    def _drop_half_a_block(self) -> None:
+        # An interrupt may have come between two datasets, or between the growth of one and its values.
+        with contextlib.suppress(OSError, RuntimeError, KeyError):
+            for group, table in self._tables.items():
+                for column in table.columns:
+                    dataset = self._file[group][column.name]
+                    if len(dataset) > table.rows:
+                        dataset.resize(table.rows, axis=0)
+
+    def _close(self) -> None:
+        with contextlib.suppress(OSError, RuntimeError):
+            self._file.close()
+
+
+@dataclass
+class _Table:
+    """A group whose datasets grow together."""
+
+    columns: Sequence[Column]
+    rows: int = 0
+
+    def growth(self, arrays: Mapping[str, Array]) -> int:
+        """Most bytes that these rows make the datasets grow by."""
+        count = _count(arrays)
+        if count == 0:
+            return 0
+        new_chunks = -(-(self.rows + count) // CHUNK_TICKS) - -(-self.rows // CHUNK_TICKS)
+        row = sum(array.dtype.itemsize * int(array[0].size) for array in arrays.values())
+        return new_chunks * CHUNK_TICKS * row
+
+
+def _rows(arrays: Mapping[str, Array], columns: Sequence[Column]) -> dict[str, Array]:
+    """Rows of a table in the file's types, all columns of the same length."""
+    rows = _checked(arrays, columns, lambda column: (-1, *column.shape))
+    counts = {len(array) for array in rows.values()}
+    if len(counts) != 1:
+        raise ValueError(f"a block's arrays hold different numbers of ticks: {sorted(counts)}")
+    return rows
+
+
+def _count(arrays: Mapping[str, Array]) -> int:
+    return len(next(iter(arrays.values())))
+
+
+def _checked(
+    arrays: Mapping[str, Array], columns: Sequence[Column], shape_of: Callable[[Column], tuple[int, ...]]
+) -> dict[str, Array]:
+    """Give each column its array in the file's type; a caller that hands over the wrong ones has a bug."""
+    names = {column.name for column in columns}
+    if arrays.keys() != names:
+        raise ValueError(
+            f"missing: {sorted(names - arrays.keys())}; not in the schema: {sorted(arrays.keys() - names)}"
+        )
+    checked = {}
+    for column in columns:
+        array = np.ascontiguousarray(arrays[column.name], dtype=_stored_type(column))
+        if not fits(array.shape, shape_of(column)):
+            raise ValueError(f"{column.name} has shape {array.shape}, expected {spelled(shape_of(column))}")
+        checked[column.name] = array
+    return checked
+
+
+def _stored_type(column: Column) -> Any:
+    if column.dtype.startswith("S"):
+        return h5py.string_dtype("utf-8", int(column.dtype[1:]))
+    return column.dtype
+
+
+def _describe(dataset: h5py.Dataset, column: Column) -> None:
+    dataset.attrs["units"] = column.units
+    dataset.attrs["long_name"] = column.long_name
+
+
+@contextlib.contextmanager
+def _output_errors(path: Path) -> Iterator[None]:
+    """Tell a failure of the file system as an `OutputError`."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error).splitlines()[0]
+        raise OutputError(f"cannot write {path}: {reason[:1].lower()}{reason[1:]}") from error

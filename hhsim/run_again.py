@@ -1,0 +1,186 @@
+"""Run the ticks of a result again, from nothing but the file, and compare every array bit for bit."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim import info
+from hhsim.errors import InputError
+from hhsim.interrupt import interruptible_between
+from hhsim.result import CHUNK_TICKS, Result
+from hhsim.result_schema import TICK_COLUMNS, Column
+from hhsim.solver import HandSolver
+from hhsim.stored_scene import require_whole, stored_hand, stored_options, stored_tree
+from hhsim.tick_columns import HapticTicks, TickColumns
+from hhsim.warm_up import warm_up
+
+Array = NDArray[Any]
+Progress = Callable[[str, int, int], None]
+
+TIMINGS = "duration/"
+GIVEN = ("time", "input_seq", "haptic/")
+"""Columns that are the run's input."""
+COMPARED: tuple[Column, ...] = tuple(column for column in TICK_COLUMNS if not column.name.startswith((TIMINGS, *GIVEN)))
+"""Columns that a second run computes anew; all but the input and the timings."""
+
+
+@dataclass(frozen=True)
+class ArrayComparison:
+    """One array of a result beside that of the second run.
+
+    Attributes:
+        name: of the dataset under /tick.
+        identical: bit for bit, in every tick.
+        ticks: how many differ.
+        first_tick: the first that differs; -1 where none does.
+        largest: largest difference, in `units`; NaN where the values are not finite on one side only.
+        units: of the dataset.
+    """
+
+    name: str
+    identical: bool
+    ticks: int
+    first_tick: int
+    largest: float
+    units: str
+
+
+@dataclass(frozen=True)
+class RunAgain:
+    """What a second run gave.
+
+    Attributes:
+        path: the result.
+        complete: whether the file is whole; where it is not, the ticks that it has were run.
+        ticks: how many were run and compared.
+        ticks_stored: how many the file has. More than `ticks` where a session lost some: what followed on those that
+            were lost cannot be run.
+        arrays: all that are computed.
+        notes: what a reader should know besides, a sentence each.
+    """
+
+    path: Path
+    complete: bool
+    ticks: int
+    ticks_stored: int
+    arrays: tuple[ArrayComparison, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def identical(self) -> bool:
+        """Whether every tick of the file was run, and every array is the same bit for bit."""
+        return self.ticks == self.ticks_stored and all(array.identical for array in self.arrays)
+
+    def to_json(self) -> dict[str, Any]:
+        """All of it as plain values."""
+        return {
+            "result": str(self.path),
+            "identical": self.identical,
+            "complete": self.complete,
+            "ticks": self.ticks,
+            "ticks_stored": self.ticks_stored,
+            "arrays": {
+                array.name: {
+                    "identical": array.identical,
+                    "ticks_that_differ": array.ticks,
+                    "first_tick": array.first_tick if array.ticks else None,
+                    "largest_difference": array.largest,
+                    "units": array.units,
+                }
+                for array in self.arrays
+            },
+            "notes": list(self.notes),
+        }
+
+
+def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
+    """Run all ticks of a result again, with the hand, the tree and the options that it holds.
+
+    Args:
+        result: of schema 3 or later, complete or not; of a replay or of a live session.
+        progress: called with what is being done, how much is done and how much there is.
+
+    Raises:
+        InputError: an older schema; an object, a tree or a hand that is not the one of the run; no ticks.
+    """
+    require_whole(result)
+    if result.ticks == 0:
+        raise InputError(f"{result.path} holds no ticks: there is nothing to run again")
+    hand, options = stored_hand(result), stored_options(result)
+    tree = stored_tree(result).arrays()
+    warm_up(hand, options)
+    solver = HandSolver(hand, tree, options)
+    columns = TickColumns(tree, hand, options)
+    total, notes = _runnable(result)
+    tallies = [_Tally(column) for column in COMPARED]
+    with interruptible_between() as check_interrupt:
+        for part in _blocks(result, total):
+            if progress is not None:
+                progress("ticks", part.start, total)
+            haptic = HapticTicks(*(result[f"haptic/{name}"][part] for name in HapticTicks._fields))
+            record = solver.run(*haptic)
+            block = columns.block(result["time"][part], result["input_seq"][part], haptic, record)
+            for tally in tallies:
+                tally.add(result[tally.column.name][part], block[tally.column.name])
+            check_interrupt()
+    if progress is not None:
+        progress("ticks", total, total)
+    arrays = tuple(tally.comparison() for tally in tallies)
+    if not all(array.identical for array in arrays):
+        notes += _other_makers(result)
+    return RunAgain(result.path, result.complete, total, result.ticks, arrays, tuple(notes))
+
+
+class _Tally:
+    """Counts the ticks of a column that differ."""
+
+    def __init__(self, column: Column) -> None:
+        self.column = column
+        self._seen = self._differ = 0
+        self._first = -1
+        self._largest = 0.0
+
+    def add(self, stored: Array, computed: Array) -> None:
+        again = np.ascontiguousarray(computed, dtype=self.column.dtype)
+        stored = np.ascontiguousarray(stored)
+        if stored.tobytes() != again.tobytes():
+            rows = len(stored)
+            bits = stored.reshape(rows, -1).view(np.uint8) != again.reshape(rows, -1).view(np.uint8)
+            differ = np.flatnonzero(bits.any(axis=1))
+            if self._first < 0:
+                self._first = self._seen + int(differ[0])
+            self._differ += len(differ)
+            a, b = stored[differ].astype(np.float64), again[differ].astype(np.float64)
+            if (np.isfinite(a) != np.isfinite(b)).any():
+                self._largest = np.nan
+            else:
+                both = np.isfinite(a)
+                self._largest = float(np.maximum(self._largest, np.abs(a - b)[both].max(initial=0.0)))
+        self._seen += len(stored)
+
+    def comparison(self) -> ArrayComparison:
+        column = self.column
+        return ArrayComparison(column.name, self._differ == 0, self._differ, self._first, self._largest, column.units)
+
+
+def _runnable(result: Result) -> tuple[int, list[str]]:
+    """How many ticks can be run again, and what to say where it is not all of them."""
+    notes = [] if result.complete else ["the file is of a run that was stopped: its ticks so far were run again"]
+    return result.ticks, notes
+
+
+def _blocks(result: Result, total: int) -> list[slice]:
+    return [slice(first, min(first + CHUNK_TICKS, total)) for first in range(0, total, CHUNK_TICKS)]
+
+
+def _other_makers(result: Result) -> list[str]:
+    """In what hhsim and the machine differ from those of the file: other bits are then to be expected."""
+    here = info.file_attributes()
+    notes = []
+    if str(here["hhsim_version"]) != result.hhsim_version:
+        notes.append(f"the file was made by hhsim {result.hhsim_version}, this is {here['hhsim_version']}")
+    return notes

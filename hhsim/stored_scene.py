@@ -1,0 +1,192 @@
+"""The object, its tree, the hand and the options as a result file holds them, in and out, bit for bit."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.errors import InputError
+from hhsim.hand import HandModel
+from hhsim.kernels.hand import PALM_BODY
+from hhsim.mesh import Mesh
+from hhsim.result import Result
+from hhsim.scene import all_pairs
+from hhsim.solver_options import SolverOptions, Stiffness
+from hhsim.sphere_tree import SphereTree
+
+Array = NDArray[Any]
+
+TREE_ARRAYS = ("center", "radius", "level", "parent")
+HAND_ARRAYS = {
+    "base": "base",
+    "distal": "distal",
+    "dorsal": "dorsal",
+    "length": "phalanx_length",
+    "radius": "phalanx_radius",
+    "flexion_min": "flexion_min",
+    "flexion_max": "flexion_max",
+    "abduction_min": "abduction_min",
+    "abduction_max": "abduction_max",
+}
+"""Fields of `HandModel`, and their datasets under /hand."""
+PARTS = {"object": "the object's mesh", "tree": "the object's sphere tree", "hand": "the hand"}
+"""What has a checksum of its own in the file, and its name in messages."""
+WHOLE_SINCE = 3
+"""The first schema whose results hold all that a run needs."""
+
+
+def static_arrays(
+    mesh: Mesh,
+    tree: SphereTree,
+    hand: HandModel,
+    object_position: ArrayLike = (0.0, 0.0, 0.0),
+    object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+) -> dict[str, Array]:
+    """The arrays of `hhsim.result_schema.STATIC_COLUMNS`.
+
+    Args:
+        mesh: the object's, world [m].
+        tree: its sphere tree, world [m].
+        hand: the hand.
+        object_position: origin of the object's own frame [m], shape (3,), world.
+        object_orientation: object to world, unit (w, x, y, z), shape (4,).
+    """
+    return {
+        "object/vertices": mesh.vertices,
+        "object/faces": mesh.faces,
+        "object/position": np.array(object_position, dtype=np.float64),
+        "object/orientation": np.array(object_orientation, dtype=np.float64),
+        **{f"object/tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
+        **{f"hand/{stored}": getattr(hand, name) for name, stored in HAND_ARRAYS.items()},
+        "hand/palm_center": hand.palm_tree.leaf_center,
+        "hand/palm_radius": hand.palm_tree.leaf_radius,
+        **{f"hand/palm_tree/{name}": getattr(hand.palm_tree, name) for name in TREE_ARRAYS},
+        "hand/palm_mesh/vertices": hand.palm_mesh.vertices,
+        "hand/palm_mesh/faces": hand.palm_mesh.faces,
+    }
+
+
+def describe_scene(
+    mesh: Mesh, tree: SphereTree, hand: HandModel, options: SolverOptions, static: Mapping[str, Array]
+) -> dict[str, Any]:
+    """What the file's scene says of them, as plain values; `static` is what `static_arrays` made of them."""
+    return {
+        "solver": options.to_json(),
+        "hand": {
+            "side": hand.side,
+            "length": hand.hand_length,
+            "breadth": hand.hand_breadth,
+            "palm_spheres": hand.palm_tree.leaf_count,
+        },
+        "object_name": mesh.name,
+        "object_spheres": tree.leaf_count,
+        "modelled": modelled(tree, hand, options),
+        "checksums": checksums(static),
+    }
+
+
+def modelled(tree: SphereTree, hand: HandModel, options: SolverOptions) -> dict[str, Any]:
+    """What the scene models: bodies, spheres and pairs that a model without trees would test every tick."""
+    return {
+        "fingers": list(options.fingers),
+        "phalanges": int(options.modelled()[:PALM_BODY].sum()),
+        "palm_spheres": hand.palm_tree.leaf_count,
+        "object_spheres": tree.leaf_count,
+        "all_pairs": all_pairs(hand, tree),
+        "not_modelled": ["friction", "dynamics", "deformation", "finger-to-finger contact"],
+    }
+
+
+def checksums(static: Mapping[str, Array]) -> dict[str, str]:
+    """SHA-256 of each of `PARTS`: of its datasets' little-endian bytes, by name."""
+    digests = {part: hashlib.sha256() for part in PARTS}
+    for name in sorted(static):
+        part = "tree" if name.startswith("object/tree/") else name.split("/")[0]
+        array = np.ascontiguousarray(static[name])
+        digests[part].update(f"{name} {array.shape} ".encode())
+        digests[part].update(array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes())
+    return {part: digest.hexdigest() for part, digest in digests.items()}
+
+
+def require_whole(result: Result) -> None:
+    """Make sure that a result holds all that its run needs, as its run left it.
+
+    Raises:
+        InputError: an older schema, or an object, a tree or a hand that is not the one of the run.
+    """
+    if result.schema_version < WHOLE_SINCE:
+        raise InputError(
+            f"{result.path} cannot be run again: its schema is {result.schema_version}, and whole hands are stored "
+            f"since schema {WHOLE_SINCE}; make it anew with this hhsim"
+        )
+    found = checksums(result.static)
+    stated = result.scene.get("checksums", {})
+    for part, what in PARTS.items():
+        if found[part] != stated.get(part):
+            raise InputError(
+                f"{result.path} cannot be run again: {what} in the file is another one than the run was made with "
+                "(its checksum differs)"
+            )
+
+
+def stored_mesh(result: Result) -> Mesh:
+    """The object's mesh, world [m]."""
+    name = str(result.scene.get("object_name") or result.scene.get("object") or "object")
+    return Mesh(result.static["object/vertices"], result.static["object/faces"], name=name, source=str(result.path))
+
+
+def stored_tree(result: Result) -> SphereTree:
+    """The object's sphere tree, world [m].
+
+    Raises:
+        InputError: arrays that are no tree.
+    """
+    return _tree(result, "object/tree")
+
+
+def stored_hand(result: Result) -> HandModel:
+    """The hand of a result of schema 3 or later.
+
+    Raises:
+        InputError: an older schema, or arrays that are no hand.
+    """
+    require_whole(result)
+    said = result.scene["hand"]
+    static = result.static
+    mesh = Mesh(static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"], name="palm", source=str(result.path))
+    return HandModel(
+        side=said["side"],
+        hand_length=said["length"],
+        hand_breadth=said["breadth"],
+        palm_mesh=mesh,
+        palm_tree=_tree(result, "hand/palm_tree"),
+        **{name: np.array(static[f"hand/{stored}"]) for name, stored in HAND_ARRAYS.items()},
+    )
+
+
+def stored_options(result: Result) -> SolverOptions:
+    """The solver's options.
+
+    Raises:
+        InputError: options that this hhsim does not have.
+    """
+    said = dict(result.scene.get("solver", {}))
+    known = {option.name for option in fields(SolverOptions)}
+    strange = sorted(said.keys() - known)
+    if strange or not said:
+        what = f"solver options that this hhsim does not have: {', '.join(strange)}" if strange else "no solver options"
+        raise InputError(f"{result.path} states {what}; it was written by hhsim {result.hhsim_version}")
+    try:
+        said["stiffness"] = Stiffness(**said["stiffness"])
+        said["fingers"] = tuple(said["fingers"])
+        return SolverOptions(**said)
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{result.path}: its solver options cannot be read: {error}") from error
+
+
+def _tree(result: Result, group: str) -> SphereTree:
+    center, radius, level, parent = (result.static[f"{group}/{name}"] for name in TREE_ARRAYS)
+    return SphereTree(center, radius, level, parent)

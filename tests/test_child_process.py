@@ -1,0 +1,77 @@
+"""A process of a session as its supervisor sees it."""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hhsim.live.child_process import ChildProcess
+
+Start = Callable[..., ChildProcess]
+
+
+@pytest.fixture
+def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    started = []
+
+    def begin(program: str, *arguments: str, descriptors: tuple[int, ...] = ()) -> ChildProcess:
+        (tmp_path / "child_program.py").write_text(program)
+        started.append(ChildProcess("child", "child_program", arguments, descriptors))
+        return started[-1]
+
+    yield begin
+    for child in started:
+        child.send(signal.SIGKILL)
+        child.wait(10.0)
+        child.close()
+
+
+def test_an_error_is_told_by_its_last_line(start: Start) -> None:
+    child = start(
+        "import sys\nprint('much before')\nprint('hhsim: error: no glove here', file=sys.stderr)\nsys.exit(2)"
+    )
+    assert child.wait(20.0)
+    assert (child.code, child.running) == (2, False)
+    assert child.how_it_ended() == "ended with code 2: no glove here"
+
+
+def test_a_long_complaint_is_cut_and_not_lost(start: Start) -> None:
+    child = start("print('x' * 100_000)\nprint('the end')\n1 / 0")
+    assert child.wait(20.0)
+    assert child.complaint() == "ZeroDivisionError: division by zero"
+
+
+def test_a_signal_is_told_by_its_name(start: Start) -> None:
+    child = start("import time\ntime.sleep(60)")
+    assert child.running
+    assert child.how_it_ended() == "is running"
+    assert not child.wait(0.01)
+    child.send(signal.SIGKILL)
+    assert child.wait(20.0)
+    assert child.how_it_ended() == "was ended by SIGKILL"
+    child.send(signal.SIGKILL)
+
+
+def test_it_inherits_its_descriptors_and_leads_a_session_of_its_own(start: Start) -> None:
+    descriptor = os.memfd_create("test")
+    child = start(
+        "import os, sys\nos.write(int(sys.argv[1]), f'{os.getsid(0)} {os.getpid()}'.encode())",
+        str(descriptor),
+        descriptors=(descriptor,),
+    )
+    assert child.wait(20.0)
+    assert child.code == 0
+    assert os.pread(descriptor, 100, 0) == f"{child.pid} {child.pid}".encode()
+    assert os.getsid(0) != child.pid
+    os.close(descriptor)
+
+
+def test_what_it_writes_never_blocks_it(start: Start) -> None:
+    began = time.monotonic()
+    child = start("print('x' * 10_000_000)")
+    assert child.wait(60.0), time.monotonic() - began
+    assert child.code == 0

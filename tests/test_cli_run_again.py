@@ -1,0 +1,85 @@
+"""`hhsim replay RESULT` as users meet it."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import pytest
+
+Run = Callable[..., Any]
+SHORT = 'title = "s"\n[[phase]]\nname = "approach"\nduration = 0.03\n[[phase]]\nname = "grasp"\nduration = 0.05\n'
+
+
+@pytest.fixture
+def result(run: Run, tmp_path: Path) -> Path:
+    (tmp_path / "short.toml").write_text(SHORT)
+    assert run("replay", "cube", "short.toml", "--out", "run.h5", "--quiet").code == 0
+    return tmp_path / "run.h5"
+
+
+def test_a_result_is_run_again_and_every_array_named(run: Run, result: Path) -> None:
+    before = result.read_bytes()
+    answer = run("replay", "run.h5")
+    assert (answer.code, answer.err) == (0, "")
+    lines = answer.out.splitlines()
+    assert lines[0] == "run.h5: 80 ticks run again, 25 of 25 arrays identical"
+    assert lines[-1] == "identical in every tick"
+    assert sum("identical" in line for line in lines[1:-1]) == 25
+    assert run("replay", "run.h5", "--quiet") == (0, "", "")
+    document = json.loads(run("replay", "run.h5", "--json").out)
+    assert document["identical"]
+    assert document["arrays"]["force/total"]["identical"]
+    assert result.read_bytes() == before
+
+
+def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        file["tick/force/total"][41, 0] += 1.0
+    answer = run("replay", "run.h5")
+    assert answer.code == 1
+    (line,) = [line for line in answer.out.splitlines() if "differs" in line]
+    assert line.split() == ["force/total", "differs", "1", "41", "1", "N"]
+    assert answer.out.splitlines()[-1] == "not identical"
+    quiet = run("replay", "run.h5", "--quiet")
+    assert quiet == (1, "", "hhsim: missed: run.h5 is not identical when it is run again\n")
+    document = run("replay", "run.h5", "--json")
+    assert document.code == 1
+    assert not json.loads(document.out)["identical"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["grasp"], "run.h5 runs again with the motion that it holds: it takes no TRAJECTORY"),
+        (["--tree", "other.h5"], "run.h5 runs again as it was, so --tree has no place here"),
+        (["--threads", "2"], "run.h5 runs again as it was, so --threads has no place here"),
+        (["--out", "again.h5"], "run.h5 runs again as it was, so --out has no place here"),
+    ],
+)
+def test_what_would_make_it_another_run_is_refused(run: Run, result: Path, arguments: list[str], says: str) -> None:
+    answer = run("replay", "run.h5", *arguments)
+    assert (answer.code, answer.out) == (2, "")
+    assert says in answer.err
+    assert len(answer.err.splitlines()) == 1
+
+
+def test_a_file_that_is_no_result_is_told_what_it_is(run: Run, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "motion.h5", "w") as file:
+        file.attrs["format"] = "hhsim-trajectory"
+    answer = run("replay", "motion.h5")
+    assert answer.code == 2
+    assert answer.err == (
+        "hhsim: error: motion.h5 is no result file: its format is 'hhsim-trajectory', not 'hhsim-result' (to replay a "
+        "trajectory, give an object first: hhsim replay OBJECT FILE)\n"
+    )
+    assert run("replay", "gone.h5").err == "hhsim: error: there is no file gone.h5\n"
+
+
+def test_an_older_result_says_why_not(run: Run, result: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        file.attrs["schema_version"] = 2
+    answer = run("replay", "run.h5")
+    assert answer.code == 2
+    assert "its schema is 2, and whole hands are stored since schema 3" in answer.err

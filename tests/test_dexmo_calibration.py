@@ -1,0 +1,175 @@
+"""The vendor's calibration profiles and our own, for a live glove."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hhsim.dexmo_regression import BEND
+from hhsim.dexmo_regression import CHANNELS as OURS
+from hhsim.errors import InputError
+from hhsim.live.dexmo_calibration import MOST_FILE, load_calibration
+from hhsim.live.dexmo_codec import CHANNELS
+
+LOW = np.linspace(600.0, 1600.0, 11)
+HIGH = LOW + np.where(np.isin(np.arange(11), BEND), 2200.0, 400.0)
+
+
+def profile(low: Any = LOW, high: Any = HIGH) -> dict[str, dict[str, float]]:
+    return {"max": dict(zip(CHANNELS, map(float, high))), "min": dict(zip(CHANNELS, map(float, low)))}
+
+
+def written(folder: Path, whole: Any) -> Path:
+    path = folder / "calibration.json"
+    path.write_text(json.dumps(whole))
+    return path
+
+
+def test_without_a_file_channels_are_normalised_and_counts_refused() -> None:
+    calibration = load_calibration(None)
+    assert calibration.fitting([0.5] * 11) is calibration.regression
+    assert calibration.doubtful == () and calibration.kept_free == ()
+    with pytest.raises(
+        InputError, match="the glove sends raw counts \\(up to 3166\\): expected 0 to 1, or a calibration"
+    ):
+        calibration.fitting([3166.0] * 11)
+
+
+def test_a_profile_leaves_what_the_server_normalised_and_scales_what_it_did_not(tmp_path: Path) -> None:
+    calibration = load_calibration(written(tmp_path, {"RIGHT": {"anna": profile()}, "LEFT": {}}))
+    share = np.linspace(0.1, 0.9, 11)
+    plain = calibration.fitting(share.tolist())
+    counts = calibration.fitting((LOW + share * (HIGH - LOW)).tolist())
+    assert not plain.counts_raw and counts.counts_raw
+    assert np.allclose(counts.normalised(LOW), 0.0) and np.allclose(counts.normalised(HIGH), 1.0)
+    for one, other in zip(plain.angles(share), counts.angles(LOW + share * (HIGH - LOW))):
+        assert np.allclose(one, other) and np.isfinite(one).all()
+    assert calibration.doubtful == ()
+
+
+def test_profiles_are_found_by_hand_and_name(tmp_path: Path) -> None:
+    other = profile(LOW, HIGH + 50.0)
+    path = written(tmp_path, {"RIGHT": {"anna": profile(), "ben": other}, "LEFT": {"cleo": other}})
+    counts = load_calibration(path, "right", "ben").counts
+    assert counts is not None and np.array_equal(counts.closed, HIGH + 50.0)
+    left = load_calibration(path, "left").counts
+    assert left is not None and np.array_equal(left.closed, HIGH + 50.0)
+    with pytest.raises(InputError, match="RIGHT has 2 profiles: name one of 'anna', 'ben'"):
+        load_calibration(path, "right")
+    with pytest.raises(InputError, match="unknown profile 'bem': did you mean ben"):
+        load_calibration(path, "right", "bem")
+
+
+def test_channels_that_say_little_are_named_and_their_fingers_kept_free(tmp_path: Path) -> None:
+    high = HIGH.copy()
+    high[CHANNELS.index("index_split")] = LOW[CHANNELS.index("index_split")] + 37.0
+    high[CHANNELS.index("ring_bend")] = LOW[CHANNELS.index("ring_bend")] + 60.0
+    high[CHANNELS.index("pinky_bend")] = 4200.0
+    calibration = load_calibration(written(tmp_path, {"RIGHT": {"anna": profile(LOW, high)}}))
+    assert calibration.doubtful == (
+        "index_split spans 37 counts of 4095: it says little",
+        "ring_bend spans 60 counts of 4095: it says little",
+        "counts beyond 0 to 4095: pinky_bend",
+    )
+    assert calibration.kept_free == (3,)
+
+
+def test_a_spread_without_span_leaves_its_joint_where_it_is(tmp_path: Path) -> None:
+    k = CHANNELS.index("middle_split")
+    high = HIGH.copy()
+    high[k] = LOW[k]
+    calibration = load_calibration(written(tmp_path, {"RIGHT": {"anna": profile(LOW, high)}}))
+    assert "middle_split spans 0 counts of 4095: it says little" in calibration.doubtful
+    for regression in (calibration.regression, calibration.counts):
+        assert regression is not None
+        readings = regression.open.copy()
+        readings[k] += 1.0
+        for one, other in zip(regression.angles(readings), regression.angles(regression.open)):
+            assert np.isfinite(one).all() and np.array_equal(one, other)
+
+
+def test_our_file_with_ends_in_counts_is_for_counts_alone(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.toml"
+    rows = [f"{ours} = {{ open = {low}, closed = {high} }}" for ours, low, high in zip(ours_names(), LOW, HIGH)]
+    path.write_text("[channel]\n" + "\n".join(rows))
+    calibration = load_calibration(path)
+    assert np.allclose(calibration.fitting(HIGH.tolist()).normalised(HIGH), 1.0)
+    with pytest.raises(InputError, match="its \\[channel\\] ends are raw counts, but the glove sends 0 to 1"):
+        calibration.fitting([0.4] * 11)
+
+
+def test_our_file_with_ends_of_normalised_channels_is_for_those_alone(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.toml"
+    path.write_text("[channel]\n" + "\n".join(f"{name} = {{ open = 0.1, closed = 0.9 }}" for name in ours_names()))
+    calibration = load_calibration(path)
+    assert np.allclose(calibration.fitting([0.5] * 11).normalised([0.5] * 11), 0.5)
+    with pytest.raises(InputError, match="raw counts"):
+        calibration.fitting([2000.0] * 11)
+
+
+def ours_names() -> list[str]:
+    return [name.replace("pinky", "little") for name in CHANNELS]
+
+
+def without(key: str) -> Any:
+    whole = profile()
+    del whole["max"][key]
+    return {"RIGHT": {"anna": whole}}
+
+
+def bend_that_does_not_move() -> Any:
+    high = HIGH.copy()
+    high[BEND[2]] = LOW[BEND[2]]
+    return {"RIGHT": {"anna": profile(LOW, high)}}
+
+
+@pytest.mark.parametrize(
+    ("whole", "message"),
+    [
+        ([], "expected an object"),
+        ({}, "no RIGHT; it has nothing"),
+        ({"LEFT": {}}, "no RIGHT; it has LEFT"),
+        ({"RIGHT": {}}, "RIGHT has 0 profiles"),
+        ({"RIGHT": {"anna": 3}}, "anna is 3; expected an object"),
+        ({"RIGHT": {"anna": {"max": {}}}}, "anna.min is missing; expected an object"),
+        (without("ring_bend"), "anna.max.ring_bend is None; expected a count"),
+        ({"RIGHT": {"anna": profile(LOW, [math.nan] * 11)}}, "anna.max.thumb_rotate is nan; expected a count"),
+        ({"RIGHT": {"anna": profile(LOW, [math.inf] * 11)}}, "anna.max.thumb_rotate is inf; expected a count"),
+        ({"RIGHT": {"anna": profile(LOW, [1e300] * 11)}}, "expected a count, 0 to 4095"),
+        ({"RIGHT": {"anna": profile() | {"max": dict.fromkeys(CHANNELS, True)}}}, "is True; expected a count"),
+        (bend_that_does_not_move(), "middle_bend: min is not below max"),
+    ],
+)
+def test_profiles_that_are_none_are_refused_in_one_line(tmp_path: Path, whole: Any, message: str) -> None:
+    with pytest.raises(InputError) as refused:
+        load_calibration(written(tmp_path, whole))
+    assert message in str(refused.value) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"\xff\xfe\x00", "not a text file"),
+        (b"{", "not JSON"),
+        (b"[" * 100_000, "not JSON"),
+        (b" " * (MOST_FILE + 1), "more than 4 MB"),
+    ],
+)
+def test_files_that_are_no_profiles_are_refused_in_one_line(tmp_path: Path, data: bytes, message: str) -> None:
+    path = tmp_path / "calibration.json"
+    path.write_bytes(data)
+    with pytest.raises(InputError) as refused:
+        load_calibration(path)
+    assert message in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.json: cannot be read: No such file"):
+        load_calibration(tmp_path / "gone.json")
+
+
+def test_the_vendors_channels_are_in_the_order_of_the_regression() -> None:
+    assert tuple(ours_names()) == OURS

@@ -1,0 +1,84 @@
+"""Figures of a session from the ring of its ticks, against the ticks that were put there."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hhsim.live.live_records import LIVE_TICK, Safety
+from hhsim.live.live_tally import LiveTally
+from hhsim.live.safety_words import WORDS, why_free
+from hhsim.live.shared_memory import SharedRing
+
+
+def ring_of(ticks: np.ndarray) -> SharedRing:
+    ring = SharedRing.create("test", LIVE_TICK, 64)
+    put(ring, ticks)
+    return ring
+
+
+def put(ring: SharedRing, ticks: np.ndarray) -> None:
+    for tick in ticks:
+        ring.records[ring.written % ring.capacity] = tick
+        ring.publish()
+
+
+def made(seed: int, count: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    ticks = np.zeros(count, LIVE_TICK)
+    ticks["wakeup_ns"] = random.integers(10_000, 200_000, count)
+    ticks["missed"] = random.integers(0, 3, count)
+    ticks["input_seq"] = np.cumsum(random.integers(0, 3, count)) - 1
+    new = np.diff(ticks["input_seq"], prepend=-1) > 0
+    ticks["latency_ns"] = np.where(new, random.integers(50_000, 900_000, count), -1)
+    ticks["safety"] = random.integers(0, 2, count) * int(Safety.STALE_INPUT)
+    ticks["total"] = random.normal(size=(count, 3))
+    ticks["command_stiffness"][:, 1] = random.integers(0, 2, count) * 0.3
+    ticks["work"] = random.integers(0, 4, ticks["work"].shape)
+    return ticks
+
+
+@given(st.integers(0, 2**32), st.integers(1, 60), st.integers(0, 60))
+def test_everything_is_counted_once_however_the_ticks_come(seed: int, count: int, split: int) -> None:
+    ticks = made(seed, count)
+    ring = ring_of(ticks[:split])
+    tally = LiveTally(ring)
+    tally.read()
+    put(ring, ticks[split:])
+    tally.read()
+    tally.read()
+    assert (tally.ticks, tally.lost) == (count, 0)
+    assert tally.missed == ticks["missed"].sum()
+    assert tally.new_samples == (ticks["latency_ns"] >= 0).sum() == tally.latency.count
+    # Every sample up to the newest one was used or superseded.
+    assert tally.new_samples + tally.superseded == ticks["input_seq"][-1] + 1
+    assert tally.free_for[Safety.STALE_INPUT] == (ticks["safety"] > 0).sum()
+    assert tally.free_for[Safety.DEVICE_LOST] == 0
+    assert tally.stiff == (ticks["command_stiffness"][:, 1] > 0).sum()
+    assert tally.force_max == np.linalg.norm(ticks["total"], axis=1).max()
+    assert abs(tally.wakeup.percentile(100) - ticks["wakeup_ns"].max()) <= 0.002 * ticks["wakeup_ns"].max()
+    assert tally.to_json()["ticks"] == count
+
+
+def test_ticks_that_were_overwritten_are_known_to_be_missing() -> None:
+    ring = ring_of(made(1, 200))
+    tally = LiveTally(ring)
+    tally.read()
+    assert tally.ticks + tally.lost == 200
+    assert tally.lost == 200 - 63
+
+
+def test_the_rate_is_that_of_late() -> None:
+    ring = ring_of(np.zeros(0, LIVE_TICK))
+    tally = LiveTally(ring)
+    assert tally.rate(10**9) == 0.0
+    put(ring, made(2, 50))
+    tally.read()
+    assert tally.rate(10**9 + 5 * 10**7) == 1000.0
+    assert tally.rate(10**9 + 5 * 10**9) == 0.0
+
+
+def test_every_reason_has_its_words() -> None:
+    assert set(WORDS) == set(Safety)
+    assert why_free(0) == ""
+    assert why_free(int(Safety.STALE_INPUT | Safety.STOPPING)) == "no fresh input, stopping"
+    assert why_free(1 << 20) == "reason 1048576"

@@ -1,0 +1,200 @@
+"""A result holds all that its run needs: the same ticks come out of it again, and what differs is found."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from sphere_scenes import bumpy_ball
+
+from hhsim.errors import InputError
+from hhsim.hand import HandModel
+from hhsim.replay import replay
+from hhsim.result import load_result
+from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.run_again import COMPARED, run_again
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.shapes import sphere
+from hhsim.solver_options import SolverOptions, Stiffness
+from hhsim.stored_scene import stored_hand, stored_mesh, stored_options, stored_tree
+
+SHORT = """
+title = "short"
+[[phase]]
+name = "approach"
+duration = 0.2
+[[phase]]
+name = "grasp"
+duration = 0.3
+[[phase]]
+name = "hold"
+duration = 0.1
+"""
+ODD_OPTIONS = {
+    "coupled": SolverOptions(stiffness=Stiffness(1234.5, 4.25, 0.4), margin=1.3e-3, fingers=("thumb", "index")),
+    "progressive": SolverOptions(method="progressive", threads=2, budget=60_000),
+    "paper": SolverOptions(method="paper", frustum_ends="flat"),
+    "penalty": SolverOptions(method="penalty", stiffness=Stiffness(penalty=40_000.0)),
+}
+
+
+@pytest.fixture(scope="module")
+def hand() -> HandModel:
+    """No default in any field."""
+    usual = HandModel.default("right", hand_length=0.19)
+    turned = np.array([-1.0, 1.0, 1.0])
+    return replace(
+        usual,
+        side="left",
+        base=usual.base * turned,
+        distal=usual.distal * turned,
+        dorsal=usual.dorsal * turned,
+        length=usual.length * 1.01,
+        radius=usual.radius * 0.99,
+        flexion_min=usual.flexion_min * 0.9,
+        flexion_max=usual.flexion_max * 0.95,
+        abduction_min=usual.abduction_min * 0.8,
+        abduction_max=usual.abduction_max * 0.7,
+        palm_tree=usual.palm_tree.at_level(1),
+    )
+
+
+@pytest.fixture(scope="module")
+def runs(hand: HandModel, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("runs")
+    scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, parse_script(SHORT, name="short", where="short.toml"))
+    for method, options in ODD_OPTIONS.items():
+        replay(scene, options, folder / f"{method}.h5")
+    return {method: folder / f"{method}.h5" for method in ODD_OPTIONS}
+
+
+@pytest.fixture
+def copy(runs: dict[str, Path], tmp_path: Path) -> Path:
+    path = tmp_path / "copy.h5"
+    path.write_bytes(runs["coupled"].read_bytes())
+    return path
+
+
+def test_the_hand_comes_back_bit_for_bit(runs: dict[str, Path], hand: HandModel) -> None:
+    again = stored_hand(load_result(runs["coupled"]))
+    assert (again.side, again.hand_length, again.hand_breadth) == (hand.side, hand.hand_length, hand.hand_breadth)
+    for name, array in hand.arrays()._asdict().items():
+        assert again.arrays()._asdict()[name].tobytes() == array.tobytes(), name
+    for name, array in hand.palm_tree.arrays()._asdict().items():
+        assert np.array_equal(again.palm_tree.arrays()._asdict()[name], array), name
+    assert again.palm_mesh.sha256 == hand.palm_mesh.sha256
+
+
+def test_tree_mesh_and_options_come_back(runs: dict[str, Path]) -> None:
+    ball = bumpy_ball(200)
+    for method, options in ODD_OPTIONS.items():
+        result = load_result(runs[method])
+        assert stored_options(result) == options
+        tree = stored_tree(result)
+        assert np.array_equal(tree.level, ball.level)
+        assert len(stored_mesh(result).faces) == len(sphere(0.076, 3).faces)
+
+
+@pytest.mark.parametrize("method", ODD_OPTIONS)
+def test_every_method_runs_again_to_the_same_bits(runs: dict[str, Path], method: str) -> None:
+    result = load_result(runs[method])
+    assert result["contacts/candidates"].max() > 0
+    again = run_again(result)
+    assert again.identical
+    assert again.ticks == again.ticks_stored == result.ticks == 600
+    assert again.notes == ()
+    given = {"time", "input_seq", *(f"haptic/{name}" for name in ("position", "orientation", "flexion", "abduction"))}
+    timings = {column.name for column in TICK_COLUMNS if column.name.startswith("duration/")}
+    assert {array.name for array in again.arrays} == {column.name for column in TICK_COLUMNS} - given - timings
+    assert json.loads(json.dumps(again.to_json()))["identical"] is True
+
+
+@pytest.mark.parametrize("name", ["graphic/flexion", "work/units", "penetration_finger", "force_variation_rate"])
+def test_one_bit_of_one_tick_is_found(copy: Path, name: str) -> None:
+    with h5py.File(copy, "r+") as file:
+        dataset = file["tick"][name]
+        values = dataset[...]
+        row = values[530].reshape(-1)
+        row.view(np.uint8)[0] ^= 1
+        dataset[530] = row.reshape(values.shape[1:])
+    again = run_again(load_result(copy))
+    assert not again.identical
+    (differing,) = [array for array in again.arrays if not array.identical]
+    assert (differing.name, differing.ticks, differing.first_tick) == (name, 1, 530)
+    units = next(column.units for column in COMPARED if column.name == name)
+    assert differing.units == units
+
+
+def test_a_changed_input_changes_what_follows(copy: Path) -> None:
+    with h5py.File(copy, "r+") as file:
+        file["tick/haptic/position"][400:, 2] += 1e-3
+    again = run_again(load_result(copy))
+    differing = {array.name: array for array in again.arrays if not array.identical}
+    assert differing["graphic/position"].first_tick == 400
+    assert 1e-4 < differing["graphic/position"].largest < 3e-3
+
+
+def test_a_run_that_was_stopped_is_run_as_far_as_it_goes(copy: Path) -> None:
+    with h5py.File(copy, "r+") as file:
+        file.attrs["complete"] = 0
+        for column in TICK_COLUMNS:
+            file["tick"][column.name].resize(177, axis=0)
+    again = run_again(load_result(copy))
+    assert again.identical
+    assert (again.ticks, again.complete) == (177, False)
+    assert again.notes == ("the file is of a run that was stopped: its ticks so far were run again",)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("object/tree/radius", "the object's sphere tree in the file is another one"),
+        ("object/vertices", "the object's mesh in the file is another one"),
+        ("hand/flexion_max", "the hand in the file is another one"),
+        ("hand/palm_tree/center", "the hand in the file is another one"),
+    ],
+)
+def test_another_tree_object_or_hand_is_refused(copy: Path, name: str, says: str) -> None:
+    with h5py.File(copy, "r+") as file:
+        values = file[name][...]
+        values.reshape(-1)[-1] *= 1.0 - 1e-15
+        file[name][...] = values
+    with pytest.raises(InputError, match=f"cannot be run again: {says}"):
+        run_again(load_result(copy))
+
+
+@pytest.mark.parametrize("schema", [1, 2])
+def test_an_older_result_is_read_and_not_run(copy: Path, schema: int) -> None:
+    with h5py.File(copy, "r+") as file:
+        file.attrs["schema_version"] = schema
+        for column in TICK_COLUMNS:
+            if column.since > schema:
+                del file["tick"][column.name]
+        for column in STATIC_COLUMNS:
+            if column.since > schema:
+                del file[column.name]
+    result = load_result(copy)
+    assert result["force/total"].shape == (600, 3)
+    with pytest.raises(InputError, match=f"its schema is {schema}, and whole hands are stored since schema 3"):
+        run_again(result)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"spin": 3.0}, "states solver options that this hhsim does not have: spin"),
+        ({"method": "magic"}, "unknown method 'magic'"),
+        ({"stiffness": 3.0}, "its solver options cannot be read"),
+    ],
+)
+def test_options_of_another_hhsim_are_told(copy: Path, change: dict[str, Any], says: str) -> None:
+    with h5py.File(copy, "r+") as file:
+        scene = json.loads(file.attrs["scene"])
+        scene["solver"] |= change
+        file.attrs["scene"] = json.dumps(scene)
+    with pytest.raises(InputError, match=says):
+        run_again(load_result(copy))

@@ -1,0 +1,231 @@
+"""The order in which a session's processes start and end, and what is told of their deaths, with stand-ins for them."""
+
+import os
+import pickle
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hhsim.errors import HhsimError
+from hhsim.hand import HandModel
+from hhsim.live import supervisor
+from hhsim.live.devices import DeviceConfig
+from hhsim.live.glove_device import DeviceError
+from hhsim.live.live_records import EVENT, LIVE_STATUS, Stage
+from hhsim.live.live_setup import LiveSetup
+from hhsim.live.pose_sources import PoseConfig
+from hhsim.live.session_memory import EVENT_CAPACITY, FAULT, WARNING
+from hhsim.live.supervisor import GUARDIAN, LOOP, RECORDER, VIEWER, Supervisor
+from hhsim.object_catalogue import load_object
+from hhsim.solver_options import SolverOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+# Without hhsim's numerics, which every one of them would load.
+BEGIN = """
+import argparse, enum, pickle, signal, sys, time
+from hhsim.live.shared_memory import SharedBlock, SharedRing
+class Stage(enum.IntEnum):
+    RUNNING = 1
+    ENDED = 3
+parser = argparse.ArgumentParser()
+for name in ("setup", "status", "ticks", "samples", "events", "facts"):
+    parser.add_argument("--" + name, type=int, required=True)
+options = parser.parse_args()
+with open({dtypes!r}, "rb") as file:
+    LIVE_STATUS, EVENT, EVENT_CAPACITY = pickle.load(file)
+status = SharedBlock(options.status, LIVE_STATUS).array[0]
+events = SharedRing(options.events, EVENT, EVENT_CAPACITY)
+def mark(word):
+    with open({marks!r}, "a") as file:
+        file.write(word + " ")
+"""
+GOOD_LOOP = """
+events.slot()["text"] = b"the loop is here"
+events.publish()
+status["stage"] = Stage.RUNNING
+while not status["stop_asked"]:
+    time.sleep(0.005)
+mark("loop")
+status["stage"] = Stage.ENDED
+"""
+STUBBORN_LOOP = "signal.signal(signal.SIGTERM, signal.SIG_IGN)\nstatus['stage'] = Stage.RUNNING\ntime.sleep(60)"
+POLITE_LOOP = "status['stage'] = Stage.RUNNING\ntime.sleep(60)"
+NO_GLOVE = "print('hhsim: error: no glove at 127.0.0.1:1', file=sys.stderr)\nsys.exit(2)"
+UNTIL_ENDED = "while status['stage'] != Stage.ENDED:\n    time.sleep(0.005)\nmark('{name}')"
+GUARDIAN_UNTIL_ENDED = "time.sleep(0.1)\n" + UNTIL_ENDED.format(name="guardian")
+MORTAL = "time.sleep(0.3)\nsys.exit(5)"
+FULL_DISK = "print('hhsim: error: no space left', file=sys.stderr)\nsys.exit(2)"
+
+Make = Callable[..., Supervisor]
+
+
+@pytest.fixture
+def marks(tmp_path: Path) -> Path:
+    return tmp_path / "marks"
+
+
+@pytest.fixture
+def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    for name, seconds in (("LOOP_PATIENCE", 0.7), ("VIEWER_PATIENCE", 0.7), ("GUARDIAN_PATIENCE", 0.7)):
+        monkeypatch.setattr(supervisor, name, seconds)
+    monkeypatch.setattr(supervisor, "MODULES", {name: f"{name}_program" for name in supervisor.MODULES})
+    programs = {
+        LOOP: GOOD_LOOP,
+        GUARDIAN: GUARDIAN_UNTIL_ENDED,
+        RECORDER: UNTIL_ENDED.format(name="recorder"),
+        VIEWER: UNTIL_ENDED.format(name="viewer"),
+    }
+    item = load_object("sphere")
+    tree = cached_sphere_tree(item.mesh, TreeOptions(level=2))
+    made: list[Supervisor] = []
+
+    def session(*, record: bool = True, view: bool = False, **changed: str) -> Supervisor:
+        dtypes = tmp_path / "dtypes.pickle"
+        dtypes.write_bytes(pickle.dumps((LIVE_STATUS, EVENT, EVENT_CAPACITY)))
+        begin = BEGIN.format(dtypes=str(dtypes), marks=str(marks))
+        for name, program in {**programs, **changed}.items():
+            (tmp_path / f"{name}_program.py").write_text(begin + program)
+        setup = LiveSetup(
+            mesh=item.mesh,
+            tree=tree,
+            hand=HandModel.default("right"),
+            options=SolverOptions(),
+            device=DeviceConfig(),
+            pose=PoseConfig(),
+            record=tmp_path / "session.h5" if record else None,
+            rerun="spawn" if view else None,
+        )
+        made.append(Supervisor(setup))
+        return made[-1]
+
+    yield session
+    for each in made:
+        each.end()
+
+
+def run(session: Supervisor, until: Callable[[], bool], seconds: float = 20.0) -> None:
+    limit = time.monotonic() + seconds
+    while session.poll() and not until():
+        assert time.monotonic() < limit
+        time.sleep(0.01)
+
+
+def told(session: Supervisor, level: int = 0) -> str:
+    return " / ".join(text for _, at, text in session.end().notices if at >= level)
+
+
+def running(session: Supervisor) -> bool:
+    return session.stage == Stage.RUNNING
+
+
+def test_a_session_ends_in_order_and_the_guardian_is_last(make: Make, marks: Path) -> None:
+    session = make(view=True)
+    with session:
+        run(session, lambda: running(session))
+        pids = [session.pid(name) for name in (LOOP, GUARDIAN, RECORDER, VIEWER)]
+        assert None not in pids
+        session.ask_stop("a key")
+        session.ask_stop("another reason")
+    words = marks.read_text().split()
+    assert words[0] == "loop"
+    assert sorted(words[1:]) == ["guardian", "recorder", "viewer"]
+    outcome = session.end()
+    assert (outcome.reason, outcome.loop_failed, outcome.record_failed) == ("a key", "", "")
+    assert told(session, WARNING) == ""
+    assert "the loop is here" in told(session)
+    session.check()
+    for pid in pids:
+        assert pid is not None
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_an_error_of_the_caller_ends_everything_in_order(make: Make, marks: Path) -> None:
+    session = make()
+    with pytest.raises(ZeroDivisionError), session:
+        run(session, lambda: running(session))
+        raise ZeroDivisionError
+    assert marks.read_text().split()[0] == "loop"
+    assert session.end().reason == "an error"
+    assert all(session.pid(name) is None for name in (LOOP, GUARDIAN, RECORDER))
+
+
+def test_a_glove_that_is_not_there_is_told_as_the_loop_told_it(make: Make) -> None:
+    session = make(loop=NO_GLOVE)
+    with session:
+        run(session, lambda: False)
+    with pytest.raises(DeviceError, match=r"^no glove at 127.0.0.1:1$"):
+        session.check()
+
+
+def test_a_loop_that_is_killed_is_told_and_the_guardian_outlives_it(make: Make, marks: Path) -> None:
+    session = make()
+    with session:
+        run(session, lambda: running(session))
+        pid = session.pid(LOOP)
+        assert pid is not None
+        os.kill(pid, signal.SIGKILL)
+        run(session, lambda: False)
+        killed = time.monotonic()
+    assert time.monotonic() - killed >= supervisor.RELEASE_PATIENCE
+    # The stand-in ends when the session is marked as ended, which only the supervisor could do.
+    assert "guardian" in marks.read_text()
+    assert "the loop was ended by SIGKILL; the guardian frees the fingers" in told(session, FAULT)
+    with pytest.raises(HhsimError, match="the session ended early: the loop was ended by SIGKILL"):
+        session.check()
+
+
+@pytest.mark.parametrize(("program", "last"), [(POLITE_LOOP, "SIGTERM"), (STUBBORN_LOOP, "SIGKILL")])
+def test_a_loop_that_does_not_end_is_ended(make: Make, program: str, last: str) -> None:
+    session = make(loop=program)
+    with session:
+        run(session, lambda: running(session))
+        session.ask_stop("a key")
+    assert f"the loop does not end: it gets {last}" in told(session, FAULT)
+    assert f"ended by {last}" in session.end().loop_failed
+    assert session.end().reason == "a key"
+
+
+def test_a_guardian_that_dies_is_started_again(make: Make) -> None:
+    session = make(guardian=MORTAL)
+    with session:
+        run(session, lambda: session.pid(GUARDIAN) is not None)
+        first = session.pid(GUARDIAN)
+        run(session, lambda: session.pid(GUARDIAN) not in (None, first))
+    outcome = session.end()
+    assert outcome.guardian_restarts >= 1
+    assert "the guardian ended with code 5: it is started again" in told(session, FAULT)
+    assert outcome.loop_failed == ""
+
+
+@pytest.mark.parametrize("part", [RECORDER, VIEWER])
+def test_the_session_goes_on_without_a_recorder_or_a_viewer(make: Make, part: str) -> None:
+    session = make(view=True, **{part: FULL_DISK})
+    with session:
+        run(session, lambda: running(session))
+        run(session, lambda: session.pid(part) is None)
+        assert session.poll()
+        assert running(session)
+    assert f"the {part} ended with code 2: no space left" in told(session, WARNING)
+    assert session.end().loop_failed == ""
+    if part == RECORDER:
+        with pytest.raises(HhsimError, match=r"the recording .*session.h5 is not whole: ended with code 2: no space"):
+            session.check()
+    else:
+        session.check()
+
+
+def test_a_terminal_that_is_gone_does_not_keep_the_session_from_ending(make: Make) -> None:
+    session = make(guardian=MORTAL)
+
+    def gone(text: str, level: int) -> None:
+        raise OSError("Input/output error")
+
+    session._say = gone
+    with session:
+        run(session, lambda: session.end is not None and session._guardian_restarts > 0)
+    assert session.end().loop_failed == ""
