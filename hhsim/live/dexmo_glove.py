@@ -230,6 +230,8 @@ class DexmoGlove(GloveDevice):
         wanted = f"glove {self._asked_id}" if asked else f"{self._hand} glove"
         sides = {True: "right", False: "left", None: "hand not said"}
         there = ", ".join(f"{message.device_id} ({sides[message.right]})" for message in seen.values()) or "none"
+        if asked and found:
+            raise DeviceError(f"{self._link.name}: glove {self._asked_id} is not a {self._hand} hand's")
         if found:
             raise DeviceError(
                 f"{self._link.name} has {len(found)} {self._hand} gloves: {there}; name one by its number"

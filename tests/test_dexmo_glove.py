@@ -1,0 +1,531 @@
+"""The Dexmo driver against a server in another process that misbehaves when told to."""
+
+import json
+import math
+import random
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hhsim.dexmo_regression import BEND, DexmoRegression
+from hhsim.live.devices import DeviceConfig, open_device
+from hhsim.live.dexmo_codec import CHANNELS, GloveMessage, encode_frame, framed
+from hhsim.live.dexmo_glove import MOST_MALFORMED, DexmoGlove
+from hhsim.live.fake_dexmo import COUNT_LOW, COUNT_SPAN, fake_channels
+from hhsim.live.fake_dexmo_process import FakeDexmo, Kind
+from hhsim.live.glove_device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand
+from hhsim.live.tcp_link import TcpLink, _is_itself
+
+RIGHT = 337785601
+HANG = 20.0
+"""A wait of so long [s] is a test that hangs."""
+DEFAULT = DexmoRegression.default()
+MADE: list[DexmoGlove] = []
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[FakeDexmo]:
+    with FakeDexmo(tmp_path / "log", "--seed", "4") as fake:
+        yield fake
+
+
+@pytest.fixture(autouse=True)
+def no_glove_stays_open() -> Iterator[None]:
+    yield
+    while MADE:
+        MADE.pop().close()
+
+
+def glove_of(server: FakeDexmo, **settings: Any) -> DexmoGlove:
+    glove = open_device(DeviceConfig(kind="dexmo", port=server.port, **settings))
+    assert isinstance(glove, DexmoGlove)
+    MADE.append(glove)
+    return glove
+
+
+def opened(server: FakeDexmo, **settings: Any) -> DexmoGlove:
+    glove = glove_of(server, **settings)
+    glove.open(HANG)
+    return glove
+
+
+def until(condition: Callable[[], Any]) -> None:
+    end = time.monotonic() + HANG
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.002)
+
+
+class Reader:
+    """All samples that a glove gives."""
+
+    def __init__(self, glove: DexmoGlove, room: int = 64) -> None:
+        self.glove = glove
+        self.out = np.zeros(room, GLOVE_SAMPLE)
+        self.rows: list[Any] = []
+
+    def read(self) -> int:
+        count = self.glove.read(self.out)
+        self.rows += [row.copy() for row in self.out[:count]]
+        return count
+
+    def more(self, count: int) -> None:
+        wanted = len(self.rows) + count
+        until(lambda: (self.read(), len(self.rows) >= wanted)[1])
+
+    def lost(self) -> DeviceError:
+        """The error that reading ends with."""
+        found: list[DeviceError] = []
+
+        def gone() -> bool:
+            try:
+                self.read()
+            except DeviceError as error:
+                found.append(error)
+            return bool(found)
+
+        until(gone)
+        return found[0]
+
+    def column(self, name: str) -> NDArray[Any]:
+        return np.array([row[name] for row in self.rows])
+
+
+def command(stiffness: float | list[float], bend: float | list[float] = 0.5) -> FingerCommand:
+    told = FingerCommand()
+    told.stiffness[:], told.bend[:] = stiffness, bend
+    return told
+
+
+def motion(first: int, count: int, seed: int = 4, rate: float = 200.0) -> NDArray[np.float64]:
+    rows = [fake_channels(seed, (first + k) / rate) for k in range(count)]
+    return np.array(rows).astype(np.float32).astype(np.float64)
+
+
+def float32(values: list[float]) -> NDArray[np.float32]:
+    return np.array(values, np.float32)
+
+
+def settled(server: FakeDexmo, reader: Reader) -> None:
+    """The server sends no more, and all that it sent was read."""
+    server.order("stall")
+    sent = len(server.records(Kind.FRAME))
+    until(lambda: (reader.read(), reader.glove.counters.frames >= sent)[1])
+
+
+@pytest.mark.parametrize("way", ["frames", "bytes"])
+def test_every_frame_arrives_once_and_as_it_was_sent(server: FakeDexmo, way: str) -> None:
+    server.order(way)
+    reader = Reader(opened(server))
+    reader.more(60)
+    settled(server, reader)
+    sent = server.records(Kind.FRAME)
+    counters = reader.glove.counters
+    assert counters.frames == counters.samples == len(sent) == len(reader.rows)
+    assert counters.rejected == counters.other == counters.malformed == counters.resyncs == counters.dropped == 0
+    wanted = np.array([motion(int(k), 1)[0] for k in sent["number"]])
+    assert np.array_equal(reader.column("channels")[:, :11], wanted)
+    assert np.isnan(reader.column("channels")[:, 11:]).all()
+    flexion, abduction = DEFAULT.angles(wanted)
+    assert np.allclose(reader.column("flexion"), flexion) and np.allclose(reader.column("abduction"), abduction)
+    assert np.array_equal(reader.column("seq"), np.arange(len(sent)))
+    assert reader.column("good").all() and (reader.column("battery") == 87).all()
+    assert (reader.column("device_seq") == -1).all() and (reader.column("device_time_ns") == -1).all()
+    assert (reader.column("time_ns") >= sent["time_ns"]).all(), "nothing is read before it was sent"
+
+
+def test_what_the_glove_is(server: FakeDexmo) -> None:
+    info = opened(server).info
+    assert info.name == f"dexmo at 127.0.0.1:{server.port}" and info.hand == "right" and info.unit == ""
+    assert info.channels == CHANNELS
+    assert Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.BATTERY in info.capabilities
+    assert Capability.STAMPS not in info.capabilities
+
+
+def test_what_does_not_fit_waits_and_nothing_is_lost(server: FakeDexmo) -> None:
+    reader = Reader(opened(server), room=1)
+    until(lambda: len(server.records(Kind.FRAME)) > 30)
+    reader.more(30)
+    assert np.array_equal(reader.column("seq"), np.arange(30))
+    first = int(server.records(Kind.FRAME)["number"][0])
+    assert np.array_equal(reader.column("channels")[:, :11], motion(first, 30))
+
+
+def test_commands_arrive_as_they_were_given(server: FakeDexmo) -> None:
+    glove = opened(server)
+    stiffness, bend = [0.0, 0.25, 0.5, 0.75, 1.0], [1.0, 0.0, 0.125, 0.5, 0.25]
+    assert glove.send(command(stiffness, bend))
+    assert glove.send(command([0.0, 0.25, 0.5, 0.75, 0.5], bend))
+    assert glove.send(command(stiffness, bend))
+    assert glove.send(command([2.0] * 5, [-1.0, 2.0, 0.5, 0.5, 0.5]))
+    assert glove.release()
+    until(lambda: len(server.records(Kind.COMMAND)) == 5)
+    told = server.records(Kind.COMMAND)
+    assert (told["number"] == RIGHT).all() and glove.counters.commands == 5
+    assert np.array_equal(told["stiffness"][0], float32(stiffness))
+    assert np.array_equal(told["set_point"][0], float32([1.0, 1e-3, 0.125, 0.5, 0.25])), "a direction has a sign"
+    assert np.array_equal(told["stiffness"][3], np.ones(5))
+    assert np.array_equal(told["set_point"][3], float32([1e-3, 1.0, 0.5, 0.5, 0.5]))
+    assert not told["stiffness"][4].any() and not told["set_point"][4].any()
+    assert told["kept"].tolist() == [0, 1, 0, 0, 1], "the server must keep what lets go of a finger"
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("which", ["stiffness", "bend"])
+def test_a_command_that_is_not_finite_frees_all_fingers(server: FakeDexmo, bad: float, which: str) -> None:
+    glove = opened(server)
+    assert glove.send(command(0.5))
+    told = command(0.5)
+    getattr(told, which)[2] = bad
+    assert glove.send(told)
+    until(lambda: len(server.records(Kind.COMMAND)) == 2)
+    last = server.records(Kind.COMMAND)[-1]
+    assert not last["stiffness"].any() and not last["set_point"].any() and last["kept"]
+
+
+def test_set_points_are_the_servers_bends(server: FakeDexmo, tmp_path: Path) -> None:
+    ours = tmp_path / "ours.toml"
+    names = [name.replace("pinky", "little") for name in CHANNELS]
+    ours.write_text("[channel]\n" + "\n".join(f"{name} = {{ open = 0.25, closed = 0.75 }}" for name in names))
+    glove = opened(server, calibration=str(ours))
+    glove.send(command(0.5, [0.0, 0.25, 0.5, 0.75, 1.0]))
+    until(lambda: len(server.records(Kind.COMMAND)) == 1)
+    assert np.array_equal(server.records(Kind.COMMAND)[0]["set_point"], float32([0.25, 0.375, 0.5, 0.625, 0.75]))
+    reader = Reader(glove)
+    reader.more(3)
+    wanted, _ = DEFAULT.angles((reader.column("channels")[:, :11] - 0.25) / 0.5)
+    assert np.allclose(reader.column("flexion"), wanted)
+
+
+def test_one_of_two_hands(tmp_path: Path) -> None:
+    with FakeDexmo(tmp_path / "log", "--gloves", "7:left,8:right") as server:
+        left, right = (Reader(opened(server, hand=hand)) for hand in ("left", "right"))
+        for reader in (left, right):
+            reader.more(10)
+            counters = reader.glove.counters
+            assert counters.samples >= 10 and counters.other >= 9
+            reader.glove.send(command(0.5))
+        until(lambda: set(server.records(Kind.COMMAND)["number"].tolist()) == {7, 8})
+        assert left.glove.info.hand == "left"
+
+
+def test_which_of_several_gloves_must_be_clear(tmp_path: Path) -> None:
+    with FakeDexmo(tmp_path / "log", "--gloves", "7:left,8:right,9:right") as server:
+        with pytest.raises(DeviceError, match=r"has 2 right gloves: 7 \(left\), 8 \(right\), 9 \(right\); name one"):
+            glove_of(server).open(HANG)
+        with pytest.raises(DeviceError, match="glove 7 is not a right hand's"):
+            glove_of(server, device_id=7).open(HANG)
+        with pytest.raises(DeviceError, match=r"no glove 6 within 0\.3 s; gloves there: 7 \(left\), 8"):
+            glove_of(server, device_id=6).open(0.3)
+        reader = Reader(opened(server, device_id=9))
+        reader.more(5)
+        reader.glove.release()
+        until(lambda: server.records(Kind.COMMAND)["number"].tolist() == [9])
+
+
+def test_a_server_without_gloves_and_one_without_a_server(server: FakeDexmo) -> None:
+    server.order("unplug")
+    with pytest.raises(DeviceError, match=r"no right glove within 0\.2 s; gloves there: none"):
+        glove_of(server).open(0.2)
+    server.kill()
+    with pytest.raises(DeviceError, match=r"Connection refused.*: is its server running"):
+        glove_of(server).open(0.2)
+    with pytest.raises(DeviceError, match="no such host"):
+        glove_of(server, host="no such host").open(0.2)
+
+
+@pytest.mark.parametrize("text", [b"HTTP/1.1 400 Bad Request\r\n\r\n", struct.pack("<i", 3) + b"\x08\xff\xff"])
+def test_a_server_that_speaks_otherwise(text: bytes) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def answer() -> None:
+            link, _ = listener.accept()
+            with link:
+                link.sendall(text)
+                link.recv(1)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        glove = open_device(DeviceConfig(kind="dexmo", port=listener.getsockname()[1]))
+        with pytest.raises(DeviceError, match="what answers there is no Dexmo server"):
+            glove.open(HANG)
+        thread.join()
+
+
+def test_counts_need_a_calibration(tmp_path: Path) -> None:
+    profile = tmp_path / "vendor.json"
+    low, high = (dict.fromkeys(CHANNELS, value) for value in (COUNT_LOW, COUNT_LOW + COUNT_SPAN))
+    low["index_split"] = high["index_split"] - 37.0
+    profile.write_text(json.dumps({"RIGHT": {"anna": {"min": low, "max": high}}}))
+    with FakeDexmo(tmp_path / "log", "--counts", "--seed", "4") as server:
+        with pytest.raises(DeviceError, match="the glove sends raw counts"):
+            glove_of(server).open(HANG)
+        reader = Reader(opened(server, calibration=str(profile)))
+        assert reader.glove.info.unit == "count"
+        assert reader.glove.info.doubtful == ("index_split spans 37 counts of 4095: it says little",)
+        reader.more(10)
+        assert reader.column("good").all(), "a spread that says little does not make a sample useless"
+        counts = reader.column("channels")[:, :11]
+        lowest, highest = (np.array(list(ends.values())) for ends in (low, high))
+        share = np.clip((counts - lowest) / (highest - lowest), -0.5, 1.5)
+        flexion, abduction = DEFAULT.angles(share)
+        assert np.allclose(reader.column("flexion"), flexion) and np.allclose(reader.column("abduction"), abduction)
+        reader.glove.send(command(0.5, 0.25))
+        until(lambda: len(server.records(Kind.COMMAND)) == 1)
+        assert (server.records(Kind.COMMAND)[0]["set_point"] == 0.25).all(), "the server's own calibration is its own"
+
+
+def test_samples_that_are_not_finite_are_marked_and_their_angles_are_the_last_good_ones(server: FakeDexmo) -> None:
+    reader = Reader(opened(server))
+    reader.more(5)
+    server.order("nan 7")
+    until(lambda: (reader.read(), reader.glove.counters.rejected == 7)[1])
+    reader.more(5)
+    good, flexion = reader.column("good"), reader.column("flexion")
+    (bad,) = np.nonzero(~good)
+    assert len(bad) == 7 and np.isnan(reader.column("channels")[bad, CHANNELS.index("index_bend")]).all()
+    assert np.isfinite(flexion).all() and (flexion[bad] == flexion[bad[0] - 1]).all()
+    counters = reader.glove.counters
+    assert counters.samples + counters.rejected == counters.frames == len(reader.rows)
+
+
+def test_a_glove_that_is_switched_off_and_on_again(server: FakeDexmo) -> None:
+    reader = Reader(opened(server))
+    reader.more(5)
+    server.order("unplug")
+    until(lambda: (reader.read(), reader.glove.counters.other >= 10)[1])
+    count = len(reader.rows)
+    server.order("plug")
+    reader.more(10)
+    assert np.array_equal(reader.column("seq"), np.arange(len(reader.rows))) and len(reader.rows) >= count + 10
+    settled(server, reader)
+    counters = reader.glove.counters
+    assert counters.samples + counters.other == counters.frames and counters.resyncs == 0
+
+
+def test_the_server_dies_and_comes_back(server: FakeDexmo) -> None:
+    reader = Reader(opened(server))
+    reader.more(5)
+    glove = reader.glove
+    assert glove.send(command(0.75))
+    server.kill()
+    assert "gone" in str(reader.lost())
+    seen = len(reader.rows)
+    for _ in range(3):
+        assert not glove.reconnect()
+        with pytest.raises(DeviceError):
+            reader.read()
+        with pytest.raises(DeviceError):
+            glove.send(command(0.75))
+    assert not glove.release()
+    before = len(server.records(Kind.COMMAND))
+    server.start()
+    until(glove.reconnect)
+    assert glove.reconnect(), "and stays"
+    reader.more(10)
+    assert np.array_equal(reader.column("seq"), np.arange(len(reader.rows))) and len(reader.rows) >= seen + 10
+    assert len(server.records(Kind.COMMAND)) == before, "nothing from before is sent late"
+    assert glove.send(command(0.25))
+    until(lambda: len(server.records(Kind.COMMAND)) == before + 1)
+    assert (server.records(Kind.COMMAND)[-1]["stiffness"] == 0.25).all()
+    assert glove.counters.resyncs == 1
+
+
+def test_a_sender_that_finds_the_server_gone_says_so(server: FakeDexmo) -> None:
+    glove = opened(server)
+    server.order("down")
+    with pytest.raises(DeviceError, match="gone"):
+        until(lambda: not glove.send(command(0.5)))
+    assert not glove.reconnect()
+    server.order("up")
+    until(glove.reconnect)
+    assert glove.send(command(0.5))
+
+
+def test_what_came_before_the_end_is_still_handed_on(server: FakeDexmo) -> None:
+    reader = Reader(opened(server), room=3)
+    until(lambda: len(server.records(Kind.FRAME)) > 20)
+    server.order("down")
+    sent = len(server.records(Kind.FRAME))
+    reader.lost()
+    assert len(reader.rows) == sent == reader.glove.counters.samples
+
+
+@pytest.mark.parametrize("order", ["length -5", f"length {2**31 - 1}", "length 8193", f"garbage {MOST_MALFORMED}"])
+def test_a_stream_that_makes_no_sense_frees_the_fingers_and_begins_anew(server: FakeDexmo, order: str) -> None:
+    reader = Reader(opened(server))
+    reader.more(5)
+    assert reader.glove.send(command(0.75))
+    server.order(order)
+    wanted = "frames in a row cannot be read" if order.startswith("garbage") else "makes no sense: a message of"
+    assert wanted in str(reader.lost())
+    until(lambda: len(server.records(Kind.COMMAND)) == 2)
+    last = server.records(Kind.COMMAND)[-1]
+    assert not last["stiffness"].any() and last["kept"]
+    until(reader.glove.reconnect)
+    reader.more(5)
+    assert reader.glove.counters.resyncs == 1
+    assert reader.glove.counters.malformed == (MOST_MALFORMED if order.startswith("garbage") else 0)
+
+
+def test_a_few_frames_that_cannot_be_read_are_left_out(server: FakeDexmo) -> None:
+    reader = Reader(opened(server))
+    reader.more(5)
+    server.order(f"garbage {MOST_MALFORMED - 1}")
+    until(lambda: (reader.read(), reader.glove.counters.malformed == MOST_MALFORMED - 1)[1])
+    reader.more(5)
+    server.order(f"garbage {MOST_MALFORMED - 1}")
+    reader.more(20)
+    counters = reader.glove.counters
+    assert counters.malformed == 2 * (MOST_MALFORMED - 1) and counters.resyncs == 0
+    assert counters.frames == counters.samples + counters.malformed
+
+
+def test_a_server_that_takes_nothing_is_sent_nothing_by_halves(server: FakeDexmo) -> None:
+    glove = opened(server)
+    server.order("stall")
+    for _ in range(1_000_000):
+        if not glove.send(command(0.5)):
+            break
+    counters = glove.counters
+    assert counters.commands_refused == 1
+    server.order("go")
+    until(lambda: len(server.records(Kind.COMMAND)) == counters.commands)
+    assert not len(server.records(Kind.BROKEN))
+    until(lambda: glove.send(command(0.0)))
+    until(lambda: len(server.records(Kind.COMMAND)) == counters.commands)
+    assert not server.records(Kind.COMMAND)[-1]["stiffness"].any()
+
+
+def test_release_takes_a_fresh_connection_where_its_own_is_gone(server: FakeDexmo) -> None:
+    reader = Reader(opened(server))
+    reader.more(5)
+    server.order("down")
+    reader.lost()
+    server.order("up")
+    assert reader.glove.release(HANG)
+    until(lambda: len(server.records(Kind.COMMAND)) == 1)
+    assert server.records(Kind.COMMAND)[0]["client"] == 1 and server.records(Kind.COMMAND)[0]["kept"]
+    assert reader.glove.reconnect(), "the fresh connection is the connection now"
+    reader.more(5)
+
+
+def test_release_never_raises(server: FakeDexmo) -> None:
+    glove = glove_of(server)
+    assert not glove.release(), "nobody to tell"
+    glove.open(HANG)
+    server.kill()
+    until(lambda: not glove.release(0.05))
+    glove.close()
+    assert not glove.release(0.05)
+    glove.close()
+
+
+@pytest.mark.parametrize("turn", range(5))
+def test_the_last_command_is_not_lost_by_closing(server: FakeDexmo, turn: int) -> None:
+    glove = opened(server)
+    # Frames that nobody read would reset the connection.
+    until(lambda: len(server.records(Kind.FRAME)) > 25 + turn)
+    assert glove.release()
+    glove.close()
+    until(lambda: len(server.records(Kind.COMMAND)) == 1)
+
+
+def test_a_guardian_beside_the_loop(server: FakeDexmo) -> None:
+    loop = Reader(opened(server))
+    guardian = glove_of(server)
+    guardian.open_for_release(HANG)
+    for _ in range(20):
+        guardian.drain()
+        loop.more(1)
+    assert loop.glove.send(command(0.5)) and guardian.release()
+    until(lambda: len(server.records(Kind.COMMAND)) == 2)
+    assert server.records(Kind.COMMAND)["client"].tolist() == [0, 1]
+    server.order("down")
+
+    def gone() -> bool:
+        try:
+            guardian.drain()
+        except DeviceError:
+            return True
+        return False
+
+    until(gone)
+    server.order("up")
+    until(guardian.reconnect)
+    assert guardian.release()
+    until(lambda: len(server.records(Kind.COMMAND)) == 3)
+
+
+def test_a_socket_connected_to_itself_is_no_server() -> None:
+    # Where nothing listens on a port that the system also gives to clients, this happens by itself now and then.
+    with socket.socket() as link:
+        link.bind(("127.0.0.1", 0))
+        link.connect(link.getsockname())
+        assert _is_itself(link)
+    with socket.create_server(("127.0.0.1", 0)) as listener, socket.create_connection(listener.getsockname()) as link:
+        assert not _is_itself(link)
+
+
+class Chunks:
+    """A link that gives what it was given, and takes everything."""
+
+    connected, connection = True, 0
+
+    def __init__(self, chunks: list[bytes]) -> None:
+        self.chunks = chunks
+
+    def receive(self) -> bytes | None:
+        return self.chunks.pop(0) if self.chunks else None
+
+    def send(self, data: bytes, *, urgent: bool = False) -> bool:
+        return True
+
+    def close(self, linger: float = 0.0) -> None:
+        self.chunks.clear()
+
+    name = "chunks"
+
+
+def test_nothing_that_is_not_finite_comes_out_of_broken_frames() -> None:
+    source = random.Random(5)
+    channels = tuple(fake_channels(1, 0.3).tolist())
+    good = framed(encode_frame([GloveMessage(RIGHT, channels, True, 87)]))
+    good_samples = bad_samples = gone = malformed = 0
+    out = np.zeros(16, GLOVE_SAMPLE)
+    for _ in range(2500):
+        data = bytearray(good * 8)
+        for _ in range(source.randrange(1, 12)):
+            data[source.randrange(len(data))] = source.choice((0xFF, 0x7F, 0x80, 0, source.randrange(256)))
+        cuts = sorted(source.sample(range(len(data)), 3))
+        glove = DexmoGlove(DeviceConfig(kind="dexmo"))
+        glove._device_id = RIGHT
+        glove._link = Chunks([bytes(data[a:b]) for a, b in zip([0, *cuts], [*cuts, len(data)])])  # type: ignore[assignment]
+        try:
+            for _ in range(8):
+                rows = out[: glove.read(out)]
+                assert np.isfinite(rows["flexion"]).all() and np.isfinite(rows["abduction"]).all()
+                ok = rows["good"]
+                assert np.isfinite(rows["channels"][ok][:, :11]).all()
+                assert (np.abs(rows["channels"][ok][:, list(BEND)]) <= 1.5).all()
+                good_samples += int(ok.sum())
+                bad_samples += int((~ok).sum())
+        except DeviceError:
+            gone += 1
+        malformed += glove.counters.malformed
+    assert min(good_samples, bad_samples, gone, malformed) > 100, "all of it happens"
+
+
+def test_a_link_without_an_address_does_not_reconnect() -> None:
+    link = TcpLink("127.0.0.1", 1, "nobody")
+    assert not link.reconnect() and not link.send_within(b"x", 0.01)
+    with pytest.raises(DeviceError, match="nobody: not connected"):
+        link.send(b"x")
