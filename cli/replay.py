@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from click.shell_completion import CompletionItem
 
-from . import options, tree_file, tree_level
+from . import options, rerun_option, tree_file, tree_level
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 from .number_list import number_list
 from .object_argument import complete_object, read_object
@@ -17,6 +17,7 @@ from .run_again import names_a_result, run_again
 if TYPE_CHECKING:
     from hhsim.demonstration import Demonstration
     from hhsim.hand import HandModel
+    from hhsim.rerun_target import RerunTarget
     from hhsim.script import Script
     from hhsim.solver_options import SolverOptions, Stiffness
     from hhsim.trajectory import Trajectory
@@ -164,6 +165,7 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
 @options.size
 @options.thickness
 @options.seed
+@rerun_option.rerun
 @options.out
 @options.json
 @options.quiet
@@ -195,6 +197,7 @@ def command(
     size: float | None,
     thickness: float | None,
     seed: int,
+    rerun: "RerunTarget | None",
     out: Path | None,
     as_json: bool,
     quiet: bool,
@@ -218,6 +221,7 @@ def command(
       hhsim replay cup glove.npz --place-object auto
       hhsim replay results/session.h5
       hhsim replay cube results/session.h5 --method progressive
+      hhsim replay cube pinch --rerun spawn
     """
     if names_a_result(object_):
         run_again(click.get_current_context(), Path(object_), as_json=as_json, quiet=quiet)
@@ -225,9 +229,10 @@ def command(
     from hhsim.destination import dated_destination
     from hhsim.grasp_placement import place_at_grasp
     from hhsim.replay import replay as run
-    from hhsim.result import check_result_destination
+    from hhsim.result import check_result_destination, load_result
     from hhsim.scene import make_scene
     from hhsim.trajectory import Trajectory
+    from hhsim.view import view_result
 
     changed = {
         "force": force,
@@ -278,6 +283,8 @@ def command(
             "seed": seed,
         }
         summary = run(scene, solver, destination, description=description, progress=report)
+        if rerun is not None:
+            view_result(load_result(destination), rerun, progress=report)
     if as_json:
         document = summary.to_json()
         placed = {"placement": placement.to_json()} if placement else {}

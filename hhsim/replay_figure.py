@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
-from hhsim.hand import FINGERS, HandModel
+from hhsim.hand import FINGERS
 from hhsim.mesh import Mesh
 from hhsim.metrics import FORCE_FLOOR
 from hhsim.rendering import Camera, Layer, blend, frame, look_from, save_figure, shade
 from hhsim.result import Result, load_result
+from hhsim.result_hand import hand_of
 from hhsim.summary import HOLD
 from hhsim.surface import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
 
@@ -124,19 +125,6 @@ def shown_tick(result: Result) -> int:
         raise InputError(f"{result.path} holds no tick")
     held = any(phase.name == HOLD for phase in result.phases)
     return (result.phase(HOLD).stop if held else result.ticks) - 1
-
-
-def hand_of(result: Result) -> HandModel:
-    """The hand model of the run.
-
-    Raises:
-        InputError: The hand file is gone, or it is no longer the one that the run used.
-    """
-    side, file = result.scene["hand"]["side"], result.scene["hand_file"]
-    hand = HandModel.default(side) if file is None else HandModel.from_toml(file, side)
-    if not np.array_equal(hand.radius, result.static["hand/phalanx_radius"]):
-        raise InputError(f"{result.path} was made with another hand than {file or 'the default one'} is now")
-    return hand
 
 
 def phalanx_forces(result: Result, tick: int) -> list[PhalanxForce]:

@@ -42,7 +42,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
             "medial_axis",
             "medial_tree",
         ),
-        *("hand", "hand_figure", "palm", "placed_hand", "surface", "rendering"),
+        *("hand", "hand_figure", "hand_pieces", "palm", "placed_hand", "surface", "rendering"),
         *("trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
         *("sample_flags", "recording", "hand_change", "recorded_axes", "column_map", "csv_table"),
         *(
@@ -66,13 +66,19 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # One tick of it, and what is measured.
     (
         *("qp", "contact_problem", "solver", "solver_options", "crew", "backend", "workspace"),
-        *("metrics", "mesh_penetration", "hand_referee", "hold_touches", "placement_search"),
+        *("metrics", "mesh_penetration", "hand_referee", "hold_touches", "placement_search", "contact_points"),
     ),
     # Runs and their files.
+<<<<<<< HEAD
     (
         *("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up"),
         *("result", "result_schema", "result_writer", "tick_columns", "stored_scene", "run_again"),
     ),
+=======
+    ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
+    # Looking at them.
+    ("result_hand", "rerun_plots", "rerun_scene", "rerun_blueprint", "rerun_target", "view"),
+>>>>>>> 3d4acbd (See a run: results in the rerun viewer, sent in bulk, and checked against the file they come from)
     # A glove in the loop.
     ("live",),
     # Many runs, side by side.

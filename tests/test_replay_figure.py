@@ -10,8 +10,9 @@ from hhsim.hand import HandModel
 from hhsim.kernels.distance import sphere_round_cone_distance
 from hhsim.object_catalogue import load_object
 from hhsim.replay import replay
-from hhsim.replay_figure import arrow, draw_replay, hand_of, main, phalanx_forces, shown_tick
+from hhsim.replay_figure import arrow, draw_replay, main, phalanx_forces, shown_tick
 from hhsim.result import Result, load_result
+from hhsim.result_hand import hand_of
 from hhsim.scene import make_scene
 from hhsim.script import parse_script
 from hhsim.solver_options import SolverOptions

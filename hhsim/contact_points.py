@@ -1,0 +1,67 @@
+"""Where a stored hand touches the object, tick by tick: contact points, normals, and the body of the hand."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.kernels.touching import touching_pairs
+from hhsim.kernels.tree import TreeArrays
+from hhsim.placed_hand import HandShape, PlacedHand
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+ROOM = 64
+"""Room for the pairs of a tick at first; more is made where it is too little."""
+
+
+class ContactPoints(NamedTuple):
+    """The touching pairs of all ticks, in the order of the ticks.
+
+    Attributes:
+        tick: of each pair, from 0, shape (N,).
+        body: 0 to 14 the phalanges, finger by finger, proximal first; 15 the palm; shape (N,).
+        point: of the hand's surface [m], world, shape (N, 3).
+        normal: unit, from the object to the hand, shape (N, 3).
+    """
+
+    tick: IntArray
+    body: IntArray
+    point: FloatArray
+    normal: FloatArray
+
+
+def touching_points(
+    tree: TreeArrays,
+    shape: HandShape,
+    placed: PlacedHand,
+    touch: float,
+    *,
+    chosen: ArrayLike | None = None,
+    fingers: ArrayLike | None = None,
+) -> ContactPoints:
+    """Every pair of a hand body and a leaf sphere that are no more than `touch` [m] apart, or inside each other.
+
+    Args:
+        tree: the object, world.
+        shape: sizes of the hand.
+        placed: the ticks.
+        touch: [m]; what a result's contacts/touching counts is within `SolverOptions.touch`.
+        chosen: ticks to look at, in order; all where it is not given.
+        fingers: which fingers count, shape (5,), all where it is not given.
+    """
+    ticks = np.arange(len(placed.joints)) if chosen is None else np.asarray(chosen, np.int64)
+    counted = np.ones(5, np.bool_) if fingers is None else np.asarray(fingers, np.bool_)
+    room = max(ROOM, 4 * len(ticks))
+    count = -1
+    while count < 0:
+        room *= 4
+        tick, body = np.empty(room, np.int64), np.empty(room, np.int64)
+        point, normal = np.empty((room, 3)), np.empty((room, 3))
+        count = touching_pairs(
+            *(shape.phalanx_radius, shape.palm_center, shape.palm_radius, tree, np.ascontiguousarray(ticks)),
+            *(placed.joints, placed.position, placed.orientation, counted, float(touch)),
+            *(tick, body, point, normal),
+        )
+    return ContactPoints(tick[:count], body[:count], point[:count], normal[:count])

@@ -1,0 +1,134 @@
+"""A hand as sixteen rigid pieces, fifteen phalanges and a palm, and where each of them is, tick by tick.
+
+What a viewer wants that draws a mesh once and then only moves it. A phalanx's own frame has its origin at the joint, x
+along the axis that it flexes about, y to the fingertip and z out of its back; the palm's is the palm frame.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.hand import FINGERS, HandModel
+from hhsim.kernels.hand import PALM_BODY, PHALANX_COUNT
+from hhsim.surface import SKIN, Surface, mesh_surface, round_cone_surface, with_nail
+
+FloatArray = NDArray[np.float64]
+
+PHALANGES = ("proximal", "middle", "distal")
+"""Names of the phalanges of a finger; the thumb's metacarpal counts as its first."""
+
+PIECES = tuple(f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALANGES) + ("palm",)
+"""Names of the pieces, in the order of the kernels' bodies."""
+
+RINGS, SIDES = 8, 24
+"""Of a phalanx's mesh: rings to each end, and corners of a ring."""
+
+
+class PiecePoses(NamedTuple):
+    """Poses of the sixteen pieces: translation (T, 16, 3) [m], quaternion (T, 16, 4) w x y z; piece to world."""
+
+    translation: FloatArray
+    quaternion: FloatArray
+
+
+def piece_surfaces(hand: HandModel) -> tuple[Surface, ...]:
+    """The surface of each piece in its own frame."""
+    surfaces = []
+    for finger in range(len(FINGERS)):
+        for k in range(PHALANX_COUNT):
+            tip = np.array([0.0, hand.length[finger, k], 0.0])
+            radius_a, radius_b = hand.radius[finger, k : k + 2]
+            surface = round_cone_surface(np.zeros(3), tip, radius_a, radius_b, SKIN, rings=RINGS, sides=SIDES)
+            if k == PHALANX_COUNT - 1:
+                ends = np.array([np.zeros(3), np.zeros(3), np.zeros(3), tip])
+                surface = with_nail(surface, ends, np.array([0.0, 0.0, 1.0]))
+            surfaces.append(surface)
+    return (*surfaces, mesh_surface(hand.palm_mesh, SKIN))
+
+
+def piece_poses(
+    hand: HandModel, position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
+) -> PiecePoses:
+    """Where the pieces are.
+
+    Args:
+        hand: the hand.
+        position: palm origin [m], world, shape (T, 3).
+        orientation: palm to world, unit (w, x, y, z), shape (T, 4).
+        flexion: [rad], shape (T, 5, 3).
+        abduction: [rad], shape (T, 5).
+    """
+    origin, palm, spread = (np.asarray(values, np.float64) for values in (position, orientation, abduction))
+    bend = np.cumsum(np.asarray(flexion, np.float64), axis=2)
+    ticks = len(origin)
+    sign = 1.0 if hand.side == "right" else -1.0
+    half_spread, half_bend = 0.5 * sign * spread[:, :, None], -0.5 * bend
+    # A turn about the finger's back, then one about the axis that it flexes about.
+    chain = np.stack(
+        [
+            np.cos(half_spread) * np.cos(half_bend),
+            np.cos(half_spread) * np.sin(half_bend),
+            np.sin(half_spread) * np.sin(half_bend),
+            np.sin(half_spread) * np.cos(half_bend),
+        ],
+        axis=-1,
+    )
+    frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)
+    base = np.array([_quaternion(frame) for frame in frames])
+    quaternion = np.empty((ticks, PALM_BODY + 1, 4))
+    fingers = _product(_product(palm[:, None, None], base[None, :, None]), chain)
+    quaternion[:, :PALM_BODY] = fingers.reshape(ticks, PALM_BODY, 4)
+    quaternion[:, PALM_BODY] = palm
+
+    translation = np.empty((ticks, PALM_BODY + 1, 3))
+    joint = translation[:, :PALM_BODY].reshape(ticks, len(FINGERS), PHALANX_COUNT, 3)
+    w, x, y, z = np.moveaxis(fingers, -1, 0)
+    direction = np.stack([2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)], axis=-1)
+    joint[:, :, 0] = origin[:, None] + np.einsum("tij,fj->tfi", _matrix(palm), hand.base)
+    for k in range(1, PHALANX_COUNT):
+        joint[:, :, k] = joint[:, :, k - 1] + hand.length[:, k - 1, None] * direction[:, :, k - 1]
+    translation[:, :PALM_BODY] = joint.reshape(ticks, PALM_BODY, 3)
+    translation[:, PALM_BODY] = origin
+    return PiecePoses(translation, quaternion)
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Hamilton product of quaternions (w, x, y, z), with numpy's broadcasting."""
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def _matrix(quaternion: FloatArray) -> FloatArray:
+    """Rotation matrices, shape (T, 3, 3), of unit quaternions, shape (T, 4)."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _quaternion(rotation: FloatArray) -> FloatArray:
+    """Unit quaternion (w, x, y, z) of a rotation matrix: the best-conditioned column of 4 q qᵀ."""
+    r = rotation
+    square = np.array(
+        [
+            [1.0 + r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
+            [r[2, 1] - r[1, 2], 1.0 + r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
+            [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], 1.0 - r[0, 0] + r[1, 1] - r[2, 2], r[1, 2] + r[2, 1]],
+            [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1.0 - r[0, 0] - r[1, 1] + r[2, 2]],
+        ]
+    )
+    column = square[:, int(np.argmax(np.diag(square)))]
+    return np.asarray(column / np.linalg.norm(column))

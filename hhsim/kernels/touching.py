@@ -1,0 +1,110 @@
+"""Which parts of a stored hand touch the object, where and which way: pairs of a hand body and a leaf sphere.
+
+Many ticks in one call; from the stored poses alone, nothing is taken from the solver.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .distance import cone_slope, round_cone_parameter
+from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from .jit import jit
+from .rotation import quaternion_to_matrix
+from .tree import STACK_SIZE, TreeArrays, gather_round_cone
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@jit
+def touching_pairs(
+    phalanx_radius: Array,
+    palm_center: Array,
+    palm_radius: Array,
+    tree: TreeArrays,
+    chosen: Indices,
+    joints: Array,
+    position: Array,
+    orientation: Array,
+    fingers: NDArray[np.bool_],
+    touch: float,
+    tick_out: Indices,
+    body_out: Indices,
+    point_out: Array,
+    normal_out: Array,
+) -> int:
+    """Pairs of a hand body and a leaf sphere no more than `touch` [m] apart, or inside each other.
+
+    Args:
+        phalanx_radius: [m], shape (5, 4).
+        palm_center: of the palm's spheres [m], palm frame, shape (P, 3).
+        palm_radius: [m], shape (P,).
+        tree: the object, world.
+        chosen: the ticks to look at, in order.
+        joints: [m], world, shape (T, 5, 4, 3).
+        position: of the palm [m], world, shape (T, 3).
+        orientation: palm to world, unit (w, x, y, z), shape (T, 4).
+        fingers: which fingers count, shape (5,); the palm always does.
+        touch: [m].
+        tick_out: the tick of each pair, shape (capacity,).
+        body_out: its body: 0 to 14 the phalanges, finger by finger, 15 the palm; shape (capacity,).
+        point_out: the body's nearest point to the leaf [m], world, shape (capacity, 3).
+        normal_out: unit, from the leaf to the body, shape (capacity, 3); zero where it has no direction.
+
+    Returns:
+        The number of pairs; -1 where there is no room for them.
+    """
+    stack = np.empty(STACK_SIZE, np.int64)
+    index = np.empty(tree.x.shape[0], np.int64)
+    rotation = np.empty((3, 3))
+    count = 0
+    phalanges = FINGER_COUNT * PHALANX_COUNT
+    for tick in chosen:
+        quaternion_to_matrix(orientation[tick], rotation)
+        for part in range(phalanges + palm_center.shape[0]):
+            ux = uy = uz = 0.0
+            length = tan_slope = inverse_length = drop = 0.0
+            if part < phalanges:
+                f, k = part // PHALANX_COUNT, part % PHALANX_COUNT
+                if not fingers[f]:
+                    continue
+                a, b = joints[tick, f, k], joints[tick, f, k + 1]
+                ax, ay, az = a[0], a[1], a[2]
+                radius = phalanx_radius[f, k]
+                dx, dy, dz = b[0] - ax, b[1] - ay, b[2] - az
+                length = math.sqrt(dx * dx + dy * dy + dz * dz)
+                tan_slope, inverse_length = cone_slope(length, radius, phalanx_radius[f, k + 1])
+                ux, uy, uz = dx * inverse_length, dy * inverse_length, dz * inverse_length
+                drop = radius - phalanx_radius[f, k + 1]
+            else:
+                c = palm_center[part - phalanges]
+                ax = position[tick, 0] + rotation[0, 0] * c[0] + rotation[0, 1] * c[1] + rotation[0, 2] * c[2]
+                ay = position[tick, 1] + rotation[1, 0] * c[0] + rotation[1, 1] * c[1] + rotation[1, 2] * c[2]
+                az = position[tick, 2] + rotation[2, 0] * c[0] + rotation[2, 1] * c[1] + rotation[2, 2] * c[2]
+                radius = palm_radius[part - phalanges]
+            found, _, _ = gather_round_cone(
+                tree, ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop, touch, stack, index
+            )
+            if count + found > tick_out.shape[0]:
+                return -1
+            for i in range(found):
+                leaf = index[i]
+                dx, dy, dz = tree.x[leaf] - ax, tree.y[leaf] - ay, tree.z[leaf] - az
+                s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
+                qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
+                away = math.sqrt(qx * qx + qy * qy + qz * qz)
+                # A leaf that is centred on the axis has no nearest point; any is as good.
+                inverse = 1.0 / away if away > 0.0 else 0.0
+                share = (radius - s * drop) * inverse
+                tick_out[count] = tick
+                body_out[count] = min(part, PALM_BODY)
+                point_out[count, 0] = tree.x[leaf] - qx + share * qx
+                point_out[count, 1] = tree.y[leaf] - qy + share * qy
+                point_out[count, 2] = tree.z[leaf] - qz + share * qz
+                normal_out[count, 0] = -inverse * qx
+                normal_out[count, 1] = -inverse * qy
+                normal_out[count, 2] = -inverse * qz
+                count += 1
+    return count

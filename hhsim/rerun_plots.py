@@ -1,0 +1,85 @@
+"""The plots of a viewer: what each shows, under which name and colour, and what of it is left after thinning."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand import FINGERS
+
+FloatArray = NDArray[np.float64]
+Color = tuple[int, int, int]
+
+RED: Color = (225, 87, 89)
+FINGER_COLORS: tuple[Color, ...] = ((78, 121, 167), (242, 142, 43), (89, 161, 79), (176, 122, 161), (118, 183, 178))
+BROWN: Color = (156, 117, 95)
+PER_FINGER = dict(zip(FINGERS, FINGER_COLORS))
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """One plot.
+
+    Attributes:
+        path: its entity.
+        title: with the unit.
+        series: names and colours of its lines.
+        worst: a thinned plot shows the largest value of the ticks that a shown one stands for, and not that of the
+        shown tick alone, so that no spike is lost.
+        legend: names its lines; not where they are those of the plot above.
+        height: beside the other plots.
+    """
+
+    path: str
+    title: str
+    series: Mapping[str, Color]
+    worst: bool = True
+    legend: bool = True
+    height: float = 1.0
+
+    def thinned(self, values: FloatArray, every: int) -> FloatArray:
+        """What is shown of the ticks, shape (T, series), where only the ticks 0, every, 2 · every, … are shown."""
+        if every == 1 or len(values) == 0:
+            return values
+        if not self.worst:
+            return values[::every]
+        # NaN is no value: fmax passes it over.
+        return np.fmax.reduceat(values, np.arange(0, len(values), every), axis=0)
+
+
+FORCE = Plot("plots/force", "force on the hand [N]", {"all": RED, **PER_FINGER, "palm": BROWN}, worst=False, height=1.6)
+DEPTH = Plot("plots/depth", "depth in the spheres [µm]", {"deepest": RED, **PER_FINGER, "palm": BROWN}, legend=False)
+VARIATION = Plot("plots/variation", "force change in a tick [%]", {"all": RED, **PER_FINGER}, legend=False)
+TIME = Plot(
+    "plots/time",
+    "time of a tick [µs]",
+    {"whole": RED, **dict(zip(("detection", "palm or hand", "fingers", "forces"), FINGER_COLORS))},
+    height=1.3,
+)
+CONTACTS = Plot("plots/contacts", "pairs", {"candidates": FINGER_COLORS[0], "touching": RED})
+
+RESULT_PLOTS = (FORCE, DEPTH, VARIATION, TIME, CONTACTS)
+
+
+def force_values(phalanx: FloatArray, total: FloatArray) -> FloatArray:
+    """Of `FORCE` [N], from phalanx forces (T, 5, 3, 3) and total (T, 3)."""
+    finger = phalanx.sum(axis=2)
+    sizes = [np.linalg.norm(part, axis=-1) for part in (total[:, None], finger, palm_force(phalanx, total)[:, None])]
+    return np.concatenate(sizes, axis=1)
+
+
+def palm_force(phalanx: FloatArray, total: FloatArray) -> FloatArray:
+    """The contact force on the palm [N], shape (T, 3): what the phalanges do not carry of the total."""
+    return np.asarray(total - phalanx.sum(axis=(1, 2)))
+
+
+def depth_values(depth: FloatArray, finger: FloatArray, palm: FloatArray) -> FloatArray:
+    """Of `DEPTH` [µm], from depths [m], shapes (T,), (T, 5), (T,)."""
+    return 1e6 * np.column_stack([depth, finger, palm])
+
+
+def time_values(total: NDArray[Any], parts: NDArray[Any]) -> FloatArray:
+    """Of `TIME` [µs], from durations [ns], shapes (T,) and (T, 4): detection, palm, fingers, forces."""
+    return 1e-3 * np.column_stack([total, parts])

@@ -1,0 +1,309 @@
+"""Object, hands, contacts, forces and plots as a rerun recording, many ticks in one call.
+
+World in metres, z up. Each rigid piece of a hand is a mesh that is sent once, moved by a column of transforms.
+
+| entity | what |
+|---|---|
+| world/object | the object's mesh |
+| world/spheres | the leaf spheres of its tree, where they are asked for |
+| world/graphic/… | the graphic hand: each phalanx, and the palm |
+| world/haptic/… | the haptic hand |
+| world/contacts/points, normals | touching pairs: the point of the hand, and the normal from the object to the hand |
+| world/forces | the contact force on each phalanx and on the palm, in red, as long as `FORCE_LENGTH` says |
+| plots/… | `hhsim.rerun_plots` |
+| states/… | phases of the motion, and the state of the ticks |
+| run | what was run, in words |
+
+Timelines: `tick`, and `time` [s].
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.contact_points import ContactPoints, touching_points
+from hhsim.hand import HandModel
+from hhsim.hand_pieces import PIECES, piece_poses, piece_surfaces
+from hhsim.kernels.tree import TreeArrays
+from hhsim.mesh import Mesh
+from hhsim.metrics import FORCE_FLOOR
+from hhsim.placed_hand import HandShape, PlacedHand, hand_shape
+from hhsim.rerun_plots import Plot, palm_force
+from hhsim.sphere_tree import SphereTree
+from hhsim.surface import Surface, mesh_surface
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+APPLICATION = "hhsim"
+
+STONE = np.array([0.80, 0.80, 0.78])
+STONE_COLOR = (204, 204, 199, 200)
+SPHERE_COLOR = (120, 160, 190)
+HAPTIC_COLOR = (64, 133, 242, 70)
+FORCE_COLOR = (217, 26, 20)
+CONTACT_COLOR = (30, 30, 30)
+
+FORCE_LENGTH = 0.02
+"""Of the arrow of 1 N [m].
+
+Longer by the square root of the force, so that small forces can be seen beside large ones.
+"""
+FORCE_RADIUS = 1.5e-3
+"""Of an arrow of a force, its head's [m]; the shaft's is half of it."""
+POINT_RADIUS = 1.2e-3
+NORMAL_LENGTH = 8e-3
+NORMAL_RADIUS = 5e-4
+
+STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
+    "phase": {
+        "approach": (78, 121, 167),
+        "grasp": (242, 142, 43),
+        "hold": (89, 161, 79),
+        "slide": (176, 122, 161),
+        "release": (156, 117, 95),
+    },
+    "ticks": {"settled": (70, 110, 75), "lag": (242, 142, 43), "stuck": (225, 87, 89), "full": (225, 87, 89)},
+}
+"""Of the states that are usual; rerun colours the others."""
+
+SMOOTH_ABOVE = 30_000
+"""Triangles of a mesh above which its edges are not looked at one by one for sharp ones."""
+
+
+class Configuration(NamedTuple):
+    """A hand at each of T ticks: shapes (T, 3) [m], (T, 4) w x y z, (T, 5, 3) and (T, 5) [rad]."""
+
+    position: FloatArray
+    orientation: FloatArray
+    flexion: FloatArray
+    abduction: FloatArray
+
+
+@dataclass(frozen=True)
+class ShownTicks:
+    """What a viewer gets of T ticks.
+
+    Attributes:
+        tick: their numbers, shape (T,).
+        time: [s], shape (T,).
+        haptic: the user's hand.
+        graphic: the hand that is shown to the user.
+        joints: of the graphic hand [m], shape (T, 5, 4, 3).
+        phalanx: contact force on each phalanx [N], shape (T, 5, 3, 3).
+        total: of all contact forces [N], shape (T, 3).
+        touching: ticks in which something may touch, indices from 0; all others are not looked at.
+        plots: values of each plot, shape (T, its series).
+    """
+
+    tick: IntArray
+    time: FloatArray
+    haptic: Configuration
+    graphic: Configuration
+    joints: FloatArray
+    phalanx: FloatArray
+    total: FloatArray
+    touching: IntArray
+    plots: Mapping[Plot, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class ShownScene:
+    """What does not change with time.
+
+    Attributes:
+        mesh: the object [m], world.
+        tree: its sphere tree, world.
+        hand: the hand.
+        fingers: which fingers the scene uses, shape (5,); the others go through the object.
+        touch: pairs nearer than this touch [m].
+        spheres: show the leaf spheres instead of the mesh's surface alone.
+        text: what was run, Markdown.
+    """
+
+    mesh: Mesh
+    tree: SphereTree
+    hand: HandModel
+    fingers: NDArray[np.bool_]
+    touch: float
+    spheres: bool = False
+    text: str = ""
+
+    @cached_property
+    def tree_arrays(self) -> TreeArrays:
+        """The tree as the kernels read it."""
+        return self.tree.arrays()
+
+    @cached_property
+    def shape(self) -> HandShape:
+        """Sizes of the hand."""
+        return hand_shape(self.hand)
+
+
+@dataclass(eq=False)
+class RerunScene:
+    """Writes a scene into a recording.
+
+    Args:
+        stream: the recording, its sinks set.
+        scene: what is shown.
+    """
+
+    stream: "rr.RecordingStream"
+    scene: ShownScene
+
+    def log_static(self, plots: Sequence[Plot]) -> None:
+        """Send what does not change: meshes, spheres, names and colours of the plots, the text."""
+        import rerun as rr
+
+        scene = self.scene
+        self._fixed("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self._fixed("world/object", _mesh(_object_surface(scene.mesh), STONE_COLOR))
+        if scene.spheres:
+            spheres = rr.Ellipsoids3D(
+                centers=scene.tree.leaf_center,
+                radii=scene.tree.leaf_radius,
+                colors=SPHERE_COLOR,
+                fill_mode="solid",
+            )
+            self._fixed("world/spheres", spheres)
+        for name, surface in zip(PIECES, piece_surfaces(scene.hand)):
+            self._fixed(f"world/graphic/{name}", _mesh(surface))
+            self._fixed(f"world/haptic/{name}", _mesh(surface, HAPTIC_COLOR))
+        self._fixed("world/contacts/points", rr.Points3D.from_fields(colors=CONTACT_COLOR, radii=POINT_RADIUS))
+        self._fixed("world/contacts/normals", rr.Arrows3D.from_fields(colors=CONTACT_COLOR, radii=NORMAL_RADIUS))
+        self._fixed("world/forces", rr.Arrows3D.from_fields(colors=FORCE_COLOR, radii=FORCE_RADIUS))
+        for lane, colors in STATE_COLORS.items():
+            self._fixed(f"states/{lane}", rr.StateConfiguration(values=list(colors), colors=list(colors.values())))
+        for plot in plots:
+            lines = rr.SeriesLines(names=list(plot.series), colors=list(plot.series.values()), widths=1.2)
+            self._fixed(plot.path, lines)
+        if scene.text:
+            self._fixed("run", rr.TextDocument(scene.text, media_type="text/markdown"))
+
+    def log_ticks(self, ticks: ShownTicks) -> None:
+        """Send some ticks."""
+        import rerun as rr
+
+        if len(ticks.tick) == 0:
+            return
+        for whose, hand in (("graphic", ticks.graphic), ("haptic", ticks.haptic)):
+            poses = piece_poses(self.scene.hand, *hand)
+            quaternion = np.roll(poses.quaternion, -1, axis=2).astype(np.float32)
+            translation = poses.translation.astype(np.float32)
+            for k, name in enumerate(PIECES):
+                columns = rr.Transform3D.columns(translation=translation[:, k], quaternion=quaternion[:, k])
+                self._columns(f"world/{whose}/{name}", ticks, columns)
+        contacts = self._log_contacts(ticks)
+        self._log_forces(ticks, contacts)
+        for plot, values in ticks.plots.items():
+            columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).ravel())
+            self._columns(plot.path, ticks, columns.partition(np.full(len(values), len(plot.series))))
+
+    def log_states(self, lane: str, tick: Sequence[int], time: Sequence[float], states: Sequence[str]) -> None:
+        """Send when a lane of the state timeline changed to which state; "" for none."""
+        import rerun as rr
+
+        if len(states) == 0:
+            return
+        indexes = [rr.TimeColumn("tick", sequence=tick), rr.TimeColumn("time", duration=time)]
+        columns = rr.StateChange.columns(state=list(states))
+        self.stream.send_columns(f"states/{lane}", indexes=indexes, columns=columns, strict=True)
+
+    def _log_contacts(self, ticks: ShownTicks) -> ContactPoints:
+        import rerun as rr
+
+        scene = self.scene
+        placed = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation)
+        contacts = touching_points(
+            scene.tree_arrays,
+            scene.shape,
+            PlacedHand(*(np.ascontiguousarray(values, np.float64) for values in placed)),
+            scene.touch,
+            chosen=ticks.touching,
+            fingers=scene.fingers,
+        )
+        lengths = np.bincount(contacts.tick, minlength=len(ticks.tick))
+        points = rr.Points3D.columns(positions=contacts.point.astype(np.float32))
+        self._columns("world/contacts/points", ticks, points.partition(lengths))
+        normals = rr.Arrows3D.columns(
+            origins=contacts.point.astype(np.float32), vectors=(NORMAL_LENGTH * contacts.normal).astype(np.float32)
+        )
+        self._columns("world/contacts/normals", ticks, normals.partition(lengths))
+        return contacts
+
+    def _log_forces(self, ticks: ShownTicks, contacts: ContactPoints) -> None:
+        import rerun as rr
+
+        count = len(ticks.tick)
+        force = np.concatenate(
+            [ticks.phalanx.reshape(count, 15, 3), palm_force(ticks.phalanx, ticks.total)[:, None]], axis=1
+        )
+        size = np.linalg.norm(force, axis=2)
+        felt = size >= FORCE_FLOOR
+        start = _force_places(ticks, contacts, force, self.scene.hand.radius)
+        arrows = rr.Arrows3D.columns(
+            origins=start[felt].astype(np.float32),
+            vectors=(FORCE_LENGTH * force[felt] / np.sqrt(size[felt])[:, None]).astype(np.float32),
+        )
+        self._columns("world/forces", ticks, arrows.partition(felt.sum(axis=1)))
+
+    def _fixed(self, path: str, what: Any) -> None:
+        self.stream.log(path, what, static=True, strict=True)
+
+    def _columns(self, path: str, ticks: ShownTicks, columns: Any) -> None:
+        import rerun as rr
+
+        indexes = [rr.TimeColumn("tick", sequence=ticks.tick), rr.TimeColumn("time", duration=ticks.time)]
+        self.stream.send_columns(path, indexes=indexes, columns=columns, strict=True)
+
+
+def _force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, radius: FloatArray) -> FloatArray:
+    """Where each force is drawn [m], shape (T, 16, 3): amid the body's contact points, or where its skin faces it."""
+    count = len(ticks.tick)
+    middle = np.empty((count, 16, 3))
+    middle[:, :15] = 0.5 * (ticks.joints[:, :, :3] + ticks.joints[:, :, 1:]).reshape(count, 15, 3)
+    thickness = 0.5 * (radius[:, :3] + radius[:, 1:]).reshape(15)
+    size = np.linalg.norm(force[:, :15], axis=2)
+    unit = force[:, :15] / np.maximum(size, 1e-12)[:, :, None]
+    middle[:, :15] -= thickness[:, None] * unit
+    middle[:, 15] = ticks.graphic.position
+    body = contacts.tick * 16 + contacts.body
+    number = np.bincount(body, minlength=16 * count)
+    there = number > 0
+    places = middle.reshape(-1, 3)
+    for axis in range(3):
+        total = np.bincount(body, contacts.point[:, axis], minlength=16 * count)
+        places[there, axis] = total[there] / number[there]
+    return places.reshape(count, 16, 3)
+
+
+def _object_surface(mesh: Mesh) -> Surface:
+    if len(mesh.faces) <= SMOOTH_ABOVE:
+        return mesh_surface(mesh, STONE)
+    a, b, c = mesh.triangles.transpose(1, 0, 2)
+    area = np.cross(b - a, c - a)
+    normals = np.zeros((len(mesh.vertices), 3))
+    for axis in range(3):
+        normals[:, axis] = np.bincount(mesh.faces.ravel(), np.repeat(area[:, axis], 3), minlength=len(normals))
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return Surface(mesh.vertices, normals, np.tile(STONE, (len(normals), 1)), mesh.faces)
+
+
+def _mesh(surface: Surface, color: tuple[int, int, int, int] | None = None) -> Any:
+    import rerun as rr
+
+    return rr.Mesh3D(
+        vertex_positions=surface.points,
+        triangle_indices=surface.faces,
+        vertex_normals=surface.normals,
+        vertex_colors=None if color else np.rint(255.0 * surface.colors).astype(np.uint8),
+        albedo_factor=color,
+    )

@@ -1,0 +1,192 @@
+"""Where a rerun recording goes: a viewer on this screen, a file, or a viewer that is open already."""
+
+import contextlib
+import importlib.util
+import os
+import socket
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+from urllib.parse import urlsplit
+
+from hhsim.destination import check_destination
+from hhsim.errors import InputError, OutputError
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+SUFFIX = ".rrd"
+PORT = 9876
+"""Where a rerun viewer listens by default."""
+MAGIC = b"RRF"
+"""First bytes of every file of rerun's."""
+FLUSH_SECONDS = 60.0
+"""Longest wait for a viewer to take what was sent."""
+
+
+@dataclass(frozen=True)
+class RerunTarget:
+    """Where a recording goes.
+
+    Attributes:
+        kind: "spawn" opens a viewer, "file" writes one file, "connect" sends to a viewer that runs.
+        path: of the file.
+        url: of the viewer.
+    """
+
+    kind: Literal["spawn", "file", "connect"]
+    path: Path = Path()
+    url: str = ""
+
+    def __str__(self) -> str:
+        return {"spawn": "a viewer", "file": str(self.path), "connect": self.url}[self.kind]
+
+
+def parse_target(text: str) -> RerunTarget:
+    """Read `spawn`, `FILE.rrd`, `connect` or `connect=URL`.
+
+    A URL is as rerun writes it, or HOST:PORT, or a port on this machine.
+
+    Raises:
+        InputError: none of these.
+    """
+    if text == "spawn":
+        return RerunTarget("spawn", url=_url("127.0.0.1", PORT))
+    word, _, rest = text.partition("=")
+    if word == "connect":
+        return RerunTarget("connect", url=_viewer_url(rest))
+    if Path(text).suffix == SUFFIX:
+        return RerunTarget("file", path=Path(text))
+    raise InputError(f"--rerun {text}: expected spawn, connect, connect=HOST:PORT or a file that ends in {SUFFIX}")
+
+
+def check_target(target: RerunTarget) -> None:
+    """Look, before the work, for what would keep a recording from getting there.
+
+    Raises:
+        InputError: no screen for a viewer, or no viewer that listens.
+        OutputError: a file that cannot be written, or one that is no recording of rerun's and would be replaced.
+    """
+    if target.kind == "file":
+        check_destination(target.path)
+        if target.path.exists() and target.path.stat().st_size > 0:
+            with target.path.open("rb") as file:
+                if file.read(len(MAGIC)) != MAGIC:
+                    raise OutputError(f"{target.path} exists and is no recording of rerun's, so it is not replaced")
+    elif target.kind == "connect":
+        _require_listener(target.url)
+    elif sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError(
+            "--rerun spawn: there is no screen here; write a file, such as --rerun run.rrd, and open it with "
+            "rerun run.rrd where there is one"
+        )
+
+
+@contextlib.contextmanager
+def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprint") -> "Iterator[rr.RecordingStream]":
+    """A recording that goes to the target, with the arrangement of the views; complete when the `with` is left.
+
+    A file appears under its name when it is whole; where the `with` is left by an exception, there is none.
+
+    Raises:
+        InputError, OutputError: as `check_target`; a viewer that does not start or does not take the recording.
+    """
+    check_target(target)
+    import rerun as rr
+
+    stream = rr.RecordingStream(application)
+    if target.kind == "file":
+        partial = target.path.with_name(f".{target.path.name}.{os.getpid()}{SUFFIX}")
+        try:
+            stream.save(partial)
+            stream.send_blueprint(blueprint)
+            yield stream
+            try:
+                stream.flush(timeout_sec=FLUSH_SECONDS)
+            except (RuntimeError, ValueError) as error:
+                raise OutputError(f"cannot write {target.path}: {error}; is the disk full?") from error
+            stream.disconnect()
+            partial.replace(Path(os.path.realpath(target.path)))
+        finally:
+            stream.disconnect()
+            partial.unlink(missing_ok=True)
+        return
+    if target.kind == "spawn":
+        spawn_viewer(PORT, stay=True)
+    stream.connect_grpc(target.url)
+    stream.send_blueprint(blueprint)
+    yield stream
+    try:
+        stream.flush(timeout_sec=FLUSH_SECONDS)
+    except (RuntimeError, ValueError) as error:
+        raise InputError(f"the viewer at {target.url} does not take the recording: {error}") from error
+    finally:
+        stream.disconnect()
+
+
+def spawn_viewer(port: int, *, stay: bool, headless: bool = False, memory_limit: str = "50%") -> int | None:
+    """Open a viewer, or use the one that listens at the port already.
+
+    Args:
+        port: it listens at, on this machine.
+        stay: it outlives this process.
+        headless: without a window, for tests.
+        memory_limit: from where on it drops the oldest data.
+
+    Returns:
+        The viewer's process, where that is known.
+
+    Raises:
+        InputError: it does not start.
+    """
+    from rerun._spawn import _spawn_viewer
+
+    # The program lies in the package, and a virtual environment that is not activated is not on the path.
+    package = importlib.util.find_spec("rerun_cli")
+    program = Path(package.origin).with_name("rerun") if package and package.origin else None
+    try:
+        return _spawn_viewer(
+            port=port,
+            memory_limit=memory_limit,
+            hide_welcome_screen=True,
+            detach_process=stay,
+            executable_path=str(program) if program and program.exists() else None,
+            headless=headless,
+        )
+    except (RuntimeError, ValueError, OSError) as error:
+        raise InputError(f"the rerun viewer does not start: {error}") from error
+
+
+def _viewer_url(text: str) -> str:
+    if not text:
+        return _url("127.0.0.1", PORT)
+    if text.isdigit():
+        return _url("127.0.0.1", int(text))
+    parts = urlsplit(text if "://" in text else f"rerun+http://{text}")
+    try:
+        port = parts.port or PORT
+    except ValueError:
+        port = -1
+    if parts.scheme not in ("rerun", "rerun+http", "rerun+https") or not parts.hostname or not 0 < port < 65536:
+        raise InputError(f"--rerun connect={text}: expected HOST:PORT or rerun+http://HOST:PORT/proxy")
+    if "://" in text and parts.path == "/proxy":
+        return text
+    return _url(parts.hostname, port, parts.scheme)
+
+
+def _url(host: str, port: int, scheme: str = "rerun+http") -> str:
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/proxy"
+
+
+def _require_listener(url: str) -> None:
+    # rerun itself keeps trying for as long as the process lives.
+    parts = urlsplit(url)
+    try:
+        socket.create_connection((parts.hostname or "", parts.port or PORT), timeout=3.0).close()
+    except OSError as error:
+        raise InputError(
+            f"no viewer listens at {url}: {error.strerror or error}; start one with the command rerun"
+        ) from error

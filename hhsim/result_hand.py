@@ -1,0 +1,20 @@
+"""The hand that a result was made with."""
+
+import numpy as np
+
+from hhsim.errors import InputError
+from hhsim.hand import HandModel
+from hhsim.result import Result
+
+
+def hand_of(result: Result) -> HandModel:
+    """The hand model of the run.
+
+    Raises:
+        InputError: The hand file is gone, or it is no longer the one that the run used.
+    """
+    side, file = result.scene["hand"]["side"], result.scene["hand_file"]
+    hand = HandModel.default(side) if file is None else HandModel.from_toml(file, side)
+    if not np.array_equal(hand.radius, result.static["hand/phalanx_radius"]):
+        raise InputError(f"{result.path} was made with another hand than {file or 'the default one'} is now")
+    return hand

@@ -1,0 +1,257 @@
+"""A result in the rerun viewer: everything of it that can be seen, in a few large pieces."""
+
+import contextlib
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.hand import FINGERS
+from hhsim.kernels.tick_state import (
+    STATUS_ABDUCTION_HELD,
+    STATUS_FULL,
+    STATUS_HELD,
+    STATUS_LAG,
+    STATUS_START_INSIDE,
+    STATUS_STUCK,
+    TOUCH,
+)
+from hhsim.mesh import Mesh
+from hhsim.rerun_blueprint import blueprint
+from hhsim.rerun_plots import (
+    CONTACTS,
+    DEPTH,
+    FORCE,
+    RESULT_PLOTS,
+    TIME,
+    VARIATION,
+    Plot,
+    depth_values,
+    force_values,
+    time_values,
+)
+from hhsim.rerun_scene import APPLICATION, Configuration, RerunScene, ShownScene, ShownTicks
+from hhsim.rerun_target import RerunTarget, rerun_stream
+from hhsim.result import Result
+from hhsim.result_hand import hand_of
+from hhsim.sphere_tree import SphereTree
+
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+
+Array = NDArray[Any]
+Progress = Callable[[str, int, int], None]
+
+BLOCK_TICKS = 16_384
+"""Ticks that are read and sent at a time; a multiple of no use to the viewer, which joins and splits as it likes."""
+
+MOST_FRAMED = 50
+"""Ticks that decide about where the scene is looked at from."""
+
+MANY_TICKS = 200_000
+"""From here on a viewer needs gigabytes."""
+
+STATES = (
+    (STATUS_FULL, "full"),
+    (STATUS_STUCK, "stuck"),
+    (STATUS_LAG, "lag"),
+    (STATUS_HELD, "input held"),
+    (STATUS_ABDUCTION_HELD, "abduction held"),
+    (STATUS_START_INSIDE, "began inside"),
+)
+"""Names of the status bits, the most urgent first: a lane shows one."""
+
+
+@dataclass(frozen=True)
+class Viewed:
+    """What was sent.
+
+    Attributes:
+        ticks: of the result.
+        shown: of them that have a pose in the viewer.
+        target: where it went.
+    """
+
+    ticks: int
+    shown: int
+    target: RerunTarget
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {"ticks": self.ticks, "shown_ticks": self.shown, "rerun": str(self.target)}
+
+
+def view_result(
+    result: Result,
+    target: RerunTarget,
+    *,
+    every: int = 1,
+    spheres: bool = False,
+    progress: Progress | None = None,
+) -> Viewed:
+    """Show a result.
+
+    Args:
+        result: of a replay or a session, complete or not.
+        target: where it goes.
+        every: only every so-manieth tick is shown; the plots then show the worst of the ticks between, but for forces.
+        spheres: show the leaf spheres too.
+        progress: called with what is being done, how much is done and how much there is.
+
+    Raises:
+        InputError: the result holds no tick, or cannot be read; as `rerun_stream`.
+        OutputError: as `rerun_stream`.
+    """
+    if result.ticks == 0:
+        raise InputError(f"{result.path} holds no tick")
+    if every < 1:
+        raise InputError(f"every {every} ticks: expected 1 or more")
+    scene = shown_scene(result, spheres=spheres)
+    with _opened(result.path) as file:
+        group = file["tick"]
+        arrangement = arranged(result, scene, group)
+        with rerun_stream(target, APPLICATION, arrangement) as stream:
+            stream.send_recording_name(result.path.name)
+            viewer = RerunScene(stream, scene)
+            viewer.log_static(RESULT_PLOTS)
+            log_phases(viewer, result, group["time"])
+            log_status(viewer, group["time"][: result.ticks], group["status"][: result.ticks])
+            # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
+            step = max(1, BLOCK_TICKS // every) * every
+            for first in range(0, result.ticks, step):
+                if progress is not None:
+                    progress("ticks", first, result.ticks)
+                viewer.log_ticks(read_ticks(group, first, min(first + step, result.ticks), every))
+            if progress is not None:
+                progress("ticks", result.ticks, result.ticks)
+    return Viewed(result.ticks, -(-result.ticks // every), target)
+
+
+def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
+    """What of a result does not change with time.
+
+    Raises:
+        InputError: the hand is not known any more, or the arrays are no mesh or tree.
+    """
+    static, solver = result.static, result.scene.get("solver", {})
+    used = solver.get("fingers", FINGERS)
+    return ShownScene(
+        mesh=Mesh(static["object/vertices"], static["object/faces"], "object", str(result.path)),
+        tree=SphereTree(
+            center=static["object/tree/center"],
+            radius=static["object/tree/radius"],
+            level=static["object/tree/level"],
+            parent=static["object/tree/parent"],
+        ),
+        hand=hand_of(result),
+        fingers=np.array([finger in used for finger in FINGERS]),
+        touch=float(solver.get("touch", TOUCH)),
+        spheres=spheres,
+        text=description(result),
+    )
+
+
+def arranged(result: Result, scene: ShownScene, group: h5py.Group) -> "rrb.Blueprint":
+    """The views of a result, the scene seen from where object and hand fill it while they touch."""
+    touching = np.flatnonzero(group["contacts/touching"][: result.ticks])
+    some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
+    hand = np.concatenate([group["graphic/joints"][tick].reshape(-1, 3) for tick in some])
+    points = np.concatenate([scene.mesh.bounds, hand])
+    low, high = points.min(axis=0), points.max(axis=0)
+    duration = 1e-3 * group["duration/total"][: result.ticks]
+    # A pause of the machine is a thousand ticks long: it would flatten all that the plot is for.
+    top = min(float(duration.max()), 4.0 * float(np.quantile(duration, 0.99)))
+    title = f"{result.path.name}: graphic hand, haptic hand (blue), contact forces (red)"
+    extent = float(np.linalg.norm(high - low))
+    return blueprint(0.5 * (low + high), extent, title, RESULT_PLOTS, tops={TIME: max(top, 1.0)})
+
+
+def description(result: Result) -> str:
+    """What was run and what came out, as Markdown."""
+    scene = result.scene
+    lines = [f"# {result.path.name}", ""]
+    facts = {
+        "object": scene.get("object", ""),
+        "motion": scene.get("motion", ""),
+        "method": scene.get("solver", {}).get("method", ""),
+        "ticks": f"{result.ticks:,} at {scene.get('rate', 0):g} Hz",
+        "tree": f"{scene.get('object_spheres', 0):,} leaf spheres",
+        "hhsim": f"{result.hhsim_version}, {result.created_utc}",
+        "complete": "yes" if result.complete else "no: the run was stopped",
+    }
+    lines += [f"- **{name}**: {value}" for name, value in facts.items() if value]
+    lines += ["", "| summary | SI units |", "|---|---|"]
+    lines += [
+        f"| {name} | {value:.6g} |" if isinstance(value, float) else f"| {name} | {value} |"
+        for name, value in result.summary.items()
+    ]
+    solver = json.dumps(scene.get("solver", {}), indent=1)
+    return "\n".join([*lines, "", "## Options of the solver", "```json", solver, "```", ""])
+
+
+def read_ticks(group: h5py.Group, first: int, end: int, every: int) -> ShownTicks:
+    """Ticks `first` to `end` (not included) of a result's /tick, every so-manieth of them."""
+
+    def whole(name: str) -> Array:
+        return np.asarray(group[name][first:end])
+
+    def some(name: str) -> Array:
+        return whole(name)[::every]
+
+    haptic, graphic = (
+        Configuration(*(some(f"{whose}/{name}") for name in Configuration._fields)) for whose in ("haptic", "graphic")
+    )
+    phalanx, total, touching = whole("force/phalanx"), whole("force/total"), whole("contacts/touching")
+    parts = np.column_stack([whole(f"duration/{name}") for name in ("detect", "palm", "fingers", "force")])
+    plots: dict[Plot, Array] = {
+        FORCE: force_values(phalanx, total),
+        DEPTH: depth_values(*(whole(f"penetration_{name}") for name in ("depth", "finger", "palm"))),
+        VARIATION: np.column_stack([whole("force_variation_rate"), whole("force_variation_finger")]),
+        TIME: time_values(whole("duration/total"), parts),
+        CONTACTS: np.column_stack([whole("contacts/candidates"), touching]).astype(np.float64),
+    }
+    return ShownTicks(
+        tick=np.arange(first, end, every),
+        time=some("time"),
+        haptic=haptic,
+        graphic=graphic,
+        joints=some("graphic/joints"),
+        phalanx=phalanx[::every],
+        total=total[::every],
+        touching=np.flatnonzero(touching[::every]),
+        plots={plot: plot.thinned(values, every) for plot, values in plots.items()},
+    )
+
+
+def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:
+    """Send the phases of the motion as a lane of the state timeline; a gap between two of them has no state."""
+    changes: dict[int, str] = {}
+    for phase in sorted(result.phases, key=lambda phase: phase.first_tick):
+        changes[phase.first_tick] = phase.name
+        if phase.last_tick + 1 < result.ticks:
+            changes[phase.last_tick + 1] = ""
+    ticks = sorted(changes)
+    viewer.log_states("phase", ticks, [float(time[tick]) for tick in ticks], [changes[tick] for tick in ticks])
+
+
+def log_status(viewer: RerunScene, time: Array, status: Array) -> None:
+    """Send how the ticks ended as a lane of the state timeline, where it changes."""
+    change = np.flatnonzero(np.concatenate([[True], status[1:] != status[:-1]]))
+    names = [next((name for bit, name in STATES if status[tick] & bit), "settled") for tick in change]
+    viewer.log_states("ticks", change.tolist(), time[change].tolist(), names)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error}") from error
+    with file:
+        yield file

@@ -1,0 +1,90 @@
+"""Contact points with their bodies and normals: against the kernel of one tick, and by brute force over every pair."""
+
+import numpy as np
+import pytest
+from sphere_scenes import bumpy_ball
+
+from hhsim.brute_distance import palm_spheres, round_cone_distance
+from hhsim.contact_points import ContactPoints, touching_points
+from hhsim.hand import HandModel
+from hhsim.mesh_penetration import contact_points
+from hhsim.placed_hand import PlacedHand, hand_shape, placed_hand
+from hhsim.sphere_tree import SphereTree
+
+TOUCH = 1e-3
+
+
+@pytest.fixture(scope="module")
+def hand() -> HandModel:
+    return HandModel.default()
+
+
+@pytest.fixture(scope="module")
+def tree() -> SphereTree:
+    return bumpy_ball(250)
+
+
+@pytest.fixture(scope="module")
+def placed(hand: HandModel) -> PlacedHand:
+    """Comes down on the ball, turned a little further at each tick."""
+    ticks = 12
+    turn = np.linspace(-0.6, 0.6, ticks)
+    orientation = np.stack([np.cos(turn), 0.0 * turn, np.sin(turn), 0.0 * turn], axis=1)
+    position = np.stack([0.02 * turn, np.full(ticks, -0.06), np.linspace(0.09, 0.03, ticks)], axis=1)
+    return placed_hand(hand, position, orientation, np.full((ticks, 5, 3), 0.2), np.zeros((ticks, 5)))
+
+
+@pytest.fixture(scope="module")
+def found(hand: HandModel, tree: SphereTree, placed: PlacedHand) -> ContactPoints:
+    return touching_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
+
+
+def test_the_points_are_those_of_each_tick(
+    hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
+) -> None:
+    assert np.all(np.diff(found.tick) >= 0)
+    by_tick = contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
+    assert [np.count_nonzero(found.tick == tick) for tick in range(12)] == [len(points) for points in by_tick]
+    assert len(found.tick) > 300, "more than the room at first"
+    for tick, expected in enumerate(by_tick):
+        ours = found.point[found.tick == tick]
+        np.testing.assert_allclose(ours[np.lexsort(ours.T)], expected[np.lexsort(expected.T)], atol=1e-15)
+
+
+def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
+    hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
+) -> None:
+    np.testing.assert_allclose(np.linalg.norm(found.normal, axis=1), 1.0, atol=1e-12)
+    assert {*found.body.tolist()} >= {1, 7, 15}, "phalanges and palm"
+    for tick, body, point, normal in zip(*found):
+        joints = placed.joints[tick]
+        if body == 15:
+            centers = palm_spheres(hand.palm_tree.leaf_center, placed.position[tick], placed.orientation[tick])
+            on_hand = np.abs(np.linalg.norm(centers - point, axis=1) - hand.palm_tree.leaf_radius).min()
+        else:
+            f, k = divmod(int(body), 3)
+            ends = joints[f, k], joints[f, k + 1]
+            on_hand = abs(round_cone_distance(point[None], *ends, *hand.radius[f, k : k + 2])[0])
+        assert on_hand < 1e-12
+        # Against the normal from the point lies the leaf's surface, `TOUCH` away at most, and the leaf's centre.
+        away = point - tree.leaf_center
+        along = away @ normal
+        straight = np.linalg.norm(away - along[:, None] * normal, axis=1) < 1e-9
+        assert (straight & (along - tree.leaf_radius <= TOUCH)).any()
+
+
+def test_fingers_and_ticks_can_be_left_out(
+    hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
+) -> None:
+    some = touching_points(
+        tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[3, 9], fingers=[False, False, True, False, False]
+    )
+    kept = np.isin(found.tick, [3, 9]) & np.isin(found.body, [6, 7, 8, 15])
+    assert kept.sum() > 5
+    for ours, theirs in zip(some, found):
+        np.testing.assert_array_equal(ours, theirs[kept])
+
+
+def test_nothing_touches_where_the_hand_is_away(hand: HandModel, tree: SphereTree) -> None:
+    away = placed_hand(hand, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0, 0.0]], np.zeros((1, 5, 3)), np.zeros((1, 5)))
+    assert len(touching_points(tree.arrays(), hand_shape(hand), away, TOUCH).tick) == 0

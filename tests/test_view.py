@@ -1,0 +1,323 @@
+"""A result as a rerun recording: read back from the file, entity by entity, and held against the result."""
+
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from hhsim.errors import InputError, OutputError
+from hhsim.hand import FINGERS, HandModel
+from hhsim.hand_pieces import PHALANGES, piece_poses
+from hhsim.object_catalogue import load_object
+from hhsim.replay import replay
+from hhsim.rerun_plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
+from hhsim.rerun_scene import FORCE_LENGTH, NORMAL_LENGTH
+from hhsim.rerun_target import check_target, parse_target
+from hhsim.result import Result, load_result
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.solver_options import SolverOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.view import view_result
+
+MOTION = """
+title = "short"
+palm_gap = 0.005
+depth = 0.015
+[[phase]]
+name = "approach"
+duration = 0.05
+[[phase]]
+name = "grasp"
+duration = 0.1
+[[phase]]
+name = "hold"
+duration = 0.03
+"""
+
+Array = np.ndarray[Any, Any]
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    mesh = load_object("cylinder").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    path = tmp_path_factory.mktemp("replay") / "short.h5"
+    replay(scene, SolverOptions(), path, description={"hand_file": None})
+    return load_result(path)
+
+
+class Recording:
+    """A file of rerun's, read back: the columns of each entity by name."""
+
+    def __init__(self, path: Path) -> None:
+        from rerun.chunk import RrdReader
+
+        reader = RrdReader(path)
+        self.blueprints = len(reader.blueprints())
+        self.fixed: dict[str, dict[str, Any]] = {}
+        self._batches: dict[str, list[Any]] = {}
+        for chunk in reader.stream():
+            batch = chunk.to_record_batch()
+            if chunk.is_static:
+                self.fixed.setdefault(chunk.entity_path, {}).update(batch.to_pydict())
+            else:
+                self._batches.setdefault(chunk.entity_path, []).append(batch)
+
+    def rows(self, entity: str, column: str) -> list[Any]:
+        """A value, or a list of them, for each tick, in the order of the ticks."""
+        pairs: list[tuple[int, Any]] = []
+        for batch in self._batches[entity]:
+            pairs += zip(batch.column("tick").to_pylist(), batch.column(column).to_pylist())
+        return [value for _, value in sorted(pairs, key=lambda pair: pair[0])]
+
+    def array(self, entity: str, column: str) -> Array:
+        return np.array(self.rows(entity, column))
+
+    def times(self, entity: str) -> Array:
+        found = [batch.column("time").cast("int64").to_numpy() for batch in self._batches[entity]]
+        return 1e-9 * np.sort(np.concatenate(found))
+
+
+@pytest.fixture(scope="module")
+def written(result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("view") / "short.rrd"
+    viewed = view_result(result, parse_target(str(path)), spheres=True)
+    assert viewed.to_json() == {"ticks": 180, "shown_ticks": 180, "rerun": str(path)}
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(written: Path) -> Recording:
+    return Recording(written)
+
+
+def test_rerun_itself_finds_no_fault(written: Path) -> None:
+    package = importlib.util.find_spec("rerun_cli")
+    assert package
+    assert package.origin
+    program = Path(package.origin).with_name("rerun")
+    settings = {**os.environ, "RERUN_APP_ONLY": "true"}
+    answer = subprocess.run([program, "rrd", "verify", written], capture_output=True, text=True, env=settings)
+    assert answer.returncode == 0, answer.stderr
+    assert "verified without error" in answer.stdout + answer.stderr
+
+
+def test_the_views_come_with_it(recording: Recording) -> None:
+    assert recording.blueprints == 1
+
+
+@pytest.mark.parametrize("whose", ["graphic", "haptic"])
+def test_each_piece_of_a_hand_is_where_the_result_says(recording: Recording, result: Result, whose: str) -> None:
+    names = ("position", "orientation", "flexion", "abduction")
+    poses = piece_poses(HandModel.default(), *(result[f"{whose}/{name}"] for name in names))
+    for body, name in enumerate([f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALANGES] + ["palm"]):
+        entity = f"/world/{whose}/{name}"
+        translation = recording.array(entity, "Transform3D:translation")[:, 0]
+        quaternion = recording.array(entity, "Transform3D:quaternion")[:, 0]
+        np.testing.assert_allclose(translation, poses.translation[:, body], atol=1e-7)
+        np.testing.assert_allclose(quaternion[:, [3, 0, 1, 2]], poses.quaternion[:, body], atol=1e-7)
+        if whose == "graphic" and body < 15:
+            np.testing.assert_allclose(translation, result["graphic/joints"][:, body // 3, body % 3], atol=1e-7)
+        assert "Mesh3D:vertex_positions" in recording.fixed[entity]
+    np.testing.assert_allclose(recording.times("/world/graphic/palm"), result["time"], atol=1e-9)
+
+
+def test_the_plots_show_the_datasets(recording: Recording, result: Result) -> None:
+    for plot in RESULT_PLOTS:
+        assert recording.fixed[f"/{plot.path}"]["SeriesLines:names"] == [list(plot.series)]
+    values = {plot: recording.array(f"/{plot.path}", "Scalars:scalars") for plot in RESULT_PLOTS}
+    finger = result["force/phalanx"].sum(axis=2)
+    np.testing.assert_allclose(values[FORCE][:, 0], np.linalg.norm(result["force/total"], axis=1), rtol=1e-15)
+    np.testing.assert_allclose(values[FORCE][:, 1:6], np.linalg.norm(finger, axis=2), rtol=1e-12)
+    rest = np.linalg.norm(result["force/total"] - finger.sum(axis=1), axis=1)
+    np.testing.assert_allclose(values[FORCE][:, 6], rest, atol=1e-12)
+    np.testing.assert_allclose(values[DEPTH][:, 0], 1e6 * result["penetration_depth"])
+    np.testing.assert_allclose(values[DEPTH][:, 1:6], 1e6 * result["penetration_finger"])
+    np.testing.assert_allclose(values[DEPTH][:, 6], 1e6 * result["penetration_palm"])
+    np.testing.assert_allclose(values[VARIATION][:, 0], result["force_variation_rate"])
+    np.testing.assert_allclose(values[VARIATION][:, 1:], result["force_variation_finger"])
+    for column, name in enumerate(("total", "detect", "palm", "fingers", "force")):
+        np.testing.assert_allclose(values[TIME][:, column], 1e-3 * result[f"duration/{name}"])
+    np.testing.assert_array_equal(values[CONTACTS][:, 0], result["contacts/candidates"])
+    np.testing.assert_array_equal(values[CONTACTS][:, 1], result["contacts/touching"])
+
+
+def test_as_many_contact_points_as_the_solver_counted(recording: Recording, result: Result) -> None:
+    points = recording.rows("/world/contacts/points", "Points3D:positions")
+    assert [len(row or []) for row in points] == result["contacts/touching"].tolist()
+    assert result["contacts/touching"].max() > 3
+    level = result.static["object/tree/level"]
+    leaves = level == level.max()
+    center, radius = result.static["object/tree/center"][leaves], result.static["object/tree/radius"][leaves]
+    normals = recording.rows("/world/contacts/normals", "Arrows3D:vectors")
+    for row, vectors in zip(points, normals):
+        for point, vector in zip(row or [], vectors or []):
+            away = np.linalg.norm(center - point, axis=1) - radius
+            nearest = int(np.abs(away).argmin())
+            assert abs(away[nearest]) < 1.1e-5
+            outward = (np.array(point) - center[nearest]) / np.linalg.norm(point - center[nearest])
+            np.testing.assert_allclose(np.array(vector) / NORMAL_LENGTH, outward, atol=1e-4)
+
+
+def test_the_arrows_are_the_forces(recording: Recording, result: Result) -> None:
+    vectors = recording.rows("/world/forces", "Arrows3D:vectors")
+    total = np.zeros((result.ticks, 3))
+    for tick, row in enumerate(vectors):
+        for vector in np.array(row or []).reshape(-1, 3):
+            length = np.linalg.norm(vector)
+            total[tick] += vector * length / FORCE_LENGTH**2
+    # Forces below 0.01 N have no arrow; there are sixteen at most.
+    np.testing.assert_allclose(total, result["force/total"], atol=0.16)
+    held = slice(160, 180)
+    np.testing.assert_allclose(total[held], result["force/total"][held], atol=2e-2)
+    assert np.linalg.norm(total[held], axis=1).min() > 0.5
+
+
+def test_the_phases_and_the_state_of_the_ticks_are_lanes(recording: Recording, result: Result) -> None:
+    assert recording.rows("/states/phase", "StateChange:state") == [["approach"], ["grasp"], ["hold"]]
+    starts = [result["time"][phase.first_tick] for phase in result.phases]
+    np.testing.assert_allclose(recording.times("/states/phase"), starts, atol=1e-9)
+    status = result["status"]
+    changes = 1 + int(np.count_nonzero(np.diff(status)))
+    assert len(recording.rows("/states/ticks", "StateChange:state")) == changes
+
+
+def test_the_object_and_its_spheres_are_there(recording: Recording, result: Result) -> None:
+    vertices = np.array(recording.fixed["/world/object"]["Mesh3D:vertex_positions"][0])
+    faces = np.array(recording.fixed["/world/object"]["Mesh3D:triangle_indices"][0])
+    np.testing.assert_allclose(
+        vertices[faces], result.static["object/vertices"][result.static["object/faces"]], atol=1e-7
+    )
+    level = result.static["object/tree/level"]
+    sizes = np.array(recording.fixed["/world/spheres"]["Ellipsoids3D:half_sizes"][0])
+    np.testing.assert_allclose(sizes[:, 0], result.static["object/tree/radius"][level == level.max()], atol=1e-7)
+    (text,) = recording.fixed["/run"]["TextDocument:text"][0]
+    assert "coupled" in text
+    assert "180" in text
+
+
+def test_a_thinned_recording_keeps_the_worst_of_the_ticks_between(result: Result, tmp_path: Path) -> None:
+    path = tmp_path / "thin.rrd"
+    viewed = view_result(result, parse_target(str(path)), every=7)
+    assert viewed.shown == 26
+    thin = Recording(path)
+    translation = thin.array("/world/graphic/palm", "Transform3D:translation")[:, 0]
+    np.testing.assert_allclose(translation, result["graphic/position"][::7], atol=1e-7)
+    time = thin.array("/plots/time", "Scalars:scalars")[:, 0]
+    assert time.tolist() == [1e-3 * result["duration/total"][first : first + 7].max() for first in range(0, 180, 7)]
+    touching = thin.rows("/world/contacts/points", "Points3D:positions")
+    assert [len(row or []) for row in touching] == result["contacts/touching"][::7].tolist()
+    force = thin.array("/plots/force", "Scalars:scalars")[:, 0]
+    np.testing.assert_allclose(force, np.linalg.norm(result["force/total"][::7], axis=1), rtol=1e-15)
+
+
+def test_blocks_join_without_a_seam(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hhsim.view.BLOCK_TICKS", 50)
+    path = tmp_path / "blocks.rrd"
+    view_result(result, parse_target(str(path)), every=3)
+    blocks = Recording(path)
+    assert blocks.array("/plots/contacts", "Scalars:scalars").shape == (60, 2)
+    position = blocks.array("/world/haptic/palm", "Transform3D:translation")[:, 0]
+    np.testing.assert_allclose(position, result["haptic/position"][::3], atol=1e-7)
+
+
+def test_a_run_that_was_stopped_is_shown_as_far_as_it_went(result: Result, tmp_path: Path) -> None:
+    stopped = tmp_path / "stopped.h5"
+    shutil.copy(result.path, stopped)
+    with h5py.File(stopped, "r+") as file:
+        file.attrs["complete"] = 0
+        for name in ("graphic/joints", "status"):
+            file["tick"][name].resize(120, axis=0)
+    path = tmp_path / "stopped.rrd"
+    assert view_result(load_result(stopped), parse_target(str(path))).ticks == 120
+    recording = Recording(path)
+    assert len(recording.rows("/plots/force", "Scalars:scalars")) == 120
+    assert "stopped" in recording.fixed["/run"]["TextDocument:text"][0][0]
+
+
+def test_fingers_that_the_scene_leaves_out_touch_nothing(result: Result, tmp_path: Path) -> None:
+    other = tmp_path / "two.h5"
+    shutil.copy(result.path, other)
+    with h5py.File(other, "r+") as file:
+        scene = json.loads(file.attrs["scene"])
+        scene["solver"]["fingers"] = ["index"]
+        file.attrs["scene"] = json.dumps(scene)
+    path = tmp_path / "two.rrd"
+    view_result(load_result(other), parse_target(str(path)))
+    shown = [len(row or []) for row in Recording(path).rows("/world/contacts/points", "Points3D:positions")]
+    assert 0 < sum(shown) < result["contacts/touching"].sum()
+
+
+def test_a_disk_that_is_full_is_told_and_leaves_nothing(result: Result, tmp_path: Path) -> None:
+    code = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))"
+    command = [sys.executable, "-c", f"{code}; from hhsim.cli.main import main; main()"]
+    arguments = ["view", str(result.path), "--rerun", "full.rrd"]
+    answer = subprocess.run([*command, *arguments], capture_output=True, text=True, cwd=tmp_path)
+    assert answer.returncode == 2
+    assert "hhsim: error: cannot write full.rrd" in answer.stderr
+    assert "Traceback" not in answer.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_older_recording_is_replaced_and_other_files_are_not(result: Result, tmp_path: Path) -> None:
+    path = tmp_path / "again.rrd"
+    for _ in range(2):
+        view_result(result, parse_target(str(path)), every=60)
+    assert Recording(path).blueprints == 1
+    other = tmp_path / "notes.rrd"
+    other.write_text("my notes")
+    with pytest.raises(OutputError, match="no recording of rerun's"):
+        view_result(result, parse_target(str(other)))
+    assert other.read_text() == "my notes"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again.rrd", "notes.rrd"]
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "url"),
+    [
+        ("spawn", "spawn", "rerun+http://127.0.0.1:9876/proxy"),
+        ("connect", "connect", "rerun+http://127.0.0.1:9876/proxy"),
+        ("connect=9999", "connect", "rerun+http://127.0.0.1:9999/proxy"),
+        ("connect=lab:1234", "connect", "rerun+http://lab:1234/proxy"),
+        ("connect=lab", "connect", "rerun+http://lab:9876/proxy"),
+        ("connect=rerun://lab:443/proxy", "connect", "rerun://lab:443/proxy"),
+        ("connect=[::1]:9876", "connect", "rerun+http://[::1]:9876/proxy"),
+    ],
+)
+def test_targets_are_read(text: str, kind: str, url: str) -> None:
+    target = parse_target(text)
+    assert (target.kind, target.url) == (kind, url)
+
+
+@pytest.mark.parametrize("text", ["", "run.h5", "connect=http://lab:1/x", "connect=lab:port", "connect=:9876", "Spawn"])
+def test_what_is_no_target_is_told(text: str) -> None:
+    with pytest.raises(InputError, match=r"expected .*HOST:PORT"):
+        parse_target(text)
+
+
+def test_a_viewer_that_is_not_there_is_told_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="no viewer listens at"):
+        check_target(parse_target("connect=127.0.0.1:1"))
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(InputError, match="no screen"):
+        check_target(parse_target("spawn"))
+
+
+def test_an_empty_result_is_refused(result: Result, tmp_path: Path) -> None:
+    empty = Result(**{**{name: getattr(result, name) for name in result.__dataclass_fields__}, "ticks": 0})
+    with pytest.raises(InputError, match="holds no tick"):
+        view_result(empty, parse_target(str(tmp_path / "x.rrd")))
+    with pytest.raises(InputError, match="expected 1 or more"):
+        view_result(result, parse_target(str(tmp_path / "x.rrd")), every=0)
