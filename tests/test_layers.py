@@ -69,16 +69,12 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("metrics", "mesh_penetration", "hand_referee", "hold_touches", "placement_search", "contact_points"),
     ),
     # Runs and their files.
-<<<<<<< HEAD
     (
         *("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up"),
         *("result", "result_schema", "result_writer", "tick_columns", "stored_scene", "run_again"),
     ),
-=======
-    ("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up", "result", "result_schema"),
     # Looking at them.
     ("result_hand", "rerun_plots", "rerun_scene", "rerun_blueprint", "rerun_target", "view"),
->>>>>>> 3d4acbd (See a run: results in the rerun viewer, sent in bulk, and checked against the file they come from)
     # A glove in the loop.
     ("live",),
     # Many runs, side by side.

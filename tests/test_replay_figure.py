@@ -78,12 +78,15 @@ def test_arrows_grow_with_the_root_of_the_force(result: Result) -> None:
 
 def test_the_hand_is_that_of_the_run(result: Result, tmp_path: Path) -> None:
     assert hand_of(result).side == "right"
+    np.testing.assert_array_equal(hand_of(result).radius, result.static["hand/phalanx_radius"])
+    fields = {name: getattr(result, name) for name in result.__dataclass_fields__}
+    older = {**fields, "schema_version": 2}
+    np.testing.assert_array_equal(hand_of(Result(**older)).radius, result.static["hand/phalanx_radius"])
     other = tmp_path / "other.toml"
     other.write_text("hand_length = 0.17\n")
     scene = {**result.scene, "hand_file": str(other)}
-    changed = Result(**{**{name: getattr(result, name) for name in result.__dataclass_fields__}, "scene": scene})
     with pytest.raises(InputError, match="another hand than"):
-        hand_of(changed)
+        hand_of(Result(**{**older, "scene": scene}))
 
 
 def test_writes_the_picture(result: Result, tmp_path: Path) -> None:
