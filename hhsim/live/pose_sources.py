@@ -63,6 +63,11 @@ def make_pose_source(config: PoseConfig, status: SharedBlock | None = None) -> P
         if config.playback is None:
             raise InputError("pose replay has no motion; expected a trajectory")
         return ReplayPose(config.playback)
+    if config.kind == "udp":
+        # Imported here: a loop without a tracker does without sockets.
+        from hhsim.live.udp_pose import UdpPose
+
+        return UdpPose(config)
     raise UnknownNameError("pose source", config.kind, POSE_KINDS)
 
 

@@ -1,0 +1,41 @@
+"""A bridge from any glove to hhsim: put the glove's own calls into the two functions, run this, and then
+`hhsim live glove --device udp`. The packet is described in docs/live.md; nothing but Python is needed."""
+
+import math
+import os
+import socket
+import struct
+import sys
+import time
+
+
+def read_bends():  # bend of thumb, index, middle, ring and little finger, 0 (flat) to 1 (fist)
+    return [0.3 - 0.3 * math.cos(time.monotonic())] * 5
+
+
+def tell_fingers(bend, stiffness):  # stop each finger at this bend, this hard: 0 (free) to 1
+    print(*(f"{b:.2f}/{s:.2f}" for b, s in zip(bend, stiffness)))
+
+
+samples_to = ("127.0.0.1", int(sys.argv[1]) if len(sys.argv) > 1 else 24170)
+bridge = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+bridge.bind(("127.0.0.1", samples_to[1] + 1))  # commands arrive here
+session, seq, told, free = int.from_bytes(os.urandom(4), "little"), 0, 0.0, True
+while True:
+    header = struct.pack("<4sBBHIIQIi", b"HHGL", 1, 1, 5, session, seq, time.monotonic_ns(), 2**32 - 1, -1)
+    bridge.sendto(header + struct.pack("<5f", *read_bends()), samples_to)
+    seq, due = (seq + 1) % 2**32, time.monotonic() + 0.005  # 200 samples a second
+    while (left := due - time.monotonic()) > 0:
+        bridge.settimeout(left)
+        try:
+            data = bridge.recv(2048)
+        except OSError:
+            break
+        if len(data) == 72 and data[:6] == b"HHGL\x01\x10":
+            numbers = struct.unpack_from("<10f", data, 32)
+            if all(map(math.isfinite, numbers)):
+                tell_fingers(numbers[:5], numbers[5:])
+                told, free = time.monotonic(), False
+    if not free and time.monotonic() > told + 0.1:  # nobody is there any more: let go
+        tell_fingers([0] * 5, [0] * 5)
+        free = True

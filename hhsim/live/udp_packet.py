@@ -1,0 +1,123 @@
+"""The open packet: a datagram in which any glove can be brought to hhsim, and in which its fingers are told.
+
+A bridge is a program that knows a glove and speaks this packet. It sends every sample as a datagram to the port where
+hhsim listens (`USUAL_PORT`, 24170), and listens for commands on the next port (24171); a tracker of the palm sends its
+poses to 24172. Both directions have the same header of 32 bytes, little-endian, followed by n numbers (float32):
+
+| offset | type | field | meaning |
+|---|---|---|---|
+| 0 | char[4] | magic | "HHGL" |
+| 4 | u8 | version | 1 |
+| 5 | u8 | kind | what the numbers are, below |
+| 6 | u16 | n | how many numbers follow; the datagram is 32 + 4·n bytes long |
+| 8 | u32 | session | any number that is new whenever the sender starts |
+| 12 | u32 | seq | 0, 1, 2, … for the datagrams of this kind in this session, and around after 2³² |
+| 16 | u64 | t_ns | when it was measured, on the sender's own clock [ns] |
+| 24 | u32 | answers | seq of the newest datagram from the other side, 2³² − 1 before the first |
+| 28 | i32 | battery | charge [%], −1 where it is not known |
+
+| kind | n | numbers |
+|---|---|---|
+| 1 bends | 5 | bend of thumb, index, middle, ring, little finger: 0 flat, 1 fist |
+| 2 channels | 11 | thumb rotate, then split and bend of each finger: 0 to 1, or counts with a calibration file |
+| 3 joints | 20 | flexion of thumb to little finger, proximal to distal (15), then abduction (5) [rad] |
+| 4 pose | 7 | position of the palm [m], its orientation as unit quaternion (w, x, y, z); world |
+| 16 command | 10 | bend at which each finger is stopped (5), stiffness there, 0 free to 1 (5) |
+
+What a bridge must do for the hand in the glove: obey the newest command alone, free every finger when the numbers are
+not finite, and free every finger when no command came for 100 ms. Commands come from more than one sender (the guardian
+has its own session), so the newest is the one that arrived last. Samples that are late, behind a newer one, are counted
+and not used; another session is taken when the one before has been silent for 100 ms.
+"""
+
+import struct
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+MAGIC = b"HHGL"
+VERSION = 1
+HEADER = struct.Struct("<4sBBHIIQIi")
+NONE_YET = 2**32 - 1
+NUMBERS = np.dtype("<f4")
+
+
+class Kind(IntEnum):
+    """What the numbers of a packet are."""
+
+    BENDS = 1
+    CHANNELS = 2
+    JOINTS = 3
+    POSE = 4
+    COMMAND = 16
+
+
+COUNT = {Kind.BENDS: 5, Kind.CHANNELS: 11, Kind.JOINTS: 20, Kind.POSE: 7, Kind.COMMAND: 10}
+"""How many numbers each kind has."""
+LONGEST = HEADER.size + 4 * max(COUNT.values())
+
+
+class PacketError(ValueError):
+    """A datagram that is no open packet; the message says where it differs."""
+
+
+class Packet(NamedTuple):
+    """One datagram; the module's docstring says what the fields mean. Its numbers may be anything, NaN too."""
+
+    kind: Kind
+    session: int
+    seq: int
+    t_ns: int
+    answers: int
+    battery: int
+    values: NDArray[np.float32]
+
+
+def encode_packet(
+    kind: Kind,
+    values: ArrayLike,
+    *,
+    session: int,
+    seq: int,
+    t_ns: int,
+    answers: int = NONE_YET,
+    battery: int = -1,
+) -> bytes:
+    """The bytes of a packet; `seq` is taken modulo 2³².
+
+    Args:
+        kind: what the numbers are.
+        values: as many as the kind has.
+        session, seq, t_ns, answers, battery: as in the table above.
+
+    Raises:
+        PacketError: not as many numbers as the kind has.
+    """
+    numbers = np.asarray(values, dtype=NUMBERS).ravel()
+    if numbers.size != COUNT[kind]:
+        raise PacketError(f"{numbers.size} numbers of kind {kind}; expected {COUNT[kind]}")
+    header = HEADER.pack(MAGIC, VERSION, kind, numbers.size, session, seq & NONE_YET, t_ns, answers, battery)
+    return header + numbers.tobytes()
+
+
+def decode_packet(data: bytes) -> Packet:
+    """Read one datagram.
+
+    Raises:
+        PacketError: another magic, version, kind or length.
+    """
+    if len(data) < HEADER.size:
+        raise PacketError(f"{len(data)} bytes; expected at least {HEADER.size}")
+    magic, version, kind, count, session, seq, t_ns, answers, battery = HEADER.unpack_from(data)
+    if magic != MAGIC or version != VERSION:
+        raise PacketError(f"begins with {magic!r}, version {version}; expected {MAGIC!r}, version {VERSION}")
+    if count != COUNT.get(kind):
+        raise PacketError(
+            f"kind {kind} with {count} numbers; expected one of { ({int(k): n for k, n in COUNT.items()}) }"
+        )
+    if len(data) != HEADER.size + 4 * count:
+        raise PacketError(f"{len(data)} bytes; expected {HEADER.size + 4 * count} for {count} numbers")
+    values = np.frombuffer(data, NUMBERS, count, HEADER.size).astype(np.float32)
+    return Packet(Kind(kind), session, seq, t_ns, answers, battery, values)

@@ -1,0 +1,88 @@
+"""A port where open packets arrive from one host."""
+
+import select
+import socket
+import time
+
+from hhsim.live.glove_device import DeviceError
+from hhsim.live.udp_packet import LONGEST, Packet, PacketError, decode_packet
+
+BUFFER = 1 << 20
+"""Of the system for what is not yet read [bytes]; some seconds at 1 kHz."""
+
+MOST_SKIPPED = 256
+"""Datagrams passed over in one call, so that whoever floods the port cannot hold up a tick."""
+
+
+def resolve(host: str) -> str:
+    """IPv4 address of a host.
+
+    Raises:
+        DeviceError: no such host.
+    """
+    try:
+        return socket.gethostbyname(host)
+    except OSError as error:
+        raise DeviceError(f"udp: no host {host}: {error.strerror or error}") from None
+
+
+class UdpPort:
+    """Takes datagrams without waiting; those of other hosts are not looked at.
+
+    Args:
+        host: from which they come.
+        port: where they arrive.
+
+    Raises:
+        DeviceError: no such host, or the port is taken.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        """Open the port."""
+        self.address = resolve(host)
+        self.name = f"udp port {port} from {host}"
+        self.strangers = 0
+        self.malformed = 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        # What comes from this machine is asked for on this machine only.
+        own = self.address if self.address.startswith("127.") else ""
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+            self._socket.bind((own, port))
+        except OSError as error:
+            self._socket.close()
+            raise DeviceError(f"{self.name}: cannot listen: {error.strerror or error}") from None
+
+    def receive(self) -> tuple[Packet, int] | None:
+        """The next packet and when it was read, CLOCK_MONOTONIC [ns]; None where no more has arrived.
+
+        Datagrams that are no open packet are counted as malformed.
+        """
+        for _ in range(MOST_SKIPPED):
+            try:
+                data, sender = self._socket.recvfrom(LONGEST + 1)
+            except BlockingIOError:
+                return None
+            except OSError:
+                # The system may hand on a complaint about something that was sent; it says nothing of what arrives.
+                continue
+            now = time.monotonic_ns()
+            if sender[0] != self.address:
+                self.strangers += 1
+                continue
+            try:
+                return decode_packet(data), now
+            except PacketError:
+                self.malformed += 1
+        return None
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until something has arrived, or for so long [s]; True where it has."""
+        poll = select.poll()
+        poll.register(self._socket, select.POLLIN)
+        return bool(poll.poll(max(0.0, 1e3 * timeout)))
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        self._socket.close()

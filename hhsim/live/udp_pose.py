@@ -1,0 +1,83 @@
+"""The palm's pose from a tracker, in the open packet of `hhsim.live.udp_packet`."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.live.packet_order import PacketOrder
+from hhsim.live.pose_source import PoseSource
+from hhsim.live.udp_packet import Kind
+from hhsim.live.udp_port import UdpPort
+
+if TYPE_CHECKING:
+    from hhsim.live.pose_sources import PoseConfig
+
+Array = NDArray[np.float64]
+
+FARTHEST = 100.0
+"""A palm beyond [m] was sent in millimetres."""
+UNIT_WITHIN = 0.1
+"""A quaternion whose length differs more from 1 was something else."""
+MOST_PACKETS = 256
+"""Packets looked at in one call."""
+
+
+class UdpPose(PoseSource):
+    """The newest pose that was sent; it grows old when the tracker falls silent.
+
+    Args:
+        config: `host` of the tracker and `port` where its packets arrive.
+
+    Attributes:
+        rejected: packets of another kind, or with a pose that is none.
+    """
+
+    may_stop = True
+
+    def __init__(self, config: "PoseConfig") -> None:
+        """Nothing is opened yet."""
+        self.name = f"udp pose from {config.host} at port {config.port_used}"
+        self._config = config
+        self._port: UdpPort | None = None
+        self._order = PacketOrder()
+        self._position, self._orientation = np.zeros(3), np.zeros(4)
+        self._came_ns = -1
+        self.rejected = 0
+
+    def open(self) -> None:
+        """See `PoseSource.open`; does not wait for a pose."""
+        self.close()
+        self._port = UdpPort(self._config.host, self._config.port_used)
+
+    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+        """See `PoseSource.read`."""
+        if self._port is not None:
+            for _ in range(MOST_PACKETS):
+                found = self._port.receive()
+                if found is None:
+                    break
+                packet, came = found
+                if packet.kind is not Kind.POSE:
+                    self.rejected += 1
+                elif self._order.take(packet.session, packet.seq, came):
+                    self._take(packet.values.astype(np.float64), came)
+        if self._came_ns >= 0:
+            position_out[:] = self._position
+            orientation_out[:] = self._orientation
+        return self._came_ns
+
+    def _take(self, values: Array, came: int) -> None:
+        length = float(np.linalg.norm(values[3:]))
+        # NaN compares false.
+        if (np.abs(values[:3]) <= FARTHEST).all() and abs(length - 1.0) <= UNIT_WITHIN:
+            self._position, self._orientation = values[:3], values[3:] / length
+            self._came_ns = came
+        else:
+            self.rejected += 1
+
+    def close(self) -> None:
+        """See `PoseSource.close`."""
+        if self._port is not None:
+            self._port.close()
+        self._port = None

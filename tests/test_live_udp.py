@@ -1,0 +1,355 @@
+"""The open packet: its bytes, what is lost and late, a fake glove and the example bridge in other processes."""
+
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from live_peers import PATIENCE, Reader, free_ports
+
+from hhsim.dexmo_regression import BEND, DexmoRegression
+from hhsim.live.devices import DeviceConfig, open_device
+from hhsim.live.fake_peer import end_to_end
+from hhsim.live.fake_peer_process import FakePeerProcess
+from hhsim.live.glove_device import Capability, DeviceError, FingerCommand
+from hhsim.live.packet_order import PacketOrder
+from hhsim.live.pose_sources import PoseConfig, make_pose_source
+from hhsim.live.udp_glove import UdpGlove
+from hhsim.live.udp_packet import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
+
+BRIDGE = Path(__file__).resolve().parent.parent / "examples" / "udp_bridge.py"
+KINDS = st.sampled_from(list(Kind))
+U32 = st.integers(0, 2**32 - 1)
+
+
+def test_the_bytes_are_those_of_the_table() -> None:
+    data = encode_packet(Kind.BENDS, [0, 0.25, 0.5, 0.75, 1], session=7, seq=9, t_ns=11, answers=13, battery=15)
+    assert data[0:4] == b"HHGL"
+    assert list(data[4:6]) == [1, 1]
+    assert [int.from_bytes(data[a:b], "little") for a, b in ((6, 8), (8, 12), (12, 16))] == [5, 7, 9]
+    assert [int.from_bytes(data[a:b], "little") for a, b in ((16, 24), (24, 28), (28, 32))] == [11, 13, 15]
+    assert struct.unpack("<5f", data[32:]) == (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+@given(KINDS, U32, U32, st.integers(0, 2**64 - 1), U32, st.integers(-1, 100), st.integers(0, 2**32 - 1))
+def test_what_is_encoded_is_decoded(
+    kind: Kind, session: int, seq: int, t_ns: int, answers: int, battery: int, seed: int
+) -> None:
+    values = np.random.default_rng(seed).integers(0, 2**32, COUNT[kind], dtype=np.uint32).view(np.float32)
+    data = encode_packet(kind, values, session=session, seq=seq, t_ns=t_ns, answers=answers, battery=battery)
+    packet = decode_packet(data)
+    assert packet[:6] == (kind, session, seq, t_ns, answers, battery)
+    assert np.array_equal(packet.values, values, equal_nan=True)
+
+
+@settings(max_examples=300)
+@given(st.binary(max_size=140), KINDS, st.integers(0, 200), st.integers(0, 10))
+def test_other_bytes_are_a_packet_error_or_a_packet(junk: bytes, kind: Kind, cut: int, place: int) -> None:
+    whole = encode_packet(kind, np.zeros(COUNT[kind]), session=1, seq=2, t_ns=3)
+    for data in (
+        junk,
+        whole[:cut],
+        whole + junk,
+        whole[:place] + junk[:1] + whole[place + 1 :],
+        HEADER.pack(b"HHGL", 1, kind, 65535, 0, 0, 0, 0, 0) + junk,
+    ):
+        try:
+            packet = decode_packet(data)
+        except PacketError:
+            continue
+        assert len(data) == 32 + 4 * COUNT[packet.kind]
+
+
+@settings(max_examples=200)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.integers(1, 80))
+def test_lost_late_and_repeated_are_those_of_a_model_that_remembers_everything(
+    seed: int, begin: int, count: int
+) -> None:
+    random = np.random.default_rng(seed)
+    sent = np.arange(count)[random.random(count) > 0.2]
+    sent = np.concatenate([sent, random.choice(sent, min(5, len(sent)))]) if len(sent) else sent
+    arrived = sent[np.argsort(sent + random.uniform(0.0, 6.0, len(sent)))]
+    order, seen, first, newest, late, repeated = PacketOrder(), set[int](), -1, -1, 0, 0
+    for number in map(int, arrived):
+        new = order.take(5, (begin + number) % 2**32, 0)
+        assert new == (number > newest)
+        if newest >= 0 and number < newest:
+            # What came before the first is of another time: nobody knew that it was missing.
+            known = number not in seen and number > first
+            late, repeated = late + known, repeated + (not known)
+        elif number == newest:
+            repeated += 1
+        if newest < 0:
+            first = number
+        newest = max(newest, number)
+        seen.add(number)
+    if len(arrived):
+        assert order.lost == len([n for n in range(first, newest) if n not in seen])
+    assert (order.late, order.repeated) == (late, repeated)
+
+
+def test_another_session_is_taken_only_when_the_one_before_is_silent() -> None:
+    order = PacketOrder()
+    assert order.take(1, 10, 0)
+    assert not order.take(2, 0, 50_000_000)
+    assert order.take(1, 11, 60_000_000)
+    assert not order.take(2, 1, 150_000_000)
+    assert order.take(2, 2, 170_000_000)
+    assert (order.foreign, order.sessions, order.lost) == (2, 2, 0)
+
+
+class Bridge:
+    """A bridge in the same process: a test sends what it wants."""
+
+    def __init__(self) -> None:
+        self.port = free_ports(socket.SOCK_DGRAM)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", self.port + 1))
+        self.socket.settimeout(PATIENCE)
+        self.session = 1
+
+    def send(self, kind: Kind, values: object, seq: int, **other: int) -> None:
+        fields = {"session": self.session, "t_ns": 1000 * seq, **other}
+        self.socket.sendto(encode_packet(kind, np.asarray(values), seq=seq, **fields), ("127.0.0.1", self.port))
+
+    def config(self) -> DeviceConfig:
+        return DeviceConfig(kind="udp", port=self.port)
+
+
+@pytest.fixture
+def bridge() -> Iterator[Bridge]:
+    made = Bridge()
+    yield made
+    made.socket.close()
+
+
+@contextmanager
+def opened(bridge: Bridge, kind: Kind, values: object, config: DeviceConfig | None = None) -> Iterator[UdpGlove]:
+    """A device to which a bridge sends its packet 0 until it hears it; nothing is read yet."""
+    device = UdpGlove(config or bridge.config())
+    heard = threading.Event()
+
+    def send() -> None:
+        while not heard.wait(0.005):
+            bridge.send(kind, values, 0)
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        device.open(PATIENCE)
+    finally:
+        heard.set()
+        sender.join()
+    with closing(device):
+        yield device
+
+
+def test_samples_come_in_order_and_every_frame_is_counted(bridge: Bridge) -> None:
+    channels = np.zeros(11)
+    channels[list(BEND)] = 0.4
+    with opened(bridge, Kind.CHANNELS, channels) as device:
+        reader = Reader(device)
+        reader.read()
+        before = replace(device.counters)
+        assert device.info.channels[0] == "thumb_rotate"
+        bad = channels.copy()
+        bad[4] = np.nan
+        far = channels.copy()
+        far[BEND[1]] = 2000.0
+        for seq in (1, 2, 4, 3, 3, 9):
+            bridge.send(Kind.CHANNELS, channels + 0.01 * seq, seq, battery=77)
+        bridge.send(Kind.CHANNELS, bad, 10)
+        bridge.send(Kind.CHANNELS, far, 11)
+        bridge.send(Kind.BENDS, np.zeros(5), 12)
+        bridge.send(Kind.POSE, np.zeros(7), 13)
+        bridge.send(Kind.CHANNELS, channels, 1, session=99)
+        bridge.socket.sendto(b"HHGL and so on", ("127.0.0.1", bridge.port))
+        reader.until(lambda: device.counters.malformed > before.malformed)
+        samples = reader.samples[1:]
+        assert samples["device_seq"].tolist() == [1, 2, 4, 9, 10, 11]
+        assert samples["seq"].tolist() == [1, 2, 3, 4, 5, 6]
+        assert samples["good"].tolist() == [True] * 4 + [False] * 2
+        assert samples["battery"].tolist() == [77] * 4 + [-1] * 2
+        assert samples["device_time_ns"].tolist() == [1000 * seq for seq in (1, 2, 4, 9, 10, 11)]
+        assert np.isfinite(samples["flexion"]).all(), "not even a sample that is not to be used holds a NaN"
+        regression = DexmoRegression.default()
+        expected = [regression.angles((channels + 0.01 * seq).astype(np.float32))[0] for seq in (1, 2, 4, 9)]
+        assert np.array_equal(samples["flexion"][:4], expected)
+        now = device.counters
+        assert now.samples - before.samples == 4
+        assert now.rejected - before.rejected == 2
+        assert now.other - before.other == 5
+        assert now.malformed - before.malformed == 1
+        assert now.dropped == 4
+        assert now.frames == now.samples + now.rejected + now.other + now.malformed
+
+
+@pytest.mark.parametrize("kind", [Kind.BENDS, Kind.JOINTS])
+def test_bends_and_joints_are_the_same_hand(bridge: Bridge, kind: Kind) -> None:
+    regression = DexmoRegression.default()
+    channels = np.zeros(11)
+    channels[list(BEND)] = (0.1, 0.2, 0.3, 0.4, 0.5)
+    flexion, abduction = regression.angles(channels)
+    values = channels[list(BEND)] if kind is Kind.BENDS else np.concatenate([flexion.ravel(), abduction])
+    with opened(bridge, kind, values) as device:
+        sample = Reader(device).read()[0]
+        assert np.allclose(sample["flexion"], flexion, atol=1e-6)
+        assert np.allclose(sample["abduction"], abduction, atol=1e-6)
+        assert (Capability.JOINTS in device.info.capabilities) == (kind is Kind.JOINTS)
+
+
+def test_commands_and_releases_go_to_the_next_port(bridge: Bridge) -> None:
+    with opened(bridge, Kind.BENDS, np.full(5, 0.2)) as device:
+        Reader(device).read()
+        command = FingerCommand(np.linspace(0.1, 0.5, 5), np.linspace(0.2, 1.4, 5))
+        assert device.send(command)
+        first = decode_packet(bridge.socket.recv(512))
+        assert (first.kind, first.seq, first.answers) == (Kind.COMMAND, 0, 0)
+        assert np.allclose(first.values, [0.1, 0.2, 0.3, 0.4, 0.5, 0.2, 0.5, 0.8, 1.0, 1.0])
+        command.stiffness[2] = np.nan
+        assert device.send(command)
+        assert not decode_packet(bridge.socket.recv(512)).values.any(), "a command that is not finite frees the fingers"
+        guardian = UdpGlove(bridge.config())
+        assert not guardian.release()
+        guardian.open_for_release()
+        assert guardian.release()
+        freed = decode_packet(bridge.socket.recv(512))
+        assert freed.session != first.session
+        assert not freed.values.any()
+        guardian.close()
+        bridge.send(Kind.BENDS, np.full(5, 0.3), 1)
+        Reader(device).until(lambda: device.counters.samples > 1)
+
+
+def test_a_bridge_that_is_not_there_is_said_so(bridge: Bridge) -> None:
+    device = UdpGlove(bridge.config())
+    with pytest.raises(DeviceError, match="is the bridge running"):
+        device.open(0.05)
+    with pytest.raises(DeviceError, match="no host"):
+        UdpGlove(replace(bridge.config(), host="no.such.host.invalid")).open(0.05)
+    with (
+        opened(bridge, Kind.BENDS, np.zeros(5)),
+        pytest.raises(DeviceError, match="cannot listen: Address already in use"),
+    ):
+        UdpGlove(bridge.config()).open(0.05)
+
+
+def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_path: Path) -> None:
+    port = free_ports(socket.SOCK_DGRAM)
+    arguments = ("--port", port, "--lose", 0.03, "--swap", 0.05, "--seed", 5)
+    device = open_device(DeviceConfig(kind="udp", port=port))
+    with FakePeerProcess("hhsim.live.fake_udp", tmp_path / "peer.log", *arguments) as peer, closing(device):
+        device.open(PATIENCE)
+        reader, command = Reader(device), FingerCommand()
+
+        def answer() -> None:
+            if reader.count():
+                if len(reader.parts[-1]):
+                    command.bend[:] = DexmoRegression.default().bends(reader.parts[-1]["flexion"][-1])
+                device.send(command)
+
+        reader.until(lambda: reader.count() >= 800, answer)
+        peer.order("nan")
+        reader.until(lambda: device.counters.rejected == 1, answer)
+        peer.order("stall")
+        assert "nothing came for 0.5 s" in reader.until_lost()
+        peer.order("go")
+        reader.until_back()
+        seen = reader.count()
+        reader.until(lambda: reader.count() > seen + 50)
+        peer.order("leave")
+        reader.until_lost()
+        peer.order("back")
+        reader.until_back()
+        reader.until(lambda: device.counters.resyncs == 1)
+        peer.end()
+        reader.until_lost()
+    record = peer.record()
+    samples, counters = reader.samples, device.counters
+    assert counters.frames == counters.samples + counters.rejected + counters.other + counters.malformed
+    assert len(samples) == counters.samples + counters.rejected
+    assert (counters.malformed, counters.rejected, counters.resyncs) == (0, 1, 1)
+    # What was sent from the first sample on is a sample where it is newer than all before it, else it was late.
+    sessions, numbers = record.sent[:, 6].astype(int), record.sent[:, 5].astype(int)
+    rows = list(zip(sessions, numbers))
+    rows = rows[rows.index((1, int(samples["device_seq"][0]))) :]
+    newest, first, expected, unsent = (0, -1), 0, [], 0
+    for session, number in rows:
+        if session > newest[0]:
+            first = number
+        if (session, number) > newest:
+            expected.append(number)
+            unsent += number - newest[1] - 1 if session == newest[0] else 0
+            newest = session, number
+        elif number > first:
+            unsent -= 1
+    assert samples["device_seq"].tolist() == expected
+    assert counters.frames == len(rows)
+    assert counters.other == len(rows) - len(expected)
+    assert counters.dropped == unsent
+    assert counters.other > 10
+    assert unsent > 10
+    assert len(record.command) == counters.commands
+    spent = end_to_end(record, 1e-5)
+    assert len(spent) > 400
+    assert (spent > 0.0).all()
+
+
+def test_the_example_bridge_speaks_the_packet(tmp_path: Path) -> None:
+    port = free_ports(socket.SOCK_DGRAM)
+    bridge = subprocess.Popen([sys.executable, "-u", str(BRIDGE), str(port)], stdout=subprocess.PIPE, text=True)
+    try:
+        device = open_device(DeviceConfig(kind="udp", port=port))
+        device.open(PATIENCE)
+        reader = Reader(device)
+        reader.until(lambda: reader.count() >= 20)
+        assert reader.samples["good"].all()
+        assert device.counters.dropped == 0
+        assert bridge.stdout is not None
+        assert device.send(FingerCommand(np.full(5, 0.25), np.full(5, 0.5)))
+        assert bridge.stdout.readline().split() == ["0.25/0.50"] * 5
+        assert bridge.stdout.readline().split() == ["0.00/0.00"] * 5, "nobody told it more for 100 ms"
+        device.close()
+    finally:
+        bridge.kill()
+        bridge.wait()
+        if bridge.stdout is not None:
+            bridge.stdout.close()
+
+
+def test_the_pose_of_a_tracker_is_the_newest_and_grows_old(bridge: Bridge) -> None:
+    source = make_pose_source(PoseConfig(kind="udp", port=bridge.port))
+    assert source.may_stop
+    position, orientation = np.full(3, 9.0), np.full(4, 9.0)
+    source.open()
+    assert source.read(0, position, orientation) == -1
+    assert (position == 9.0).all()
+    good = [0.1, 0.2, 0.3, 0.0, 1.01, 0.0, 0.0]
+    bridge.send(Kind.POSE, good, 5)
+    for seq, values in (
+        (6, [np.nan, *good[1:]]),
+        (7, [0.1, 0.2, 400.0, 1.0, 0.0, 0.0, 0.0]),
+        (8, [0.0] * 7),
+        (9, [0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0]),
+        (4, [0.5] * 3 + [1.0, 0.0, 0.0, 0.0]),
+    ):
+        bridge.send(Kind.POSE, values, seq)
+    bridge.send(Kind.BENDS, np.zeros(5), 3)
+    end = time.monotonic() + PATIENCE
+    came = -1
+    while came < 0 and time.monotonic() < end:
+        came = source.read(time.monotonic_ns(), position, orientation)
+    assert np.allclose(position, good[:3])
+    assert orientation.tolist() == [0.0, 1.0, 0.0, 0.0]
+    assert source.read(time.monotonic_ns(), position, orientation) == came, "no other pose was taken"
+    source.close()
