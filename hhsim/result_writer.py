@@ -48,6 +48,7 @@ class ResultWriter:
         static: the arrays of `STATIC_COLUMNS` by name.
         phases: phases of the trajectory, where they are known already.
         tables: of a live session, columns by group; they grow with the ticks.
+        attributes: of their groups.
 
     Raises:
         OutputError: the file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
@@ -64,6 +65,7 @@ class ResultWriter:
         static: Mapping[str, Array],
         phases: Sequence[TickPhase] = (),
         tables: Mapping[str, Sequence[Column]] | None = None,
+        attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
     ) -> None:
         check_result_destination(path)
         self._destination = path
@@ -78,7 +80,7 @@ class ResultWriter:
             undo.callback(self.path.unlink, missing_ok=True)
             self._file = h5py.File(self.path, "w")
             undo.callback(self._close)
-            self._write_header(scene, static, phases)
+            self._write_header(scene, static, phases, attributes or {})
             undo.pop_all()
 
     def __enter__(self) -> Self:
@@ -110,7 +112,8 @@ class ResultWriter:
         """Write the next ticks, and what else there is, and flush them.
 
         Args:
-            block: one array for each of `TICK_COLUMNS`, by its name; each of shape (ticks, *column.shape).
+            block: one array for each of `TICK_COLUMNS`, by its name; each of shape (ticks, *column.shape). Nothing at
+                all where no tick came.
             others: the same for `tables`, by group.
             attributes: of groups, to set or to replace.
 
@@ -163,7 +166,13 @@ class ResultWriter:
                 self.path = self._destination
         return self.path
 
-    def _write_header(self, scene: Mapping[str, Any], static: Mapping[str, Array], phases: Sequence[TickPhase]) -> None:
+    def _write_header(
+        self,
+        scene: Mapping[str, Any],
+        static: Mapping[str, Array],
+        phases: Sequence[TickPhase],
+        attributes: Mapping[str, Mapping[str, Scalar]],
+    ) -> None:
         arrays = _checked(static, STATIC_COLUMNS, lambda column: column.shape)
         scene_json = json.dumps(scene, sort_keys=True)
         self._claim(sum(array.nbytes for array in arrays.values()) + len(scene_json) + 2 * _OVERHEAD)
@@ -189,6 +198,8 @@ class ResultWriter:
                 )
                 _describe(dataset, column)
         self._file.create_group("summary")
+        for group, values in attributes.items():
+            self._file[group].attrs.update(values)
         self._write_phases(phases)
         self._file.flush()
 

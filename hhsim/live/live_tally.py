@@ -21,7 +21,7 @@ class LiveTally:
     """Reads the ticks of a session and counts.
 
     Args:
-        ring: of `LIVE_TICK`; read from its beginning.
+        ring: of `LIVE_TICK`; read from its beginning. None where the ticks are handed to `count`.
     """
 
     ticks: int
@@ -33,9 +33,9 @@ class LiveTally:
     superseded: int
     """Samples that a newer one replaced before a tick could use them."""
 
-    def __init__(self, ring: SharedRing) -> None:
+    def __init__(self, ring: SharedRing | None = None) -> None:
         """Nothing is counted yet."""
-        self._reader = RingReader(ring)
+        self._reader = None if ring is None else RingReader(ring)
         self.wakeup, self.latency, self.duration = LogHistogram(), LogHistogram(), LogHistogram()
         """How late the loop woke, from sample to command, and the solver's tick [ns]."""
         self.ticks = self.missed = self.new_samples = self.superseded = 0
@@ -52,15 +52,15 @@ class LiveTally:
     @property
     def lost(self) -> int:
         """Ticks that were overwritten before they were counted."""
-        return self._reader.lost
+        return 0 if self._reader is None else self._reader.lost
 
     def read(self) -> None:
         """Count all ticks since the last call."""
-        while True:
+        while self._reader is not None:
             _, ticks = self._reader.read(AT_ONCE)
             if len(ticks) == 0:
                 return
-            self._count(ticks)
+            self.count(ticks)
 
     def rate(self, now_ns: int | None = None) -> float:
         """Ticks a second of late [Hz]; `now_ns` is CLOCK_MONOTONIC, by default now."""
@@ -90,7 +90,8 @@ class LiveTally:
             "ticks_kept_free": {why.name: count for why, count in self.free_for.items() if why.name},
         }
 
-    def _count(self, ticks: NDArray[np.void]) -> None:
+    def count(self, ticks: NDArray[np.void]) -> None:
+        """Count ticks, at least one, of `LIVE_TICK`."""
         self.ticks += len(ticks)
         self.missed += int(ticks["missed"].sum())
         self.wakeup.add(np.maximum(ticks["wakeup_ns"], 0))

@@ -1,0 +1,173 @@
+"""The process that writes a session to its file: `python -m hhsim.live.recorder --setup FD --status FD …`.
+
+It runs at ordinary priority and only reads the rings, so that whatever happens to it, or to the disk, is nothing to the
+loop. It ends when the session has ended and all of it is written, or when the loop is gone.
+
+Exit codes: 0 all that came is written; 1 a fault of hhsim's own; 2 the file cannot be written (the line on stderr says
+why, and where what was written is). After 1 and 2 `recorder_failed` is set in the status.
+"""
+
+import argparse
+import os
+import select
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from types import FrameType
+
+from hhsim.errors import HhsimError
+from hhsim.live.live_loop import loop_options
+from hhsim.live.live_records import Stage
+from hhsim.live.live_setup import LiveSetup, read_setup
+from hhsim.live.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.live.session_writer import RINGS, SessionWriter
+from hhsim.live.shared_memory import RingReader
+from hhsim.result import CHUNK_TICKS, check_result_destination
+from hhsim.warm_up import warm_up
+
+POLL = 0.05
+"""The rings are looked at this often [s]; they hold 16 s of ticks at 1 kHz."""
+LONGEST_WAIT = 1.0
+"""What came is written after this time at the latest [s]."""
+AT_ONCE = 4_096
+"""Records taken from a ring in one go."""
+CUT_SHORT = "the recorder was told to stop before the session ended"
+LOOP_DIED = "the loop's process died"
+
+
+class Recorder:
+    """Reads the rings of a session and writes its file.
+
+    Args:
+        setup: of the session; `record` names the file.
+        memory: of the session.
+    """
+
+    def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
+        """Nothing is read or written yet."""
+        if setup.record is None:
+            raise ValueError("the session is not to be recorded")
+        self._path = setup.record
+        self._setup = setup
+        self._memory = memory
+        self._readers = {ring: RingReader(getattr(memory, ring)) for ring in RINGS}
+        self._parent = os.getppid()
+        self._loop = -1
+        self._stop = False
+
+    def stop(self, number: int, frame: FrameType | None) -> None:
+        """A signal's handler: write what is there, and end."""
+        self._stop = True
+
+    def run(self) -> None:
+        """Record until the session has ended.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        check_result_destination(self._path)
+        options = loop_options(self._setup.options, self._setup.rate)
+        # Measuring penetration must not have to be compiled while ticks wait.
+        warm_up(self._setup.hand, options)
+        while not self._memory.read_facts():
+            # The glove is being connected; without it there is no session.
+            if self._end() or self._stop:
+                return
+            self._breathe()
+        with SessionWriter(self._path, self._setup, options, self._memory.read_facts()) as writer:
+            ended = self._follow(writer)
+            if self._stop or writer.empty:
+                writer.write(self._memory.status["counters"])
+                return
+            writer.finish(ended, self._memory.status["counters"])
+            self._tell(writer)
+
+    def _follow(self, writer: SessionWriter) -> str:
+        """Write block after block until the session has ended; returns why it did."""
+        written = time.monotonic()
+        while True:
+            # Looked at before the rings: what came before the end is read after it.
+            ended = self._end()
+            self._take(writer)
+            now = time.monotonic()
+            over = bool(ended) or self._stop
+            if over or writer.waiting_ticks >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
+                writer.write(self._memory.status["counters"])
+                written = now
+            self._tell(writer)
+            if over:
+                return ended or CUT_SHORT
+            self._breathe()
+
+    def _take(self, writer: SessionWriter) -> None:
+        for ring, reader in self._readers.items():
+            while True:
+                first, records = reader.read(AT_ONCE)
+                writer.take(ring, first, records)
+                if len(records) < AT_ONCE:
+                    break
+            writer.lost[ring] = reader.lost
+
+    def _tell(self, writer: SessionWriter) -> None:
+        status = self._memory.status
+        status["recorder_ticks"] = writer.ticks
+        status["recorder_lost"] = writer.lost["ticks"]
+
+    def _breathe(self) -> None:
+        self._memory.status["recorder_ns"] = time.monotonic_ns()
+        time.sleep(POLL)
+
+    def _end(self) -> str:
+        """Why the session has ended, "" while it goes on."""
+        status = self._memory.status
+        gone = self._loop_gone()
+        if status["stage"] == Stage.ENDED:
+            reason = self._memory.read_facts().get("summary", {}).get("reason")
+            return str(reason or LOOP_DIED)
+        if gone:
+            return LOOP_DIED
+        if status["loop_pid"] == 0 and os.getppid() != self._parent:
+            return "the session's supervisor died before the loop began"
+        return ""
+
+    def _loop_gone(self) -> bool:
+        """Whether the loop's process has ended, also where nobody has asked for its exit code yet."""
+        if self._loop < 0:
+            number = int(self._memory.status["loop_pid"])
+            if number == 0:
+                return False
+            try:
+                self._loop = os.pidfd_open(number)
+            except ProcessLookupError:
+                return True
+        return bool(select.select([self._loop], [], [], 0.0)[0])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Record a session; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.recorder", description=__doc__)
+    add_memory_options(parser)
+    options = parser.parse_args(arguments)
+    setup, memory = read_setup(options.setup), attached(options)
+    recorder = Recorder(setup, memory)
+    # Ctrl-C is for the session: its end is recorded too.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, recorder.stop)
+    try:
+        recorder.run()
+    except HhsimError as error:
+        memory.status["recorder_failed"] = 1
+        print("; ".join([f"hhsim: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
+        return error.exit_code
+    except Exception:  # said, and told to the others by the status
+        memory.status["recorder_failed"] = 1
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,235 @@
+"""Writes a live session to its file: ticks as in any result, and what only a session has under /live.
+
+Attributes of /live; those marked with * change while the session runs, and are those of the last block that was
+written where it was cut short:
+
+| attribute | meaning |
+|---|---|
+| device | what the driver says of the glove: name, hand, channels, unit, capabilities, doubtful (JSON) |
+| real_time | the mode that the loop achieved (JSON) |
+| pose | where the palm's pose came from |
+| limits | limits of the output, of safety, and what was asked of the system (JSON) |
+| dry_run | 1: nothing was sent to the glove |
+| command | the command line (JSON) |
+| utc_offset | what has to be added to CLOCK_MONOTONIC to get the time since 1970, UTC [ns] |
+| counters * | of the device: frames, samples, rejected, other, malformed, resyncs, dropped, commands, … (JSON) |
+| lost_ticks, lost_samples, lost_events * | records that were overwritten before they could be written |
+| ended | why it ended; "" while it runs, and where the recording was cut short |
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.block import TickRecord
+from hhsim.live.glove_device import DeviceCounters
+from hhsim.live.live_setup import LiveSetup
+from hhsim.live.live_tally import LiveTally
+from hhsim.live.session_summary import as_text, session_figures
+from hhsim.result_schema import (
+    EVENT_COLUMNS,
+    LIVE,
+    LIVE_EVENT,
+    LIVE_SAMPLE,
+    LIVE_TICK,
+    LIVE_TICK_COLUMNS,
+    sample_columns,
+)
+from hhsim.result_writer import ResultWriter
+from hhsim.solver_options import SolverOptions
+from hhsim.stored_scene import describe_scene, static_arrays
+from hhsim.tick_columns import HapticTicks, TickColumns
+
+Array = NDArray[Any]
+Records = NDArray[np.void]
+
+RINGS = ("ticks", "samples", "events")
+COUNTERS = tuple(item.name for item in fields(DeviceCounters))
+
+_LIVE_TICK_FIELDS = {
+    "period": "tick",
+    "deadline": "time_ns",
+    "wakeup": "wakeup_ns",
+    "latency": "latency_ns",
+    "missed": "missed",
+    "safety": "safety",
+    "command_bend": "command_bend",
+    "command_stiffness": "command_stiffness",
+}
+_SAMPLE_FIELDS = {
+    "seq": "seq",
+    "time": "time_ns",
+    "device_time": "device_time_ns",
+    "device_seq": "device_seq",
+    "battery": "battery",
+    "good": "good",
+    "flexion": "flexion",
+    "abduction": "abduction",
+}
+_EVENT_FIELDS = {"time": "time_ns", "level": "level", "text": "text"}
+
+
+class SessionWriter:
+    """Takes records as they come out of the rings, and writes them block by block.
+
+    Args:
+        path: of the file.
+        setup: of the session.
+        options: that the loop solves with.
+        facts: what the loop said before it ran, `SessionMemory.read_facts`.
+
+    Raises:
+        OutputError: the file cannot be made.
+    """
+
+    lost: dict[str, int]
+    """Records that were lost, by ring; to be kept up to date by whoever reads the rings."""
+
+    def __init__(self, path: Path, setup: LiveSetup, options: SolverOptions, facts: Mapping[str, Any]) -> None:
+        """Write the header; there are no ticks yet."""
+        self.lost = dict.fromkeys(RINGS, 0)
+        self.tally = LiveTally()
+        self.penetration_max = 0.0
+        device = dict(facts.get("device", {}))
+        self._channels = len(device.get("channels", ()))
+        self._columns = TickColumns(setup.tree.arrays(), setup.hand, options)
+        self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
+        self._next_tick = 0
+        self._began = -1
+        description = dict(setup.description)
+        position = description.get("object_position", (0.0, 0.0, 0.0))
+        orientation = description.get("object_orientation", (1.0, 0.0, 0.0, 0.0))
+        static = static_arrays(setup.mesh, setup.tree, setup.hand, position, orientation)
+        scene = {
+            "motion": "live",
+            **description,
+            "rate": setup.rate,
+            "device": getattr(setup.device, "kind", ""),
+            **describe_scene(setup.mesh, setup.tree, setup.hand, options, static),
+        }
+        tables = {
+            LIVE_TICK: LIVE_TICK_COLUMNS,
+            LIVE_SAMPLE: sample_columns(self._channels),
+            LIVE_EVENT: EVENT_COLUMNS,
+        }
+        header: dict[str, str | int] = {
+            "device": as_text(device),
+            "real_time": as_text(facts.get("real_time", {})),
+            "pose": str(facts.get("pose", "")),
+            "limits": as_text(setup.limits_json()),
+            "dry_run": int(setup.dry_run),
+            "command": as_text(list(setup.command)),
+            "utc_offset": time.time_ns() - time.monotonic_ns(),
+            "counters": as_text({}),
+            **self._lost_attributes(),
+            "ended": "",
+        }
+        self._writer = ResultWriter(path, scene=scene, static=static, tables=tables, attributes={LIVE: header})
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._writer.__exit__(*error)
+
+    @property
+    def path(self) -> Path:
+        """Where the file is now."""
+        return self._writer.path
+
+    @property
+    def ticks(self) -> int:
+        """Ticks written so far."""
+        return self._writer.ticks
+
+    @property
+    def waiting_ticks(self) -> int:
+        """Ticks that the next block writes."""
+        return sum(len(records) for _, records in self._waiting["ticks"])
+
+    @property
+    def empty(self) -> bool:
+        """Whether neither a tick nor a sample has come."""
+        return self.ticks == 0 and not self._waiting["ticks"] and not self._waiting["samples"]
+
+    def take(self, ring: str, first: int, records: Records) -> None:
+        """Keep records of a ring for the next block.
+
+        Args:
+            ring: one of `RINGS`.
+            first: number of the first one, counted from the ring's beginning.
+            records: of the ring's type.
+        """
+        if len(records):
+            self._waiting[ring].append((first, records))
+
+    def write(self, counters: Array) -> None:
+        """Write what was taken, and flush it.
+
+        Args:
+            counters: of the device, in the order of `DeviceCounters`.
+
+        Raises:
+            OutputError: the disk is full or gone; the ticks before stay readable.
+        """
+        self._write({"counters": as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))})
+
+    def finish(self, ended: str, counters: Array) -> Path:
+        """Write what was taken and the summary, and mark the file complete.
+
+        Args:
+            ended: why the session ended.
+            counters: as in `write`.
+
+        Raises:
+            OutputError: as in `write`.
+        """
+        self.write(counters)
+        self._write({"ended": ended})
+        return self._writer.finish(session_figures(self.tally, self.penetration_max, self.lost))
+
+    def _write(self, attributes: Mapping[str, str | int]) -> None:
+        taken = {ring: self._waiting[ring] for ring in RINGS}
+        blocks = [self._tick_block(first, records) for first, records in taken["ticks"]]
+        ticks, live = [table for table, _ in blocks], [table for _, table in blocks]
+        samples = [self._sample_block(first, records) for first, records in taken["samples"]]
+        events = [{name: records[of] for name, of in _EVENT_FIELDS.items()} for _, records in taken["events"]]
+        tables = {LIVE_TICK: live, LIVE_SAMPLE: samples, LIVE_EVENT: events}
+        others = {group: _joined(rows) for group, rows in tables.items()}
+        self._writer.append(_joined(ticks), others, {LIVE: {**attributes, **self._lost_attributes()}})
+        self._waiting = {ring: [] for ring in RINGS}
+
+    def _lost_attributes(self) -> dict[str, int]:
+        return {f"lost_{ring}": self.lost[ring] for ring in RINGS}
+
+    def _tick_block(self, first: int, records: Records) -> tuple[dict[str, Array], dict[str, Array]]:
+        """The rows of /tick and of /live/tick."""
+        if first != self._next_tick:
+            self._columns.forget()
+        self._next_tick = first + len(records)
+        if self._began < 0:
+            self._began = int(records["time_ns"][0])
+        haptic = HapticTicks(*(records[f"haptic_{name}"] for name in HapticTicks._fields))
+        record = TickRecord(*(records[name] for name in TickRecord._fields))
+        time_ = 1e-9 * (records["time_ns"] - self._began)
+        ticks = self._columns.block(time_, records["input_seq"], haptic, record)
+        self.tally.count(records)
+        self.penetration_max = max(self.penetration_max, float(ticks["penetration_depth"].max()))
+        live = {name: records[of] for name, of in _LIVE_TICK_FIELDS.items()}
+        return ticks, {"record": np.arange(first, first + len(records)), **live}
+
+    def _sample_block(self, first: int, records: Records) -> dict[str, Array]:
+        return {
+            "record": np.arange(first, first + len(records)),
+            **{name: records[of] for name, of in _SAMPLE_FIELDS.items()},
+            "channel": records["channels"][:, : self._channels],
+        }
+
+
+def _joined(blocks: list[dict[str, Array]]) -> dict[str, Array]:
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]} if blocks else {}
