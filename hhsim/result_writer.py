@@ -120,9 +120,8 @@ class ResultWriter:
         Raises:
             OutputError: the disk is full or gone; the ticks before stay readable.
         """
-        blocks = {
-            group: _rows(of, self._tables[group].columns) for group, of in {_TICK: block, **(others or {})}.items()
-        }
+        given = {_TICK: block, **(others or {})}
+        blocks = {group: _rows(of, self._tables[group].columns) for group, of in given.items() if of}
         with _output_errors(self.path):
             self._claim(sum(self._tables[group].growth(arrays) for group, arrays in blocks.items()) + _OVERHEAD)
             for group, arrays in blocks.items():

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from hhsim import info
 from hhsim.errors import InputError
 from hhsim.interrupt import interruptible_between
+from hhsim.kernels.block import TickRecord
 from hhsim.result import CHUNK_TICKS, Result
 from hhsim.result_schema import TICK_COLUMNS, Column
 from hhsim.solver import HandSolver
 from hhsim.stored_scene import require_whole, stored_hand, stored_options, stored_tree
 from hhsim.tick_columns import HapticTicks, TickColumns
 from hhsim.warm_up import warm_up
+from hhsim.workspace import tick_record
 
 Array = NDArray[Any]
 Progress = Callable[[str, int, int], None]
@@ -118,11 +120,11 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     total, notes = _runnable(result)
     tallies = [_Tally(column) for column in COMPARED]
     with interruptible_between() as check_interrupt:
-        for part in _blocks(result, total):
+        for part in _blocks(total):
             if progress is not None:
                 progress("ticks", part.start, total)
             haptic = HapticTicks(*(result[f"haptic/{name}"][part] for name in HapticTicks._fields))
-            record = solver.run(*haptic)
+            record = _solve(solver, haptic, result.live is not None)
             block = columns.block(result["time"][part], result["input_seq"][part], haptic, record)
             for tally in tallies:
                 tally.add(result[tally.column.name][part], block[tally.column.name])
@@ -170,10 +172,43 @@ class _Tally:
 def _runnable(result: Result) -> tuple[int, list[str]]:
     """How many ticks can be run again, and what to say where it is not all of them."""
     notes = [] if result.complete else ["the file is of a run that was stopped: its ticks so far were run again"]
-    return result.ticks, notes
+    if result.live is None:
+        return result.ticks, notes
+    record, period, missed = (result[f"live/tick/{name}"] for name in ("record", "period", "missed"))
+    if record[0] != 0:
+        raise InputError(
+            f"{result.path} cannot be run again: the recorder lost its first {record[0]:,} ticks, and what the others "
+            "began with is not known"
+        )
+    gaps = np.flatnonzero(np.diff(record) != 1)
+    total = int(gaps[0]) + 1 if gaps.size else result.ticks
+    if gaps.size:
+        lost = int(record[total] - record[total - 1] - 1)
+        notes.append(
+            f"the recorder lost {lost:,} ticks after tick {total - 1:,}: what followed on them cannot be run again, "
+            "and was not compared"
+        )
+    unsolved = int(np.sum(np.diff(period[:total]) - 1 - missed[1:total]))
+    if unsolved:
+        notes.append(f"{unsolved:,} ticks whose solver failed are not in the file: what follows on them may differ")
+    return total, notes
 
 
-def _blocks(result: Result, total: int) -> list[slice]:
+def _solve(solver: HandSolver, haptic: HapticTicks, live: bool) -> TickRecord:
+    """The ticks of a block; those of a session one by one, as its loop ran them."""
+    if not live:
+        return solver.run(*haptic)
+    count = len(haptic.position)
+    record, row = tick_record(count), tick_record(1)
+    for i in range(count):
+        # A tick whose pairs did not fit says so in its status, and the loop went on.
+        solver.tick([np.ascontiguousarray(values[i : i + 1]) for values in haptic], row)
+        for values, value in zip(record, row):
+            values[i] = value[0]
+    return record
+
+
+def _blocks(total: int) -> list[slice]:
     return [slice(first, min(first + CHUNK_TICKS, total)) for first in range(0, total, CHUNK_TICKS)]
 
 

@@ -31,10 +31,10 @@ POLL = 0.05
 """The rings are looked at this often [s]; they hold 16 s of ticks at 1 kHz."""
 LONGEST_WAIT = 1.0
 """What came is written after this time at the latest [s]."""
-AT_ONCE = 4_096
-"""Records taken from a ring in one go."""
+AT_ONCE = 2 * CHUNK_TICKS
+"""Most records of a ring in one block: a disk that gets full takes no more than them."""
 CUT_SHORT = "the recorder was told to stop before the session ended"
-LOOP_DIED = "the loop's process died"
+LOOP_DIED = "the loop failed or was killed"
 
 
 class Recorder:
@@ -78,8 +78,10 @@ class Recorder:
             self._breathe()
         with SessionWriter(self._path, self._setup, options, self._memory.read_facts()) as writer:
             ended = self._follow(writer)
-            if self._stop or writer.empty:
-                writer.write(self._memory.status["counters"])
+            if writer.empty:
+                return
+            if ended == CUT_SHORT:
+                writer.write(self._memory.status["counters"], ended)
                 return
             writer.finish(ended, self._memory.status["counters"])
             self._tell(writer)
@@ -90,25 +92,27 @@ class Recorder:
         while True:
             # Looked at before the rings: what came before the end is read after it.
             ended = self._end()
-            self._take(writer)
+            more = self._take(writer)
             now = time.monotonic()
-            over = bool(ended) or self._stop
+            over = not more and (bool(ended) or self._stop)
             if over or writer.waiting_ticks >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
                 writer.write(self._memory.status["counters"])
                 written = now
             self._tell(writer)
             if over:
                 return ended or CUT_SHORT
-            self._breathe()
+            if not more:
+                self._breathe()
 
-    def _take(self, writer: SessionWriter) -> None:
+    def _take(self, writer: SessionWriter) -> bool:
+        """Take what came, so much that a block does not get too large; whether there may be more."""
+        more = False
         for ring, reader in self._readers.items():
-            while True:
-                first, records = reader.read(AT_ONCE)
-                writer.take(ring, first, records)
-                if len(records) < AT_ONCE:
-                    break
+            first, records = reader.read(AT_ONCE)
+            writer.take(ring, first, records)
             writer.lost[ring] = reader.lost
+            more = more or len(records) == AT_ONCE
+        return more
 
     def _tell(self, writer: SessionWriter) -> None:
         status = self._memory.status

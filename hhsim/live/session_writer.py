@@ -99,6 +99,7 @@ class SessionWriter:
         self._channels = len(device.get("channels", ()))
         self._columns = TickColumns(setup.tree.arrays(), setup.hand, options)
         self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
+        self._came = dict.fromkeys(RINGS, False)
         self._next_tick = 0
         self._began = -1
         description = dict(setup.description)
@@ -148,14 +149,14 @@ class SessionWriter:
         return self._writer.ticks
 
     @property
+    def empty(self) -> bool:
+        """Whether neither a tick nor a sample has come."""
+        return not (self._came["ticks"] or self._came["samples"])
+
+    @property
     def waiting_ticks(self) -> int:
         """Ticks that the next block writes."""
         return sum(len(records) for _, records in self._waiting["ticks"])
-
-    @property
-    def empty(self) -> bool:
-        """Whether neither a tick nor a sample has come."""
-        return self.ticks == 0 and not self._waiting["ticks"] and not self._waiting["samples"]
 
     def take(self, ring: str, first: int, records: Records) -> None:
         """Keep records of a ring for the next block.
@@ -167,17 +168,20 @@ class SessionWriter:
         """
         if len(records):
             self._waiting[ring].append((first, records))
+            self._came[ring] = True
 
-    def write(self, counters: Array) -> None:
+    def write(self, counters: Array, ended: str = "") -> None:
         """Write what was taken, and flush it.
 
         Args:
             counters: of the device, in the order of `DeviceCounters`.
+            ended: why the recording ends here; "" where it goes on.
 
         Raises:
             OutputError: the disk is full or gone; the ticks before stay readable.
         """
-        self._write({"counters": as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))})
+        told = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
+        self._write({"counters": told, "ended": ended})
 
     def finish(self, ended: str, counters: Array) -> Path:
         """Write what was taken and the summary, and mark the file complete.
@@ -189,8 +193,7 @@ class SessionWriter:
         Raises:
             OutputError: as in `write`.
         """
-        self.write(counters)
-        self._write({"ended": ended})
+        self.write(counters, ended)
         return self._writer.finish(session_figures(self.tally, self.penetration_max, self.lost))
 
     def _write(self, attributes: Mapping[str, str | int]) -> None:

@@ -1,0 +1,121 @@
+"""A session whose rings a test fills itself: ticks of the real solver, samples that are numbered."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sphere_scenes import bumpy_ball
+
+from hhsim.hand import HandModel
+from hhsim.live.devices import DeviceConfig
+from hhsim.live.glove_device import GLOVE_SAMPLE
+from hhsim.live.live_loop import loop_options
+from hhsim.live.live_records import LIVE_TICK, Stage
+from hhsim.live.live_setup import LiveSetup
+from hhsim.live.pose_sources import PoseConfig
+from hhsim.live.session_memory import SessionMemory
+from hhsim.live.shared_memory import SharedRing
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.shapes import sphere
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.workspace import tick_record
+
+Records = NDArray[Any]
+
+SCRIPT = """
+title = "short"
+[[phase]]
+name = "approach"
+duration = 0.2
+[[phase]]
+name = "grasp"
+duration = 0.4
+[[phase]]
+name = "hold"
+duration = 0.1
+"""
+PERIOD = 1_000_000
+BEGAN = 5_000_000_000_000
+"""CLOCK_MONOTONIC of the first deadline [ns]."""
+SAMPLE_TICKS = 5
+"""Ticks a sample: a glove of 200 Hz."""
+CHANNELS = ("thumb_bend", "index_bend", "a/b")
+FACTS: dict[str, Any] = {
+    "real_time": {"fifo": 0, "memory_locked": False, "refused": ["not allowed"]},
+    "device": {"name": "test", "hand": "right", "channels": list(CHANNELS), "unit": "count", "doubtful": []},
+    "pose": "fixed",
+}
+
+
+def make_setup(record: Path | None, options: SolverOptions | None = None) -> LiveSetup:
+    """A session on a bumpy ball; the object's own frame is not the world's."""
+    scene = make_scene(
+        sphere(0.076, 3), bumpy_ball(200), HandModel.default(), parse_script(SCRIPT, name="short", where="short")
+    )
+    return LiveSetup(
+        mesh=scene.mesh,
+        tree=scene.tree,
+        hand=scene.hand,
+        options=options or SolverOptions(),
+        device=DeviceConfig(kind="sim"),
+        pose=PoseConfig(kind="fixed"),
+        record=record,
+        command=("hhsim", "live", "glove"),
+        description={"object": "ball", "object_position": [0.0, 0.0, 0.0], "seed": 3},
+    )
+
+
+def solved_ticks(setup: LiveSetup) -> Records:
+    """700 ticks as the loop publishes them: a grasp."""
+    scene = make_scene(setup.mesh, setup.tree, setup.hand, parse_script(SCRIPT, name="short", where="short"))
+    ticks = scene.ticks
+    solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
+    rows = np.zeros(700, LIVE_TICK)
+    for i, row in enumerate(rows):
+        haptic = [getattr(ticks, name)[i : i + 1] for name in ("position", "orientation", "flexion", "abduction")]
+        record = tick_record(1)
+        solver.tick(haptic, record)
+        for name, values in record._asdict().items():
+            row[name] = values[0]
+        for name, values in zip(("position", "orientation", "flexion", "abduction"), haptic):
+            row[f"haptic_{name}"] = values[0]
+        row["tick"] = i
+        row["time_ns"] = BEGAN + PERIOD * i
+        row["wakeup_ns"] = 1000 + i
+        row["latency_ns"] = 20_000 + i if i % SAMPLE_TICKS == 0 else -1
+        row["input_seq"] = i // SAMPLE_TICKS
+        row["command_bend"] = 0.001 * i
+        row["safety"] = 256 if i == 0 else 0
+    return rows
+
+
+def numbered_samples(ticks: Records) -> Records:
+    """The samples that these ticks used; every tenth is one that is not good."""
+    rows = np.zeros(len(ticks) // SAMPLE_TICKS, GLOVE_SAMPLE)
+    first = ticks[::SAMPLE_TICKS]
+    rows["seq"] = np.arange(len(rows))
+    rows["time_ns"] = first["time_ns"] - 100_000
+    rows["device_time_ns"] = rows["device_seq"] = -1
+    rows["battery"] = 77
+    rows["good"] = rows["seq"] % 10 != 9
+    rows["channels"] = np.nan
+    rows["channels"][:, : len(CHANNELS)] = rows["seq"][:, None] + 0.25 * np.arange(len(CHANNELS))
+    rows["flexion"], rows["abduction"] = first["haptic_flexion"], first["haptic_abduction"]
+    return rows
+
+
+def pour(ring: SharedRing, records: Records) -> None:
+    """Publish records as a writer does."""
+    for record in records:
+        ring.records[ring.written % ring.capacity] = record
+        ring.publish()
+
+
+def ended(memory: SessionMemory, pid: int, reason: str = "duration") -> None:
+    """The session has ended in order; `pid` is a process that lives."""
+    memory.status["loop_pid"] = pid
+    memory.write_facts({**FACTS, "summary": {"reason": reason}})
+    memory.status["stage"] = Stage.ENDED

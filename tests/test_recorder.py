@@ -1,0 +1,325 @@
+"""The recorder: what the rings held is in the file, and whatever happens to it, the file can be read."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from live_rings import BEGAN, CHANNELS, FACTS, ended, make_setup, numbered_samples, pour, solved_ticks
+from numpy.typing import NDArray
+from sphere_scenes import brute_clearance
+
+from hhsim.live.live_records import LIVE_TICK, Stage
+from hhsim.live.live_setup import write_setup
+from hhsim.live.recorder import CUT_SHORT, LOOP_DIED, Recorder
+from hhsim.live.session_memory import TICK_CAPACITY, SessionMemory
+from hhsim.live.session_summary import summary_rows
+from hhsim.log_histogram import LogHistogram
+from hhsim.result import Result, load_result
+from hhsim.run_again import run_again
+from hhsim.solver_options import SolverOptions
+
+Records = NDArray[Any]
+COUNTERS = [1000, 140, 14, 3, 2, 1, 0, 699, 1]
+
+
+@pytest.fixture(scope="module")
+def ticks() -> Records:
+    return solved_ticks(make_setup(None))
+
+
+def recorded(
+    path: Path, ticks: Records, samples: Records | None = None, options: SolverOptions | None = None
+) -> Result:
+    """A session whose rings held these records when the recorder came."""
+    memory = SessionMemory.create()
+    pour(memory.ticks, ticks)
+    pour(memory.samples, numbered_samples(ticks) if samples is None else samples)
+    memory.log(0, "the loop runs", BEGAN)
+    memory.log(2, "Störung: " + "ö" * 200, BEGAN + 5)
+    memory.status["counters"] = COUNTERS
+    ended(memory, os.getpid())
+    Recorder(make_setup(path, options), memory).run()
+    assert memory.status["recorder_ticks"] == load_result(path).ticks
+    assert memory.status["recorder_ns"] >= 0
+    return load_result(path)
+
+
+@pytest.fixture(scope="module")
+def session(ticks: Records, tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return recorded(tmp_path_factory.mktemp("session") / "session.h5", ticks)
+
+
+def test_a_session_runs_again_to_the_same_bits(session: Result) -> None:
+    again = run_again(session)
+    assert again.identical
+    assert (again.ticks, again.notes) == (700, ())
+    assert session["contacts/candidates"].max() > 0
+
+
+@pytest.mark.parametrize("method", ["progressive", "paper", "penalty"])
+def test_every_method_runs_again(tmp_path: Path, method: str) -> None:
+    options = SolverOptions(method=method, threads=2 if method == "progressive" else 1)
+    ticks = solved_ticks(make_setup(None, options))
+    assert run_again(recorded(tmp_path / "session.h5", ticks, options=options)).identical
+
+
+def test_every_tick_is_in_the_file(session: Result, ticks: Records) -> None:
+    assert session.complete
+    assert session.ticks == len(ticks)
+    assert session.scene["rate"] == 1000.0
+    assert (session.scene["object"], session.scene["device"], session.scene["seed"]) == ("ball", "sim", 3)
+    assert session.scene["solver"]["period"] == 0.001
+    for name in ("position", "orientation", "flexion", "abduction"):
+        assert session[f"haptic/{name}"].tobytes() == ticks[f"haptic_{name}"].tobytes()
+        assert session[f"graphic/{name}"].tobytes() == ticks[name].tobytes()
+    np.testing.assert_array_equal(session["input_seq"], np.arange(700) // 5)
+    np.testing.assert_allclose(session["time"], 0.001 * np.arange(700), atol=1e-15)
+    np.testing.assert_array_equal(session["live/tick/deadline"], ticks["time_ns"])
+    np.testing.assert_array_equal(session["live/tick/wakeup"], ticks["wakeup_ns"])
+    np.testing.assert_array_equal(session["live/tick/latency"], ticks["latency_ns"])
+    np.testing.assert_array_equal(session["live/tick/safety"], ticks["safety"])
+    np.testing.assert_array_equal(session["live/tick/command_bend"], ticks["command_bend"])
+    np.testing.assert_array_equal(session["live/tick/record"], np.arange(700))
+
+
+def test_penetration_is_measured_anew(session: Result) -> None:
+    level = session.static["object/tree/level"]
+    leaf = level == level.max()
+    clearance = brute_clearance(
+        session.static["object/tree/center"][leaf],
+        session.static["object/tree/radius"][leaf],
+        session.static["hand/phalanx_radius"],
+        session.static["hand/palm_center"],
+        session.static["hand/palm_radius"],
+        session["graphic/joints"][::50],
+        session["graphic/position"][::50],
+        session["graphic/orientation"][::50],
+    )
+    expected = np.maximum(0.0, -clearance.min(axis=1))
+    np.testing.assert_allclose(session["penetration_depth"][::50], expected, atol=1e-12)
+
+
+def test_every_sample_is_in_the_file_good_or_not(session: Result, ticks: Records) -> None:
+    samples = numbered_samples(ticks)
+    np.testing.assert_array_equal(session["live/sample/seq"], np.arange(140))
+    np.testing.assert_array_equal(session["live/sample/good"], np.arange(140) % 10 != 9)
+    np.testing.assert_array_equal(session["live/sample/channel"], samples["channels"][:, : len(CHANNELS)])
+    for name, of in (("time", "time_ns"), ("battery", "battery"), ("flexion", "flexion"), ("abduction", "abduction")):
+        np.testing.assert_array_equal(session[f"live/sample/{name}"], samples[of])
+
+
+def test_the_file_says_how_the_session_was(session: Result) -> None:
+    assert session.live is not None
+    assert json.loads(session.live["device"]) == FACTS["device"]
+    assert json.loads(session.live["real_time"]) == FACTS["real_time"]
+    assert json.loads(session.live["command"]) == ["hhsim", "live", "glove"]
+    counters = json.loads(session.live["counters"])
+    assert list(counters.values()) == [counters[name] for name in counters]
+    assert (counters["frames"], counters["commands_refused"]) == (1000, 1)
+    assert (session.live["ended"], session.live["pose"], session.live["dry_run"]) == ("duration", "fixed", 0)
+    assert [session.live[f"lost_{ring}"] for ring in ("ticks", "samples", "events")] == [0, 0, 0]
+    texts = [bytes(text).decode() for text in session["live/event/text"]]
+    assert texts[0] == "the loop runs"
+    assert texts[1] == "Störung: " + "ö" * 115
+    np.testing.assert_array_equal(session["live/event/level"], [0, 2])
+    assert abs(session.live["utc_offset"] + time.monotonic_ns() - time.time_ns()) < 60e9
+
+
+def test_the_summary_is_that_of_all_ticks(session: Result, ticks: Records) -> None:
+    summary = session.summary
+    assert (summary["ticks"], summary["missed"], summary["lost_ticks"]) == (700, 0, 0)
+    for name, values in (("wakeup", ticks["wakeup_ns"]), ("latency", ticks["latency_ns"][::5])):
+        for label, percent in (("p50", 50.0), ("p99", 99.0), ("p999", 99.9)):
+            exact = 1e-9 * np.percentile(values, percent, method="inverted_cdf")
+            assert summary[f"{name}_{label}"] == pytest.approx(exact, rel=LogHistogram.RATIO - 1.0)
+        assert summary[f"{name}_max"] == pytest.approx(1e-9 * values.max())
+    assert summary["penetration_max"] == session["penetration_depth"].max()
+    assert summary["kept_free_no_input_yet"] == 1
+    assert summary["samples_used"] == 140
+    rows = {label: (figure, unit) for label, figure, unit in summary_rows(summary)}
+    assert rows["ticks"] == ("700", "")
+    assert rows["ticks with free fingers: no input yet"] == ("1", "")
+    assert rows["wake-up after the deadline, max"] == ("1.7", "µs")
+
+
+def test_what_was_overwritten_is_counted_and_told(ticks: Records, tmp_path: Path) -> None:
+    """The ring goes round while the recorder does not look: what is left follows on nothing."""
+    memory = SessionMemory.create()
+    writer_saw: list[int] = []
+    recorder = Recorder(make_setup(tmp_path / "session.h5"), memory)
+    pour(memory.ticks, ticks[:300])
+    memory.write_facts(FACTS)
+    memory.status["loop_pid"] = os.getpid()
+    breathe = recorder._breathe
+
+    def late() -> None:
+        """Stay away for longer than the ring lasts, once."""
+        if not writer_saw:
+            writer_saw.append(int(memory.status["recorder_ticks"]))
+            filler = np.repeat(ticks[300:301], TICK_CAPACITY)
+            filler["tick"] = np.arange(300, 300 + TICK_CAPACITY)
+            pour(memory.ticks, filler)
+            pour(memory.ticks, ticks[:10])
+            pour(memory.samples, numbered_samples(ticks))
+        ended(memory, os.getpid())
+        breathe()
+
+    recorder._breathe = late  # type: ignore[method-assign]
+    recorder.run()
+    result = load_result(tmp_path / "session.h5")
+    lost = 10 + 1
+    assert result.live is not None
+    assert result.live["lost_ticks"] == result.summary["lost_ticks"] == memory.status["recorder_lost"] == lost
+    assert result.ticks == 300 + TICK_CAPACITY + 10 - lost
+    record = result["live/tick/record"]
+    assert (np.flatnonzero(np.diff(record) != 1) == [299]).all()
+    assert record[300] - record[299] == 1 + lost
+    assert np.isnan(result["force_variation_rate"][300])
+    again = run_again(result)
+    assert (again.ticks, again.ticks_stored) == (300, result.ticks)
+    assert not again.identical
+    assert all(array.identical for array in again.arrays)
+    assert again.notes == (
+        "the recorder lost 11 ticks after tick 299: what followed on them cannot be run again, and was not compared",
+    )
+
+
+@contextmanager
+def recorder_process(path: Path, memory: SessionMemory, limit: int = 0) -> Iterator[subprocess.Popen[str]]:
+    """The recorder as the supervisor starts it; its files may not grow beyond `limit` bytes, if that is not 0."""
+    setup = write_setup(make_setup(path))
+    arguments = ["--setup", str(setup), *memory.arguments()]
+    script = "import resource, sys; from hhsim.live.recorder import main; "
+    script += f"resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); " if limit else ""
+    script += "sys.exit(main(sys.argv[1:]))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        pass_fds=[setup, *memory.descriptors],
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(setup)
+
+
+def feed(memory: SessionMemory, ticks: Records, process: subprocess.Popen[str], until: int) -> None:
+    """Publish ticks until so many are written, or until the recorder has ended; never faster than it reads."""
+    for i in range(10**6):
+        if process.poll() is not None or memory.status["recorder_ticks"] >= until:
+            return
+        if memory.ticks.written - memory.status["recorder_ticks"] < TICK_CAPACITY // 2:
+            row = ticks[i % len(ticks)]
+            pour(memory.ticks, row[None])
+        else:
+            time.sleep(0.01)
+    raise AssertionError("the recorder writes nothing")
+
+
+def started(memory: SessionMemory) -> None:
+    memory.write_facts(FACTS)
+    memory.status["loop_pid"] = os.getpid()
+    memory.status["stage"] = Stage.RUNNING
+
+
+def test_killed_outright_the_file_is_readable(ticks: Records, tmp_path: Path) -> None:
+    path, memory = tmp_path / "session.h5", SessionMemory.create()
+    started(memory)
+    pour(memory.samples, numbered_samples(ticks))
+    with recorder_process(path, memory) as process:
+        feed(memory, ticks, process, 1500)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    result = load_result(path)
+    assert not result.complete
+    assert result.ticks >= 1500
+    assert result["graphic/position"][:700].tobytes() == ticks["position"].tobytes()
+    assert len(result["live/sample/seq"]) == 140
+    assert result.live is not None
+    assert result.live["ended"] == ""
+
+
+def test_a_full_disk_ends_the_recorder_and_nothing_else(ticks: Records, tmp_path: Path) -> None:
+    path, memory = tmp_path / "session.h5", SessionMemory.create()
+    started(memory)
+    with recorder_process(path, memory, limit=12_000_000) as process:
+        feed(memory, ticks, process, 10**9)
+        assert process.wait() == 2
+        assert process.stderr is not None
+        (line,) = process.stderr.read().splitlines()
+    assert memory.status["recorder_failed"] == 1
+    result = load_result(path)
+    assert not result.complete
+    assert result.ticks == memory.status["recorder_ticks"] > 0
+    assert line == (
+        f"hhsim: cannot write {path}: file too large; the {result.ticks:,} ticks so far are in {path} (complete = 0)"
+    )
+    assert result["graphic/position"][:500].tobytes() == ticks["position"][:500].tobytes()
+
+
+def test_a_place_that_cannot_be_written_is_told_at_once(tmp_path: Path) -> None:
+    memory = SessionMemory.create()
+    with recorder_process(tmp_path / "no" / "session.h5", memory) as process:
+        assert process.wait() == 2
+        assert process.stderr is not None
+        assert process.stderr.read().startswith(f"hhsim: there is no folder {tmp_path / 'no'}")
+    assert memory.status["recorder_failed"] == 1
+
+
+def test_told_to_stop_it_writes_what_came(ticks: Records, tmp_path: Path) -> None:
+    path, memory = tmp_path / "session.h5", SessionMemory.create()
+    started(memory)
+    with recorder_process(path, memory) as process:
+        feed(memory, ticks, process, 100)
+        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait() == 0
+    result = load_result(path)
+    assert (result.complete, result.ticks) == (False, memory.ticks.written)
+    assert result.live is not None
+    assert result.live["ended"] == CUT_SHORT
+
+
+def test_a_loop_that_is_killed_ends_the_recording_in_order(ticks: Records, tmp_path: Path) -> None:
+    path, memory = tmp_path / "session.h5", SessionMemory.create()
+    started(memory)
+    with (
+        subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"]) as loop,
+        recorder_process(path, memory) as process,
+    ):
+        memory.status["loop_pid"] = loop.pid
+        feed(memory, ticks, process, 50)
+        loop.kill()
+        assert process.wait() == 0
+    result = load_result(path)
+    assert result.complete
+    assert result.ticks == memory.ticks.written
+    assert result.live is not None
+    assert result.live["ended"] == LOOP_DIED
+
+
+def test_a_session_that_never_began_leaves_no_file(tmp_path: Path) -> None:
+    memory = SessionMemory.create()
+    memory.status["stage"] = Stage.ENDED
+    Recorder(make_setup(tmp_path / "a.h5"), memory).run()
+    memory.write_facts(FACTS)
+    Recorder(make_setup(tmp_path / "b.h5"), memory).run()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_samples_without_a_tick_are_kept(ticks: Records, tmp_path: Path) -> None:
+    result = recorded(tmp_path / "session.h5", np.zeros(0, LIVE_TICK), numbered_samples(ticks))
+    assert (result.complete, result.ticks) == (True, 0)
+    assert len(result["live/sample/seq"]) == 140
