@@ -18,7 +18,18 @@ from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.hand import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.progressive import solve_progressive
 from hhsim.kernels.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
-from hhsim.kernels.tick import advance, begin_tick, clip_target, finish_tick, prepare, recover, set_haptic, spent_units
+from hhsim.kernels.tick import (
+    advance,
+    begin_tick,
+    clip_target,
+    finish_tick,
+    goes_round,
+    prepare,
+    recover,
+    set_haptic,
+    solve_together,
+    spent_units,
+)
 from hhsim.kernels.tick_state import METHOD_COUPLED, STATUS_FULL, TickOptions
 from hhsim.kernels.tree import TreeArrays
 from hhsim.qp import QpProblem, QpStatus, solve
@@ -71,6 +82,8 @@ def drive_tick(
     for i in range(options.linearisations):
         if i > 0 and spent_units(state) >= options.budget:
             break
+        if goes_round(options, state, i):
+            solve_together(state)
         contacts = prepare(hand, tree, options, state)
         if contacts < 0:
             status |= STATUS_FULL

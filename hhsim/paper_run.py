@@ -5,6 +5,7 @@ long as they are. All of them come out as the same kind of figures.
 """
 
 import hashlib
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -18,7 +19,7 @@ from hhsim.closing import Closing, body_distances
 from hhsim.disturbance import Disturbance
 from hhsim.errors import HhsimError
 from hhsim.hand import FINGERS, HandModel
-from hhsim.hold_touches import hold_distances
+from hhsim.hold_touches import check_holds, hold_distances
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.hand import PALM_BODY
 from hhsim.kernels.tick_state import WORK_CANDIDATES, WORK_TOUCHING
@@ -66,7 +67,8 @@ zero, a turn of the force by a hair is a large share."""
 SHIFT, TURN = 0.003, math.radians(3.0)
 """Instances vary the palm's place by this standard deviation [m] and [rad] in each axis."""
 TRIES = 20
-"""Places that are tried for an instance until one is found from which all named fingers reach."""
+"""Places that are tried for an instance until one is found from which all named fingers reach; and of these, until one
+is found where the hold really touches what it names."""
 SHORT_WAY = 0.01
 """How far an instance begins from its place [m]."""
 SHORT_PHASES = {"approach": 0.1, "hold": 0.1, "release": 0.0}
@@ -229,7 +231,7 @@ def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances:
     else:
         script = _short(script)
         places = _places(scenario, script, hand, tree, seed)
-        motions = [synthesize(script, hand, tree, placement=next(places)).resampled(RATE) for _ in range(count)]
+        motions = [_instance(scenario, script, hand, tree, places) for _ in range(count)]
     return Stage(scenario, script, hand, tree, tuple(motions))
 
 
@@ -404,6 +406,21 @@ def _short(script: Script) -> Script:
         if duration > 0.0:
             phases.append(replace(phase, duration=duration))
     return replace(script, phases=tuple(phases), start_distance=SHORT_WAY)
+
+
+def _instance(
+    scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, places: Iterator[Placement]
+) -> TickInput:
+    """A motion whose hold touches all that it names, in the reference optimum (`coupled`).
+
+    Where fingers reach while the palm is held, the palm may still give way to one and take another one off.
+    """
+    for place in itertools.islice(places, TRIES):
+        motion = synthesize(script, hand, tree, placement=place)
+        held = check_holds(script, scenario.object_name, hand, tree, motion, SolverOptions())
+        if all((distances < TOUCHING).all() for distances in held):
+            return motion.resampled(RATE)
+    raise HhsimError(f"{scenario.name}: no place found for an instance in {TRIES} tries where the hold touches")
 
 
 def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, seed: int) -> Iterator[Placement]:

@@ -63,6 +63,10 @@ REACH_GROWTH = 4.0
 
 A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin.
 """
+ROUND_TRIP = 3.0
+"""A tick that has moved the hand this many times as far as it got solves palm and fingers together."""
+PARTED_MARGINS = 10.0
+"""How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
 
 @jit
@@ -109,20 +113,45 @@ def least_distance(candidates: Record) -> float:
 
 
 @jit
+def _farthest_joint(joints: Array, others: Array) -> float:
+    """Greatest distance [m] between a joint or tip of one hand, shape (5, 4, 3), and the same one of another."""
+    far = 0.0
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            square = 0.0
+            for i in range(3):
+                square += (joints[f, k, i] - others[f, k, i]) ** 2
+            far = max(far, square)
+    return math.sqrt(far)
+
+
+@jit
 def _still_parted(options: TickOptions, state: Record) -> bool:
     # Palm and fingers that came to nothing apart do so again from where solving them together has led: the hand would
     # be pulled to and fro for ever. They stay together until the user's hand has left that place.
     if not state.parted:
         return False
-    limit = options.margin * options.margin
-    for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT + 1):
-            square = 0.0
-            for i in range(3):
-                square += (state.parted_joints[f, k, i] - state.haptic.joints[f, k, i]) ** 2
-            if square > limit:
-                return False
-    return True
+    return _farthest_joint(state.parted_joints, state.haptic.joints) <= PARTED_MARGINS * options.margin
+
+
+@jit
+def solve_together(state: Record) -> None:
+    """Let palm and fingers share a program in this tick, and as long as the user's hand stays near."""
+    state.together = True
+    state.parted = True
+    state.parted_joints[:] = state.haptic.joints[:]
+
+
+@jit
+def goes_round(options: TickOptions, state: Record, done: int) -> bool:
+    """Whether palm and fingers apart pull each other to and fro, after so many linearisations.
+
+    A palm that yields to a finger and is pulled back by the next program can do so until the tick ends, without one
+    step that fails. A long way that leads nowhere is known by its ends.
+    """
+    if options.method != METHOD_PROGRESSIVE or state.together or 2 * done < options.linearisations:
+        return False
+    return state.moved > ROUND_TRIP * _farthest_joint(state.pose.joints, state.start_joints)
 
 
 @jit
@@ -147,6 +176,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.reach = min(options.margin, max(REACH_FLOOR * options.settled, REACH_PACE * state.moved))
     state.moved = 0.0
     state.lag = 0.0
+    state.start_joints[:] = state.pose.joints[:]
 
 
 @jit
@@ -345,9 +375,7 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
         state.bad_steps += 1
         if state.bad_steps > 3:
             if not state.together:
-                state.together = True
-                state.parted = True
-                state.parted_joints[:] = state.haptic.joints[:]
+                solve_together(state)
             _take_back(state)
             state.lag = wanted
             state.trust *= 0.25
@@ -393,14 +421,7 @@ def _solve(options: TickOptions, state: Record, qp: QpWork) -> int:
 def _cap_lag(state: Record) -> None:
     # A program's step can be longer than any way that is left, where a soft direction is all but free: no point of the
     # hand has further to go than from where it is shown to where the user has it.
-    far = 0.0
-    for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT + 1):
-            square = 0.0
-            for i in range(3):
-                square += (state.pose.joints[f, k, i] - state.haptic.joints[f, k, i]) ** 2
-            far = max(far, square)
-    state.lag = min(state.lag, math.sqrt(far))
+    state.lag = min(state.lag, _farthest_joint(state.pose.joints, state.haptic.joints))
 
 
 @jit
@@ -494,6 +515,8 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record
     for i in range(options.linearisations):
         if i > 0 and spent_units(state) >= options.budget:
             break
+        if goes_round(options, state, i):
+            solve_together(state)
         contacts = prepare(hand, tree, options, state)
         if contacts < 0:
             status |= STATUS_FULL

@@ -122,6 +122,7 @@ TICK_STATE = np.dtype(
         ("together", np.bool_),
         ("parted", np.bool_),
         ("parted_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+        ("start_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
         ("accepted", np.bool_),
         ("full", np.bool_),
         ("bad_steps", np.int64),
@@ -156,6 +157,7 @@ TICK_STATE = np.dtype(
 | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
 | together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
 | parted, parted_joints | palm and fingers apart came to nothing near here: the haptic hand's joints there [m] |
+| start_joints | joints of the graphic hand where this tick began [m] |
 | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
 | full | this tick met more pairs than the arrays hold |
 | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
