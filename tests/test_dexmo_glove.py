@@ -175,7 +175,7 @@ def test_commands_arrive_as_they_were_given(server: FakeDexmo) -> None:
     assert np.array_equal(told["stiffness"][3], np.ones(5))
     assert np.array_equal(told["set_point"][3], float32([1e-3, 1.0, 0.5, 0.5, 0.5]))
     assert not told["stiffness"][4].any() and not told["set_point"][4].any()
-    assert told["kept"].tolist() == [0, 1, 0, 0, 1], "the server must keep what lets go of a finger"
+    assert told["kept"].tolist() == [1, 1, 0, 0, 1], "the server must keep the first one, and what lets go of a finger"
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

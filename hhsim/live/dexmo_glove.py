@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from hhsim.live.devices import DeviceConfig
 
 FREE = (0.0,) * FINGER_COUNT
+UNKNOWN_STIFFNESS = (1.0,) * FINGER_COUNT
+"""What the fingers may still be told from before a connection: nobody knows what the server made of it."""
 SETTLE = 0.1
 """After the first frame, how long other gloves are looked for [s]."""
 FAR = (-0.5, 1.5)
@@ -80,7 +82,7 @@ class DexmoGlove(GloveDevice):
         self._malformed_run = 0
         self._seq = 0
         self._lost: DeviceError | None = None
-        self._stiffness = list(FREE)
+        self._stiffness = list(UNKNOWN_STIFFNESS)
         self._take(self._calibration.regression)
         self._flexion, self._abduction = self._regression.angles(self._regression.open)
         self._battery = UNKNOWN
@@ -187,6 +189,7 @@ class DexmoGlove(GloveDevice):
         self._stream, self._lost, self._malformed_run = MessageStream(), None, 0
         self._waiting.clear()
         self._device_id = None
+        self._stiffness = list(UNKNOWN_STIFFNESS)
         looked = MessageStream()
         seen: dict[int, GloveMessage] = {}
         settled = deadline
@@ -241,7 +244,7 @@ class DexmoGlove(GloveDevice):
     def _begin_stream(self) -> None:
         """A new connection begins with a new message."""
         self._stream, self._lost, self._malformed_run = MessageStream(), None, 0
-        self._stiffness = list(FREE)
+        self._stiffness = list(UNKNOWN_STIFFNESS)
         self.counters.resyncs += 1
 
     def _next_frame(self) -> bool:

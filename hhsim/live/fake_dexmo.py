@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.errors import HhsimError
 from hhsim.live.dexmo_codec import (
     CHANNELS,
     LENGTH,
@@ -253,7 +254,7 @@ class FakeDexmoServer:
                     self._note(
                         Kind.COMMAND, client.number, told.device_id, told.kept, told.stiffness, told.set_point, now
                     )
-        except Exception:
+        except HhsimError:
             self._note(Kind.BROKEN, client.number)
             self._drop(client)
 

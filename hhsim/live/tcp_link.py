@@ -22,7 +22,7 @@ GIVE_UP = 2.0
 """On an attempt that gets no answer [s]."""
 LINGER = 0.05
 """How long closing waits until the peer has seen all that was sent [s]."""
-ACKNOWLEDGED = 1000
+ACKNOWLEDGED = 5000
 """A peer that acknowledges nothing for so long is gone [ms]."""
 
 WAITING = (errno.EINPROGRESS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EALREADY, errno.EINTR)
