@@ -529,3 +529,22 @@ def test_a_link_without_an_address_does_not_reconnect() -> None:
     assert not link.reconnect() and not link.send_within(b"x", 0.01)
     with pytest.raises(DeviceError, match="nobody: not connected"):
         link.send(b"x")
+
+
+def test_an_order_that_the_fake_server_does_not_know_is_said(server: FakeDexmo) -> None:
+    for order in ("dance", "nan many", ""):
+        with pytest.raises(RuntimeError, match="did not obey"):
+            server.order(order)
+    server.order("go")
+
+
+def test_a_jump_and_a_stuck_glove_are_what_they_say(server: FakeDexmo) -> None:
+    reader = Reader(opened(server))
+    reader.more(5)
+    server.order("jump")
+    reader.more(200)
+    step = np.abs(np.diff(reader.column("channels")[:, :11], axis=0))
+    assert np.degrees(np.abs(np.diff(reader.column("flexion")[:, 1, 1])).max()) > 80.0
+    assert (step[-20:] == 0.0).all(), "then it stands still"
+    server.order("move")
+    until(lambda: (reader.read(), (np.diff(reader.column("channels")[-3:, 2]) != 0.0).all())[1])

@@ -13,7 +13,7 @@ input it takes orders that make it misbehave, a line each; every one is answered
 | unplug, plug | frames without gloves; with them again |
 | bytes, frames | every byte is sent on its own; frame by frame again |
 | hold, move | the fingers stand still; they move |
-| jump | all fingers change by 90° at the next frame, and stay there until `move` |
+| jump | all fingers bend or stretch by 0.9 of a fist from one frame to the next, and stay there until `move` |
 | nan N | the next N frames have a channel that is NaN |
 | garbage N | N messages that are no frames, in one go |
 | length N | a length of N, then nothing that belongs to it |
@@ -48,7 +48,7 @@ from hhsim.live.fake_dexmo_process import PACKED, Kind
 
 BENDS = tuple(k for k, name in enumerate(CHANNELS) if name.endswith("_bend"))
 JUMP = 0.9
-"""Change of a normalised bend that turns a finger's first two joints by about 90°."""
+"""Change of a normalised bend that turns the fingers' second joints by 90°."""
 COUNT_LOW, COUNT_SPAN = 700.0, 2400.0
 """Raw counts at 0, and from 0 to 1."""
 MOST_UNSENT = 1 << 18
@@ -160,8 +160,12 @@ class FakeDexmoServer:
                 return False
             *orders, self._orders = (self._orders + data).split(b"\n")
             for order in orders:
-                self._obey(order.decode().split())
-                print("ok", flush=True)
+                try:
+                    self._obey(order.decode().split())
+                except (ValueError, IndexError):
+                    print("no such order", flush=True)
+                else:
+                    print("ok", flush=True)
         return True
 
     def _obey(self, words: list[str]) -> None:
@@ -194,7 +198,7 @@ class FakeDexmoServer:
         elif order == "length":
             self._send_all(LENGTH.pack(number))
         else:
-            raise SystemExit(f"no such order: {order}")
+            raise ValueError(order)
 
     def _channels(self) -> NDArray[np.float64]:
         if self._held is not None:
@@ -290,7 +294,9 @@ class FakeDexmoServer:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Serve as the command line says."""
     parser = argparse.ArgumentParser(
-        prog="python -m hhsim.live.fake_dexmo", description="A Dexmo server without gloves."
+        prog="python -m hhsim.live.fake_dexmo",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--port", type=int, default=0, help="TCP port on 127.0.0.1; 0 for any that is free")
     parser.add_argument("--rate", type=float, default=200.0, help="frames per second [Hz]")

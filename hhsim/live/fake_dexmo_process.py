@@ -82,7 +82,7 @@ class FakeDexmo:
         self._process.stdin.write(text + "\n")
         self._process.stdin.flush()
         if self._answer() != "ok":
-            raise RuntimeError(f"the fake Dexmo server ended at '{text}'")
+            raise RuntimeError(f"the fake Dexmo server did not obey '{text}'")
 
     def kill(self) -> None:
         """Kill the process (SIGKILL), as a crash would."""
