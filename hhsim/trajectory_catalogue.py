@@ -1,7 +1,8 @@
 """The motions that ship with hhsim, and how a name or a path on the command line becomes a motion.
 
 A trajectory is named by its catalogue name (`grasp`), by a script or a demonstration of one's own (`.toml`) or by a
-recording: a trajectory (`.h5`, `.csv`), or a file that `hhsim import` reads, imported as it does without options.
+recording: a trajectory (`.h5`, `.csv`), a result or a live session (`.h5`), whose motion it is, or a file that
+`hhsim import` reads, imported as it does without options.
 """
 
 import tomllib
@@ -164,7 +165,7 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
 
 
 def load_recorded(path: Path) -> Trajectory:
-    """A recorded motion from a trajectory file, or imported from a file of `IMPORTED_SUFFIXES`.
+    """A recorded motion from a trajectory file or a result, or imported from a file of `IMPORTED_SUFFIXES`.
 
     Raises:
         TrajectoryError: no such file, none of the formats, or one that cannot be mended safely.
@@ -178,8 +179,11 @@ def load_recorded(path: Path) -> Trajectory:
             return repair(recording).trajectory
         except TrajectoryError as error:
             raise TrajectoryError(f"{path}: {error}") from None
+    from hhsim.result_motion import holds_a_result, load_result_motion
     from hhsim.trajectory_file import load_trajectory
 
+    if holds_a_result(path):
+        return load_result_motion(path)
     try:
         return load_trajectory(path)
     except TrajectoryError as error:

@@ -15,7 +15,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "errors"),
     ("kernels",),
-    ("destination", "info", "whole_file", "sealed_file", "workers", "log_histogram"),
+    ("destination", "info", "whole_file", "sealed_file", "workers", "result_schema", "log_histogram"),
     # The model: what is simulated.
     (
         *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts", "surface_samples"),
@@ -43,7 +43,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
             "medial_tree",
         ),
         *("hand", "hand_figure", "hand_pieces", "palm", "placed_hand", "surface", "rendering"),
-        *("trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
+        *("result_motion", "trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
         *("sample_flags", "recording", "hand_change", "recorded_axes", "column_map", "csv_table"),
         *(
             "recording_csv",
@@ -71,7 +71,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # Runs and their files.
     (
         *("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up"),
-        *("result", "result_schema", "result_writer", "tick_columns", "stored_scene", "run_again"),
+        *("result", "result_writer", "tick_columns", "stored_scene", "run_again"),
     ),
     # Looking at them.
     ("result_hand", "rerun_plots", "rerun_scene", "rerun_blueprint", "rerun_target", "view"),

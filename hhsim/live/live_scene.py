@@ -66,8 +66,13 @@ def make_live_scene(
     Raises:
         TrajectoryError: the motion cannot be done on this object.
     """
+    where = {}
     if motion is not None:
         scene = make_scene(mesh, tree, hand, motion, seed=seed)
+        where = {
+            "object_position": scene.trajectory.object_position.tolist(),
+            "object_orientation": scene.trajectory.object_orientation.tolist(),
+        }
         mesh, tree = scene.mesh, scene.tree
         # One for both, so that fingers and palm stay together.
         playback = Playback(scene.trajectory, repeat=True)
@@ -83,6 +88,7 @@ def make_live_scene(
     described = {
         "motion": None if motion is None else motion.name,
         "pose": pose.kind,
+        **where,
         "palm_begins": [*pose.position, *pose.orientation] if pose.kind in ("fixed", "keyboard") else None,
     }
     return LiveScene(mesh, tree, device, pose, described)

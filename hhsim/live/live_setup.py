@@ -141,7 +141,8 @@ class LiveSetup:
         rerun: "spawn", an address or a file for the viewer; None shows nothing.
         dry_run: nothing is sent to the glove.
         command: the command line, for the record.
-        description: what else the file is to say of how the scene came about, as plain values.
+        description: what else the file is to say of how the scene came about, as plain values; `object_position` [m]
+            and `object_orientation` (w, x, y, z) are the object's pose, where its own frame is not the world's.
         supervisor: process id of who makes the setup and starts the others; the loop ends with it.
     """
 

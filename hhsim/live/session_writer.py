@@ -107,8 +107,8 @@ class SessionWriter:
         orientation = description.get("object_orientation", (1.0, 0.0, 0.0, 0.0))
         static = static_arrays(setup.mesh, setup.tree, setup.hand, position, orientation)
         scene = {
-            "motion": "live",
             **description,
+            "motion": description.get("motion") or "live",
             "rate": setup.rate,
             "device": getattr(setup.device, "kind", ""),
             **describe_scene(setup.mesh, setup.tree, setup.hand, options, static),

@@ -1,0 +1,142 @@
+"""The motion in a result file: what the glove of a live session sent, or the haptic hand of a replay, as a trajectory.
+
+A session's motion is that of its samples, which are as the glove gave them: those that were good, at the times when
+they were read. A glove does not know where the palm is, so the palm is where the session's ticks had it at these times.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.resample import interpolate_monotone, interpolate_orientation
+from hhsim.result_schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, SCHEMA_VERSION
+from hhsim.trajectory import Phase, RawChannel, Trajectory
+from hhsim.trajectory_file import DAMAGE
+
+Array = NDArray[Any]
+
+POSED_SINCE = 3
+"""The first schema that says where the object was."""
+SUFFIXES = (".h5", ".hdf5")
+HAND = ("position", "orientation", "flexion", "abduction")
+
+
+def holds_a_result(path: Path) -> bool:
+    """Whether a file states that it is a result; one that cannot be read does not."""
+    if path.suffix.lower() not in SUFFIXES or not path.is_file():
+        return False
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("format") == FORMAT)
+    except DAMAGE:
+        return False
+
+
+def load_result_motion(path: Path) -> Trajectory:
+    """The motion of a result or a session, complete or not, beside the object where it was.
+
+    Raises:
+        TrajectoryError: a schema that does not say where the object was, a newer one, a damaged file, no tick or no
+            good sample, or a hand that is not finite; one line that begins with the path.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            version = int(file.attrs["schema_version"])
+            if version > SCHEMA_VERSION:
+                raise TrajectoryError(f"a result of schema {version}, newer than {SCHEMA_VERSION}: update hhsim")
+            if version < POSED_SINCE:
+                raise TrajectoryError(
+                    f"a result of schema {version}, which does not say where its object was; make it anew with this "
+                    "hhsim"
+                )
+            return _session(file, path) if LIVE_SAMPLE in file else _replay(file, path)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{path}: {error}") from None
+    except DAMAGE as error:
+        said = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise TrajectoryError(f"{path}: a damaged result: {said}") from None
+
+
+def _replay(file: h5py.File, path: Path) -> Trajectory:
+    hand = _columns(file, "tick", ("time", *(f"haptic/{name}" for name in HAND)))
+    time = hand.pop("time")
+    if len(time) == 0:
+        raise TrajectoryError("a result without a tick: it holds no motion")
+    tick = 1.0 / float(_scene(file)["rate"])
+    group = file["phase"]
+    phases = []
+    for name, first, last in zip(group["name"].asstr()[()], group["first_tick"][()], group["last_tick"][()]):
+        if first < len(time):
+            end = min(int(last), len(time) - 1)
+            # A phase ends where the next begins, the last one with its last sample.
+            phases.append(Phase(str(name), float(time[first]), float(time[end]) + (tick if end < len(time) - 1 else 0)))
+    return Trajectory(
+        time=time,
+        position=hand["haptic/position"],
+        orientation=hand["haptic/orientation"],
+        flexion=hand["haptic/flexion"],
+        abduction=hand["haptic/abduction"],
+        phases=tuple(phases),
+        **_told(file, path),
+    )
+
+
+def _session(file: h5py.File, path: Path) -> Trajectory:
+    samples = _columns(file, LIVE_SAMPLE, ("time", "good", "channel", "flexion", "abduction"))
+    palm = _columns(file, "tick", ("haptic/position", "haptic/orientation"))
+    deadline = _columns(file, LIVE_TICK, ("deadline",))["deadline"][: len(palm["haptic/position"])]
+    if len(deadline) == 0:
+        raise TrajectoryError("a session without a tick: where the palm was is not known")
+    # Of samples that were read together, the loop used the newest.
+    last = np.append(np.diff(samples["time"]) > 0, True) if len(samples["time"]) else np.zeros(0, bool)
+    used = np.flatnonzero(last & (samples["good"] == 1))
+    if used.size == 0:
+        raise TrajectoryError("a session without a good sample of the glove: it holds no motion")
+    device = json.loads(file["live"].attrs["device"])
+    names = [name.strip(".").replace("/", "-") or f"channel-{i}" for i, name in enumerate(device.get("channels", ()))]
+    at = samples["time"][used]
+    # Whole nanoseconds are subtracted before they become seconds: the clock may have run for weeks.
+    ticks, times = 1e-9 * (deadline - at[0]), 1e-9 * (at - at[0])
+    within = np.clip(times, ticks[0], ticks[-1])
+    return Trajectory(
+        time=times,
+        position=interpolate_monotone(ticks, palm["haptic/position"][: len(ticks)], within),
+        orientation=interpolate_orientation(ticks, palm["haptic/orientation"][: len(ticks)], within),
+        flexion=samples["flexion"][used],
+        abduction=samples["abduction"][used],
+        device=str(device.get("name", "")),
+        raw=tuple(
+            RawChannel(name, samples["channel"][used, i], str(device.get("unit", "")), "as the glove sent it")
+            for i, name in enumerate(names)
+        ),
+        **_told(file, path),
+    )
+
+
+def _columns(file: h5py.File, group: str, names: tuple[str, ...]) -> dict[str, Array]:
+    """Datasets of a table, as long as the shortest of them: a run that was killed may leave them unequal."""
+    columns = {name: file[f"{group}/{name}"][()] for name in names}
+    rows = min(map(len, columns.values()))
+    return {name: values[:rows] for name, values in columns.items()}
+
+
+def _scene(file: h5py.File) -> dict[str, Any]:
+    scene: dict[str, Any] = json.loads(file.attrs["scene"])
+    return scene
+
+
+def _told(file: h5py.File, path: Path) -> dict[str, Any]:
+    scene = _scene(file)
+    whose = scene.get("motion_source") or scene.get("motion") or "live"
+    return {
+        "object_position": file["object/position"][()],
+        "object_orientation": file["object/orientation"][()],
+        "name": path.stem,
+        "source": f"the motion in the result {path.name}: {whose}",
+        "hand": scene["hand"]["side"],
+    }

@@ -1,0 +1,165 @@
+"""A result as a motion: the haptic ticks of a replay, the glove's samples of a session."""
+
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from live_rings import CHANNELS, ended, make_setup, numbered_samples, pour, solved_ticks
+from sphere_scenes import bumpy_ball
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand import HandModel
+from hhsim.live.recorder import Recorder
+from hhsim.live.session_memory import SessionMemory
+from hhsim.replay import replay
+from hhsim.result import load_result
+from hhsim.result_schema import TICK_COLUMNS
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.shapes import sphere
+from hhsim.solver_options import SolverOptions
+from hhsim.trajectory import Trajectory
+from hhsim.trajectory_catalogue import resolve_trajectory
+
+SHORT = """
+title = "short"
+[[phase]]
+name = "approach"
+duration = 0.1
+[[phase]]
+name = "grasp"
+duration = 0.1
+[[phase]]
+name = "hold"
+duration = 0.05
+"""
+PLACE = (np.array([0.1, -0.2, 0.3]), np.array([0.8, 0.0, 0.6, 0.0]))
+
+
+def motion_in(path: Path) -> Trajectory:
+    motion = resolve_trajectory(path)
+    assert isinstance(motion, Trajectory)
+    return motion
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A replay beside an object that is neither at the world's origin nor upright."""
+    path = tmp_path_factory.mktemp("replayed") / "run.h5"
+    hand = HandModel.default()
+    closing = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, parse_script(SHORT, name="short", where="short"))
+    scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, closing.trajectory.placed(*PLACE))
+    replay(scene, SolverOptions(), path)
+    return path
+
+
+def test_the_haptic_ticks_of_a_replay_are_its_motion(replayed: Path) -> None:
+    motion, result = motion_in(replayed), load_result(replayed)
+    for name in ("position", "flexion", "abduction"):
+        np.testing.assert_array_equal(getattr(motion, name), result[f"haptic/{name}"])
+    np.testing.assert_allclose(motion.orientation, result["haptic/orientation"], atol=1e-15)
+    np.testing.assert_array_equal(motion.object_position, PLACE[0])
+    np.testing.assert_allclose(motion.object_orientation, PLACE[1], atol=1e-15)
+    assert (motion.name, motion.hand) == ("run", "right")
+    ticks = motion.resampled(1000.0, "hold")
+    np.testing.assert_array_equal(ticks.position, result["haptic/position"])
+    assert ticks.phases == result.phases
+
+
+def test_a_replay_of_a_replay_is_the_same(replayed: Path, tmp_path: Path) -> None:
+    motion = motion_in(replayed)
+    again = make_scene(sphere(0.076, 3), bumpy_ball(200), HandModel.default(), motion, mode="hold")
+    replay(again, SolverOptions(), tmp_path / "again.h5")
+    first, second = load_result(replayed), load_result(tmp_path / "again.h5")
+    for column in TICK_COLUMNS:
+        if not column.name.startswith(("duration/", "haptic/orientation")):
+            np.testing.assert_array_equal(first[column.name], second[column.name], err_msg=column.name)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("session") / "session.h5"
+    setup = make_setup(path)
+    ticks = solved_ticks(setup)
+    ticks["haptic_position"][:, 0] += 1e-4 * np.arange(len(ticks))
+    memory = SessionMemory.create()
+    pour(memory.ticks, ticks)
+    samples = numbered_samples(ticks)
+    # Two that were read together, and one that came before the first tick.
+    samples["time_ns"][51] = samples["time_ns"][52]
+    pour(memory.samples, samples)
+    ended(memory, os.getpid())
+    Recorder(setup, memory).run()
+    return path
+
+
+def test_the_good_samples_of_a_session_are_its_motion(session: Path) -> None:
+    motion, result = motion_in(session), load_result(session)
+    used = [i for i in range(140) if i % 10 != 9 and i != 51]
+    np.testing.assert_array_equal(motion.flexion, result["live/sample/flexion"][used])
+    np.testing.assert_array_equal(motion.abduction, result["live/sample/abduction"][used])
+    np.testing.assert_allclose(motion.time, 0.005 * np.array(used), atol=1e-12)
+    assert [channel.name for channel in motion.raw] == ["thumb_bend", "index_bend", "a-b"]
+    assert [channel.unit for channel in motion.raw] == ["count"] * 3
+    for i, channel in enumerate(motion.raw):
+        np.testing.assert_array_equal(channel.values, np.array(used) + 0.25 * i)
+    assert len(CHANNELS) == 3
+    assert (motion.device, motion.hand, motion.name) == ("test", "right", "session")
+    # Read 0.1 ms before the tick: the palm was a tenth of a tick's way back, at the beginning where it began.
+    at = 5 * np.array(used) - 0.1
+    x = result["haptic/position"][:, 0]
+    np.testing.assert_allclose(motion.position[:, 0], np.interp(at, np.arange(700), x), atol=2e-6)
+    assert motion.position[0, 0] == x[0]
+
+
+def test_a_session_replays_against_another_object(session: Path, tmp_path: Path) -> None:
+    scene = make_scene(sphere(0.05, 2), bumpy_ball(100), HandModel.default(), motion_in(session), mode="hold")
+    summary = replay(scene, SolverOptions(method="progressive"), tmp_path / "run.h5")
+    assert summary.ticks > 600
+
+
+def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path, tmp_path: Path) -> None:
+    path = tmp_path / "cut.h5"
+    path.write_bytes(session.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file.attrs["complete"] = 0
+        file["tick/haptic/position"].resize(100, axis=0)
+        file["live/sample/flexion"].resize(31, axis=0)
+    motion = motion_in(path)
+    assert motion.sample_count == 28
+    assert motion.position[-1, 0] == load_result(path)["haptic/position"][99, 0]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        ("old", "a result of schema 2, which does not say where its object was; make it anew with this hhsim"),
+        ("new", "a result of schema 4, newer than 3: update hhsim"),
+        ("bad", "a session without a good sample of the glove: it holds no motion"),
+        ("empty", "a session without a tick: where the palm was is not known"),
+        ("lacking", "a damaged result"),
+        ("nan", "position has 3 NaN or infinite value(s)"),
+    ],
+)
+def test_what_holds_no_motion_is_told_in_one_line(session: Path, tmp_path: Path, spoil: str, says: str) -> None:
+    path = tmp_path / "spoiled.h5"
+    path.write_bytes(session.read_bytes())
+    with h5py.File(path, "r+") as file:
+        if spoil in ("old", "new"):
+            file.attrs["schema_version"] = 2 if spoil == "old" else 4
+        elif spoil == "bad":
+            file["live/sample/good"][:] = 0
+        elif spoil == "empty":
+            file["live/tick/deadline"].resize(0, axis=0)
+        elif spoil == "lacking":
+            del file["live/sample/abduction"]
+        else:
+            file["tick/haptic/position"][300] = np.nan
+    with pytest.raises(TrajectoryError) as caught:
+        motion_in(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert says in message
+    assert "\n" not in message
