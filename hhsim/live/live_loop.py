@@ -32,6 +32,7 @@ COUNTER_TICKS = 16
 _read_counters: Callable[[DeviceCounters], tuple[int, ...]] = attrgetter(*COUNTERS)
 _SOLVER_FAILED = int(Safety.SOLVER_FAILED)
 _NOT_FINITE = int(Safety.NOT_FINITE)
+_OVERRUN_STREAK = int(Safety.OVERRUN_STREAK)
 _DEVICE_LOST = int(Safety.DEVICE_LOST)
 
 
@@ -86,6 +87,7 @@ class LiveLoop:
         self._safety_log = SafetyLog()
         self._periods = None if setup.duration is None else max(1, round(setup.duration * setup.rate))
         self._reconnect_ticks = max(1, round(RECONNECT_SECONDS * setup.rate))
+        self._longest_ns = setup.safety.overruns * period
         self._next_reconnect = 0
         self._stop = ""
         self._rows = np.zeros(1, LIVE_TICK)
@@ -167,7 +169,10 @@ class LiveLoop:
         solved = self._sample_ns >= 0 and self._pose_ns >= 0
         if solved:
             solved, safety = self._solve(safety)
-        if not solved:
+        if clock.now() - now >= self._longest_ns:
+            # What was judged good then need not be so now.
+            safety |= _OVERRUN_STREAK
+        if safety or not solved:
             self.output.free()
         safety, sent = self._send(safety)
         done = clock.now()

@@ -70,16 +70,11 @@ class OutputStage:
         Returns:
             `safety`, with SOLVER_FAILED where an angle or a force is not finite.
         """
-        bend, force = self._bend, self.force
-        np.subtract(flexion, self._offset, out=self._angle)
-        np.multiply(self._angle, self._gain, out=self._angle)
-        np.add.reduce(self._angle, axis=1, out=bend)
-        np.multiply(phalanx, phalanx, out=self._square)
-        np.add.reduce(self._square, axis=2, out=self._norm)
-        np.sqrt(self._norm, out=self._norm)
-        np.add.reduce(self._norm, axis=1, out=force)
-        if not (math.isfinite(np.add.reduce(bend)) and math.isfinite(np.add.reduce(force))):
-            force[:] = 0.0
+        bend = self._bend
+        with np.errstate(all="ignore"):
+            finite = self._measure(flexion, phalanx)
+        if not finite:
+            self.force[:] = 0.0
             self.free()
             return safety | _SOLVER_FAILED
         np.maximum(bend, 0.0, out=bend)
@@ -96,6 +91,18 @@ class OutputStage:
         """Stiffness 0, and the ramp from the beginning."""
         self.command.stiffness[:] = 0.0
         self._good_ticks = 0
+
+    def _measure(self, flexion: Array, phalanx: Array) -> bool:
+        """Bend and force of each finger; False where one is not finite."""
+        bend, force = self._bend, self.force
+        np.subtract(flexion, self._offset, out=self._angle)
+        np.multiply(self._angle, self._gain, out=self._angle)
+        np.add.reduce(self._angle, axis=1, out=bend)
+        np.multiply(phalanx, phalanx, out=self._square)
+        np.add.reduce(self._square, axis=2, out=self._norm)
+        np.sqrt(self._norm, out=self._norm)
+        np.add.reduce(self._norm, axis=1, out=force)
+        return math.isfinite(np.add.reduce(bend)) and math.isfinite(np.add.reduce(force))
 
     def _follow(self, bend: Array) -> None:
         """Move the set points; the first ones have nowhere to come from, and no finger is held yet."""

@@ -1,0 +1,90 @@
+"""Processes of a session with a glove that writes down what it is told, for the tests of the guardian.
+
+`python guarded_loop.py loop|guardian LOG --setup FD …`; a line of the log is CLOCK_MONOTONIC [ns], who spoke, and the
+stiffest finger. Lines are appended whole, so that two processes may write the same file.
+"""
+
+import argparse
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.live.glove_device import Capability, DeviceCounters, FingerCommand, GloveDevice, GloveInfo
+from hhsim.live.guardian import guard
+from hhsim.live.live_setup import read_setup
+from hhsim.live.loop_process import Ending, run_session
+from hhsim.live.pose_sources import make_pose_source
+from hhsim.live.session_memory import add_memory_options, attached
+
+FIST = 0.9
+CLOSING_SECONDS = 0.2
+
+
+class LoggingGlove(GloveDevice):
+    """A fist that closes on whatever is there, one sample a read; commands go to a file."""
+
+    def __init__(self, log: Path, who: str) -> None:
+        self.info = GloveInfo("logging glove", Capability.POSITION_LIMIT, ("bend",))
+        self.counters = DeviceCounters()
+        self._log = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        self._who = who
+        self._begin = time.monotonic_ns()
+
+    def open(self, timeout: float = 5.0) -> None:
+        self._begin = time.monotonic_ns()
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        sample = samples_out[0]
+        now = time.monotonic_ns()
+        sample["seq"] = self.counters.samples
+        sample["time_ns"] = now
+        sample["good"] = True
+        sample["battery"] = -1
+        sample["flexion"] = FIST * min(1.0, 1e-9 * (now - self._begin) / CLOSING_SECONDS)
+        sample["abduction"] = 0.0
+        self.counters.samples += 1
+        return 1
+
+    def send(self, command: FingerCommand) -> bool:
+        self._write(float(command.stiffness.max()))
+        return True
+
+    def release(self, timeout: float = 0.05) -> bool:
+        self._write(0.0)
+        return True
+
+    def reconnect(self) -> bool:
+        return True
+
+    def close(self) -> None:
+        self._write(-1.0)
+
+    def _write(self, stiffness: float) -> None:
+        os.write(self._log, f"{time.monotonic_ns()} {self._who} {stiffness:.6f}\n".encode())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("who", choices=["loop", "guardian"])
+    parser.add_argument("log", type=Path)
+    add_memory_options(parser)
+    options = parser.parse_args()
+    setup, memory = read_setup(options.setup), attached(options)
+    glove = LoggingGlove(options.log, options.who)
+    if options.who == "guardian":
+        guard(setup, memory, glove)
+        return
+    memory.status["loop_pid"] = os.getpid()
+    ending = Ending()
+    ending.install()
+    try:
+        run_session(setup, memory, glove, make_pose_source(setup.pose), ending)
+    finally:
+        memory.status["stage"] = 3
+
+
+if __name__ == "__main__":
+    main()

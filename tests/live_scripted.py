@@ -1,0 +1,147 @@
+"""A clock that is told the time and a glove that follows a script: what the tests of the loop run it with."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand import HandModel
+from hhsim.live.devices import DeviceConfig
+from hhsim.live.glove_device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
+from hhsim.live.live_setup import LiveSetup
+from hhsim.live.pose_sources import PoseConfig
+from hhsim.shapes import sphere
+from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+
+Array = NDArray[np.float64]
+
+BALL = SphereTree(np.array([[0.0, 0.05, -0.05]]), np.array([0.03]), np.array([0]), np.array([-1]))
+"""Before the fingers of a flat hand at the origin; a fist closes on it."""
+FREE, FIST = 0.0, 0.9
+"""Angles of every joint [rad]: a hand that touches nothing, and one that presses on the ball."""
+
+
+def make_setup(**changes: Any) -> LiveSetup:
+    """A session at 1 kHz with a ball; no guardian is needed unless `changes` say so."""
+    given: dict[str, Any] = {
+        "mesh": sphere(0.06, 1),
+        "tree": BALL,
+        "hand": HandModel.default(),
+        "options": SolverOptions(),
+        "device": DeviceConfig(),
+        "pose": PoseConfig(),
+    }
+    return LiveSetup(**(given | changes))
+
+
+class FakeClock:
+    """Time passes only where it is told to."""
+
+    def __init__(self, start_ns: int = 1_000_000_000) -> None:
+        self.time_ns = start_ns
+        self.oversleep: list[int] = []
+        """How much later than asked the next sleeps end [ns]; none are late when it is empty."""
+        self.slept: list[int] = []
+
+    def now(self) -> int:
+        return self.time_ns
+
+    def sleep_until(self, time_ns: int) -> None:
+        self.slept.append(time_ns)
+        self.time_ns = max(self.time_ns, time_ns + (self.oversleep.pop(0) if self.oversleep else 0))
+
+    def work(self, duration_ns: int) -> None:
+        self.time_ns += duration_ns
+
+
+@dataclass
+class Moment:
+    """What the glove does in one tick.
+
+    Attributes:
+        angles: of every joint in a sample that comes [rad]; None: none comes.
+        good: what the driver says of it.
+        work_ns: time that the tick takes.
+        gone: reading fails.
+        send_fails: sending fails.
+    """
+
+    angles: float | None = None
+    good: bool = True
+    work_ns: int = 100_000
+    gone: bool = False
+    send_fails: bool = False
+
+
+@dataclass
+class Told:
+    """A command as the glove got it."""
+
+    time_ns: int
+    bend: Array
+    stiffness: Array
+
+
+@dataclass
+class ScriptedGlove(GloveDevice):
+    """Plays a script, one moment a tick, and repeats the last one; keeps what it is told."""
+
+    clock: FakeClock
+    script: Sequence[Moment]
+    at_tick: dict[int, Callable[[], None]] = field(default_factory=dict)
+    told: list[Told] = field(default_factory=list)
+    released: list[int] = field(default_factory=list)
+    closed: bool = False
+    back: bool = True
+    tick: int = -1
+
+    def __post_init__(self) -> None:
+        self.info = GloveInfo("scripted glove", Capability.POSITION_LIMIT, ("bend",))
+        self.counters = DeviceCounters()
+
+    def open(self, timeout: float = 5.0) -> None:
+        return
+
+    def _moment(self) -> Moment:
+        return self.script[min(max(self.tick, 0), len(self.script) - 1)]
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        self.tick += 1
+        moment = self._moment()
+        self.clock.work(moment.work_ns)
+        if self.tick in self.at_tick:
+            self.at_tick[self.tick]()
+        if moment.gone:
+            raise DeviceError("the scripted glove is gone")
+        if moment.angles is None:
+            return 0
+        sample = samples_out[0]
+        sample["seq"] = self.counters.samples
+        sample["time_ns"] = self.clock.now()
+        sample["device_time_ns"] = sample["device_seq"] = sample["battery"] = -1
+        sample["good"] = moment.good
+        sample["channels"] = np.nan
+        sample["flexion"] = moment.angles
+        sample["abduction"] = 0.0
+        self.counters.samples += 1
+        return 1
+
+    def send(self, command: FingerCommand) -> bool:
+        if self._moment().send_fails:
+            raise DeviceError("the scripted glove takes nothing")
+        self.told.append(Told(self.clock.now(), command.bend.copy(), command.stiffness.copy()))
+        self.counters.commands += 1
+        return True
+
+    def release(self, timeout: float = 0.05) -> bool:
+        self.released.append(self.clock.now())
+        return True
+
+    def reconnect(self) -> bool:
+        return self.back
+
+    def close(self) -> None:
+        self.closed = True

@@ -1,0 +1,107 @@
+"""Deadlines: late ones are skipped and counted, and none is ever made up for."""
+
+import time
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from live_scripted import FakeClock
+
+from hhsim.live.deadlines import Deadlines, MonotonicClock
+from hhsim.live.tick_times import BATCH, TickTimes
+
+PERIOD = 1_000_000
+
+
+def started(clock: FakeClock) -> Deadlines:
+    return Deadlines(PERIOD, clock)
+
+
+def test_deadlines_do_not_drift_with_the_work() -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    for tick in range(100):
+        deadlines.wait()
+        assert (deadlines.tick, deadlines.deadline_ns, deadlines.missed) == (tick, (tick + 1) * PERIOD, 0)
+        clock.work(PERIOD - 1)
+    assert deadlines.missed_total == 0
+
+
+def test_work_that_ends_with_the_period_misses_the_next_one() -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    deadlines.wait()
+    clock.work(PERIOD)
+    deadlines.wait()
+    assert (deadlines.tick, deadlines.missed, deadlines.deadline_ns) == (2, 1, 3 * PERIOD)
+    assert clock.slept[-1] == 3 * PERIOD, "it sleeps after a miss, and does not run without a pause"
+
+
+def test_a_loop_that_is_woken_periods_late_goes_on_in_the_period_it_is_in() -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    deadlines.wait()
+    clock.oversleep = [5 * PERIOD + 300_000]
+    deadlines.wait()
+    assert (deadlines.tick, deadlines.missed, deadlines.missed_total) == (6, 5, 5)
+    assert (deadlines.wakeup_ns, deadlines.late_ns) == (300_000, 5 * PERIOD + 300_000)
+    assert deadlines.woke_ns == deadlines.deadline_ns + deadlines.wakeup_ns
+    deadlines.wait()
+    assert (deadlines.tick, deadlines.missed, deadlines.wakeup_ns) == (7, 0, 0)
+
+
+def test_a_signal_does_not_end_the_sleep_early() -> None:
+    class Nervous(FakeClock):
+        def sleep_until(self, time_ns: int) -> None:
+            self.slept.append(time_ns)
+            self.time_ns += min(time_ns - self.time_ns, PERIOD // 3 + 1)
+
+    clock = Nervous(0)
+    deadlines = Deadlines(PERIOD, clock)
+    deadlines.wait()
+    assert clock.now() == PERIOD
+    assert clock.slept == [PERIOD] * 3
+
+
+@given(st.lists(st.tuples(st.integers(0, 4 * PERIOD), st.integers(0, 4 * PERIOD)), max_size=60))
+def test_every_period_is_run_once_or_missed(steps: list[tuple[int, int]]) -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    before = -1
+    for work, oversleep in steps:
+        clock.oversleep = [oversleep]
+        deadlines.wait()
+        assert deadlines.tick == before + 1 + deadlines.missed
+        assert deadlines.deadline_ns == (deadlines.tick + 1) * PERIOD
+        assert 0 <= deadlines.wakeup_ns < PERIOD
+        assert clock.now() == deadlines.woke_ns == deadlines.deadline_ns + deadlines.wakeup_ns
+        before = deadlines.tick
+        clock.work(work)
+    assert deadlines.missed_total == before + 1 - len(steps)
+
+
+def test_the_system_s_clock_wakes_at_the_deadline_and_not_before() -> None:
+    deadlines = Deadlines(PERIOD, MonotonicClock())
+    begin = time.monotonic_ns()
+    for _ in range(20):
+        deadlines.wait()
+        assert time.monotonic_ns() >= deadlines.deadline_ns
+    assert time.monotonic_ns() - begin >= 19 * PERIOD
+
+
+@given(st.lists(st.integers(1, 10**9), min_size=1, max_size=3 * BATCH))
+def test_tick_times_agree_with_sorting(times: list[int]) -> None:
+    counted = TickTimes()
+    for value in times:
+        if counted.add(value):
+            counted.count()
+    summary = counted.summary()
+    assert summary["count"] == len(times)
+    assert summary["max"] == max(times)
+    for name, percent in (("p50", 50.0), ("p99", 99.0), ("p99.9", 99.9)):
+        exact = np.sort(times)[int(np.ceil(0.01 * percent * len(times))) - 1]
+        assert abs(summary[name] - exact) <= 0.0015 * exact + 1.0
+
+
+def test_no_times_have_no_percentiles() -> None:
+    assert TickTimes().summary() == {"count": 0, "p50": -1, "p99": -1, "p99.9": -1, "max": -1}

@@ -1,0 +1,338 @@
+"""The loop with a scripted glove on a clock of its own: each fault frees the fingers in the tick it is seen in."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
+from numpy.typing import NDArray
+
+from hhsim.live.live_loop import LiveLoop, loop_options
+from hhsim.live.live_records import LIVE_TICK, Safety, Stage
+from hhsim.live.live_setup import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.pose_source import PoseSource
+from hhsim.live.pose_sources import FixedPose
+from hhsim.live.session_memory import SessionMemory
+from hhsim.live.shared_memory import RingReader
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+
+Array = NDArray[np.float64]
+TIMINGS = ("duration", "duration_total", "duration_cpu")
+
+PERIOD = 1_000_000
+QUICK = OutputLimits(ramp=0.01, stiffness_rise=1e4, bend_speed=1e3)
+CLOSING = [Moment(FREE + (FIST - FREE) * i / 60) for i in range(60)]
+"""A fist that closes on the ball in 60 ms."""
+HOLDING = [*CLOSING, *[Moment(FIST)] * 60]
+
+
+class Session:
+    """A loop that has run a script to its end."""
+
+    def __init__(self, script: Sequence[Moment], pose: PoseSource | None = None, **changes: Any) -> None:
+        given: dict[str, Any] = {"output": QUICK, "safety": SafetyLimits(guardian=False)}
+        self.setup: LiveSetup = make_setup(**(given | {"duration": 1e-3 * (len(script) + 1)} | changes))
+        self.memory = SessionMemory.create()
+        self.clock = FakeClock()
+        self.glove = ScriptedGlove(self.clock, script)
+        source = pose or FixedPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        self.loop = LiveLoop(self.setup, self.memory, self.glove, source, clock=self.clock)
+
+    def run(self) -> "Session":
+        self.reason = self.loop.run()
+        self.ticks: NDArray[Any] = RingReader(self.memory.ticks).read(10**6)[1]
+        self.samples = RingReader(self.memory.samples).read(10**6)[1]
+        self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
+        return self
+
+    def stiffness_at(self, tick: int) -> Array:
+        """What the glove has been told when a tick is over, shape (5,)."""
+        end = self.loop.deadlines.clock.now() if tick < 0 else 10**9 + (tick + 2) * PERIOD
+        told = [command for command in self.glove.told if command.time_ns < end]
+        return told[-1].stiffness
+
+
+def holding() -> Session:
+    return Session(HOLDING).run()
+
+
+def test_a_hand_that_holds_is_held_and_is_released_at_the_end() -> None:
+    session = holding()
+    assert session.reason == "duration"
+    assert session.stiffness_at(100).max() == 0.3
+    assert session.ticks["safety"][:-1].tolist() == [0] * 120
+    assert session.ticks["safety"][-1] == Safety.STOPPING
+    assert (session.glove.told[-1].stiffness == 0.0).all(), "the last tick frees the fingers"
+    assert len(session.glove.released) == 1
+    assert session.memory.status["stage"] == Stage.ENDING
+    assert session.ticks["tick"].tolist() == list(range(121))
+    assert (np.diff(session.ticks["time_ns"]) == PERIOD).all()
+    assert session.ticks["input_seq"].tolist() == list(range(121))
+    assert (session.ticks["latency_ns"] >= 0).all()
+    assert len(session.samples) == 121
+    assert session.loop.summary()["counters"]["commands"] == 121
+
+
+def test_what_is_published_is_what_the_glove_was_told() -> None:
+    session = holding()
+    told = session.glove.told
+    np.testing.assert_array_equal(session.ticks["command_stiffness"], [command.stiffness for command in told])
+    np.testing.assert_array_equal(session.ticks["command_bend"], [command.bend for command in told])
+
+
+def test_the_ticks_are_those_of_a_replay_bit_for_bit() -> None:
+    session = holding()
+    ticks = session.ticks
+    options = loop_options(session.setup.options, session.setup.rate)
+    solver = HandSolver(session.setup.hand, session.setup.tree.arrays(), options)
+    record = solver.run(
+        ticks["haptic_position"], ticks["haptic_orientation"], ticks["haptic_flexion"], ticks["haptic_abduction"]
+    )
+    assert record.total.any(), "the hand touches the ball"
+    for name in set(record._fields) - set(TIMINGS):
+        np.testing.assert_array_equal(getattr(record, name), ticks[name], err_msg=name)
+
+
+@pytest.mark.parametrize("method", ["coupled", "progressive", "paper", "penalty"])
+def test_one_tick_at_a_time_gives_the_bytes_of_many(method: str) -> None:
+    setup = make_setup()
+    options = SolverOptions(method=method)
+    random = np.random.default_rng(2)
+    flexion = np.cumsum(random.uniform(-0.02, 0.05, (60, 5, 3)), axis=0)
+    position = np.cumsum(random.normal(0.0, 3e-4, (60, 3)), axis=0)
+    orientation = np.tile([1.0, 0.0, 0.0, 0.0], (60, 1))
+    whole = HandSolver(setup.hand, setup.tree.arrays(), options).run(position, orientation, flexion, np.zeros((60, 5)))
+    assert whole.total.any()
+    solver = HandSolver(setup.hand, setup.tree.arrays(), options)
+    rows = np.zeros(1, LIVE_TICK)
+    record = whole._replace(**{name: rows[name] for name in whole._fields})
+    for i in range(60):
+        haptic = [position[i : i + 1], orientation[i : i + 1], flexion[i : i + 1], np.zeros((1, 5))]
+        assert solver.tick(haptic, record) == whole.status[i]
+        for name in set(whole._fields) - set(TIMINGS):
+            np.testing.assert_array_equal(rows[name][0], getattr(whole, name)[i], err_msg=f"{name} of tick {i}")
+
+
+def assert_freed(session: Session, first: int, last: int, bit: Safety) -> None:
+    """The bit stands in the ticks first to last, and in no other, and the fingers are free in them."""
+    there = (session.ticks["safety"] & bit) != 0
+    ticks = session.ticks["tick"]
+    np.testing.assert_array_equal(ticks[there], ticks[(ticks >= first) & (ticks <= last)])
+    assert (session.ticks["command_stiffness"][there] == 0.0).all()
+    assert session.ticks["command_stiffness"][ticks == first - 1].max() == 0.3, "it held before"
+
+
+def test_stale_input_frees_the_fingers_until_samples_come_and_then_they_are_ramped() -> None:
+    session = Session([*HOLDING, *[Moment(None)] * 60, *[Moment(FIST)] * 40]).run()
+    # The last sample is in tick 119, read 0.1 ms after its deadline: 25 ms have passed when tick 145 begins.
+    assert_freed(session, 145, 179, Safety.STALE_INPUT)
+    np.testing.assert_allclose(session.ticks["command_stiffness"][180:190].max(axis=1), 0.03 * np.arange(1, 11))
+    assert any("nothing new from the glove" in text for text in session.events)
+
+
+def test_a_sample_that_is_not_good_frees_the_fingers_in_its_tick_and_is_never_used() -> None:
+    session = Session([*HOLDING, *[Moment(np.nan, good=False)] * 3, *[Moment(FIST)] * 30]).run()
+    assert_freed(session, 120, 122, Safety.NOT_FINITE)
+    assert session.ticks["input_seq"][119:124].tolist() == [119, 119, 119, 119, 123]
+    assert len(session.samples) == len(session.ticks), "it is recorded"
+    rise = session.ticks["command_stiffness"][123:133].max(axis=1)
+    np.testing.assert_allclose(rise, 0.3 * np.arange(1, 11) / 10)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e9])
+def test_a_driver_that_calls_nonsense_good_does_not_reach_the_solver(bad: float) -> None:
+    session = Session([*HOLDING, *[Moment(bad, good=True)] * 3, *[Moment(FIST)] * 5]).run()
+    assert_freed(session, 120, 122, Safety.NOT_FINITE)
+    assert np.isfinite(session.ticks["haptic_flexion"]).all()
+    assert np.abs(session.ticks["haptic_flexion"]).max() <= FIST
+
+
+def test_a_streak_of_overruns_frees_the_fingers() -> None:
+    slow = [Moment(FIST, work_ns=PERIOD + 1)] * 14
+    session = Session([*HOLDING, *slow, *[Moment(FIST)] * 30], duration=0.17).run()
+    ticks = session.ticks
+    assert ticks["missed"].sum() == 14 == session.loop.deadlines.missed_total
+    freed = (ticks["safety"] & Safety.OVERRUN_STREAK) != 0
+    # The tenth tick in a row that comes a period late, and the four after it.
+    assert np.flatnonzero(freed).tolist() == [130, 131, 132, 133, 134]
+    assert (ticks["command_stiffness"][freed] == 0.0).all()
+    assert (np.diff(ticks["tick"])[119:] == 1 + ticks["missed"][120:]).all()
+
+
+def test_one_long_gap_frees_the_fingers_too() -> None:
+    session = Session([*HOLDING, Moment(FIST, work_ns=30 * PERIOD), *[Moment(FIST)] * 30]).run()
+    freed = (session.ticks["safety"] & Safety.OVERRUN_STREAK) != 0
+    assert np.flatnonzero(freed).tolist() == [120, 121], "the tick that took so long, and the one after the gap"
+    assert session.ticks["missed"][121] == 30
+
+
+def test_a_command_that_was_long_in_the_making_frees_the_fingers() -> None:
+    session = Session([*HOLDING, *[Moment(FIST)] * 20])
+    solve = session.loop.solver.tick
+
+    def dawdle(*given: Any) -> int:
+        if session.loop.deadlines.tick == 120:
+            session.clock.work(10 * PERIOD)
+        return solve(*given)
+
+    session.loop.solver.tick = dawdle  # type: ignore[method-assign, assignment]
+    session.run()
+    assert session.ticks["command_stiffness"][119].max() == 0.3
+    assert session.ticks["safety"][120] == Safety.OVERRUN_STREAK
+    assert (session.glove.told[120].stiffness == 0.0).all()
+
+
+def test_a_glove_that_goes_is_free_when_it_comes_back() -> None:
+    session = Session([*HOLDING, Moment(gone=True), *[Moment(FIST)] * 30], duration=0.17)
+    tries: list[int] = []
+
+    def reconnect() -> bool:
+        tries.append(session.loop.deadlines.tick)
+        return len(tries) == 3
+
+    session.glove.reconnect = reconnect  # type: ignore[method-assign]
+    session.run()
+    assert tries == [121, 131, 141], "it is looked for again and again, but not in every tick"
+    assert_freed(session, 120, 140, Safety.DEVICE_LOST)
+    assert len(session.glove.told) == 120 + 29, "nothing is sent to a glove that is gone"
+    np.testing.assert_allclose(session.ticks["command_stiffness"][141:151].max(axis=1), 0.03 * np.arange(1, 11))
+    assert any("the glove is gone" in text and "scripted glove is gone" in text for text in session.events)
+    assert "the glove is back" in session.events
+
+
+def test_a_glove_that_takes_nothing_counts_as_gone_in_the_same_tick() -> None:
+    session = Session([*HOLDING, Moment(FIST, send_fails=True), *[Moment(FIST)] * 20]).run()
+    tick = session.ticks[120]
+    assert tick["safety"] == Safety.DEVICE_LOST
+    assert (tick["command_stiffness"] == 0.0).all()
+    assert tick["latency_ns"] == -1
+    assert session.ticks["safety"][121] == 0, "it is reached again, and ramped"
+    assert session.ticks["command_stiffness"][121].max() == pytest.approx(0.03)
+
+
+def test_a_solver_that_raises_frees_the_fingers_and_the_loop_goes_on() -> None:
+    session = Session(HOLDING)
+    solve = session.loop.solver.tick
+
+    def fail(*given: Any) -> int:
+        if 100 <= session.loop.deadlines.tick < 103:
+            raise ZeroDivisionError("on purpose")
+        return solve(*given)
+
+    session.loop.solver.tick = fail  # type: ignore[method-assign, assignment]
+    session.run()
+    assert session.ticks["tick"].tolist() == [*range(100), *range(103, 121)], "there is nothing to replay in them"
+    assert session.stiffness_at(99).max() == 0.3
+    for tick in (100, 101, 102):
+        assert (session.stiffness_at(tick) == 0.0).all()
+    assert any("ZeroDivisionError: on purpose" in text for text in session.events)
+
+
+def test_a_solver_that_is_full_frees_the_fingers() -> None:
+    session = Session(HOLDING)
+    solve = session.loop.solver.tick
+    session.loop.solver.tick = lambda *given: solve(*given) | 16  # type: ignore[method-assign]
+    session.run()
+    assert ((session.ticks["safety"] & Safety.SOLVER_FAILED) != 0).all()
+    assert (session.ticks["command_stiffness"] == 0.0).all()
+
+
+def test_without_a_guardian_the_fingers_are_free_and_then_ramped() -> None:
+    session = Session(HOLDING, safety=SafetyLimits(guardian=True))
+    status = session.memory.status
+
+    def arrive() -> None:
+        status["guardian_armed"] = 1
+        status["guardian_ns"] = session.clock.now()
+
+    session.glove.at_tick[90] = arrive
+    session.run()
+    guarded = np.flatnonzero((session.ticks["safety"] & Safety.NO_GUARDIAN) == 0)
+    assert guarded[0] == 90 or guarded[0] == 91
+    assert (session.ticks["command_stiffness"][: guarded[0]] == 0.0).all()
+    assert session.ticks["command_stiffness"][119].max() == 0.3
+
+
+def test_a_dry_run_sends_nothing_at_all() -> None:
+    session = Session(HOLDING, dry_run=True, safety=SafetyLimits()).run()
+    assert session.glove.told == []
+    assert session.glove.released == []
+    assert ((session.ticks["safety"] & Safety.DRY_RUN) != 0).all()
+    assert (session.ticks["command_stiffness"] == 0.0).all()
+    assert (session.ticks["latency_ns"] >= 0).all(), "the time to the command is known all the same"
+
+
+def test_nothing_is_solved_before_there_is_an_input() -> None:
+    session = Session([*[Moment(None)] * 20, *HOLDING]).run()
+    assert session.ticks["tick"][0] == 20
+    assert session.ticks["input_seq"][0] == 0
+    assert len(session.glove.told) == 141
+    assert all((command.stiffness == 0.0).all() for command in session.glove.told[:20])
+
+
+def test_a_pose_that_stops_is_stale_input() -> None:
+    class Silent(PoseSource):
+        name = "silent"
+        may_stop = True
+
+        def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+            return min(now_ns, 10**9 + 101 * PERIOD) if now_ns >= 10**9 + 5 * PERIOD else -1
+
+    session = Session([*HOLDING, *[Moment(FIST)] * 20], Silent()).run()
+    assert session.ticks["tick"][0] == 4, "there is no pose before"
+    assert session.ticks["tick"][session.ticks["safety"] == Safety.STALE_INPUT][0] == 126
+    assert (session.ticks["command_stiffness"][session.ticks["tick"] >= 126] == 0.0).all()
+
+
+@pytest.mark.parametrize("how", ["signal", "asked"])
+def test_a_stop_frees_the_fingers_in_the_next_tick_and_releases(how: str) -> None:
+    session = Session(HOLDING, duration=None)
+
+    def stop() -> None:
+        if how == "signal":
+            session.loop.stop("SIGTERM")
+        else:
+            session.memory.status["stop_asked"] = 1
+
+    session.glove.at_tick[100] = stop
+    session.run()
+    assert session.reason == ("SIGTERM" if how == "signal" else "stopped")
+    assert (session.glove.told[-1].stiffness == 0.0).all()
+    assert session.glove.told[-2].stiffness.max() == 0.3
+    assert len(session.glove.told) in (101, 102)
+    assert len(session.glove.released) == 1
+
+
+def test_a_fault_of_the_loop_itself_releases_the_glove() -> None:
+    session = Session(HOLDING)
+
+    def fail() -> None:
+        raise RuntimeError("on purpose")
+
+    session.glove.at_tick[100] = fail
+    with pytest.raises(RuntimeError, match="on purpose"):
+        session.run()
+    assert len(session.glove.released) == 1
+    assert (session.memory.status["command_stiffness"] == 0.0).all()
+
+
+def test_a_jump_of_a_right_angle_keeps_the_fingers_free_and_is_told() -> None:
+    jump = FIST - np.radians(90.0)
+    session = Session([*HOLDING, *[Moment(jump)] * 2, *[Moment(FIST)] * 20]).run()
+    assert (session.ticks["command_stiffness"][120:122] == 0.0).all()
+    assert any("jumped" in text for text in session.events)
+
+
+def test_the_status_tells_of_the_last_tick() -> None:
+    session = holding()
+    status, last = session.memory.status, session.ticks[-1]
+    assert status["ticks"] == 121
+    assert status["safety"] == Safety.STOPPING
+    assert status["sample_ns"] == session.samples["time_ns"][-1]
+    assert status["heartbeat_ns"] == last["time_ns"] + last["wakeup_ns"]
+    assert status["battery"] == -1
+    assert status["counters"][8] == 0
+    assert status["counters"][7] == 121
+    assert status["force"].max() > 0.0

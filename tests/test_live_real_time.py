@@ -1,0 +1,130 @@
+"""What the system grants, in processes of their own: every wish may be refused, and each refusal is said."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from live_scripted import make_setup
+
+from hhsim.live.devices import DeviceConfig
+from hhsim.live.linux_calls import AbsoluteSleep
+from hhsim.live.live_records import Stage
+from hhsim.live.live_setup import RealTimeWishes, write_setup
+from hhsim.live.real_time import described
+from hhsim.live.session_memory import FAULT, SessionMemory
+from hhsim.live.shared_memory import RingReader
+
+ASK = """
+import json, os, sys, gc, resource
+from hhsim.live.live_setup import RealTimeWishes
+from hhsim.live.real_time import become_real_time
+{before}
+mode = become_real_time(RealTimeWishes({wishes}))
+print(json.dumps([mode, os.sched_getscheduler(0), sorted(os.sched_getaffinity(0)), gc.isenabled()]))
+"""
+
+
+def ask(wishes: str = "", before: str = "") -> tuple[dict[str, object], int, list[int], bool]:
+    child = subprocess.run(
+        [sys.executable, "-c", ASK.format(wishes=wishes, before=before)], capture_output=True, text=True, check=True
+    )
+    mode, policy, cpus, collects = json.loads(child.stdout)
+    return mode, policy, cpus, collects
+
+
+def test_what_is_achieved_is_what_the_process_has() -> None:
+    mode, policy, cpus, collects = ask("lock_memory=False")
+    assert mode["timer_slack_ns"] == 1
+    assert mode["gc_frozen"] is True
+    assert collects is False
+    assert (mode["fifo"] == 50) == (policy == os.SCHED_FIFO)
+    assert (mode["cpu"] == -1) or cpus == [mode["cpu"]]
+    refused = mode["refused"]
+    assert isinstance(refused, list)
+    assert (mode["fifo"] == 0) == any("SCHED_FIFO" in line for line in refused)
+
+
+def test_without_the_right_every_wish_is_refused_in_a_line() -> None:
+    before = """
+resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
+resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+if os.getuid() == 0:
+    os.setgid(65534)
+    os.setuid(65534)
+"""
+    mode, policy, _, _ = ask(before=before)
+    refused = mode["refused"]
+    assert isinstance(refused, list)
+    assert (mode["fifo"], mode["memory_locked"], policy) == (0, False, os.SCHED_OTHER)
+    assert any("no SCHED_FIFO at priority 50" in line and "ulimit -r" in line for line in refused)
+    assert any("memory is not locked" in line and "ulimit -l" in line for line in refused)
+    assert mode["gc_frozen"] is True, "what needs no right is done all the same"
+    assert "ordinary scheduling" in described(mode)
+
+
+def test_a_processor_that_is_not_there_is_said() -> None:
+    mode, _, cpus, _ = ask("cpu=4000, fifo=False, lock_memory=False")
+    assert mode["cpu"] == -1
+    assert len(cpus) > 0
+    assert any("may not use 4000" in line for line in mode["refused"])  # type: ignore[attr-defined]
+
+
+def test_no_wishes_change_nothing() -> None:
+    wishes = "fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False"
+    mode, policy, cpus, collects = ask(wishes)
+    assert (policy, collects, mode["refused"]) == (os.SCHED_OTHER, True, [])
+    assert cpus == sorted(os.sched_getaffinity(0))
+
+
+def test_absolute_sleep_refuses_a_time_that_is_none() -> None:
+    sleep = AbsoluteSleep()
+    begin = time.monotonic_ns()
+    sleep.until(begin - 1)
+    with pytest.raises(OSError, match="Invalid"):
+        sleep.until(-(2**40))
+
+
+def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:
+    wishes = RealTimeWishes(fifo=False, lock_memory=False, cpu=-1)
+    setup, memory = write_setup(make_setup(**({"real_time": wishes} | changes))), SessionMemory.create()
+    child = subprocess.run(
+        [sys.executable, "-m", "hhsim.live.loop_process", "--setup", str(setup), *memory.arguments()],
+        pass_fds=(setup, *memory.descriptors),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return child, memory
+
+
+def test_the_loop_s_process_runs_a_simulated_glove_and_says_what_became_of_it() -> None:
+    child, memory = run_loop(duration=0.2)
+    assert child.returncode == 0, child.stderr
+    facts = memory.read_facts()
+    assert facts["device"]["name"] == "simulated glove"
+    assert facts["real_time"]["fifo"] == 0
+    summary = facts["summary"]
+    assert summary["reason"] == "duration"
+    assert summary["ticks"] + summary["missed"] >= 200
+    assert summary["wakeup"]["count"] == summary["ticks"] == memory.status["ticks"]
+    assert memory.status["stage"] == Stage.ENDED
+
+
+def test_a_glove_that_is_not_there_is_one_line_and_exit_2() -> None:
+    child, memory = run_loop(device=DeviceConfig(kind="dexmo", port=1))
+    assert child.returncode == 2
+    assert child.stderr.startswith("hhsim: ")
+    assert child.stderr.count("\n") == 1
+    _, events = RingReader(memory.events).read(10)
+    assert events["level"].tolist() == [FAULT]
+    assert memory.status["stage"] == Stage.ENDED
+
+
+def test_a_loop_whose_supervisor_is_gone_does_not_begin() -> None:
+    child, memory = run_loop(supervisor=1 if os.getpid() != 1 else 2)
+    assert child.returncode == 2
+    assert "supervisor" in child.stderr
+    assert memory.status["ticks"] == 0

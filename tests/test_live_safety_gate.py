@@ -1,0 +1,89 @@
+"""Which reasons free the fingers, and what the log says of them."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hhsim.live.live_records import Safety
+from hhsim.live.live_setup import SafetyLimits
+from hhsim.live.safety_gate import QUIET_NS, SafetyGate, SafetyLog
+
+NOW = 10**12
+MS = 1_000_000
+GOOD: dict[str, Any] = {
+    "sample_ns": NOW,
+    "pose_ns": NOW,
+    "usable": True,
+    "missed": 0,
+    "guardian_ns": NOW,
+    "armed": True,
+    "lost": False,
+    "stopping": False,
+}
+
+
+def test_what_is_good_frees_nothing() -> None:
+    assert SafetyGate(SafetyLimits()).judge(NOW, **GOOD) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"sample_ns": NOW - 25 * MS}, 0),
+        ({"sample_ns": NOW - 25 * MS - 1}, Safety.STALE_INPUT),
+        ({"pose_ns": NOW - 25 * MS - 1}, Safety.STALE_INPUT),
+        ({"sample_ns": NOW + 5 * MS}, 0),
+        ({"sample_ns": -1}, Safety.NO_INPUT_YET),
+        ({"pose_ns": -1}, Safety.NO_INPUT_YET),
+        ({"usable": False}, Safety.NOT_FINITE),
+        ({"missed": 9}, 0),
+        ({"missed": 10}, Safety.OVERRUN_STREAK),
+        ({"guardian_ns": NOW - 100 * MS}, 0),
+        ({"guardian_ns": NOW - 100 * MS - 1}, Safety.NO_GUARDIAN),
+        ({"guardian_ns": 0, "armed": False}, Safety.NO_GUARDIAN),
+        ({"armed": False}, Safety.NO_GUARDIAN),
+        ({"lost": True}, Safety.DEVICE_LOST),
+        ({"stopping": True}, Safety.STOPPING),
+        ({"stopping": True, "lost": True, "usable": False}, Safety.STOPPING | Safety.DEVICE_LOST | Safety.NOT_FINITE),
+    ],
+)
+def test_each_reason_has_its_bit(change: dict[str, Any], expected: int) -> None:
+    assert SafetyGate(SafetyLimits()).judge(NOW, **(GOOD | change)) == expected
+
+
+def test_a_streak_is_periods_missed_without_one_in_time() -> None:
+    gate = SafetyGate(SafetyLimits(overruns=4))
+    judged = [gate.judge(NOW, **(GOOD | {"missed": missed})) for missed in (1, 1, 1, 0, 1, 1, 1, 1, 0)]
+    assert judged == [0, 0, 0, 0, 0, 0, 0, Safety.OVERRUN_STREAK, 0]
+    assert gate.streak == 0
+
+
+def test_a_dry_run_is_free_and_needs_no_guardian() -> None:
+    change = {"armed": False, "guardian_ns": 0}
+    assert SafetyGate(SafetyLimits(), dry_run=True).judge(NOW, **(GOOD | change)) == Safety.DRY_RUN
+    assert SafetyGate(SafetyLimits(guardian=False)).judge(NOW, **(GOOD | change)) == 0
+
+
+@given(st.lists(st.integers(0, 2**9 - 1), max_size=100))
+def test_a_log_tells_each_beginning_at_most_once_a_second_and_each_end_of_what_it_told(bits: list[int]) -> None:
+    log = SafetyLog()
+    lines = [line for i, safety in enumerate(bits) for line in log.changed(safety, NOW + i * MS)]
+    told = [text for level, text in lines if level > 0]
+    assert len(told) == len(set(told)) <= 6
+    assert len(lines) - len(told) <= len(told)
+
+
+def test_a_flicker_is_counted_and_told_later_with_its_reason() -> None:
+    log = SafetyLog()
+    log.detail[Safety.DEVICE_LOST] = "no answer"
+    bit = int(Safety.DEVICE_LOST)
+    (first,) = log.changed(bit, NOW)
+    assert first[1].endswith("the fingers are free: no answer")
+    assert [text for _, text in log.changed(0, NOW + 1)] == ["the glove is back"]
+    for i in range(5):
+        assert log.changed(bit, NOW + 2 + 2 * i) == []
+        assert log.changed(0, NOW + 3 + 2 * i) == []
+    (later,) = log.changed(bit, NOW + QUIET_NS)
+    assert "5 times more" in later[1]
