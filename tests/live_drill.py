@@ -1,0 +1,144 @@
+"""A live session whose glove's server is a process of ours that writes down what it is told."""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand import HandModel
+from hhsim.live.devices import DeviceConfig
+from hhsim.live.fake_dexmo_process import FakeDexmo, Kind
+from hhsim.live.live_records import Safety, Stage
+from hhsim.live.live_scene import make_live_scene
+from hhsim.live.live_setup import LiveSetup, OutputLimits
+from hhsim.live.pose_sources import PoseConfig
+from hhsim.live.shared_memory import RingReader
+from hhsim.live.supervisor import LOOP, Supervisor
+from hhsim.object_catalogue import load_object
+from hhsim.solver_options import SolverOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.warm_up import warm_up
+
+IN_TIME = 50_000_000
+"""Fingers are free so long after a fault where the loop runs in real time [ns]."""
+WITHOUT_REAL_TIME = 500_000_000
+"""And where the system grants no SCHED_FIFO, on a machine that is busy with other things [ns]."""
+PATIENCE = 30.0
+STIFF = 0.2
+
+
+def grasping_setup(port: int, record: Path | None) -> LiveSetup:
+    """Fingers that close on a cube at the place where they grasp it, and are stopped soon."""
+    item = load_object("cube")
+    tree = cached_sphere_tree(item.mesh, TreeOptions(level=3))
+    hand = HandModel.default("right")
+    device = DeviceConfig(kind="dexmo", port=port)
+    scene = make_live_scene(item.mesh, tree, hand, device, PoseConfig("fixed"), None)
+    options = SolverOptions()
+    warm_up(hand, options)
+    return LiveSetup(
+        mesh=scene.mesh,
+        tree=scene.tree,
+        hand=hand,
+        options=options,
+        device=scene.device,
+        pose=scene.pose,
+        output=OutputLimits(stiffness=(0.5,) * 5, stiffness_rise=50.0, ramp=0.1),
+        record=record,
+        duration=60.0,
+    )
+
+
+class Drill:
+    """A session, its glove, and what both of them saw.
+
+    Args:
+        glove: the server; it runs.
+        record: file of the recording.
+        rerun: target of the viewer.
+    """
+
+    def __init__(self, glove: FakeDexmo, record: Path | None = None, rerun: str | None = None) -> None:
+        self.glove = glove
+        self.session = Supervisor(replace(grasping_setup(glove.port, record), rerun=rerun))
+        self._ring = RingReader(self.session.memory.ticks)
+        self._ticks: list[NDArray[Any]] = []
+
+    def __enter__(self) -> "Drill":
+        self.session.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.session.__exit__(*error)
+
+    @property
+    def ticks(self) -> NDArray[Any]:
+        """All ticks so far."""
+        _, more = self._ring.read(16_000)
+        self._ticks.append(more)
+        self._ticks = [np.concatenate(self._ticks)]
+        return self._ticks[0]
+
+    @property
+    def stiffness(self) -> float:
+        """That the stiffest finger is told now."""
+        return float(self.session.memory.status["command_stiffness"].max())
+
+    def until(self, reached: Callable[[], bool], what: str) -> None:
+        """Look after the session until something is so."""
+        limit = time.monotonic() + PATIENCE
+        while not reached():
+            assert self.session.poll(), f"the session ended before {what}: {self.session.end().notices}"
+            assert time.monotonic() < limit, f"no {what} within {PATIENCE:g} s: {self.session.end().notices}"
+            time.sleep(0.002)
+
+    def grasp(self) -> None:
+        """Wait until a finger is held, and let the user's hand stand still there."""
+        self.until(lambda: self.stiffness > STIFF, "finger that is stopped")
+        self.glove.order("hold")
+        self.go_on(0.1)
+        self.until(lambda: self.stiffness > STIFF, "finger that is stopped")
+
+    def go_on(self, seconds: float) -> None:
+        """Look after the session for a time."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.session.poll()
+            time.sleep(0.002)
+
+    @property
+    def allowed(self) -> int:
+        """How long after a fault the fingers may still be held [ns]."""
+        real_time = self.session.memory.read_facts().get("real_time", {})
+        return IN_TIME if real_time.get("scheduler") == "SCHED_FIFO" else WITHOUT_REAL_TIME
+
+    def kill(self, name: str) -> int:
+        """Kill a process as a crash would (SIGKILL); when that was, CLOCK_MONOTONIC [ns]."""
+        pid = self.session.pid(name)
+        assert pid is not None
+        before = time.monotonic_ns()
+        os.kill(pid, 9)
+        return before
+
+    def commands(self, client: int | None = None) -> NDArray[Any]:
+        """What the glove was told so far."""
+        found = self.glove.records(Kind.COMMAND)
+        return found if client is None else found[found["client"] == client]
+
+    def loop_client(self) -> int:
+        """The number of the loop's connection: it tells the glove something in every tick."""
+        return int(np.bincount(self.commands()["client"]).argmax())
+
+
+def stiff(commands: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which commands, or ticks, hold a finger."""
+    names = commands.dtype.names or ()
+    return (commands["stiffness" if "stiffness" in names else "command_stiffness"] > 0.0).any(axis=1)
+
+
+__all__ = ["LOOP", "Drill", "FakeDexmo", "Kind", "Safety", "Stage", "stiff"]
