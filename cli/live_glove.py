@@ -329,4 +329,8 @@ def _regression(glove: "DeviceConfig") -> "DexmoRegression":
     """What a bend of this glove is in angles."""
     from hhsim.dexmo_regression import DexmoRegression
 
-    return DexmoRegression.default()
+    if glove.kind != "dexmo" or not glove.calibration:
+        return DexmoRegression.default()
+    from hhsim.live.dexmo_calibration import load_calibration
+
+    return load_calibration(Path(glove.calibration), glove.hand, glove.profile).regression

@@ -121,8 +121,9 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
     free = why_free(int(status["safety"]))
     battery = int(status["battery"])
     sample = int(status["sample_ns"])
+    done, missed = int(status["ticks"]), int(status["missed"])
     rows = [
-        ("rate", f"{tally.rate(now_ns):,.0f} Hz, {tally.missed:,} of {tally.ticks + tally.missed:,} ticks missed"),
+        ("rate", f"{tally.rate(done, now_ns):,.0f} Hz, {missed:,} of {done + missed:,} ticks missed"),
         ("wake-up", _two(tally.wakeup)),
         ("latency", _two(tally.latency)),
         ("contacts", f"{int(status['contacts']):,}"),

@@ -17,7 +17,9 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
     print_table(("", "hhsim", "unit"), summary_rows(outcome), title=title, numbers=("hhsim",))
     mode = outcome.facts.get("real_time")
     if mode:
-        print(f"real time: {_mode(mode)}")
+        from hhsim.live.real_time import described
+
+        print(f"real time: {described(mode)}")
     if outcome.record is not None and outcome.recorded:
         whole = "" if not outcome.record_failed else ", as far as it came"
         print(f"the session is in {outcome.record}{whole}; hhsim replay {outcome.record} runs it again")
@@ -28,11 +30,11 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     from hhsim.live.safety_words import WORDS
 
     tally, counters = outcome.tally, outcome.counters
-    everything = max(tally.ticks + tally.missed, 1)
+    everything = max(outcome.ticks + outcome.missed, 1)
     rows: list[Row] = [
-        ("ticks", f"{tally.ticks:,}", ""),
-        ("missed ticks", f"{tally.missed:,}", ""),
-        ("missed ticks, of all periods", f"{100.0 * tally.missed / everything:.3f}", "%"),
+        ("ticks", f"{outcome.ticks:,}", ""),
+        ("missed ticks", f"{outcome.missed:,}", ""),
+        ("missed ticks, of all periods", f"{100.0 * outcome.missed / everything:.3f}", "%"),
     ]
     for label, values in (
         ("wake-up after the deadline", tally.wakeup),
@@ -69,6 +71,8 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "reason": outcome.reason,
         "error": error or None,
         "seconds": outcome.seconds,
+        "loop_ticks": outcome.ticks,
+        "missed": outcome.missed,
         **outcome.tally.to_json(),
         "device": outcome.facts.get("device"),
         "pose": outcome.facts.get("pose"),
@@ -88,9 +92,3 @@ def _number(value: float, digits: int) -> str:
 
 def _several(counters: Any) -> str:
     return f"{counters.rejected:,}, {counters.malformed:,}, {counters.other:,}, {counters.dropped:,}"
-
-
-def _mode(mode: Any) -> str:
-    if not isinstance(mode, dict):
-        return str(mode)
-    return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in mode.items())

@@ -115,7 +115,7 @@ class Drill:
     def allowed(self) -> int:
         """How long after a fault the fingers may still be held [ns]."""
         real_time = self.session.memory.read_facts().get("real_time", {})
-        return IN_TIME if real_time.get("scheduler") == "SCHED_FIFO" else WITHOUT_REAL_TIME
+        return IN_TIME if real_time.get("fifo") else WITHOUT_REAL_TIME
 
     def kill(self, name: str) -> int:
         """Kill a process as a crash would (SIGKILL); when that was, CLOCK_MONOTONIC [ns]."""

@@ -1,6 +1,5 @@
 """Figures of a session while it runs and at its end, from the ring of its ticks."""
 
-import time
 from typing import Any
 
 import numpy as np
@@ -25,9 +24,7 @@ class LiveTally:
     """
 
     ticks: int
-    """Ticks seen."""
-    missed: int
-    """Periods without a tick."""
+    """Ticks with a hand; those before the first input are not in the ring."""
     new_samples: int
     """Ticks that used a sample for the first time."""
     superseded: int
@@ -38,7 +35,7 @@ class LiveTally:
         self._reader = None if ring is None else RingReader(ring)
         self.wakeup, self.latency, self.duration = LogHistogram(), LogHistogram(), LogHistogram()
         """How late the loop woke, from sample to command, and the solver's tick [ns]."""
-        self.ticks = self.missed = self.new_samples = self.superseded = 0
+        self.ticks = self.new_samples = self.superseded = 0
         self.stuck = self.lagging = self.in_contact = 0
         self.candidates_max = 0
         self.force_max = 0.0
@@ -62,11 +59,15 @@ class LiveTally:
                 return
             self.count(ticks)
 
-    def rate(self, now_ns: int | None = None) -> float:
-        """Ticks a second of late [Hz]; `now_ns` is CLOCK_MONOTONIC, by default now."""
-        now = time.monotonic_ns() if now_ns is None else now_ns
-        self._recent = [(at, ticks) for at, ticks in self._recent if now - at < 1e9 * RATE_WINDOW]
-        self._recent.append((now, self.ticks))
+    def rate(self, ticks: int, now_ns: int) -> float:
+        """Ticks a second of late [Hz].
+
+        Args:
+            ticks: that the loop has done, those without input too.
+            now_ns: CLOCK_MONOTONIC [ns].
+        """
+        self._recent = [(at, done) for at, done in self._recent if now_ns - at < 1e9 * RATE_WINDOW]
+        self._recent.append((now_ns, ticks))
         (first, before), (last, after) = self._recent[0], self._recent[-1]
         return 1e9 * (after - before) / (last - first) if last > first else 0.0
 
@@ -74,7 +75,6 @@ class LiveTally:
         """All figures, SI units."""
         return {
             "ticks": self.ticks,
-            "missed": self.missed,
             "uncounted_ticks": self.lost,
             **_percentiles("wakeup", self.wakeup),
             **_percentiles("latency", self.latency),
@@ -93,7 +93,6 @@ class LiveTally:
     def count(self, ticks: NDArray[np.void]) -> None:
         """Count ticks, at least one, of `LIVE_TICK`."""
         self.ticks += len(ticks)
-        self.missed += int(ticks["missed"].sum())
         self.wakeup.add(np.maximum(ticks["wakeup_ns"], 0))
         self.duration.add(ticks["duration_total"])
         self.latency.add(ticks["latency_ns"][ticks["latency_ns"] >= 0])

@@ -60,6 +60,8 @@ class SessionOutcome:
     Attributes:
         reason: why it ended.
         seconds: how long it ran.
+        ticks: that the loop did.
+        missed: periods without a tick.
         tally: of its ticks.
         facts: what the loop said of it (`SessionMemory.read_facts`).
         counters: of the device.
@@ -75,6 +77,8 @@ class SessionOutcome:
 
     reason: str
     seconds: float
+    ticks: int
+    missed: int
     tally: LiveTally
     facts: dict[str, Any]
     counters: DeviceCounters
@@ -269,7 +273,7 @@ class Supervisor:
             died = loop.code is None or loop.code <= 0
             self._loop_failed = f"the loop {loop.how_it_ended()}" if died else loop.complaint() or loop.how_it_ended()
             self._reason = self._reason or self._loop_failed
-            self._never_ran = not died and self.tally.ticks == 0
+            self._never_ran = not died and int(self.memory.status["ticks"]) == 0
             if not self._never_ran:
                 self._notice(f"{self._loop_failed}; the guardian frees the fingers", FAULT)
         if self.stage != Stage.ENDED:
@@ -344,6 +348,8 @@ class Supervisor:
         return SessionOutcome(
             reason=reason,
             seconds=self.seconds,
+            ticks=int(status["ticks"]),
+            missed=int(status["missed"]),
             tally=self.tally,
             facts=facts,
             counters=counters,
