@@ -70,7 +70,7 @@ class LiveStatus:
         """Show the state anew where it is time to.
 
         Args:
-            status: the session's block of `LIVE_STATUS`.
+            status: the session's record of `LIVE_STATUS`.
             tally: of its ticks.
             recording: where the recording goes, "" for nowhere.
             pose_step: what a key moves the palm by [m]; None where no keys are taken.
@@ -79,7 +79,7 @@ class LiveStatus:
         if self.quiet or now - self._shown < (PANEL_SECONDS if self.panel else LINE_SECONDS):
             return
         self._shown = now
-        rows = status_rows(status[0], tally, recording, time.monotonic_ns())
+        rows = status_rows(status, tally, recording, time.monotonic_ns())
         if self._live is None:
             text = "; ".join(f"{name} {value}" for name, value in rows)
             print(f"hhsim: {now - self._began:,.0f} s: {text}", file=sys.stderr, flush=True)
@@ -123,7 +123,7 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
     sample = int(status["sample_ns"])
     done, missed = int(status["ticks"]), int(status["missed"])
     rows = [
-        ("rate", f"{tally.rate(done, now_ns):,.0f} Hz, {missed:,} of {done + missed:,} ticks missed"),
+        ("rate", f"{tally.rate:,.0f} Hz, {missed:,} of {done + missed:,} ticks missed"),
         ("wake-up", _two(tally.wakeup)),
         ("latency", _two(tally.latency)),
         ("contacts", f"{int(status['contacts']):,}"),

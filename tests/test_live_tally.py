@@ -68,10 +68,16 @@ def test_ticks_that_were_overwritten_are_known_to_be_missing() -> None:
 
 def test_the_rate_is_that_of_late() -> None:
     tally = LiveTally(ring_of(np.zeros(0, LIVE_TICK)))
-    assert tally.rate(0, 10**9) == 0.0
-    assert tally.rate(50, 10**9 + 5 * 10**7) == 1000.0
-    assert tally.rate(50, 10**9 + 5 * 10**9) == 0.0
-    assert tally.rate(550, 10**9 + 6 * 10**9) == 500.0
+    assert tally.rate == 0.0
+    tally.note(0, 10**9)
+    assert tally.rate == 0.0
+    tally.note(50, 10**9 + 5 * 10**7)
+    assert tally.rate == 1000.0
+    # What is long ago does not count: half the ticks in the last second.
+    tally.note(100, 10**9 + 4 * 10**9)
+    assert tally.rate == 0.0
+    tally.note(600, 10**9 + 5 * 10**9)
+    assert tally.rate == 500.0
 
 
 def test_every_reason_has_its_words() -> None:

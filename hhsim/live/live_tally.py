@@ -59,15 +59,16 @@ class LiveTally:
                 return
             self.count(ticks)
 
-    def rate(self, ticks: int, now_ns: int) -> float:
-        """Ticks a second of late [Hz].
-
-        Args:
-            ticks: that the loop has done, those without input too.
-            now_ns: CLOCK_MONOTONIC [ns].
-        """
+    def note(self, ticks: int, now_ns: int) -> None:
+        """Note for `rate` how many ticks the loop has done, those without input too, at CLOCK_MONOTONIC [ns]."""
         self._recent = [(at, done) for at, done in self._recent if now_ns - at < 1e9 * RATE_WINDOW]
         self._recent.append((now_ns, ticks))
+
+    @property
+    def rate(self) -> float:
+        """Ticks a second of late [Hz]; 0 before there are two notes."""
+        if not self._recent:
+            return 0.0
         (first, before), (last, after) = self._recent[0], self._recent[-1]
         return 1e9 * (after - before) / (last - first) if last > first else 0.0
 

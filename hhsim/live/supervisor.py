@@ -59,7 +59,7 @@ class SessionOutcome:
 
     Attributes:
         reason: why it ended.
-        seconds: how long it ran.
+        seconds: how long the loop ran.
         ticks: that the loop did.
         missed: periods without a tick.
         tally: of its ticks.
@@ -173,6 +173,7 @@ class Supervisor:
             Whether the session goes on.
         """
         self.tally.read()
+        self.tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
         self._tell_events()
         loop = self._children[LOOP]
         if not loop.running:
@@ -243,7 +244,7 @@ class Supervisor:
 
     def _watch_guardian(self) -> None:
         guardian = self._children.get(GUARDIAN)
-        if guardian is None or guardian.running:
+        if guardian is None or guardian.running or self.stage == Stage.ENDED:
             return
         now = time.monotonic()
         if not guardian.told:
@@ -324,8 +325,15 @@ class Supervisor:
 
     def _tell_events(self) -> None:
         _, events = self._events.read(256)
+        loop = self._children.get(LOOP)
+        last_words = "" if loop is None or loop.running else loop.complaint()
         for event in events:
-            self._notice(bytes(event["text"]).decode("utf-8", "replace"), int(event["level"]))
+            text = bytes(event["text"]).decode("utf-8", "replace")
+            if last_words and text == last_words:
+                # Told as the error that ends the command.
+                self._notices.append((self.seconds, int(event["level"]), text))
+            else:
+                self._notice(text, int(event["level"]))
 
     def _notice(self, text: str, level: int) -> None:
         self._notices.append((self.seconds, level, text))
@@ -347,7 +355,7 @@ class Supervisor:
         reason = self._reason or str(facts.get("summary", {}).get("reason", "")) or "the loop ended"
         return SessionOutcome(
             reason=reason,
-            seconds=self.seconds,
+            seconds=float((status["ticks"] + status["missed"]) / self.setup.rate),
             ticks=int(status["ticks"]),
             missed=int(status["missed"]),
             tally=self.tally,
