@@ -111,6 +111,15 @@ class Drill:
             self.session.poll()
             time.sleep(0.002)
 
+    def still_holds(self) -> None:
+        """The loop goes on after a fault that is none of its business, and a finger is held as before."""
+        before = len(self.ticks)
+        self.go_on(0.2)
+        # A machine that is busy may let the input grow old meanwhile: then they are held again soon.
+        self.until(lambda: self.stiffness > STIFF, "finger that is still stopped")
+        assert self.session.stage == Stage.RUNNING
+        assert stiff(self.ticks[before:]).any()
+
     @property
     def allowed(self) -> int:
         """How long after a fault the fingers may still be held [ns]."""

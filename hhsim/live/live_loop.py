@@ -129,6 +129,7 @@ class LiveLoop:
 
     def _begin(self) -> None:
         status = self._status
+        self._pass_over_backlog()
         self.deadlines.start()
         status["heartbeat_ns"] = self.deadlines.woke_ns
         status["wakeup_p50_ns"] = status["wakeup_p99_ns"] = -1
@@ -196,6 +197,23 @@ class LiveLoop:
             self.memory.log(level, text, now)
         self._work_at_leisure(clock.now() - now)
 
+    def _pass_over_backlog(self) -> None:
+        """Record what came while the loop was made ready, and use none of it: read at once, it has lost its times."""
+        try:
+            while True:
+                count = self.device.read(self._samples)
+                self._keep(count)
+                if count < MOST_SAMPLES:
+                    return
+        except DeviceError as error:
+            self._lose(error)
+
+    def _keep(self, count: int) -> None:
+        ring = self.memory.samples
+        for sample in self._samples[:count]:
+            ring.records[ring.written % ring.capacity] = sample
+            ring.publish()
+
     def _take_samples(self) -> int:
         """Read the glove; returns when the newest sample's bytes were read [ns], -1 where none came."""
         if self._lost and not self._reconnected():
@@ -207,11 +225,8 @@ class LiveLoop:
             return -1
         if count == 0:
             return -1
-        ring = self.memory.samples
-        for i in range(count):
-            sample = self._samples[i]
-            ring.records[ring.written % ring.capacity] = sample
-            ring.publish()
+        self._keep(count)
+        for sample in self._samples[:count]:
             self._usable = self.watch.use(sample, self._flexion, self._abduction)
             if self._usable:
                 self._sample_ns = int(sample["time_ns"])
