@@ -147,7 +147,7 @@ class Drill:
 def stiff(commands: NDArray[Any]) -> NDArray[np.bool_]:
     """Which commands, or ticks, hold a finger."""
     names = commands.dtype.names or ()
-    return (commands["stiffness" if "stiffness" in names else "command_stiffness"] > 0.0).any(axis=1)
+    return np.asarray((commands["stiffness" if "stiffness" in names else "command_stiffness"] > 0.0).any(axis=1))
 
 
 __all__ = ["LOOP", "Drill", "FakeDexmo", "Kind", "Safety", "Stage", "stiff"]
