@@ -22,6 +22,7 @@ class DeviceConfig:
         port: 0 for the usual one, `USUAL_PORT`.
         path: serial line of `opengloves`, such as /dev/ttyUSB0; "" for TCP.
         baud: of the serial line.
+        full_scale: largest reading of `opengloves`; 0 for 4095, boards with 10 bits have 1023.
         hand: "right" or "left": which hand's glove is used.
         calibration: file of a calibration; "" for none.
         profile: of a calibration file that holds several; "" where there is one.
@@ -36,6 +37,7 @@ class DeviceConfig:
     port: int = 0
     path: str = ""
     baud: int = 115_200
+    full_scale: float = 0.0
     hand: str = "right"
     calibration: str = ""
     profile: str = ""

@@ -22,7 +22,7 @@ import os
 import select
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -185,10 +185,14 @@ class FakePeer:
         rate: samples a second [Hz].
         seed: of the hand's motion.
         log: where the frames are written down.
+        orders: that this glove obeys besides those of all, with what follows the word.
     """
 
-    def __init__(self, rate: float, seed: int, log: PeerLog) -> None:
+    def __init__(
+        self, rate: float, seed: int, log: PeerLog, orders: Mapping[str, Callable[[str], None]] | None = None
+    ) -> None:
         """Nothing is sent yet."""
+        self._own_orders = orders or {}
         self.rate = rate
         self.log = log
         self.hand = FakeHand(rate, seed)
@@ -251,5 +255,7 @@ class FakePeer:
                 self.hand.stick(int(rest))
             elif word == "nan":
                 self.hand.broken = True
+            elif word in self._own_orders:
+                self._own_orders[word](rest)
             print("ok", flush=True)
         return bool(data)

@@ -1,0 +1,155 @@
+"""The letter format of OpenGloves and LucidGloves: a line of ASCII for a sample, and one for a command.
+
+A sample, as the firmware writes it (github.com/LucidVR/lucidgloves, Encoding.ino; github.com/senseshift/opengloves-lib,
+alpha.hpp; facts only)::
+
+    A1023B2047C0D0E4095F2047G2047P0JK(AB)2047(BB)2047(CB)2047(DB)2047(EB)2047
+
+| key | meaning |
+|---|---|
+| A to E | curl of thumb to little finger, 0 to full scale: 4095, or 1023 of boards with 10 bits |
+| (AB) to (EB) | splay of thumb to little finger |
+| (AAA) to (EAD) | curl of each joint of a finger, as four bones: metacarpal, proximal, middle, distal |
+| F, G, P | stick and trigger; H to O are buttons, without a number; none of them is used |
+| (ZV), (ZG), (ZH) | firmware, kind and hand; the line holds no fingers then |
+
+Keys may come in any order, each once. A command is `A%dB%dC%dD%dE%d` from 0, free, to 1000, blocked fully extended;
+negative leaves a finger as it is.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+FINGER_KEYS = ("A", "B", "C", "D", "E")
+LONGEST_LINE = 512
+"""Bytes of a line; a glove's are shorter than 200."""
+FULL_LIMIT = 1000
+RELEASE = b"\nA0B0C0D0E0\n"
+"""All fingers free; the newline before it ends whatever was sent by half."""
+
+_TOKEN = re.compile(rb"(?:\(([A-Z]{2,3})\)|([A-Z]))(-?\d{1,6}(?:\.\d{1,6})?)?")
+_NONE = (math.nan,) * 5
+_NO_JOINTS = ((math.nan,) * 4,) * 5
+
+
+class LineError(ValueError):
+    """A line that is not of the format; the message says where."""
+
+
+class GloveLine(NamedTuple):
+    """A sample in the glove's own numbers; NaN where the glove says nothing.
+
+    Attributes:
+        curl: of thumb to little finger.
+        splay: of thumb to little finger.
+        joints: four of each finger, from the wrist on.
+    """
+
+    curl: tuple[float, ...]
+    splay: tuple[float, ...]
+    joints: tuple[tuple[float, ...], ...]
+
+
+def parse_line(line: bytes) -> GloveLine | None:
+    """Read a line, without its end.
+
+    Returns:
+        The sample, or None where the line says something else than fingers.
+
+    Raises:
+        LineError: not of the format, a key twice, or only some of the fingers.
+    """
+    found: dict[str, float] = {}
+    place = 0
+    while place < len(line):
+        token = _TOKEN.match(line, place)
+        if token is None:
+            raise LineError(f"{line[:40]!r}: byte {place} is no key of the letter format")
+        key = (token.group(1) or token.group(2)).decode()
+        if key in found:
+            raise LineError(f"{line[:40]!r}: {key} twice; expected each key once")
+        found[key] = math.nan if token.group(3) is None else float(token.group(3))
+        place = token.end()
+    if not found:
+        raise LineError("an empty line")
+    curl = tuple(found.get(key, math.nan) for key in FINGER_KEYS)
+    known = sum(math.isfinite(value) for value in curl)
+    if known == 0:
+        return None
+    if known < len(FINGER_KEYS):
+        raise LineError(f"{line[:40]!r}: {known} of 5 fingers")
+    if not any(len(key) > 1 for key in found):
+        return GloveLine(curl, _NONE, _NO_JOINTS)
+    return GloveLine(
+        curl,
+        tuple(found.get(f"{key}B", math.nan) for key in FINGER_KEYS),
+        tuple(tuple(found.get(f"{key}A{bone}", math.nan) for bone in "ABCD") for key in FINGER_KEYS),
+    )
+
+
+def format_line(line: GloveLine) -> bytes:
+    """The bytes of a sample, with its end; numbers that are not known are left out. What a fake glove sends."""
+    words = [f"{key}{value:.0f}" for key, value in zip(FINGER_KEYS, line.curl) if math.isfinite(value)]
+    words += [f"({key}B){value:.0f}" for key, value in zip(FINGER_KEYS, line.splay) if math.isfinite(value)]
+    words += [
+        f"({key}A{bone}){value:.0f}"
+        for key, bones in zip(FINGER_KEYS, line.joints)
+        for bone, value in zip("ABCD", bones)
+        if math.isfinite(value)
+    ]
+    return ("".join(words) + "\n").encode()
+
+
+def format_limits(limits: Sequence[int]) -> bytes:
+    """The bytes of a command: five numbers, 0 free to 1000 blocked fully extended."""
+    return ("".join(f"{key}{value:d}" for key, value in zip(FINGER_KEYS, limits)) + "\n").encode()
+
+
+def parse_limits(line: bytes) -> tuple[int, ...]:
+    """Read a command, as a glove does; negative where it leaves a finger as it is.
+
+    Raises:
+        LineError: not of the format, or only some of the fingers.
+    """
+    found = parse_line(line)
+    if found is None:
+        raise LineError(f"{line[:40]!r}: no fingers")
+    return tuple(int(value) for value in found.curl)
+
+
+class LineStream:
+    """Cuts what arrives into lines.
+
+    Attributes:
+        overlong: lines that were longer than `LONGEST_LINE` and are left out.
+    """
+
+    def __init__(self, *, whole: bool) -> None:
+        """Begin.
+
+        Args:
+            whole: what arrives begins with a line; else with the rest of one, which is left out.
+        """
+        self.overlong = 0
+        self._rest = b""
+        self._skips = not whole
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The lines that are whole now, without their ends; empty ones are left out."""
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        if lines and self._skips:
+            del lines[0]
+            self._skips = False
+        if len(self._rest) > LONGEST_LINE:
+            self.overlong += not self._skips
+            self._rest, self._skips = b"", True
+        kept = []
+        for line in lines:
+            bare = line.strip(b"\r \t\0")
+            if len(bare) > LONGEST_LINE:
+                self.overlong += 1
+            elif bare:
+                kept.append(bare)
+        return kept
