@@ -135,7 +135,7 @@ def test_bars_of_all_holds_hold_for_the_whole_evaluation_only(runs: PaperRuns) -
     }
     assert {name for name in whole if math.isnan(part[name]) and not math.isnan(whole[name])} == {
         "touches",
-        *(f"variation_{noise}_{part}" for noise in NOISES for part in ("size", *"xyz")),
+        *(f"variation_glove_{part}" for part in ("size", *"xyz")),
     }
     assert PaperOptions().whole and not PaperOptions.quick().whole
 
