@@ -47,6 +47,7 @@ def test_everything_is_counted_once_however_the_ticks_come(seed: int, count: int
     tally.read()
     tally.read()
     assert (tally.ticks, tally.lost) == (count, 0)
+    assert tally.missed == ticks["missed"].sum()
     assert tally.new_samples == (ticks["latency_ns"] >= 0).sum() == tally.latency.count
     # Every sample up to the newest one was used or superseded.
     assert tally.new_samples + tally.superseded == ticks["input_seq"][-1] + 1

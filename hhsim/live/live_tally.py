@@ -25,6 +25,8 @@ class LiveTally:
 
     ticks: int
     """Ticks with a hand; those before the first input are not in the ring."""
+    missed: int
+    """Periods without a tick, before the ticks seen."""
     new_samples: int
     """Ticks that used a sample for the first time."""
     superseded: int
@@ -35,7 +37,7 @@ class LiveTally:
         self._reader = None if ring is None else RingReader(ring)
         self.wakeup, self.latency, self.duration = LogHistogram(), LogHistogram(), LogHistogram()
         """How late the loop woke, from sample to command, and the solver's tick [ns]."""
-        self.ticks = self.new_samples = self.superseded = 0
+        self.ticks = self.missed = self.new_samples = self.superseded = 0
         self.stuck = self.lagging = self.in_contact = 0
         self.candidates_max = 0
         self.force_max = 0.0
@@ -76,6 +78,7 @@ class LiveTally:
         """All figures, SI units."""
         return {
             "ticks": self.ticks,
+            "missed": self.missed,
             "uncounted_ticks": self.lost,
             **_percentiles("wakeup", self.wakeup),
             **_percentiles("latency", self.latency),
@@ -94,6 +97,7 @@ class LiveTally:
     def count(self, ticks: NDArray[np.void]) -> None:
         """Count ticks, at least one, of `LIVE_TICK`."""
         self.ticks += len(ticks)
+        self.missed += int(ticks["missed"].sum())
         self.wakeup.add(np.maximum(ticks["wakeup_ns"], 0))
         self.duration.add(ticks["duration_total"])
         self.latency.add(ticks["latency_ns"][ticks["latency_ns"] >= 0])
