@@ -130,7 +130,7 @@ LIVE_TICK_COLUMNS: tuple[Column, ...] = (
     Column("record", (), "<i8", "1", "number of the tick's record since the loop began; a gap: records that were lost"),
     Column("period", (), "<i8", "1", "number of the tick's period since the loop began; a gap: periods without a tick"),
     Column("deadline", (), "<i8", "ns", "CLOCK_MONOTONIC at which the tick was due"),
-    Column("wakeup", (), "<i8", "ns", "how long after the deadline the loop woke"),
+    Column("wakeup", (), "<i8", "ns", "how long after the deadline slept for the loop woke"),
     Column("latency", (), "<i8", "ns", "from the newest sample's bytes read to the command sent; -1: no new sample"),
     Column("missed", (), "<i8", "1", "periods without a tick right before this one"),
     Column("safety", (), "<i8", "1", "why the fingers were kept free, sum of bits; 0: they were not"),

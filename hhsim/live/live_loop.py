@@ -181,7 +181,7 @@ class LiveLoop:
         if solved:
             row["tick"] = deadlines.tick
             row["time_ns"] = deadlines.deadline_ns
-            row["wakeup_ns"] = deadlines.wakeup_ns
+            row["wakeup_ns"] = deadlines.late_ns
             row["latency_ns"] = latency
             row["missed"] = deadlines.missed
             row["input_seq"] = self._input_seq

@@ -69,7 +69,7 @@ LIVE_TICK = np.dtype(
 |---|---|
 | tick | number of the period since the loop began; periods that were missed leave gaps |
 | time_ns | CLOCK_MONOTONIC of the tick's deadline [ns] |
-| wakeup_ns | how long after the deadline the loop woke |
+| wakeup_ns | how long after the deadline that it slept for the loop woke; longer than a period: some went by |
 | latency_ns | from the newest sample's bytes read to the command sent, -1 where no new sample came |
 | missed | periods missed right before this tick |
 | input_seq | `seq` of the sample in use, -1 before the first |

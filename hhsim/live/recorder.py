@@ -80,10 +80,11 @@ class Recorder:
             ended = self._follow(writer)
             if writer.empty:
                 return
+            status = self._memory.status
             if ended == CUT_SHORT:
-                writer.write(self._memory.status["counters"], ended)
+                writer.write(status["counters"], ended)
                 return
-            writer.finish(ended, self._memory.status["counters"])
+            writer.finish(ended, status["counters"], int(status["missed"]))
             self._tell(writer)
 
     def _follow(self, writer: SessionWriter) -> str:

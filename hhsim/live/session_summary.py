@@ -10,23 +10,27 @@ from hhsim.live.live_tally import LiveTally
 Scalar = str | int | float | bool
 
 
-def session_figures(tally: LiveTally, penetration_max: float, lost: Mapping[str, int]) -> dict[str, Scalar]:
+def session_figures(
+    tally: LiveTally, missed: int, penetration_max: float, lost: Mapping[str, int]
+) -> dict[str, Scalar]:
     """The summary of a session: of all ticks that were recorded, SI units.
 
     Args:
         tally: of these ticks.
+        missed: periods without a tick since the loop began.
         penetration_max: deepest of all of them [m].
         lost: records that were overwritten before they could be written, by ring.
 
     Returns:
         What `LiveTally.to_json` names (`wakeup_p999` is the 99.9th percentile [s]), the ticks that were kept free as
-        one figure a reason (`kept_free_stale_input`), `penetration_max` [m] and `lost_ticks`, `lost_samples` and
-        `lost_events`.
+        one figure a reason (`kept_free_stale_input`), `missed`, `penetration_max` [m], and `lost_ticks`,
+        `lost_samples` and `lost_events`.
     """
     figures = tally.to_json()
     del figures["uncounted_ticks"]
     free: Mapping[str, int] = figures.pop("ticks_kept_free")
     return {
+        "missed": missed,
         **{name: value for name, value in figures.items() if isinstance(value, Scalar)},
         **{f"kept_free_{why.lower()}": count for why, count in free.items()},
         "penetration_max": penetration_max,

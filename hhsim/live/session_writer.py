@@ -183,18 +183,19 @@ class SessionWriter:
         told = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
         self._write({"counters": told, "ended": ended})
 
-    def finish(self, ended: str, counters: Array) -> Path:
+    def finish(self, ended: str, counters: Array, missed: int) -> Path:
         """Write what was taken and the summary, and mark the file complete.
 
         Args:
             ended: why the session ended.
             counters: as in `write`.
+            missed: periods without a tick since the loop began.
 
         Raises:
             OutputError: as in `write`.
         """
         self.write(counters, ended)
-        return self._writer.finish(session_figures(self.tally, self.penetration_max, self.lost))
+        return self._writer.finish(session_figures(self.tally, missed, self.penetration_max, self.lost))
 
     def _write(self, attributes: Mapping[str, str | int]) -> None:
         taken = {ring: self._waiting[ring] for ring in RINGS}

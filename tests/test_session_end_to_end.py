@@ -1,0 +1,113 @@
+"""A session of real processes: what the loop did is in the file, and comes out of it again."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from live_rings import SCRIPT, make_setup
+from sphere_scenes import bumpy_ball
+
+from hhsim.hand import HandModel
+from hhsim.live.devices import DeviceConfig
+from hhsim.live.live_scene import make_live_scene
+from hhsim.live.live_setup import LiveSetup, RealTimeWishes
+from hhsim.live.pose_sources import PoseConfig
+from hhsim.live.supervisor import SessionOutcome, Supervisor
+from hhsim.result import Result, load_result
+from hhsim.run_again import run_again
+from hhsim.script import parse_script
+from hhsim.shapes import sphere
+from hhsim.trajectory import Trajectory
+from hhsim.trajectory_catalogue import resolve_trajectory
+
+TICKS = 1500
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, SessionOutcome, LiveSetup]:
+    path = tmp_path_factory.mktemp("session") / "session.h5"
+    hand = HandModel.default()
+    scene = make_live_scene(
+        sphere(0.076, 3),
+        bumpy_ball(200),
+        hand,
+        DeviceConfig(kind="sim"),
+        PoseConfig(kind="replay"),
+        parse_script(SCRIPT, name="short", where="short"),
+    )
+    setup = LiveSetup(
+        mesh=scene.mesh,
+        tree=scene.tree,
+        hand=hand,
+        options=make_setup(None).options,
+        device=scene.device,
+        pose=scene.pose,
+        duration=0.001 * TICKS,
+        real_time=RealTimeWishes(fifo=False, lock_memory=False, cpu=-1),
+        record=path,
+        description=scene.description,
+    )
+    with Supervisor(setup) as supervisor:
+        while supervisor.poll():
+            time.sleep(0.02)
+        outcome = supervisor.end()
+    return load_result(path), outcome, setup
+
+
+def test_the_session_runs_again_to_the_same_bits(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
+    result, _, _ = session
+    assert result.complete
+    assert result["contacts/candidates"].max() > 0
+    again = run_again(result)
+    assert again.identical
+    assert (again.ticks, again.notes) == (result.ticks, ())
+
+
+def test_every_period_and_every_sample_is_accounted_for(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
+    result, outcome, _ = session
+    assert result.live is not None
+    assert result.live["ended"] == "duration"
+    period, missed = result["live/tick/period"], result["live/tick/missed"]
+    np.testing.assert_array_equal(np.diff(period), 1 + missed[1:])
+    # The last period is the one in which the loop woke.
+    assert period[-1] >= TICKS - 1
+    assert result.ticks == outcome.tally.ticks == outcome.recorded
+    assert (outcome.record_failed, outcome.record_lost) == ("", 0)
+    np.testing.assert_array_equal(np.diff(result["live/tick/deadline"]), 1_000_000 * np.diff(period))
+    seq = result["live/sample/seq"]
+    np.testing.assert_array_equal(seq, np.arange(len(seq)))
+    counters = json.loads(result.live["counters"])
+    assert counters["frames"] == counters["samples"] == len(seq)
+    used = result["input_seq"]
+    assert used.min() >= 0
+    assert used.max() <= seq[-1]
+    assert (np.diff(used) >= 0).all()
+
+
+def test_the_ticks_were_given_the_samples_that_they_name(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
+    result, _, _ = session
+    used = result["input_seq"]
+    np.testing.assert_array_equal(result["haptic/flexion"], result["live/sample/flexion"][used])
+    np.testing.assert_array_equal(result["haptic/abduction"], result["live/sample/abduction"][used])
+
+
+def test_the_session_is_a_motion(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
+    result, _, setup = session
+    motion = resolve_trajectory(result.path)
+    assert motion.name == "session"
+    assert isinstance(motion, Trajectory)
+    assert motion.sample_count > 10
+    assert setup.record == result.path
+
+
+def test_the_summary_is_what_the_loop_counted(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
+    result, outcome, _ = session
+    counted = outcome.facts["summary"]
+    assert result.live is not None
+    assert json.loads(result.live["real_time"]) == outcome.facts["real_time"]
+    assert result.summary["missed"] == counted["missed"]
+    # The loop may tick before the first sample: there is no hand yet, and nothing for the file.
+    assert result.summary["ticks"] == result.ticks <= counted["ticks"]
+    assert result.summary["wakeup_max"] <= 1e-9 * counted["wakeup"]["max"]
+    assert result.summary["latency_max"] == pytest.approx(1e-9 * counted["latency"]["max"])
