@@ -5,7 +5,7 @@
 
 import contextlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 
 from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
-from hhsim.result_schema import FORMAT, LIVE, LIVE_TICK, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column
+from hhsim.result_schema import (
+    FORMAT,
+    LIVE,
+    LIVE_TICK,
+    LIVE_TICK_COLUMNS,
+    SCHEMA_VERSION,
+    STATIC_COLUMNS,
+    TICK_COLUMNS,
+    Column,
+)
 from hhsim.trajectory import TickPhase
 
 Array: TypeAlias = NDArray[Any]
@@ -72,6 +81,21 @@ class Result:
                     self._loaded[name] = _frozen(file["tick"][name][: self.ticks])
         return self._loaded[name]
 
+    def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, Array]]:
+        """Datasets of /tick, so many ticks at a time: a long session does not fit into memory whole.
+
+        Args:
+            names: of the datasets.
+            size: ticks of a block; the last one may have fewer.
+
+        Yields:
+            The arrays of the next block by name.
+        """
+        with _opened(self.path) as file:
+            for first in range(0, self.ticks, size):
+                part = slice(first, min(first + size, self.ticks))
+                yield {name: file["tick"][name][part] for name in names}
+
     def _live_column(self, file: h5py.File, name: str) -> Array:
         if self.live is None:
             raise InputError(f"{self.path} has no dataset {name}: it is no live session")
@@ -79,8 +103,7 @@ class Result:
         rows: list[int] = []
         # A run that was killed may have written a block to some of the datasets and not to the others.
         table.visititems(lambda _, item: rows.append(len(item)) if isinstance(item, h5py.Dataset) else None)
-        count = min(rows)
-        return _frozen(file[name][: min(count, self.ticks) if table.name == f"/{LIVE_TICK}" else count])
+        return _frozen(file[name][: self.ticks if table.name == f"/{LIVE_TICK}" else min(rows)])
 
     def phase(self, name: str) -> slice:
         """Ticks of the first phase of that name.
@@ -111,6 +134,8 @@ def load_result(path: Path) -> Result:
         for column in static:
             _check_dataset(file, column, column.shape, path)
         ticks = min(len(tick[column.name]) for column in stored)
+        if LIVE_TICK in file:
+            ticks = min(ticks, *(len(file[LIVE_TICK][column.name]) for column in LIVE_TICK_COLUMNS))
         attributes = file.attrs
         return Result(
             path=path,

@@ -1,18 +1,18 @@
 """Run the ticks of a result again, from nothing but the file, and compare every array bit for bit."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import info
+from hhsim import __version__, info
 from hhsim.errors import InputError
 from hhsim.interrupt import interruptible_between
 from hhsim.kernels.block import TickRecord
-from hhsim.result import CHUNK_TICKS, Result
+from hhsim.result import Result
 from hhsim.result_schema import TICK_COLUMNS, Column
 from hhsim.solver import HandSolver
 from hhsim.stored_scene import require_whole, stored_hand, stored_options, stored_tree
@@ -120,15 +120,20 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     total, notes = _runnable(result)
     tallies = [_Tally(column) for column in COMPARED]
     with interruptible_between() as check_interrupt:
-        for part in _blocks(total):
+        done = 0
+        for stored in result.blocks([column.name for column in TICK_COLUMNS]):
             if progress is not None:
-                progress("ticks", part.start, total)
-            haptic = HapticTicks(*(result[f"haptic/{name}"][part] for name in HapticTicks._fields))
+                progress("ticks", done, total)
+            stored = {name: values[: total - done] for name, values in stored.items()}
+            haptic = HapticTicks(*(stored[f"haptic/{name}"] for name in HapticTicks._fields))
             record = _solve(solver, haptic, result.live is not None)
-            block = columns.block(result["time"][part], result["input_seq"][part], haptic, record)
+            block = columns.block(stored["time"], stored["input_seq"], haptic, record)
             for tally in tallies:
-                tally.add(result[tally.column.name][part], block[tally.column.name])
+                tally.add(stored[tally.column.name], block[tally.column.name])
+            done += len(stored["time"])
             check_interrupt()
+            if done == total:
+                break
     if progress is not None:
         progress("ticks", total, total)
     arrays = tuple(tally.comparison() for tally in tallies)
@@ -208,14 +213,12 @@ def _solve(solver: HandSolver, haptic: HapticTicks, live: bool) -> TickRecord:
     return record
 
 
-def _blocks(total: int) -> list[slice]:
-    return [slice(first, min(first + CHUNK_TICKS, total)) for first in range(0, total, CHUNK_TICKS)]
-
-
 def _other_makers(result: Result) -> list[str]:
     """In what hhsim and the machine differ from those of the file: other bits are then to be expected."""
-    here = info.file_attributes()
-    notes = []
-    if str(here["hhsim_version"]) != result.hhsim_version:
-        notes.append(f"the file was made by hhsim {result.hhsim_version}, this is {here['hhsim_version']}")
-    return notes
+    version, machine, packages = __version__, asdict(info.machine()), info.package_versions()
+    pairs = [("hhsim", result.hhsim_version, version)]
+    pairs += [(name, result.packages.get(name, ""), packages.get(name, "")) for name in ("numpy", "numba")]
+    pairs += [(name, str(result.machine.get(name, "")), str(machine[name])) for name in ("cpu", "system")]
+    return [
+        f"{name}: the file was made with {then or 'none'}, this is {now}" for name, then, now in pairs if then != now
+    ]

@@ -167,13 +167,22 @@ def test_tables_of_unequal_length_are_trimmed_to_what_is_whole(tmp_path: Path) -
     with ResultWriter(path, scene=SCENE, static=static(), tables=EXTRA) as writer:
         writer.append(block(50), extra({LIVE_TICK: 50, LIVE_SAMPLE: 30, LIVE_EVENT: 2}))
     with h5py.File(path, "r+") as file:
-        file["tick/time"].resize(41, axis=0)
+        file["tick/time"].resize(44, axis=0)
+        file["live/tick/missed"].resize(41, axis=0)
         file["live/sample/flexion"].resize(20, axis=0)
         file["live/event/text"].resize(1, axis=0)
     loaded = load_result(path)
-    assert len(loaded["live/tick/wakeup"]) == 41
+    assert loaded.ticks == len(loaded["live/tick/wakeup"]) == len(loaded["status"]) == 41
     assert len(loaded["live/sample/time"]) == 20
     assert len(loaded["live/event/level"]) == 1
+
+
+def test_ticks_are_read_in_blocks(tmp_path: Path) -> None:
+    loaded = load_result(write(tmp_path / "run.h5", [block(1100)]))
+    blocks = list(loaded.blocks(["time", "force/total"], 500))
+    assert [len(part["time"]) for part in blocks] == [500, 500, 100]
+    for name in ("time", "force/total"):
+        np.testing.assert_array_equal(np.concatenate([part[name] for part in blocks]), loaded[name])
 
 
 def test_a_replay_is_no_session(tmp_path: Path) -> None:

@@ -127,6 +127,17 @@ def test_one_bit_of_one_tick_is_found(copy: Path, name: str) -> None:
     assert (differing.name, differing.ticks, differing.first_tick) == (name, 1, 530)
     units = next(column.units for column in COMPARED if column.name == name)
     assert differing.units == units
+    assert again.notes == ()
+
+
+def test_other_bits_on_another_machine_are_explained(copy: Path) -> None:
+    with h5py.File(copy, "r+") as file:
+        file["tick/force/total"][9] = 1.0
+        file.attrs["hhsim_version"] = "0.0.7"
+        file.attrs["machine"] = json.dumps({**json.loads(file.attrs["machine"]), "cpu": "Abacus"})
+    first, second = run_again(load_result(copy)).notes
+    assert first.startswith("hhsim: the file was made with 0.0.7, this is ")
+    assert second.startswith("cpu: the file was made with Abacus, this is ")
 
 
 def test_a_changed_input_changes_what_follows(copy: Path) -> None:

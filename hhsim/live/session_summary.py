@@ -30,8 +30,8 @@ def session_figures(
     del figures["uncounted_ticks"]
     free: Mapping[str, int] = figures.pop("ticks_kept_free")
     return {
-        "missed": missed,
         **{name: value for name, value in figures.items() if isinstance(value, Scalar)},
+        "missed": missed,
         **{f"kept_free_{why.lower()}": count for why, count in free.items()},
         "penetration_max": penetration_max,
         **{f"lost_{name}": count for name, count in lost.items()},
