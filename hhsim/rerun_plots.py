@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hhsim.hand import FINGERS
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 Color = tuple[int, int, int]
 
 RED: Color = (225, 87, 89)
@@ -39,14 +40,12 @@ class Plot:
     legend: bool = True
     height: float = 1.0
 
-    def thinned(self, values: FloatArray, every: int) -> FloatArray:
-        """What is shown of the ticks, shape (T, series), where only the ticks 0, every, 2 · every, … are shown."""
-        if every == 1 or len(values) == 0:
-            return values
-        if not self.worst:
-            return values[::every]
+    def thinned(self, values: FloatArray, shown: IntArray, starts: IntArray) -> FloatArray:
+        """What is shown of the values of ticks, shape (N, series); arguments as in `hhsim.shown_ticks`."""
+        if not self.worst or len(shown) == len(values):
+            return values[shown]
         # NaN is no value: fmax passes it over.
-        return np.fmax.reduceat(values, np.arange(0, len(values), every), axis=0)
+        return np.fmax.reduceat(values, starts, axis=0)
 
 
 FORCE = Plot("plots/force", "force on the hand [N]", {"all": RED, **PER_FINGER, "palm": BROWN}, worst=False, height=1.6)
@@ -60,7 +59,15 @@ TIME = Plot(
 )
 CONTACTS = Plot("plots/contacts", "pairs", {"candidates": FINGER_COLORS[0], "touching": RED})
 
+GLOVE = Plot("plots/glove", "stiffness told to the glove", PER_FINGER, worst=False, legend=False)
+LOOP = Plot(
+    "plots/loop",
+    "wake-up after the deadline; sample to command [µs]",
+    {"wake-up": FINGER_COLORS[0], "sample to command": RED},
+)
+
 RESULT_PLOTS = (FORCE, DEPTH, VARIATION, TIME, CONTACTS)
+LIVE_PLOTS = (FORCE, GLOVE, DEPTH, TIME, LOOP, CONTACTS)
 
 
 def force_values(phalanx: FloatArray, total: FloatArray) -> FloatArray:
@@ -83,3 +90,8 @@ def depth_values(depth: FloatArray, finger: FloatArray, palm: FloatArray) -> Flo
 def time_values(total: NDArray[Any], parts: NDArray[Any]) -> FloatArray:
     """Of `TIME` [µs], from durations [ns], shapes (T,) and (T, 4): detection, palm, fingers, forces."""
     return 1e-3 * np.column_stack([total, parts])
+
+
+def loop_values(wakeup: NDArray[Any], latency: NDArray[Any]) -> FloatArray:
+    """Of `LOOP` [µs], from times [ns], shape (T,); a latency of -1 stands for none."""
+    return 1e-3 * np.column_stack([wakeup, np.where(latency < 0, np.nan, latency)])

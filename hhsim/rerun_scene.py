@@ -20,7 +20,7 @@ Timelines: `tick`, and `time` [s].
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from hhsim.mesh import Mesh
 from hhsim.metrics import FORCE_FLOOR
 from hhsim.placed_hand import HandShape, PlacedHand, hand_shape
 from hhsim.rerun_plots import Plot, palm_force
+from hhsim.shown_ticks import ShownTicks
 from hhsim.sphere_tree import SphereTree
 from hhsim.surface import Surface, mesh_surface
 
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     import rerun as rr
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 APPLICATION = "hhsim"
 
@@ -76,42 +76,6 @@ STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
 
 SMOOTH_ABOVE = 30_000
 """Triangles of a mesh above which its edges are not looked at one by one for sharp ones."""
-
-
-class Configuration(NamedTuple):
-    """A hand at each of T ticks: shapes (T, 3) [m], (T, 4) w x y z, (T, 5, 3) and (T, 5) [rad]."""
-
-    position: FloatArray
-    orientation: FloatArray
-    flexion: FloatArray
-    abduction: FloatArray
-
-
-@dataclass(frozen=True)
-class ShownTicks:
-    """What a viewer gets of T ticks.
-
-    Attributes:
-        tick: their numbers, shape (T,).
-        time: [s], shape (T,).
-        haptic: the user's hand.
-        graphic: the hand that is shown to the user.
-        joints: of the graphic hand [m], shape (T, 5, 4, 3).
-        phalanx: contact force on each phalanx [N], shape (T, 5, 3, 3).
-        total: of all contact forces [N], shape (T, 3).
-        touching: ticks in which something may touch, indices from 0; all others are not looked at.
-        plots: values of each plot, shape (T, its series).
-    """
-
-    tick: IntArray
-    time: FloatArray
-    haptic: Configuration
-    graphic: Configuration
-    joints: FloatArray
-    phalanx: FloatArray
-    total: FloatArray
-    touching: IntArray
-    plots: Mapping[Plot, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)

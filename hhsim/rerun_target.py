@@ -3,8 +3,12 @@
 import contextlib
 import importlib.util
 import os
+import shutil
 import socket
+import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +29,11 @@ MAGIC = b"RRF"
 """First bytes of every file of rerun's."""
 FLUSH_SECONDS = 60.0
 """Longest wait for a viewer to take what was sent."""
+START_SECONDS = 30.0
+"""Longest wait for a viewer to open."""
+
+_opened: list[subprocess.Popen[bytes]] = []
+"""Viewers of this process; kept, since Python warns of a process that is forgotten while it runs."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +124,7 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
             partial.unlink(missing_ok=True)
         return
     if target.kind == "spawn":
-        spawn_viewer(PORT, stay=True)
+        open_viewer(PORT)
     stream.connect_grpc(target.url)
     stream.send_blueprint(blueprint)
     yield stream
@@ -127,37 +136,51 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
         stream.disconnect()
 
 
-def spawn_viewer(port: int, *, stay: bool, headless: bool = False, memory_limit: str = "50%") -> int | None:
-    """Open a viewer, or use the one that listens at the port already.
+def open_viewer(port: int = PORT) -> None:
+    """Open a viewer on this screen, which only this machine can reach, or leave one that listens at the port already.
 
-    Args:
-        port: it listens at, on this machine.
-        stay: it outlives this process.
-        headless: without a window, for tests.
-        memory_limit: from where on it drops the oldest data.
-
-    Returns:
-        The viewer's process, where that is known.
+    It outlives this process.
 
     Raises:
         InputError: it does not start.
     """
-    from rerun._spawn import _spawn_viewer
-
-    # The program lies in the package, and a virtual environment that is not activated is not on the path.
-    package = importlib.util.find_spec("rerun_cli")
-    program = Path(package.origin).with_name("rerun") if package and package.origin else None
-    try:
-        return _spawn_viewer(
-            port=port,
-            memory_limit=memory_limit,
-            hide_welcome_screen=True,
-            detach_process=stay,
-            executable_path=str(program) if program and program.exists() else None,
-            headless=headless,
+    url = _url("127.0.0.1", port)
+    if _listens(url) is None:
+        return
+    command = [viewer_program(), "--port", str(port), "--bind", "127.0.0.1", "--memory-limit", "50%"]
+    command += ["--hide-welcome-screen", "--expect-data-soon"]
+    with tempfile.TemporaryFile() as log:
+        viewer = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=log,
+            start_new_session=True,
+            env={**os.environ, "RERUN_APP_ONLY": "true"},
         )
-    except (RuntimeError, ValueError, OSError) as error:
-        raise InputError(f"the rerun viewer does not start: {error}") from error
+        _opened.append(viewer)
+        until = time.monotonic() + START_SECONDS
+        while _listens(url) is not None:
+            if viewer.poll() is not None or time.monotonic() > until:
+                log.seek(0)
+                said = log.read().decode(errors="replace").strip().splitlines()
+                raise InputError(f"the rerun viewer does not start: {said[-1] if said else 'it says nothing'}")
+            time.sleep(0.05)
+
+
+def viewer_program() -> str:
+    """Where the viewer's program is.
+
+    Raises:
+        InputError: nowhere.
+    """
+    # It lies in a package, and a virtual environment that is not activated is not on the path.
+    package = importlib.util.find_spec("rerun_cli")
+    beside = Path(package.origin).with_name("rerun") if package and package.origin else None
+    found = str(beside) if beside and beside.exists() else shutil.which("rerun")
+    if found is None:
+        raise InputError("there is no program rerun: install rerun-sdk anew, or write a file with --rerun run.rrd")
+    return found
 
 
 def _viewer_url(text: str) -> str:
@@ -183,10 +206,16 @@ def _url(host: str, port: int, scheme: str = "rerun+http") -> str:
 
 def _require_listener(url: str) -> None:
     # rerun itself keeps trying for as long as the process lives.
+    error = _listens(url)
+    if error is not None:
+        raise InputError(f"no viewer listens at {url}: {error.strerror or error}; start one with the command rerun")
+
+
+def _listens(url: str) -> OSError | None:
+    """What keeps a connection from being made, None where it can be."""
     parts = urlsplit(url)
     try:
         socket.create_connection((parts.hostname or "", parts.port or PORT), timeout=3.0).close()
     except OSError as error:
-        raise InputError(
-            f"no viewer listens at {url}: {error.strerror or error}; start one with the command rerun"
-        ) from error
+        return error
+    return None

@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,22 +24,13 @@ from hhsim.kernels.tick_state import (
 )
 from hhsim.mesh import Mesh
 from hhsim.rerun_blueprint import blueprint
-from hhsim.rerun_plots import (
-    CONTACTS,
-    DEPTH,
-    FORCE,
-    RESULT_PLOTS,
-    TIME,
-    VARIATION,
-    Plot,
-    depth_values,
-    force_values,
-    time_values,
-)
-from hhsim.rerun_scene import APPLICATION, Configuration, RerunScene, ShownScene, ShownTicks
+from hhsim.rerun_plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, loop_values
+from hhsim.rerun_scene import APPLICATION, RerunScene, ShownScene
 from hhsim.rerun_target import RerunTarget, rerun_stream
 from hhsim.result import Result
 from hhsim.result_hand import hand_of
+from hhsim.result_schema import LIVE_TICK
+from hhsim.shown_ticks import ShownTicks, shown_ticks
 from hhsim.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
@@ -115,11 +106,12 @@ def view_result(
     scene = shown_scene(result, spheres=spheres)
     with _opened(result.path) as file:
         group = file["tick"]
-        arrangement = arranged(result, scene, group)
+        plots = LIVE_PLOTS if LIVE_TICK in file else RESULT_PLOTS
+        arrangement = arranged(result, scene, group, plots)
         with rerun_stream(target, APPLICATION, arrangement) as stream:
             stream.send_recording_name(result.path.name)
             viewer = RerunScene(stream, scene)
-            viewer.log_static(RESULT_PLOTS)
+            viewer.log_static(plots)
             log_phases(viewer, result, group["time"])
             log_status(viewer, group["time"][: result.ticks], group["status"][: result.ticks])
             # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
@@ -127,7 +119,7 @@ def view_result(
             for first in range(0, result.ticks, step):
                 if progress is not None:
                     progress("ticks", first, result.ticks)
-                viewer.log_ticks(read_ticks(group, first, min(first + step, result.ticks), every))
+                viewer.log_ticks(read_ticks(file, first, min(first + step, result.ticks), every))
             if progress is not None:
                 progress("ticks", result.ticks, result.ticks)
     return Viewed(result.ticks, -(-result.ticks // every), target)
@@ -157,7 +149,7 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
     )
 
 
-def arranged(result: Result, scene: ShownScene, group: h5py.Group) -> "rrb.Blueprint":
+def arranged(result: Result, scene: ShownScene, group: h5py.Group, plots: Sequence[Plot]) -> "rrb.Blueprint":
     """The views of a result, the scene seen from where object and hand fill it while they touch."""
     touching = np.flatnonzero(group["contacts/touching"][: result.ticks])
     some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
@@ -169,7 +161,7 @@ def arranged(result: Result, scene: ShownScene, group: h5py.Group) -> "rrb.Bluep
     top = min(float(duration.max()), 4.0 * float(np.quantile(duration, 0.99)))
     title = f"{result.path.name}: graphic hand, haptic hand (blue), contact forces (red)"
     extent = float(np.linalg.norm(high - low))
-    return blueprint(0.5 * (low + high), extent, title, RESULT_PLOTS, tops={TIME: max(top, 1.0)})
+    return blueprint(0.5 * (low + high), extent, title, plots, tops={TIME: max(top, 1.0)})
 
 
 def description(result: Result) -> str:
@@ -195,38 +187,20 @@ def description(result: Result) -> str:
     return "\n".join([*lines, "", "## Options of the solver", "```json", solver, "```", ""])
 
 
-def read_ticks(group: h5py.Group, first: int, end: int, every: int) -> ShownTicks:
-    """Ticks `first` to `end` (not included) of a result's /tick, every so-manieth of them."""
+def read_ticks(file: h5py.File, first: int, end: int, every: int) -> ShownTicks:
+    """Ticks `first` to `end` (not included) of a result, every so-manieth of them."""
 
-    def whole(name: str) -> Array:
-        return np.asarray(group[name][first:end])
+    def column(name: str) -> Array:
+        return np.asarray(file[f"tick/{name}"][first:end])
 
-    def some(name: str) -> Array:
-        return whole(name)[::every]
+    def live(name: str) -> Array:
+        return np.asarray(file[f"{LIVE_TICK}/{name}"][first:end])
 
-    haptic, graphic = (
-        Configuration(*(some(f"{whose}/{name}") for name in Configuration._fields)) for whose in ("haptic", "graphic")
-    )
-    phalanx, total, touching = whole("force/phalanx"), whole("force/total"), whole("contacts/touching")
-    parts = np.column_stack([whole(f"duration/{name}") for name in ("detect", "palm", "fingers", "force")])
-    plots: dict[Plot, Array] = {
-        FORCE: force_values(phalanx, total),
-        DEPTH: depth_values(*(whole(f"penetration_{name}") for name in ("depth", "finger", "palm"))),
-        VARIATION: np.column_stack([whole("force_variation_rate"), whole("force_variation_finger")]),
-        TIME: time_values(whole("duration/total"), parts),
-        CONTACTS: np.column_stack([whole("contacts/candidates"), touching]).astype(np.float64),
-    }
-    return ShownTicks(
-        tick=np.arange(first, end, every),
-        time=some("time"),
-        haptic=haptic,
-        graphic=graphic,
-        joints=some("graphic/joints"),
-        phalanx=phalanx[::every],
-        total=total[::every],
-        touching=np.flatnonzero(touching[::every]),
-        plots={plot: plot.thinned(values, every) for plot, values in plots.items()},
-    )
+    more = {}
+    if LIVE_TICK in file:
+        more = {GLOVE: live("command_stiffness"), LOOP: loop_values(live("wakeup"), live("latency"))}
+    kept = np.arange(0, end - first, every)
+    return shown_ticks(column, np.arange(first, end), kept, kept, more)
 
 
 def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:

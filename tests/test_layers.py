@@ -74,7 +74,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("result", "result_writer", "tick_columns", "stored_scene", "run_again"),
     ),
     # Looking at them.
-    ("result_hand", "rerun_plots", "rerun_scene", "rerun_blueprint", "rerun_target", "view"),
+    ("result_hand", "shown_ticks", "rerun_plots", "rerun_scene", "rerun_blueprint", "rerun_target", "view"),
     # A glove in the loop.
     ("live",),
     # Many runs, side by side.

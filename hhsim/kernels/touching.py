@@ -37,6 +37,8 @@ def touching_pairs(
 ) -> int:
     """Pairs of a hand body and a leaf sphere no more than `touch` [m] apart, or inside each other.
 
+    A body whose place is not finite has none.
+
     Args:
         phalanx_radius: [m], shape (5, 4).
         palm_center: of the palm's spheres [m], palm frame, shape (P, 3).
@@ -84,6 +86,8 @@ def touching_pairs(
                 ay = position[tick, 1] + rotation[1, 0] * c[0] + rotation[1, 1] * c[1] + rotation[1, 2] * c[2]
                 az = position[tick, 2] + rotation[2, 0] * c[0] + rotation[2, 1] * c[1] + rotation[2, 2] * c[2]
                 radius = palm_radius[part - phalanges]
+            if not math.isfinite(ax + ay + az + length):
+                continue
             found, _, _ = gather_round_cone(
                 tree, ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop, touch, stack, index
             )

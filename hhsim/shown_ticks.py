@@ -1,0 +1,104 @@
+"""What a viewer is shown of some ticks: poses and forces of the shown ones; plots that lose no spike between them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.rerun_plots import (
+    CONTACTS,
+    DEPTH,
+    FORCE,
+    TIME,
+    VARIATION,
+    Plot,
+    depth_values,
+    force_values,
+    time_values,
+)
+
+Array = NDArray[Any]
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Configuration(NamedTuple):
+    """A hand at each of T ticks: shapes (T, 3) [m], (T, 4) w x y z, (T, 5, 3) and (T, 5) [rad]."""
+
+    position: FloatArray
+    orientation: FloatArray
+    flexion: FloatArray
+    abduction: FloatArray
+
+
+@dataclass(frozen=True)
+class ShownTicks:
+    """What a viewer gets of T ticks.
+
+    Attributes:
+        tick: their numbers, shape (T,).
+        time: [s], shape (T,).
+        haptic: the user's hand.
+        graphic: the hand that is shown to the user.
+        joints: of the graphic hand [m], shape (T, 5, 4, 3).
+        phalanx: contact force on each phalanx [N], shape (T, 5, 3, 3).
+        total: of all contact forces [N], shape (T, 3).
+        touching: ticks in which something may touch, indices from 0; all others are not looked at.
+        plots: values of each plot, shape (T, its series).
+    """
+
+    tick: IntArray
+    time: FloatArray
+    haptic: Configuration
+    graphic: Configuration
+    joints: FloatArray
+    phalanx: FloatArray
+    total: FloatArray
+    touching: IntArray
+    plots: Mapping[Plot, FloatArray]
+
+
+def shown_ticks(
+    column: Callable[[str], Array],
+    tick: ArrayLike,
+    shown: ArrayLike,
+    starts: ArrayLike,
+    more: Mapping[Plot, FloatArray] | None = None,
+) -> ShownTicks:
+    """Choose from ticks what a viewer gets of them.
+
+    Args:
+        column: gives a dataset of a result's /tick by its name, for all these ticks.
+        tick: their numbers, shape (N,).
+        shown: which of them are shown, indices from 0, shape (T,).
+        starts: where the ticks begin that each shown one stands for, shape (T,); they end where the next ones begin.
+        more: further plots and their values, shape (N, series).
+    """
+    kept, begins = np.asarray(shown), np.asarray(starts)
+    haptic, graphic = (
+        Configuration(*(column(f"{whose}/{name}")[kept] for name in Configuration._fields))
+        for whose in ("haptic", "graphic")
+    )
+    phalanx, total, touching = column("force/phalanx"), column("force/total"), column("contacts/touching")
+    parts = np.column_stack([column(f"duration/{name}") for name in ("detect", "palm", "fingers", "force")])
+    plots = {
+        FORCE: force_values(phalanx, total),
+        DEPTH: depth_values(*(column(f"penetration_{name}") for name in ("depth", "finger", "palm"))),
+        VARIATION: np.column_stack([column("force_variation_rate"), column("force_variation_finger")]),
+        TIME: time_values(column("duration/total"), parts),
+        CONTACTS: np.column_stack([column("contacts/candidates"), touching]).astype(np.float64),
+        **(more or {}),
+    }
+    return ShownTicks(
+        tick=np.asarray(tick)[kept],
+        time=column("time")[kept],
+        haptic=haptic,
+        graphic=graphic,
+        joints=column("graphic/joints")[kept],
+        phalanx=phalanx[kept],
+        total=total[kept],
+        touching=np.flatnonzero(touching[kept]),
+        plots={plot: plot.thinned(values, kept, begins) for plot, values in plots.items()},
+    )
