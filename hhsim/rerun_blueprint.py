@@ -73,10 +73,12 @@ def blueprint(
         )
         for plot in plots
     ]
+    about = rrb.TextDocumentView(origin="run", name="what was run")
+    log = (rrb.TextLogView(origin="log", name="what happened"),)
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
-                rrb.Tabs(scene, rrb.TextDocumentView(origin="run", name="what was run"), active_tab=0),
+                rrb.Tabs(scene, *(log if live else ()), about, active_tab=0),
                 rrb.StateTimelineView(origin="states", name="phases and state", time_ranges=ranges),
                 row_shares=[5, 1],
             ),

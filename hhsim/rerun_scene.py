@@ -12,6 +12,7 @@ World in metres, z up. Each rigid piece of a hand is a mesh that is sent once, m
 | world/forces | the contact force on each phalanx and on the palm, in red, as long as `FORCE_LENGTH` says |
 | plots/… | `hhsim.rerun_plots` |
 | states/… | phases of the motion, and the state of the ticks |
+| log | what happened in a live session |
 | run | what was run, in words |
 
 Timelines: `tick`, and `time` [s].
@@ -71,6 +72,7 @@ STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
         "release": (156, 117, 95),
     },
     "ticks": {"settled": (70, 110, 75), "lag": (242, 142, 43), "stuck": (225, 87, 89), "full": (225, 87, 89)},
+    "fingers": {"held where they touch": (70, 110, 75)},
 }
 """Of the states that are usual; rerun colours the others."""
 
@@ -180,6 +182,13 @@ class RerunScene:
         indexes = [rr.TimeColumn("tick", sequence=tick), rr.TimeColumn("time", duration=time)]
         columns = rr.StateChange.columns(state=list(states))
         self.stream.send_columns(f"states/{lane}", indexes=indexes, columns=columns, strict=True)
+
+    def log_event(self, time: float, level: str, text: str) -> None:
+        """Send a line of a log: time [s], level as `rerun.TextLogLevel` names it."""
+        import rerun as rr
+
+        columns = rr.TextLog.columns(text=[text], level=[level])
+        self.stream.send_columns("log", [rr.TimeColumn("time", duration=[time])], columns, strict=True)
 
     def _log_contacts(self, ticks: ShownTicks) -> ContactPoints:
         import rerun as rr

@@ -132,8 +132,8 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
         stream.flush(timeout_sec=FLUSH_SECONDS)
     except (RuntimeError, ValueError) as error:
         raise InputError(f"the viewer at {target.url} does not take the recording: {error}") from error
-    finally:
-        stream.disconnect()
+    # Only now: from a viewer that takes nothing, rerun does not part until it does.
+    stream.disconnect()
 
 
 def open_viewer(port: int = PORT) -> None:

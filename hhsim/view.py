@@ -217,8 +217,13 @@ def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:
 def log_status(viewer: RerunScene, time: Array, status: Array) -> None:
     """Send how the ticks ended as a lane of the state timeline, where it changes."""
     change = np.flatnonzero(np.concatenate([[True], status[1:] != status[:-1]]))
-    names = [next((name for bit, name in STATES if status[tick] & bit), "settled") for tick in change]
+    names = [status_name(int(status[tick])) for tick in change]
     viewer.log_states("ticks", change.tolist(), time[change].tolist(), names)
+
+
+def status_name(status: int) -> str:
+    """The most urgent of a tick's status bits, in words."""
+    return next((name for bit, name in STATES if status & bit), "settled")
 
 
 @contextlib.contextmanager

@@ -1,8 +1,6 @@
 """A result as a rerun recording: read back from the file, entity by entity, and held against the result."""
 
-import importlib.util
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -12,6 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from rerun_files import SETTINGS, Recording, listening
 
 from hhsim.errors import InputError, OutputError
 from hhsim.hand import FINGERS, HandModel
@@ -20,7 +19,7 @@ from hhsim.object_catalogue import load_object
 from hhsim.replay import replay
 from hhsim.rerun_plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
 from hhsim.rerun_scene import FORCE_LENGTH, NORMAL_LENGTH
-from hhsim.rerun_target import check_target, parse_target
+from hhsim.rerun_target import check_target, open_viewer, parse_target, viewer_program
 from hhsim.result import Result, load_result
 from hhsim.scene import make_scene
 from hhsim.script import parse_script
@@ -56,38 +55,6 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return load_result(path)
 
 
-class Recording:
-    """A file of rerun's, read back: the columns of each entity by name."""
-
-    def __init__(self, path: Path) -> None:
-        from rerun.chunk import RrdReader
-
-        reader = RrdReader(path)
-        self.blueprints = len(reader.blueprints())
-        self.fixed: dict[str, dict[str, Any]] = {}
-        self._batches: dict[str, list[Any]] = {}
-        for chunk in reader.stream():
-            batch = chunk.to_record_batch()
-            if chunk.is_static:
-                self.fixed.setdefault(chunk.entity_path, {}).update(batch.to_pydict())
-            else:
-                self._batches.setdefault(chunk.entity_path, []).append(batch)
-
-    def rows(self, entity: str, column: str) -> list[Any]:
-        """A value, or a list of them, for each tick, in the order of the ticks."""
-        pairs: list[tuple[int, Any]] = []
-        for batch in self._batches[entity]:
-            pairs += zip(batch.column("tick").to_pylist(), batch.column(column).to_pylist())
-        return [value for _, value in sorted(pairs, key=lambda pair: pair[0])]
-
-    def array(self, entity: str, column: str) -> Array:
-        return np.array(self.rows(entity, column))
-
-    def times(self, entity: str) -> Array:
-        found = [batch.column("time").cast("int64").to_numpy() for batch in self._batches[entity]]
-        return 1e-9 * np.sort(np.concatenate(found))
-
-
 @pytest.fixture(scope="module")
 def written(result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("view") / "short.rrd"
@@ -102,12 +69,8 @@ def recording(written: Path) -> Recording:
 
 
 def test_rerun_itself_finds_no_fault(written: Path) -> None:
-    package = importlib.util.find_spec("rerun_cli")
-    assert package
-    assert package.origin
-    program = Path(package.origin).with_name("rerun")
-    settings = {**os.environ, "RERUN_APP_ONLY": "true"}
-    answer = subprocess.run([program, "rrd", "verify", written], capture_output=True, text=True, env=settings)
+    command = [viewer_program(), "rrd", "verify", str(written)]
+    answer = subprocess.run(command, capture_output=True, text=True, env=SETTINGS)
     assert answer.returncode == 0, answer.stderr
     assert "verified without error" in answer.stdout + answer.stderr
 
@@ -313,6 +276,31 @@ def test_a_viewer_that_is_not_there_is_told_before_the_work(monkeypatch: pytest.
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InputError, match="no screen"):
         check_target(parse_target("spawn"))
+
+
+def test_a_viewer_that_is_open_gets_the_same(result: Result, written: Path, tmp_path: Path) -> None:
+    path = tmp_path / "got.rrd"
+    with listening(path) as (port, _):
+        view_result(result, parse_target(f"connect={port}"))
+    sent, whole = Recording(path), Recording(written)
+    for entity, column in (
+        ("/world/haptic/little/distal", "Transform3D:quaternion"),
+        ("/world/forces", "Arrows3D:vectors"),
+        ("/plots/variation", "Scalars:scalars"),
+    ):
+        np.testing.assert_equal(sent.rows(entity, column), whole.rows(entity, column))
+
+
+def test_spawn_opens_a_viewer_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with listening(tmp_path / "got.rrd") as (port, _):
+        monkeypatch.setattr("hhsim.rerun_target.viewer_program", lambda: pytest.fail("one is open already"))
+        open_viewer(port)
+    broken = tmp_path / "rerun"
+    broken.write_text("#!/bin/sh\necho no graphics adapter >&2\nexit 3\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr("hhsim.rerun_target.viewer_program", lambda: str(broken))
+    with pytest.raises(InputError, match="does not start: no graphics adapter"):
+        open_viewer(port)
 
 
 def test_an_empty_result_is_refused(result: Result, tmp_path: Path) -> None:

@@ -1,0 +1,216 @@
+"""The process that shows a session in the rerun viewer: `python -m hhsim.live.viewer --setup FD --status FD …`.
+
+It runs below ordinary priority, only reads the rings, and sends about thirty frames a second: the newest tick, with
+plots that show the worst of the ticks since the frame before. Whatever becomes of the viewer is nothing to the loop:
+when it is closed, this process ends; while it takes nothing, frames are left out; when it has taken nothing for
+`LONGEST_STALL`, this process ends too. A window that it opened stays when the session has ended.
+
+Exit codes: 0 the session has ended or the viewer was closed (the last line on stderr says which); 1 a fault of hhsim's
+own; 2 there is no viewer, or its file cannot be written.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from contextlib import suppress
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import HhsimError, OutputError
+from hhsim.hand import FINGERS
+from hhsim.kernels.block import TickRecord
+from hhsim.live.live_records import Stage
+from hhsim.live.live_setup import LiveSetup, read_setup
+from hhsim.live.safety_words import why_free
+from hhsim.live.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.live.shared_memory import RingReader
+from hhsim.rerun_blueprint import blueprint
+from hhsim.rerun_plots import GLOVE, LIVE_PLOTS, LOOP, loop_values
+from hhsim.rerun_scene import APPLICATION, RerunScene, ShownScene
+from hhsim.rerun_target import parse_target, rerun_stream
+from hhsim.shown_ticks import ShownTicks, shown_ticks
+from hhsim.tick_columns import HapticTicks, TickColumns
+from hhsim.view import status_name
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+Records = NDArray[np.void]
+
+FRAME = 1.0 / 30.0
+"""Between two frames [s]."""
+PATIENCE = 0.25
+"""How long the viewer has to take a frame [s]."""
+LONGEST_STALL = 10.0
+"""A viewer that has taken nothing for so long is given up [s]."""
+NICENESS = 10
+EVENT_LEVELS = ("INFO", "WARN", "ERROR")
+HAND_ROOM = 0.16
+"""What a hand needs around the object in the picture [m]."""
+
+
+class ViewerGoneError(Exception):
+    """The viewer was closed, or takes nothing any more; says which."""
+
+
+class LiveViewer:
+    """Shows one session.
+
+    Args:
+        setup: of the session; `rerun` names the viewer or the file.
+        memory: of the session; `viewer_ns` of the status is written here.
+    """
+
+    def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
+        """Nothing is shown yet."""
+        if setup.rerun is None:
+            raise ValueError("the session is not to be shown")
+        self._target = parse_target(setup.rerun)
+        self._setup = setup
+        self._memory = memory
+        self._ticks = RingReader(memory.ticks)
+        self._events = RingReader(memory.events)
+        self._columns = TickColumns(setup.tree.arrays(), setup.hand, setup.options)
+        self._parent = os.getppid()
+        self._stop = False
+        self._begin_ns = -1
+        self._lanes: dict[str, str] = {}
+        self._stalled = -1.0
+
+    def stop(self, number: int, frame: FrameType | None) -> None:
+        """A signal's handler: end."""
+        self._stop = True
+
+    def run(self) -> None:
+        """Show the session until it has ended.
+
+        Raises:
+            ViewerGoneError: the viewer was closed.
+            InputError, OutputError: as `hhsim.rerun_target.rerun_stream`.
+        """
+        setup = self._setup
+        scene = ShownScene(
+            mesh=setup.mesh,
+            tree=setup.tree,
+            hand=setup.hand,
+            fingers=np.array([finger in setup.options.fingers for finger in FINGERS]),
+            touch=setup.options.touch,
+            text=f"# Live session\n\n`{' '.join(setup.command)}`\n",
+        )
+        extent = float(np.linalg.norm(setup.mesh.extent + HAND_ROOM))
+        middle = setup.mesh.bounds.mean(axis=0)
+        arrangement = blueprint(middle, extent, "graphic hand, haptic hand (blue), forces (red)", LIVE_PLOTS, live=True)
+        with rerun_stream(self._target, APPLICATION, arrangement) as stream:
+            stream.send_recording_name(f"live {time.strftime('%Y-%m-%d %H:%M:%S')}")
+            viewer = RerunScene(stream, scene)
+            viewer.log_static(LIVE_PLOTS)
+            due = time.monotonic()
+            while True:
+                # Looked at before the rings: what came before the end is shown after it.
+                over = self._over()
+                if self._taken(stream):
+                    self._show(viewer)
+                self._memory.status["viewer_ns"] = time.monotonic_ns()
+                if over:
+                    return
+                due = max(due + FRAME, time.monotonic())
+                time.sleep(max(0.0, due - time.monotonic()))
+
+    def _over(self) -> bool:
+        # A loop that was killed is told by its supervisor; without a supervisor the loop ends by itself.
+        return self._stop or self._memory.status["stage"] == Stage.ENDED or os.getppid() != self._parent
+
+    def _taken(self, stream: "rr.RecordingStream") -> bool:
+        """Whether the viewer has taken all that was sent.
+
+        Raises:
+            ViewerGoneError: it was closed, or has stalled for too long.
+        """
+        try:
+            stream.flush(timeout_sec=PATIENCE)
+        except (RuntimeError, ValueError) as error:
+            if self._target.kind == "file":
+                raise OutputError(f"cannot write {self._target.path}: {error}; is the disk full?") from error
+            if "timed out" not in str(error):
+                raise ViewerGoneError("the viewer was closed") from error
+            now = time.monotonic()
+            self._stalled = now if self._stalled < 0.0 else self._stalled
+            if now - self._stalled > LONGEST_STALL:
+                raise ViewerGoneError(f"the viewer has taken nothing for {LONGEST_STALL:g} s") from error
+            return False
+        self._stalled = -1.0
+        return True
+
+    def _show(self, viewer: RerunScene) -> None:
+        _, events = self._events.read(self._memory.events.capacity)
+        _, records = self._ticks.read(self._memory.ticks.capacity)
+        if len(records) > 0:
+            if self._begin_ns < 0:
+                self._begin_ns = int(records["time_ns"][0])
+            viewer.log_ticks(self._frame(records))
+            newest = records[-1]
+            tick, seconds = int(newest["tick"]), self._seconds(newest["time_ns"])
+            self._lane(viewer, "fingers", tick, seconds, why_free(int(newest["safety"])) or "held where they touch")
+            self._lane(viewer, "ticks", tick, seconds, status_name(int(np.bitwise_or.reduce(records["status"]))))
+        if self._begin_ns >= 0:
+            for event in events:
+                text = bytes(event["text"]).decode("utf-8", "replace")
+                viewer.log_event(self._seconds(event["time_ns"]), EVENT_LEVELS[int(event["level"])], text)
+
+    def _frame(self, records: Records) -> ShownTicks:
+        """The newest of some ticks, standing for all of them."""
+        haptic = HapticTicks(*(records[f"haptic_{name}"] for name in HapticTicks._fields))
+        record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
+        time_ = 1e-9 * (records["time_ns"] - self._begin_ns)
+        block = self._columns.block(time_, records["input_seq"], haptic, record)
+        more = {
+            GLOVE: records["command_stiffness"],
+            LOOP: loop_values(records["wakeup_ns"], records["latency_ns"]),
+        }
+        return shown_ticks(block.__getitem__, records["tick"], [len(records) - 1], [0], more)
+
+    def _lane(self, viewer: RerunScene, lane: str, tick: int, seconds: float, state: str) -> None:
+        if self._lanes.get(lane) != state:
+            self._lanes[lane] = state
+            viewer.log_states(lane, [tick], [seconds], [state])
+
+    def _seconds(self, time_ns: Any) -> float:
+        return 1e-9 * (int(time_ns) - self._begin_ns)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Show a session; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.viewer", description=__doc__)
+    add_memory_options(parser)
+    options = parser.parse_args(arguments)
+    with suppress(OSError):
+        os.nice(NICENESS)
+    try:
+        viewer = LiveViewer(read_setup(options.setup), attached(options))
+        # Ctrl-C is for the session: its end is shown too.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, viewer.stop)
+        viewer.run()
+    except ViewerGoneError as gone:
+        print(f"hhsim: {gone}", file=sys.stderr, flush=True)
+        # Not by the interpreter's way out: there rerun waits until a stalled viewer takes what is left.
+        os._exit(0)
+    except HhsimError as error:
+        print(f"hhsim: {error}", file=sys.stderr)
+        return error.exit_code
+    except Exception:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

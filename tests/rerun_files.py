@@ -1,0 +1,87 @@
+"""Recordings of rerun's, read back; and a stand-in for a viewer that needs no screen."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhsim.rerun_target import viewer_program
+
+Array = np.ndarray[Any, Any]
+SETTINGS = {**os.environ, "RERUN_APP_ONLY": "true"}
+PATIENCE = 30.0
+
+
+class Recording:
+    """A file of rerun's: the columns of each entity by name."""
+
+    def __init__(self, path: Path) -> None:
+        from rerun.chunk import RrdReader
+
+        with warnings.catch_warnings():
+            # A file that grew until its writer was interrupted has no table of contents.
+            warnings.simplefilter("ignore")
+            reader = RrdReader(path)
+        self.blueprints = len(reader.blueprints())
+        self.fixed: dict[str, dict[str, Any]] = {}
+        self._batches: dict[str, list[Any]] = {}
+        for chunk in reader.stream():
+            batch = chunk.to_record_batch()
+            if chunk.is_static:
+                self.fixed.setdefault(chunk.entity_path, {}).update(batch.to_pydict())
+            else:
+                self._batches.setdefault(chunk.entity_path, []).append(batch)
+
+    def rows(self, entity: str, column: str) -> list[Any]:
+        """A value, or a list of them, for each time, in its order."""
+        pairs: list[tuple[int, Any]] = []
+        for batch in self._batches[entity]:
+            pairs += zip(batch.column("time").cast("int64").to_pylist(), batch.column(column).to_pylist())
+        return [value for _, value in sorted(pairs, key=lambda pair: pair[0])]
+
+    def array(self, entity: str, column: str) -> Array:
+        return np.array(self.rows(entity, column))
+
+    def times(self, entity: str) -> Array:
+        found = [batch.column("time").cast("int64").to_numpy() for batch in self._batches[entity]]
+        return 1e-9 * np.sort(np.concatenate(found))
+
+
+@contextlib.contextmanager
+def listening(path: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
+    """A viewer without a window that writes what it is sent to a file, which is whole when the `with` is left.
+
+    Yields:
+        The port, and the process.
+    """
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [viewer_program(), "--save", str(path), "--port", str(port), "--bind", "127.0.0.1"]
+    viewer = subprocess.Popen(command, env=SETTINGS, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        until = time.monotonic() + PATIENCE
+        while True:
+            with contextlib.suppress(OSError):
+                socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+                break
+            assert viewer.poll() is None
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        yield port, viewer
+    finally:
+        viewer.send_signal(signal.SIGCONT)
+        viewer.send_signal(signal.SIGINT)
+        try:
+            viewer.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            viewer.kill()
+            viewer.wait()

@@ -1,0 +1,222 @@
+"""The viewer's process: what it shows of a session that the test plays, and what it makes of a viewer that leaves."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rerun_files import PATIENCE, Recording, listening
+
+from hhsim.hand import HandModel
+from hhsim.hand_pieces import piece_poses
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import WORK_TOUCHING
+from hhsim.live.devices import DeviceConfig
+from hhsim.live.live_records import LIVE_TICK, Safety, Stage
+from hhsim.live.live_setup import LiveSetup, write_setup
+from hhsim.live.pose_sources import PoseConfig
+from hhsim.live.session_memory import WARNING, SessionMemory
+from hhsim.live.viewer import LiveViewer
+from hhsim.object_catalogue import load_object
+from hhsim.rerun_plots import LIVE_PLOTS
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+MOTION = """
+title = "short"
+palm_gap = 0.005
+depth = 0.015
+[[phase]]
+name = "approach"
+duration = 0.05
+[[phase]]
+name = "grasp"
+duration = 0.1
+[[phase]]
+name = "hold"
+duration = 0.05
+"""
+
+Records = np.ndarray[Any, Any]
+
+
+@pytest.fixture(scope="module")
+def played() -> tuple[LiveSetup, Records]:
+    """A session's setup, and the 200 ticks that a loop would publish."""
+    mesh = load_object("cylinder").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    options, ticks = SolverOptions(), scene.ticks
+    haptic = {name: getattr(ticks, name) for name in ("position", "orientation", "flexion", "abduction")}
+    record = HandSolver(scene.hand, scene.tree.arrays(), options).run(*haptic.values())
+    records = np.zeros(ticks.tick_count, LIVE_TICK)
+    for name in TickRecord._fields:
+        records[name] = getattr(record, name)
+    for name, values in haptic.items():
+        records[f"haptic_{name}"] = values
+    count = np.arange(len(records))
+    records["tick"] = 40 + count
+    records["time_ns"] = 7_000_000_000 + 1_000_000 * count
+    records["wakeup_ns"] = 5_000 + count
+    records["latency_ns"] = np.where(count % 5 == 0, 90_000 + count, -1)
+    records["safety"] = np.where(count < 60, Safety.NO_INPUT_YET, 0)
+    records["command_stiffness"] = 0.002 * count[:, None] * [1.0, 0.5, 0.25, 0.0, 0.1]
+    setup = LiveSetup(
+        mesh=scene.mesh,
+        tree=scene.tree,
+        hand=scene.hand,
+        options=options,
+        device=DeviceConfig(kind="sim"),
+        pose=PoseConfig(kind="fixed"),
+    )
+    return setup, records
+
+
+def shown(setup: LiveSetup, target: str) -> LiveSetup:
+    return LiveSetup(**{**{name: getattr(setup, name) for name in setup.__dataclass_fields__}, "rerun": target})
+
+
+def publish(memory: SessionMemory, records: Records) -> None:
+    for record in records:
+        memory.ticks.records[memory.ticks.written % memory.ticks.capacity] = record
+        memory.ticks.publish()
+
+
+def wait_for(what: Callable[[], bool]) -> None:
+    until = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < until, "waited in vain"
+        time.sleep(0.01)
+
+
+def later_than(memory: SessionMemory, time_ns: int) -> Callable[[], bool]:
+    return lambda: int(memory.status["viewer_ns"]) > time_ns
+
+
+@pytest.fixture
+def memory() -> Iterator[SessionMemory]:
+    memory = SessionMemory.create()
+    memory.status["stage"] = Stage.RUNNING
+    yield memory
+    memory.status["stage"] = Stage.ENDED
+
+
+def test_frames_are_the_newest_ticks_and_their_plots_the_worst_since(
+    played: tuple[LiveSetup, Records], memory: SessionMemory, tmp_path: Path
+) -> None:
+    setup, records = played
+    path = tmp_path / "live.rrd"
+    viewer = LiveViewer(shown(setup, str(path)), memory)
+    parts = [slice(0, 50), slice(50, 51), slice(51, 120), slice(120, 200)]
+    memory.log(WARNING, "before the first tick")
+    publish(memory, records[parts[0]])
+    thread = threading.Thread(target=viewer.run, daemon=True)
+    thread.start()
+    for part in parts[1:]:
+        # Twice: the sign of life may be of a frame that looked into the ring before.
+        for _ in range(2):
+            wait_for(later_than(memory, int(memory.status["viewer_ns"])))
+        publish(memory, records[part])
+    memory.status["stage"] = Stage.ENDED
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
+
+    recording = Recording(path)
+    newest = [part.stop - 1 for part in parts]
+    np.testing.assert_allclose(recording.times("/world/graphic/palm"), 1e-3 * np.array(newest), atol=1e-9)
+    for whose, prefix in (("graphic", ""), ("haptic", "haptic_")):
+        names = ("position", "orientation", "flexion", "abduction")
+        poses = piece_poses(setup.hand, *(records[f"{prefix}{name}"][newest] for name in names))
+        index = recording.array(f"/world/{whose}/index/distal", "Transform3D:translation")[:, 0]
+        np.testing.assert_allclose(index, poses.translation[:, 5], atol=1e-7)
+    points = recording.rows("/world/contacts/points", "Points3D:positions")
+    assert [len(row or []) for row in points] == records["work"][newest, WORK_TOUCHING].tolist()
+    assert len(points[-1]) > 3
+
+    plots = {plot.path: recording.array(f"/{plot.path}", "Scalars:scalars") for plot in LIVE_PLOTS}
+    whole = [1e-3 * records["duration_total"][part].max() for part in parts]
+    np.testing.assert_allclose(plots["plots/time"][:, 0], whole)
+    np.testing.assert_allclose(plots["plots/force"][:, 0], np.linalg.norm(records["total"][newest], axis=1))
+    np.testing.assert_allclose(plots["plots/glove"], records["command_stiffness"][newest])
+    np.testing.assert_allclose(plots["plots/loop"][:, 0], [5.0 + 1e-3 * tick for tick in newest])
+    np.testing.assert_allclose(plots["plots/loop"][:, 1], [90.045, 90.050, 90.115, 90.195])
+    assert plots["plots/depth"][:, 0].max() == 0.0
+    states = recording.rows("/states/fingers", "StateChange:state")
+    assert states == [["no input yet"], ["held where they touch"]]
+    assert recording.rows("/log", "TextLog:text") == [["before the first tick"]]
+    assert recording.rows("/log", "TextLog:level") == [["WARN"]]
+
+
+def test_a_hand_that_is_no_number_is_shown_without_contacts(
+    played: tuple[LiveSetup, Records], memory: SessionMemory, tmp_path: Path
+) -> None:
+    setup, records = played
+    broken = records[-2:].copy()
+    broken["joints"][1], broken["position"][1] = np.nan, np.nan
+    publish(memory, broken)
+    memory.status["stage"] = Stage.ENDED
+    path = tmp_path / "live.rrd"
+    LiveViewer(shown(setup, str(path)), memory).run()
+    assert Recording(path).rows("/world/contacts/points", "Points3D:positions") == [[]]
+
+
+def command(setup: LiveSetup, memory: SessionMemory) -> tuple[list[str], list[int]]:
+    descriptor = write_setup(setup)
+    words = [sys.executable, "-m", "hhsim.live.viewer", "--setup", str(descriptor), *memory.arguments()]
+    return words, [descriptor, *memory.descriptors]
+
+
+def test_a_viewer_that_is_closed_ends_the_process_and_nothing_else(
+    played: tuple[LiveSetup, Records], memory: SessionMemory, tmp_path: Path
+) -> None:
+    setup, records = played
+    with listening(tmp_path / "got.rrd") as (port, viewer):
+        words, descriptors = command(shown(setup, f"connect={port}"), memory)
+        process = subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True)
+        publish(memory, records[:100])
+        wait_for(lambda: int(memory.status["viewer_ns"]) > 0)
+        viewer.kill()
+        assert process.wait(PATIENCE) == 0
+        assert process.stderr is not None
+        assert process.stderr.read().splitlines()[-1] == "hhsim: the viewer was closed"
+        process.stderr.close()
+    # The writer of the ring never waits for a reader.
+    publish(memory, np.repeat(records, 100))
+    assert memory.ticks.written == 20_100
+
+
+def test_a_viewer_that_stalls_is_given_up(
+    played: tuple[LiveSetup, Records], memory: SessionMemory, tmp_path: Path
+) -> None:
+    setup, records = played
+    with listening(tmp_path / "got.rrd") as (port, viewer):
+        words, descriptors = command(shown(setup, f"connect={port}"), memory)
+        impatient = "import sys; import hhsim.live.viewer as v; v.LONGEST_STALL = 0.5; sys.exit(v.main())"
+        words[1:3] = ["-c", impatient]
+        process = subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True)
+        wait_for(lambda: int(memory.status["viewer_ns"]) > 0)
+        viewer.send_signal(signal.SIGSTOP)
+        until = time.monotonic() + PATIENCE
+        while process.poll() is None and time.monotonic() < until:
+            publish(memory, records)
+            time.sleep(0.02)
+        assert process.wait(PATIENCE) == 0
+        assert process.stderr is not None
+        assert process.stderr.read().splitlines()[-1] == "hhsim: the viewer has taken nothing for 0.5 s"
+        process.stderr.close()
+
+
+def test_no_viewer_is_told(played: tuple[LiveSetup, Records], memory: SessionMemory) -> None:
+    words, descriptors = command(shown(played[0], "connect=127.0.0.1:1"), memory)
+    answer = subprocess.run(words, pass_fds=descriptors, capture_output=True, text=True)
+    assert answer.returncode == 2
+    assert answer.stderr.startswith("hhsim: no viewer listens at")
