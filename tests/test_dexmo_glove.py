@@ -8,6 +8,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,6 @@ from hhsim.live.dexmo_glove import MOST_MALFORMED, DexmoGlove
 from hhsim.live.fake_dexmo import COUNT_LOW, COUNT_SPAN, fake_channels
 from hhsim.live.fake_dexmo_process import FakeDexmo, Kind
 from hhsim.live.glove_device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand
-from hhsim.live.tcp_link import TcpLink, _is_itself
 
 RIGHT = 337785601
 HANG = 20.0
@@ -242,22 +242,72 @@ def test_a_server_without_gloves_and_one_without_a_server(server: FakeDexmo) -> 
         glove_of(server, host="no such host").open(0.2)
 
 
-@pytest.mark.parametrize("text", [b"HTTP/1.1 400 Bad Request\r\n\r\n", struct.pack("<i", 3) + b"\x08\xff\xff"])
-def test_a_server_that_speaks_otherwise(text: bytes) -> None:
+@contextmanager
+def speaking(data: bytes) -> Iterator[int]:
+    """A server that says this to the first client, and then listens; its port."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
         def answer() -> None:
             link, _ = listener.accept()
-            with link:
-                link.sendall(text)
-                link.recv(1)
+            with link, suppress(OSError):
+                link.sendall(data)
+                while link.recv(1 << 16):
+                    pass
 
         thread = threading.Thread(target=answer)
         thread.start()
-        glove = open_device(DeviceConfig(kind="dexmo", port=listener.getsockname()[1]))
-        with pytest.raises(DeviceError, match="what answers there is no Dexmo server"):
-            glove.open(HANG)
+        yield listener.getsockname()[1]
         thread.join()
+
+
+def frame_of(*gloves: GloveMessage) -> bytes:
+    return framed(encode_frame(gloves))
+
+
+HALF = (0.5,) * 11
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "a message of 1347703880 bytes: expected 0 to 8192"),
+        (struct.pack("<i", 3) + b"\x08\xff\xff", "a number is cut short"),
+        (frame_of(GloveMessage(5, HALF, False)) * 20_000, "more than 1 MB without its glove"),
+    ],
+)
+def test_a_server_that_speaks_otherwise(text: bytes, reason: str) -> None:
+    with speaking(text) as port:
+        glove = open_device(DeviceConfig(kind="dexmo", port=port))
+        with pytest.raises(DeviceError, match=f"what answers there is no Dexmo server: {reason}"):
+            glove.open(HANG)
+
+
+@pytest.mark.parametrize(
+    ("gloves", "number"),
+    [
+        ([GloveMessage(5, HALF)], 5),
+        ([GloveMessage(5, HALF), GloveMessage(6, HALF, True)], 6),
+        ([GloveMessage(6, None, True), GloveMessage(5, HALF)], 5),
+        ([GloveMessage(6, (math.nan,) * 11, True), GloveMessage(7, HALF, True)], 7),
+        ([GloveMessage(5, HALF, False), GloveMessage(-9, HALF, True)], -9),
+    ],
+)
+def test_which_glove_is_ours(gloves: list[GloveMessage], number: int) -> None:
+    with speaking(frame_of(*gloves)) as port:
+        glove = open_device(DeviceConfig(kind="dexmo", port=port))
+        assert isinstance(glove, DexmoGlove)
+        glove.open(HANG)
+        assert glove._device_id == number
+        glove.close()
+
+
+def test_a_charge_that_is_none_is_unknown() -> None:
+    frames = [frame_of(GloveMessage(RIGHT, HALF, True, charge)) for charge in (None, 80, -3, 101, 0, 100)]
+    frames[0] = frame_of(GloveMessage(RIGHT, HALF))
+    reader = Reader(glove_on(frames))
+    while reader.read():
+        pass
+    assert reader.column("battery").tolist() == [-1, 80, -1, -1, 0, 100]
 
 
 def test_counts_need_a_calibration(tmp_path: Path) -> None:
@@ -465,23 +515,14 @@ def test_a_guardian_beside_the_loop(server: FakeDexmo) -> None:
     until(lambda: len(server.records(Kind.COMMAND)) == 3)
 
 
-def test_a_socket_connected_to_itself_is_no_server() -> None:
-    # Where nothing listens on a port that the system also gives to clients, this happens by itself now and then.
-    with socket.socket() as link:
-        link.bind(("127.0.0.1", 0))
-        link.connect(link.getsockname())
-        assert _is_itself(link)
-    with socket.create_server(("127.0.0.1", 0)) as listener, socket.create_connection(listener.getsockname()) as link:
-        assert not _is_itself(link)
-
-
 class Chunks:
     """A link that gives what it was given, and takes everything."""
 
-    connected, connection = True, 0
+    connected, name = True, "chunks"
 
     def __init__(self, chunks: list[bytes]) -> None:
         self.chunks = chunks
+        self.connection = 1
 
     def receive(self) -> bytes | None:
         return self.chunks.pop(0) if self.chunks else None
@@ -492,7 +533,25 @@ class Chunks:
     def close(self, linger: float = 0.0) -> None:
         self.chunks.clear()
 
-    name = "chunks"
+    def send_within(self, data: bytes, timeout: float) -> bool:
+        self.connection += 1
+        return True
+
+
+def glove_on(chunks: list[bytes]) -> DexmoGlove:
+    """A glove that is open, on such a link."""
+    glove = DexmoGlove(DeviceConfig(kind="dexmo"))
+    glove._device_id = RIGHT
+    glove._link = Chunks(chunks)  # type: ignore[assignment]
+    return glove
+
+
+def test_a_fresh_connection_begins_with_a_new_message() -> None:
+    frame = framed(encode_frame([GloveMessage(RIGHT, tuple(fake_channels(1, 0.3).tolist()), True, 87)]))
+    reader = Reader(glove_on([frame + frame[:30], frame]))
+    assert reader.read() == 1 and reader.glove.release()
+    assert reader.read() == 1, "the half message of the old connection is no part of the new one's"
+    assert reader.glove.counters.resyncs == 1
 
 
 def test_nothing_that_is_not_finite_comes_out_of_broken_frames() -> None:
@@ -506,9 +565,7 @@ def test_nothing_that_is_not_finite_comes_out_of_broken_frames() -> None:
         for _ in range(source.randrange(1, 12)):
             data[source.randrange(len(data))] = source.choice((0xFF, 0x7F, 0x80, 0, source.randrange(256)))
         cuts = sorted(source.sample(range(len(data)), 3))
-        glove = DexmoGlove(DeviceConfig(kind="dexmo"))
-        glove._device_id = RIGHT
-        glove._link = Chunks([bytes(data[a:b]) for a, b in zip([0, *cuts], [*cuts, len(data)])])  # type: ignore[assignment]
+        glove = glove_on([bytes(data[a:b]) for a, b in zip([0, *cuts], [*cuts, len(data)])])
         try:
             for _ in range(8):
                 rows = out[: glove.read(out)]
@@ -522,13 +579,6 @@ def test_nothing_that_is_not_finite_comes_out_of_broken_frames() -> None:
             gone += 1
         malformed += glove.counters.malformed
     assert min(good_samples, bad_samples, gone, malformed) > 100, "all of it happens"
-
-
-def test_a_link_without_an_address_does_not_reconnect() -> None:
-    link = TcpLink("127.0.0.1", 1, "nobody")
-    assert not link.reconnect() and not link.send_within(b"x", 0.01)
-    with pytest.raises(DeviceError, match="nobody: not connected"):
-        link.send(b"x")
 
 
 def test_an_order_that_the_fake_server_does_not_know_is_said(server: FakeDexmo) -> None:
