@@ -244,9 +244,13 @@ def test_a_fake_glove_in_another_process_every_line_accounted_for(tmp_path: Path
             peer.order("leave")
             assert "gone" in reader.until_lost()
             assert not device.reconnect()
+            with pytest.raises(DeviceError, match="gone"):
+                guardian.drain()
+            assert not guardian.release(), "nobody is there"
             before = reader.count()
             peer.order("back")
             reader.until_back()
+            assert guardian.release(), "on a connection of its own, made anew"
             reader.until(lambda: reader.count() > before + 20)
             assert device.send(command)
             reader.until(heard)

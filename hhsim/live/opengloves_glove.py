@@ -139,10 +139,12 @@ class OpenGlovesGlove(GloveDevice):
 
     def drain(self) -> None:
         """See `GloveDevice.drain`; what a serial line brings is the loop's."""
-        if not self._serial:
-            for _ in range(4):
-                if self._link.receive() is None:
-                    return
+        if isinstance(self._link, SerialLink):
+            self._link.check()
+            return
+        for _ in range(4):
+            if self._link.receive() is None:
+                return
 
     def read(self, samples_out: NDArray[np.void]) -> int:
         """See `GloveDevice.read`."""

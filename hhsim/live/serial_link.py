@@ -143,6 +143,17 @@ class SerialLink:
             raise self._gone(error.strerror or str(error)) from None
         return True
 
+    def check(self) -> None:
+        """Look whether the line is still there, without reading from it.
+
+        Raises:
+            DeviceError: the line is gone.
+        """
+        if self._file < 0:
+            raise DeviceError(f"{self.name}: not open")
+        if self._ready(0, 0.0):
+            raise self._gone("the line was closed")
+
     def send_within(self, data: bytes, timeout: float) -> bool:
         """Send all of it before anything that still waits, on this line or one opened anew; never raises.
 
@@ -154,22 +165,29 @@ class SerialLink:
             Whether it was handed to the system.
         """
         deadline = time.monotonic() + timeout
-        with contextlib.suppress(OSError, termios.error, DeviceError):
-            if self._file < 0:
-                self._open()
-            # What the glove has not been told yet is out of date.
-            termios.tcflush(self._file, termios.TCOFLUSH)
-            self._rest = b""
-            while data:
-                try:
-                    data = data[os.write(self._file, data) :]
-                except BlockingIOError:
-                    left = deadline - time.monotonic()
-                    if left <= 0.0:
-                        return False
-                    self._ready(select.POLLOUT, left)
-            return True
+        # A line that was unplugged and is back needs a descriptor of its own.
+        for _ in range(2):
+            try:
+                if self._file < 0:
+                    self._open()
+                return self._send_until(data, deadline)
+            except (OSError, termios.error):
+                self.close()
         return False
+
+    def _send_until(self, data: bytes, deadline: float) -> bool:
+        # What the glove has not been told yet is out of date.
+        termios.tcflush(self._file, termios.TCOFLUSH)
+        self._rest = b""
+        while data:
+            try:
+                data = data[os.write(self._file, data) :]
+            except BlockingIOError:
+                left = deadline - time.monotonic()
+                if left <= 0.0:
+                    return False
+                self._ready(select.POLLOUT, left)
+        return True
 
     def wait(self, timeout: float) -> None:
         """Wait until something has arrived, or for so long [s]."""
@@ -204,7 +222,8 @@ class SerialLink:
         answer = fcntl.ioctl(self._file, termios.TIOCOUTQ, bytes(4))
         return int(struct.unpack("i", answer)[0])
 
-    def _ready(self, event: int, timeout: float) -> None:
+    def _ready(self, event: int, timeout: float) -> bool:
+        """Wait for an event, or the end of the line, for so long [s]; True where there is one."""
         poll = select.poll()
         poll.register(self._file, event)
-        poll.poll(max(0.0, 1e3 * timeout))
+        return bool(poll.poll(max(0.0, 1e3 * timeout)))

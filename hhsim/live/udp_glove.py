@@ -152,7 +152,9 @@ class UdpGlove(GloveDevice):
 
     def reconnect(self) -> bool:
         """See `GloveDevice.reconnect`; the bridge is back when it says something."""
-        if self._port is None or not self._port.wait(0.0):
+        if self._port is None:
+            return self._out is not None
+        if not self._port.wait(0.0):
             return False
         self._heard_ns = time.monotonic_ns()
         return True
