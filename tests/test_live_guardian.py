@@ -1,6 +1,7 @@
 """The guardian, in processes of its own: it frees the fingers when the loop cannot, and ends when nobody needs it."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -77,6 +78,26 @@ class Guarded:
             policies = []
         real_time = bool(policies) and all(policy == os.SCHED_FIFO for policy in policies)
         return 50 * MS if real_time else 500 * MS
+
+
+SUPERVISOR = """
+import subprocess, sys, time
+sys.path.insert(0, sys.argv[1])
+from live_scripted import make_setup
+from hhsim.live.live_setup import RealTimeWishes, write_setup
+from hhsim.live.session_memory import SessionMemory
+memory = SessionMemory.create()
+setup = write_setup(make_setup(real_time=RealTimeWishes(lock_memory=False, cpu=-1)))
+for name in ("guardian", "loop_process"):
+    arguments = ["--setup", str(setup), *memory.arguments()]
+    command = [sys.executable, "-m", f"hhsim.live.{name}", *arguments]
+    child = subprocess.Popen(command, pass_fds=(setup, *memory.descriptors))
+    print(child.pid)
+while memory.status["ticks"] < 20:
+    time.sleep(0.01)
+print("running", flush=True)
+time.sleep(1000)
+"""
 
 
 @pytest.fixture
@@ -172,3 +193,20 @@ def test_nobody_speaks_in_a_dry_run(tmp_path: Path) -> None:
     assert loop.wait(PATIENCE) == 0
     assert guardian.wait(PATIENCE) == 0
     assert [line for line in session.lines() if line.stiffness >= 0.0] == []
+
+
+def test_loop_and_guardian_end_when_their_supervisor_is_killed() -> None:
+    arguments = [sys.executable, "-c", SUPERVISOR, str(PROGRAM.parent)]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as supervisor:
+        assert supervisor.stdout is not None
+        words = [supervisor.stdout.readline().strip() for _ in range(3)]
+        pids = [int(word) for word in words[:2]]
+        ends = [os.pidfd_open(pid) for pid in pids]
+        assert words[2] == "running"
+        supervisor.kill()
+    for pid, end in zip(pids, ends, strict=True):
+        ended, _, _ = select.select([end], [], [], PATIENCE)
+        os.close(end)
+        if not ended:
+            os.kill(pid, signal.SIGKILL)
+        assert ended

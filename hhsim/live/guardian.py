@@ -84,7 +84,7 @@ class Guardian:
         self._stay_connected(now)
         stage = int(status["stage"])
         if stage == Stage.ENDED:
-            return True
+            return self._loop.gone or not self._loop.known
         running = stage in (Stage.RUNNING, Stage.ENDING)
         amiss = running and (self._loop.gone or now - int(status["heartbeat_ns"]) > self._stale_ns)
         if amiss and now - self._released_ns >= RELEASE_NS:

@@ -37,6 +37,7 @@ class Ending:
     """What a signal does: before the loop runs it ends the process, then it makes the next tick the last one."""
 
     loop: LiveLoop | None = None
+    _asked = False
 
     def install(self) -> None:
         """Take over `SIGNALS`."""
@@ -44,9 +45,12 @@ class Ending:
             signal.signal(number, self._handle)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        if self.loop is None:
+        if self.loop is not None:
+            self.loop.stop(signal.Signals(number).name)
+        elif not self._asked:
+            # Once: the second signal may come while the glove is being released.
+            self._asked = True
             raise SystemExit(0)
-        self.loop.stop(signal.Signals(number).name)
 
 
 def run_session(setup: LiveSetup, memory: SessionMemory, device: GloveDevice, pose: PoseSource, ending: Ending) -> None:
