@@ -95,8 +95,9 @@ class ScriptedGlove(GloveDevice):
     told: list[Told] = field(default_factory=list)
     released: list[int] = field(default_factory=list)
     closed: bool = False
-    back: bool = True
-    tick: int = -1
+    backlog: int = 0
+    """Samples that came before the loop runs, which reads them once beforehand."""
+    tick: int = -2
 
     def __post_init__(self) -> None:
         self.info = GloveInfo("scripted glove", Capability.POSITION_LIMIT, ("bend",))
@@ -110,6 +111,10 @@ class ScriptedGlove(GloveDevice):
 
     def read(self, samples_out: NDArray[np.void]) -> int:
         self.tick += 1
+        if self.tick < 0:
+            for sample in samples_out[: self.backlog]:
+                self._fill(sample, 1.0, True)
+            return self.backlog
         moment = self._moment()
         self.clock.work(moment.work_ns)
         if self.tick in self.at_tick:
@@ -118,16 +123,18 @@ class ScriptedGlove(GloveDevice):
             raise DeviceError("the scripted glove is gone")
         if moment.angles is None:
             return 0
-        sample = samples_out[0]
+        self._fill(samples_out[0], moment.angles, moment.good)
+        return 1
+
+    def _fill(self, sample: np.void, angles: float, good: bool) -> None:
         sample["seq"] = self.counters.samples
         sample["time_ns"] = self.clock.now()
         sample["device_time_ns"] = sample["device_seq"] = sample["battery"] = -1
-        sample["good"] = moment.good
+        sample["good"] = good
         sample["channels"] = np.nan
-        sample["flexion"] = moment.angles
+        sample["flexion"] = angles
         sample["abduction"] = 0.0
         self.counters.samples += 1
-        return 1
 
     def send(self, command: FingerCommand) -> bool:
         if self._moment().send_fails:
@@ -141,7 +148,7 @@ class ScriptedGlove(GloveDevice):
         return True
 
     def reconnect(self) -> bool:
-        return self.back
+        return True
 
     def close(self) -> None:
         self.closed = True

@@ -264,6 +264,15 @@ def test_a_dry_run_sends_nothing_at_all() -> None:
     assert (session.ticks["latency_ns"] >= 0).all(), "the time to the command is known all the same"
 
 
+def test_what_came_before_the_loop_is_recorded_and_not_used() -> None:
+    session = Session([*[Moment(None)] * 5, *HOLDING])
+    session.glove.backlog = 40
+    session.run()
+    assert len(session.samples) == 40 + 121
+    assert session.ticks["tick"][0] == 5
+    assert session.ticks["input_seq"][0] == 40
+
+
 def test_nothing_is_solved_before_there_is_an_input() -> None:
     session = Session([*[Moment(None)] * 20, *HOLDING]).run()
     assert session.ticks["tick"][0] == 20
