@@ -61,6 +61,15 @@ def read_stiffness(context: click.Context, parameter: click.Parameter, value: st
     help="Serial line of opengloves, such as /dev/ttyUSB0, instead of TCP.",
 )
 @click.option(
+    "--baud", type=int, default=115_200, show_default=True, metavar="BAUD", help="Bits a second of the serial line."
+)
+@click.option(
+    "--full-scale",
+    type=click.FloatRange(1.0),
+    metavar="COUNTS",
+    help="Largest reading of opengloves; 1023 for boards with 10 bits. Default: 4095.",
+)
+@click.option(
     "--hand", type=click.Choice(["right", "left"]), help="Which hand's glove. Default: right, or the recording's."
 )
 @click.option(
@@ -178,6 +187,8 @@ def command(
     host: str,
     port: int | None,
     path: str | None,
+    baud: int,
+    full_scale: float | None,
     hand: str | None,
     device_id: int | None,
     calibration: Path | None,
@@ -257,6 +268,8 @@ def command(
         host=host,
         port=port or 0,
         path=path or "",
+        baud=baud,
+        full_scale=full_scale or 0.0,
         hand=side,
         calibration=str(calibration) if calibration else "",
         profile=profile or "",

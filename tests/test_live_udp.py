@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from live_peers import PATIENCE, Reader, free_ports
 
 from hhsim.dexmo_regression import BEND, DexmoRegression
+from hhsim.live import udp_packet
 from hhsim.live.devices import DeviceConfig, open_device
 from hhsim.live.fake_peer import end_to_end
 from hhsim.live.fake_peer_process import FakePeerProcess
@@ -353,3 +354,11 @@ def test_the_pose_of_a_tracker_is_the_newest_and_grows_old(bridge: Bridge) -> No
     assert orientation.tolist() == [0.0, 1.0, 0.0, 0.0]
     assert source.read(time.monotonic_ns(), position, orientation) == came, "no other pose was taken"
     source.close()
+
+
+def test_the_page_and_the_example_say_what_the_packet_is() -> None:
+    page = (BRIDGE.parent.parent / "docs" / "live.md").read_text(encoding="utf-8").replace("`HHGL`", '"HHGL"')
+    rows = [line for line in (udp_packet.__doc__ or "").splitlines() if line.startswith("|")]
+    assert len(rows) > 15
+    assert [row for row in rows if row not in page] == []
+    assert f'"{HEADER.format}"' in BRIDGE.read_text(encoding="utf-8")
