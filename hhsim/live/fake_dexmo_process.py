@@ -76,6 +76,12 @@ class FakeDexmo:
             raise RuntimeError("the fake Dexmo server did not start")
         self.port = int(port)
 
+    @property
+    def pid(self) -> int:
+        """Its number, while it runs."""
+        assert self._process is not None
+        return self._process.pid
+
     def order(self, text: str) -> None:
         """Give an order, and wait until it is obeyed."""
         assert self._process is not None and self._process.stdin is not None

@@ -41,6 +41,12 @@ class FakePeerProcess:
         if word != "ready":
             raise RuntimeError(f"{self.module} did not start")
 
+    @property
+    def pid(self) -> int:
+        """Its number, while it runs."""
+        assert self._process is not None
+        return self._process.pid
+
     def order(self, text: str) -> None:
         """Give an order, and wait until it is obeyed."""
         assert self._process is not None and self._process.stdin is not None
