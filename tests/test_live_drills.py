@@ -180,7 +180,6 @@ def test_disk_full(glove: FakeDexmo, tmp_path: Path) -> None:
 
 def test_viewer_closed(glove: FakeDexmo, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    pytest.importorskip("hhsim.live.viewer")
     with Drill(glove, rerun=str(tmp_path / "session.rrd")) as drill:
         drill.grasp()
         drill.until(lambda: drill.session.memory.status["viewer_ns"] != 0, "viewer")

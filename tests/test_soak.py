@@ -13,6 +13,7 @@ from hhsim.live.live_setup import RealTimeWishes
 from hhsim.live.soak import figures, make_setup, soak, table
 from hhsim.live.soak_peers import PEERS, places_of
 from hhsim.live.supervisor import Supervisor
+from hhsim.result import load_result
 
 
 @given(st.integers(0, 2**32), st.integers(1, 60), st.floats(0.0, 0.3))
@@ -63,8 +64,6 @@ def test_what_is_missing_is_found(tmp_path: Path) -> None:
             while session.poll():
                 pass
         outcome = session.end()
-        from hhsim.result import load_result
-
         result = load_result(tmp_path / "run.h5")
         seen = peer.seen(result)
     assert figures("udp", outcome, result, seen, again=False).frames_lost == 0
