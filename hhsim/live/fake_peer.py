@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 JUMP = math.pi / 2.0 / math.radians(85.0)
 """Bend by which the proximal joint of a finger moves 90°."""
 MARK_STEP = 0.001
-"""The thumb's bend moves by this from sample to sample, so that a command tells from which sample it came."""
+"""The thumb's bend moves by this from sample to sample, so that a sample tells which one it is."""
 MARK_RANGE = (0.1, 0.5)
 
 
@@ -106,30 +106,6 @@ def read_peer_log(path: Path) -> PeerRecord:
         np.array(values["command"], dtype=np.float64),
         notes,
     )
-
-
-def end_to_end(record: PeerRecord, tolerance: float) -> Array:
-    """From a frame sent to the first command that was made from it, seen by the glove [s].
-
-    The thumb tells: its bend is another one in every frame, and the command of a free finger is that bend.
-
-    Args:
-        record: both kinds of lines begin with the bends of the fingers, thumb first.
-        tolerance: how far the thumb's command may be from its bend, less than half of `MARK_STEP`.
-
-    Returns:
-        One value for each frame that a command answered, oldest first.
-    """
-    found = []
-    first = 0
-    marks = record.command[:, 0] if len(record.command) else np.zeros(0)
-    for sent_ns, values in zip(record.sent_ns, record.sent):
-        first += int(np.searchsorted(record.command_ns[first:], sent_ns, side="right"))
-        # Later than some periods, another frame with the same bend may be the one that is answered.
-        near = np.flatnonzero(np.abs(marks[first : first + 40] - values[0]) <= tolerance)
-        if near.size:
-            found.append(1e-9 * (record.command_ns[first + near[0]] - sent_ns))
-    return np.array(found)
 
 
 class FakeHand:

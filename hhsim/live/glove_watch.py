@@ -3,9 +3,9 @@ say nothing.
 
 A joint moves at `JOINT_SPEED` at most. A rapid pinch takes a finger about 90 ms, with a speed of one peak (Cole & Abbs,
 J. Neurophysiol. 55, 1986); 90° in that time along a minimum-jerk course, whose peak is 15/8 of its mean, is 33 rad/s.
-What is faster is not believed until it has stayed for `CONFIRM`; the joint rests meanwhile,
-and then follows at that speed. A finger whose three joints keep every bit for `STUCK_TIME` while two others move has a
-sensor that is stuck. All such fingers are kept free, since a set point made from a wrong angle pushes where nobody is.
+What is faster is not believed until it has stayed for `CONFIRM`; the joint rests meanwhile, and then follows at that
+speed. A finger whose three joints keep every bit for `STUCK_TIME` while two others move has a sensor that is stuck. All
+such fingers are kept free, since a set point made from a wrong angle pushes where nobody is.
 """
 
 import numpy as np
