@@ -61,7 +61,19 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
         rows.append(("guardian: restarts, releases", f"{outcome.guardian_restarts}, {outcome.guardian_releases}", ""))
     if outcome.record is not None:
         rows.append(("ticks recorded, lost", f"{outcome.recorded:,}, {outcome.record_lost:,}", ""))
+    deepest = _deepest(outcome)
+    if deepest is not None:
+        rows.append(("penetration in the recording, max", _number(1e6 * deepest, 3), "µm"))
     return rows
+
+
+def _deepest(outcome: "SessionOutcome") -> float | None:
+    """Deepest penetration of the recorded ticks [m]; None where there is no whole recording."""
+    from hhsim.live.session_summary import recorded_figures
+
+    if outcome.record_failed or not outcome.recorded:
+        return None
+    return recorded_figures(outcome.record).get("penetration_max")
 
 
 def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
@@ -80,6 +92,7 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "counters": asdict(outcome.counters),
         "recorded_ticks": outcome.recorded,
         "recorder_lost": outcome.record_lost,
+        "penetration_max": _deepest(outcome),
         "guardian_restarts": outcome.guardian_restarts,
         "guardian_releases": outcome.guardian_releases,
         "events": [{"seconds": at, "level": level, "text": text} for at, level, text in outcome.notices],

@@ -21,7 +21,7 @@ from hhsim.live.live_records import LIVE_TICK, Stage
 from hhsim.live.live_setup import write_setup
 from hhsim.live.recorder import CUT_SHORT, LOOP_DIED, Recorder
 from hhsim.live.session_memory import TICK_CAPACITY, SessionMemory
-from hhsim.live.session_summary import summary_rows
+from hhsim.live.session_summary import recorded_figures
 from hhsim.log_histogram import LogHistogram
 from hhsim.result import Result, load_result
 from hhsim.run_again import run_again
@@ -146,10 +146,20 @@ def test_the_summary_is_that_of_all_ticks(session: Result, ticks: Records) -> No
     assert summary["penetration_max"] == session["penetration_depth"].max()
     assert summary["kept_free_no_input_yet"] == 1
     assert summary["samples_used"] == 140
-    rows = {label: (figure, unit) for label, figure, unit in summary_rows(summary)}
-    assert rows["ticks"] == ("700", "")
-    assert rows["ticks with free fingers: no input yet"] == ("1", "")
-    assert rows["wake-up after the deadline, max"] == ("1.7", "µs")
+    assert recorded_figures(session.path) == summary
+    assert recorded_figures(session.path.with_name("gone.h5")) == recorded_figures(None) == {}
+
+
+def test_a_hand_that_is_not_finite_is_recorded_and_hides_nothing(ticks: Records, tmp_path: Path) -> None:
+    spoiled = ticks.copy()
+    spoiled["joints"][650:] = np.nan
+    spoiled["joints"][640] = ticks["joints"][0]
+    spoiled["total"][650:] = np.nan
+    result = recorded(tmp_path / "session.h5", spoiled)
+    assert result.ticks == 700
+    assert np.isfinite(result.summary["penetration_max"])
+    assert np.isfinite(result.summary["force_max"])
+    assert not run_again(result).identical
 
 
 def test_what_was_overwritten_is_counted_and_told(ticks: Records, tmp_path: Path) -> None:

@@ -223,7 +223,8 @@ class SessionWriter:
         time_ = 1e-9 * (records["time_ns"] - self._began)
         ticks = self._columns.block(time_, records["input_seq"], haptic, record)
         self.tally.count(records)
-        self.penetration_max = max(self.penetration_max, float(ticks["penetration_depth"].max()))
+        # A hand that is not finite has no depth, and hides none.
+        self.penetration_max = float(np.fmax.reduce(ticks["penetration_depth"], initial=self.penetration_max))
         live = {name: records[of] for name, of in _LIVE_TICK_FIELDS.items()}
         return ticks, {"record": np.arange(first, first + len(records)), **live}
 
