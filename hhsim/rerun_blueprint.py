@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.rerun_plots import Plot
+from hhsim.rerun_plots import GLOVE, Plot
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-VIEW = (125.0, 20.0)
+VIEW = (95.0, 10.0)
 """Azimuth from x to y, and elevation [degrees], of the viewer."""
-DISTANCE = 1.15
+DISTANCE = 1.2
 """Of the viewer from the middle of the scene, in extents of the scene."""
 BACKGROUND = (222, 226, 231)
 LIVE_WINDOW = 10.0
@@ -78,7 +78,7 @@ def blueprint(
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
-                rrb.Tabs(scene, *(log if live else ()), about, active_tab=0),
+                rrb.Tabs(scene, *(log if GLOVE in plots else ()), about, active_tab=0),
                 rrb.StateTimelineView(origin="states", name="phases and state", time_ranges=ranges),
                 row_shares=[5, 1],
             ),

@@ -48,22 +48,29 @@ class Plot:
         return np.fmax.reduceat(values, starts, axis=0)
 
 
-FORCE = Plot("plots/force", "force on the hand [N]", {"all": RED, **PER_FINGER, "palm": BROWN}, worst=False, height=1.6)
-DEPTH = Plot("plots/depth", "depth in the spheres [µm]", {"deepest": RED, **PER_FINGER, "palm": BROWN}, legend=False)
-VARIATION = Plot("plots/variation", "force change in a tick [%]", {"all": RED, **PER_FINGER}, legend=False)
+FORCE = Plot("plots/force", "force on the hand [N]", {"all": RED, **PER_FINGER, "palm": BROWN}, worst=False, height=1.7)
+DEPTH = Plot(
+    "plots/depth",
+    "depth in the spheres [µm]",
+    {"deepest": RED, **PER_FINGER, "palm": BROWN},
+    legend=False,
+    height=0.75,
+)
+VARIATION = Plot("plots/variation", "force change in a tick [%]", {"all": RED, **PER_FINGER}, legend=False, height=0.9)
 TIME = Plot(
     "plots/time",
     "time of a tick [µs]",
     {"whole": RED, **dict(zip(("detection", "palm or hand", "fingers", "forces"), FINGER_COLORS))},
-    height=1.3,
+    height=1.4,
 )
-CONTACTS = Plot("plots/contacts", "pairs", {"candidates": FINGER_COLORS[0], "touching": RED})
+CONTACTS = Plot("plots/contacts", "pairs", {"candidates": FINGER_COLORS[0], "touching": RED}, height=0.8)
 
-GLOVE = Plot("plots/glove", "stiffness told to the glove", PER_FINGER, worst=False, legend=False)
+GLOVE = Plot("plots/glove", "stiffness told to the glove", PER_FINGER, worst=False, legend=False, height=0.75)
 LOOP = Plot(
     "plots/loop",
     "wake-up after the deadline; sample to command [µs]",
     {"wake-up": FINGER_COLORS[0], "sample to command": RED},
+    height=0.8,
 )
 
 RESULT_PLOTS = (FORCE, DEPTH, VARIATION, TIME, CONTACTS)

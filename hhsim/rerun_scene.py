@@ -19,7 +19,7 @@ Timelines: `tick`, and `time` [s].
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +62,12 @@ FORCE_RADIUS = 1.5e-3
 POINT_RADIUS = 1.2e-3
 NORMAL_LENGTH = 8e-3
 NORMAL_RADIUS = 5e-4
+
+EVENT_LEVELS = ("INFO", "WARN", "ERROR")
+"""Of rerun, for the levels of a session's log."""
+
+INNER = 3e-4
+"""The haptic hand is drawn so much thinner [m], so that it shows only where it is not the graphic one."""
 
 STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
     "phase": {
@@ -142,7 +148,8 @@ class RerunScene:
             self._fixed("world/spheres", spheres)
         for name, surface in zip(PIECES, piece_surfaces(scene.hand)):
             self._fixed(f"world/graphic/{name}", _mesh(surface))
-            self._fixed(f"world/haptic/{name}", _mesh(surface, HAPTIC_COLOR))
+            inner = replace(surface, points=surface.points - INNER * surface.normals)
+            self._fixed(f"world/haptic/{name}", _mesh(inner, HAPTIC_COLOR))
         self._fixed("world/contacts/points", rr.Points3D.from_fields(colors=CONTACT_COLOR, radii=POINT_RADIUS))
         self._fixed("world/contacts/normals", rr.Arrows3D.from_fields(colors=CONTACT_COLOR, radii=NORMAL_RADIUS))
         self._fixed("world/forces", rr.Arrows3D.from_fields(colors=FORCE_COLOR, radii=FORCE_RADIUS))

@@ -13,25 +13,19 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.hand import FINGERS
-from hhsim.kernels.tick_state import (
-    STATUS_ABDUCTION_HELD,
-    STATUS_FULL,
-    STATUS_HELD,
-    STATUS_LAG,
-    STATUS_START_INSIDE,
-    STATUS_STUCK,
-    TOUCH,
-)
+from hhsim.kernels.tick_state import TOUCH
+from hhsim.live.safety_words import why_free_or_held
 from hhsim.mesh import Mesh
 from hhsim.rerun_blueprint import blueprint
 from hhsim.rerun_plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, loop_values
-from hhsim.rerun_scene import APPLICATION, RerunScene, ShownScene
+from hhsim.rerun_scene import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene
 from hhsim.rerun_target import RerunTarget, rerun_stream
 from hhsim.result import Result
 from hhsim.result_hand import hand_of
-from hhsim.result_schema import LIVE_TICK
+from hhsim.result_schema import LIVE_EVENT, LIVE_TICK
 from hhsim.shown_ticks import ShownTicks, shown_ticks
 from hhsim.sphere_tree import SphereTree
+from hhsim.status_words import status_words
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
@@ -47,16 +41,6 @@ MOST_FRAMED = 50
 
 MANY_TICKS = 200_000
 """From here on a viewer needs gigabytes."""
-
-STATES = (
-    (STATUS_FULL, "full"),
-    (STATUS_STUCK, "stuck"),
-    (STATUS_LAG, "lag"),
-    (STATUS_HELD, "input held"),
-    (STATUS_ABDUCTION_HELD, "abduction held"),
-    (STATUS_START_INSIDE, "began inside"),
-)
-"""Names of the status bits, the most urgent first: a lane shows one."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +97,10 @@ def view_result(
             viewer = RerunScene(stream, scene)
             viewer.log_static(plots)
             log_phases(viewer, result, group["time"])
-            log_status(viewer, group["time"][: result.ticks], group["status"][: result.ticks])
+            time = group["time"][: result.ticks]
+            log_lane(viewer, "ticks", time, group["status"][: result.ticks], status_words)
+            if LIVE_TICK in file:
+                log_session(viewer, file, time)
             # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
             step = max(1, BLOCK_TICKS // every) * every
             for first in range(0, result.ticks, step):
@@ -214,16 +201,19 @@ def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:
     viewer.log_states("phase", ticks, [float(time[tick]) for tick in ticks], [changes[tick] for tick in ticks])
 
 
-def log_status(viewer: RerunScene, time: Array, status: Array) -> None:
-    """Send how the ticks ended as a lane of the state timeline, where it changes."""
-    change = np.flatnonzero(np.concatenate([[True], status[1:] != status[:-1]]))
-    names = [status_name(int(status[tick])) for tick in change]
-    viewer.log_states("ticks", change.tolist(), time[change].tolist(), names)
+def log_lane(viewer: RerunScene, lane: str, time: Array, bits: Array, words: Callable[[int], str]) -> None:
+    """Send the bits of the ticks in words as a lane of the state timeline, where they change."""
+    change = np.flatnonzero(np.concatenate([[True], bits[1:] != bits[:-1]]))
+    viewer.log_states(lane, change.tolist(), time[change].tolist(), [words(int(bits[tick])) for tick in change])
 
 
-def status_name(status: int) -> str:
-    """The most urgent of a tick's status bits, in words."""
-    return next((name for bit, name in STATES if status & bit), "settled")
+def log_session(viewer: RerunScene, file: h5py.File, time: Array) -> None:
+    """Send what only a live session has besides its plots: why the fingers were free, and its log."""
+    log_lane(viewer, "fingers", time, file[f"{LIVE_TICK}/safety"][: len(time)], why_free_or_held)
+    begin = float(file[f"{LIVE_TICK}/deadline"][0]) - 1e9 * float(time[0])
+    events = file[LIVE_EVENT]
+    for time_ns, level, text in zip(events["time"], events["level"], events["text"]):
+        viewer.log_event(1e-9 * (float(time_ns) - begin), EVENT_LEVELS[int(level)], text.decode("utf-8", "replace"))
 
 
 @contextlib.contextmanager

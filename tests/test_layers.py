@@ -74,9 +74,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         *("result", "result_writer", "tick_columns", "stored_scene", "run_again"),
     ),
     # Looking at them.
-    ("result_hand", "shown_ticks", "rerun_plots", "rerun_scene", "rerun_blueprint", "rerun_target", "view"),
+    ("result_hand", "shown_ticks", "rerun_plots", "rerun_scene", "rerun_blueprint", "rerun_target", "status_words"),
     # A glove in the loop.
     ("live",),
+    ("view",),
     # Many runs, side by side.
     ("bench_file", "pareto", "run_errors", "speed_error", "speed_error_table"),
     ("shrink", "stuck", "failure", "bench_stress"),

@@ -22,14 +22,19 @@ from hhsim.live.live_records import LIVE_TICK, Safety, Stage
 from hhsim.live.live_setup import LiveSetup, write_setup
 from hhsim.live.pose_sources import PoseConfig
 from hhsim.live.session_memory import WARNING, SessionMemory
+from hhsim.live.session_writer import SessionWriter
+from hhsim.live.shared_memory import RingReader
 from hhsim.live.viewer import LiveViewer
 from hhsim.object_catalogue import load_object
 from hhsim.rerun_plots import LIVE_PLOTS
+from hhsim.rerun_target import parse_target
+from hhsim.result import load_result
 from hhsim.scene import make_scene
 from hhsim.script import parse_script
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions
 from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.view import view_result
 
 MOTION = """
 title = "short"
@@ -154,6 +159,32 @@ def test_frames_are_the_newest_ticks_and_their_plots_the_worst_since(
     assert states == [["no input yet"], ["held where they touch"]]
     assert recording.rows("/log", "TextLog:text") == [["before the first tick"]]
     assert recording.rows("/log", "TextLog:level") == [["WARN"]]
+
+
+def test_a_recorded_session_shows_the_same_later(
+    played: tuple[LiveSetup, Records], memory: SessionMemory, tmp_path: Path
+) -> None:
+    setup, records = played
+    memory.log(WARNING, "no fresh input", time_ns=7_020_000_000)
+    facts = {"device": {"name": "glove", "channels": ["bend"]}}
+    with SessionWriter(tmp_path / "session.h5", setup, setup.options, facts) as writer:
+        writer.take("ticks", 0, records)
+        writer.take("events", 0, RingReader(memory.events).read(10)[1])
+        writer.write(memory.status["counters"])
+    path = tmp_path / "session.rrd"
+    view_result(load_result(tmp_path / "session.h5"), parse_target(str(path)))
+    recording = Recording(path)
+    stiffness = recording.array("/plots/glove", "Scalars:scalars")
+    np.testing.assert_allclose(stiffness, records["command_stiffness"])
+    loop = recording.array("/plots/loop", "Scalars:scalars")
+    np.testing.assert_allclose(loop[:, 0], 1e-3 * records["wakeup_ns"])
+    np.testing.assert_array_equal(np.isnan(loop[:, 1]), records["latency_ns"] < 0)
+    states = recording.rows("/states/fingers", "StateChange:state")
+    assert states == [["no input yet"], ["held where they touch"]]
+    begin = recording.times("/plots/loop")[0]
+    np.testing.assert_allclose(recording.times("/states/fingers") - begin, [0.0, 0.06], atol=1e-9)
+    np.testing.assert_allclose(recording.times("/log") - begin, [0.02], atol=1e-9)
+    assert recording.rows("/log", "TextLog:text") == [["no fresh input"]]
 
 
 def test_a_hand_that_is_no_number_is_shown_without_contacts(

@@ -14,9 +14,16 @@ WORDS = {
     Safety.NO_INPUT_YET: "no input yet",
 }
 
+HELD = "held where they touch"
+
 
 def why_free(bits: int) -> str:
     """What keeps the fingers free, reasons with commas between; "" where nothing does."""
     known = [words for why, words in WORDS.items() if bits & why]
     unknown = bits & ~sum(int(why) for why in WORDS)
     return ", ".join([*known, *([f"reason {unknown}"] if unknown else [])])
+
+
+def why_free_or_held(bits: int) -> str:
+    """As `why_free`, and `HELD` where nothing keeps the fingers free."""
+    return why_free(bits) or HELD

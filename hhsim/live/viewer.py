@@ -28,16 +28,16 @@ from hhsim.hand import FINGERS
 from hhsim.kernels.block import TickRecord
 from hhsim.live.live_records import Stage
 from hhsim.live.live_setup import LiveSetup, read_setup
-from hhsim.live.safety_words import why_free
+from hhsim.live.safety_words import why_free_or_held
 from hhsim.live.session_memory import SessionMemory, add_memory_options, attached
 from hhsim.live.shared_memory import RingReader
 from hhsim.rerun_blueprint import blueprint
 from hhsim.rerun_plots import GLOVE, LIVE_PLOTS, LOOP, loop_values
-from hhsim.rerun_scene import APPLICATION, RerunScene, ShownScene
+from hhsim.rerun_scene import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene
 from hhsim.rerun_target import parse_target, rerun_stream
 from hhsim.shown_ticks import ShownTicks, shown_ticks
+from hhsim.status_words import status_words
 from hhsim.tick_columns import HapticTicks, TickColumns
-from hhsim.view import status_name
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -51,7 +51,6 @@ PATIENCE = 0.25
 LONGEST_STALL = 10.0
 """A viewer that has taken nothing for so long is given up [s]."""
 NICENESS = 10
-EVENT_LEVELS = ("INFO", "WARN", "ERROR")
 HAND_ROOM = 0.16
 """What a hand needs around the object in the picture [m]."""
 
@@ -157,8 +156,10 @@ class LiveViewer:
             viewer.log_ticks(self._frame(records))
             newest = records[-1]
             tick, seconds = int(newest["tick"]), self._seconds(newest["time_ns"])
-            self._lane(viewer, "fingers", tick, seconds, why_free(int(newest["safety"])) or "held where they touch")
-            self._lane(viewer, "ticks", tick, seconds, status_name(int(np.bitwise_or.reduce(records["status"]))))
+            # Of all ticks since the frame before: what lasts for less than a frame shows too.
+            safety, status = (int(np.bitwise_or.reduce(records[name])) for name in ("safety", "status"))
+            self._lane(viewer, "fingers", tick, seconds, why_free_or_held(safety))
+            self._lane(viewer, "ticks", tick, seconds, status_words(status))
         if self._begin_ns >= 0:
             for event in events:
                 text = bytes(event["text"]).decode("utf-8", "replace")
