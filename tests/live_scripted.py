@@ -1,6 +1,6 @@
 """A clock that is told the time and a glove that follows a script: what the tests of the loop run it with."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,7 +44,7 @@ class FakeClock:
         self.time_ns = start_ns
         self.oversleep: list[int] = []
         """How much later than asked the next sleeps end [ns]; none are late when it is empty."""
-        self.slept: list[int] = []
+        self.slept: MutableSequence[int] = []
 
     def now(self) -> int:
         return self.time_ns
