@@ -20,7 +20,7 @@ from hhsim.live.devices import open_device
 from hhsim.live.glove_device import DeviceError, GloveDevice
 from hhsim.live.live_records import Stage
 from hhsim.live.live_setup import LiveSetup, read_setup
-from hhsim.live.real_time import become_real_time
+from hhsim.live.real_time import become_ordinary, become_real_time
 from hhsim.live.session_memory import SessionMemory, add_memory_options, attached
 
 WATCH_MS = 4
@@ -203,6 +203,7 @@ def guard(setup: LiveSetup, memory: SessionMemory, device: GloveDevice) -> None:
     on_signal(guardian.ask)
     become_real_time(replace(setup.real_time, cpu=-1), above=1)
     guardian.watch()
+    become_ordinary()
 
 
 def on_signal(action: Callable[[], None]) -> None:

@@ -26,7 +26,7 @@ from hhsim.live.live_records import Stage
 from hhsim.live.live_setup import LiveSetup, read_setup
 from hhsim.live.pose_source import PoseSource
 from hhsim.live.pose_sources import make_pose_source
-from hhsim.live.real_time import become_real_time, described
+from hhsim.live.real_time import become_ordinary, become_real_time, described
 from hhsim.live.session_memory import FAULT, INFORMATION, WARNING, SessionMemory, add_memory_options, attached
 from hhsim.warm_up import warm_up
 
@@ -82,12 +82,14 @@ def run_session(setup: LiveSetup, memory: SessionMemory, device: GloveDevice, po
             memory.log(WARNING, line)
         ending.loop = loop
         loop.run()
+        become_ordinary()
         facts["summary"] = loop.summary()
         memory.write_facts(facts)
     finally:
         if opened:
             if not setup.dry_run:
                 device.release()
+            become_ordinary()
             device.close()
         pose.close()
 

@@ -1,5 +1,6 @@
 """What a loop asks the system for, so that it wakes on time; what is not granted is said and done without."""
 
+import contextlib
 import gc
 import os
 import platform
@@ -66,6 +67,12 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any
             mode["memory_locked"] = True
         except OSError as error:
             refused.append(f"memory is not locked: {error.strerror}; raise the limit memlock (ulimit -l)")
+    if wishes.freeze_gc:
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        mode["gc_frozen"] = True
+    # Last: what comes before takes longer than others of the same priority can wait.
     if wishes.fifo:
         priority = wishes.priority + above
         try:
@@ -76,12 +83,13 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any
                 f"no SCHED_FIFO at priority {priority}: {error.strerror}; raise the limit rtprio (ulimit -r), or grant "
                 "CAP_SYS_NICE"
             )
-    if wishes.freeze_gc:
-        gc.collect()
-        gc.freeze()
-        gc.disable()
-        mode["gc_frozen"] = True
     return mode
+
+
+def become_ordinary() -> None:
+    """Give the priority back, before a process that is done takes its time to go."""
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def described(mode: dict[str, Any]) -> str:
