@@ -56,7 +56,7 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
                 write_keyboard_pose(session.memory.status_block, palm.position, palm.orientation)
             before = now
             where = str(setup.record) if setup.record else ""
-            status.update(session.memory.status, session.tally, where, palm.step if by_keys else None)
+            status.update(session.memory.status, session.tally, where, palm if by_keys else None)
         outcome = session.end()
     try:
         session.check()

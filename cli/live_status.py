@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hhsim.live.live_tally import LiveTally
+    from hhsim.live.palm_keys import PalmKeys
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 PANEL_SECONDS = 0.25
@@ -66,14 +67,14 @@ class LiveStatus:
         else:
             print(line, file=sys.stderr, flush=True)
 
-    def update(self, status: Any, tally: "LiveTally", recording: str, pose_step: float | None = None) -> None:
+    def update(self, status: Any, tally: "LiveTally", recording: str, palm: "PalmKeys | None" = None) -> None:
         """Show the state anew where it is time to.
 
         Args:
             status: the session's record of `LIVE_STATUS`.
             tally: of its ticks.
             recording: where the recording goes, "" for nowhere.
-            pose_step: what a key moves the palm by [m]; None where no keys are taken.
+            palm: that the keys move; None where they do not.
         """
         now = time.monotonic()
         if self.quiet or now - self._shown < (PANEL_SECONDS if self.panel else LINE_SECONDS):
@@ -84,10 +85,10 @@ class LiveStatus:
             text = "; ".join(f"{name} {value}" for name, value in rows)
             print(f"hhsim: {now - self._began:,.0f} s: {text}", file=sys.stderr, flush=True)
             return
-        if pose_step is not None:
-            rows.append(
-                ("keys", f"a stroke is {1e3 * pose_step:g} mm; " + ", ".join(f"{k}: {w}" for k, w in self.keys))
-            )
+        if palm is not None:
+            x, y, z = 1e3 * palm.position
+            rows.append(("palm", f"{x:.1f}, {y:.1f}, {z:.1f} mm; a stroke is {1e3 * palm.step:g} mm"))
+        rows.append(("keys", " · ".join(f"{keys} {what}" for keys, what in self.keys)))
         self._live.update(self._table(rows, now - self._began), refresh=True)
 
     def _table(self, rows: Rows, seconds: float) -> Any:
@@ -114,8 +115,11 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
         recording: where it goes, "" for nowhere.
         now_ns: CLOCK_MONOTONIC [ns].
     """
+    from hhsim.live.live_records import Stage
     from hhsim.live.safety_words import why_free
 
+    if status["stage"] == Stage.STARTING:
+        return [("starting", "making the loop ready, and reaching for the glove")]
     forces = "  ".join(f"{name} {value:.2f}" for name, value in zip(FINGERS, status["force"], strict=True))
     stiff = [f"{name} {k:.2f}" for name, k in zip(FINGERS, status["command_stiffness"], strict=True) if k > 0.0]
     free = why_free(int(status["safety"]))

@@ -46,15 +46,15 @@ REACH = 1.0
 """Farthest from where it began that keys bring the palm, along each axis [m]."""
 
 HELP = (
-    ("a d", "left, right (x)"),
-    ("s w", "nearer, away (y)"),
-    ("f r", "down, up (z)"),
+    ("a d", "left, right"),
+    ("s w", "nearer, away"),
+    ("f r", "down, up"),
     ("i k", "fingers up, down"),
-    ("u o", "roll"),
     ("j l", "fingers left, right"),
-    ("- +", "finer, coarser steps"),
-    ("h", "back to where it began"),
-    ("space, q", "free the fingers and end"),
+    ("u o", "roll"),
+    ("- +", "step"),
+    ("h", "home"),
+    ("q or space", "free the fingers and end"),
 )
 """Every key in words."""
 

@@ -173,7 +173,8 @@ class Supervisor:
             Whether the session goes on.
         """
         self.tally.read()
-        self.tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
+        if self.stage == Stage.RUNNING:
+            self.tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
         self._tell_events()
         loop = self._children[LOOP]
         if not loop.running:
