@@ -13,6 +13,7 @@ from .live_summary import print_summary, summary_json
 from .number_list import number_list
 from .object_argument import complete_object, read_object
 from .replay import complete_trajectory, read_fingers
+from .rerun_option import read_target
 
 if TYPE_CHECKING:
     from hhsim.dexmo_regression import DexmoRegression
@@ -34,6 +35,12 @@ def read_stiffness(context: click.Context, parameter: click.Parameter, value: st
     if len(numbers) != 5 or not all(0.0 <= number <= 1.0 for number in numbers):
         raise click.BadParameter(f"'{value}', expected 0 (free) to 1, or five of that", context, parameter)
     return numbers
+
+
+def check_rerun(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """Look at once for what would keep a viewer or its file from working; its process reads the words again."""
+    read_target(context, parameter, value)
+    return value
 
 
 @click.command()
@@ -165,8 +172,10 @@ def read_stiffness(context: click.Context, parameter: click.Parameter, value: st
 @click.option("--no-record", is_flag=True, help="Keep nothing.")
 @click.option(
     "--rerun",
-    metavar="spawn|connect|FILE",
-    help="Show the hand live in the rerun viewer: start it, use one that runs, or write a .rrd file.",
+    callback=check_rerun,
+    metavar="spawn|FILE.rrd|connect[=URL]",
+    help="Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
+    "HOST:PORT.",
 )
 @click.option("--dry-run", is_flag=True, help="Send nothing to the glove.")
 @click.option(
@@ -331,7 +340,7 @@ def command(
     outcome, error = run_session(setup, f"{mesh.name}, {method}, {device}", quiet=quiet)
     if as_json:
         print_json(summary_json(outcome, error))
-    elif not quiet:
+    elif not quiet and outcome.ticks:
         print_summary(outcome, f"{mesh.name}, {method}, {device}: {outcome.seconds:,.1f} s, {outcome.reason}")
     if error:
         print(f"hhsim: error: {error}", file=sys.stderr)

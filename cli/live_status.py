@@ -82,7 +82,7 @@ class LiveStatus:
         self._shown = now
         rows = status_rows(status, tally, recording, time.monotonic_ns())
         if self._live is None:
-            text = "; ".join(f"{name} {value}" for name, value in rows)
+            text = "; ".join(f"{name}: {value}" for name, value in rows)
             print(f"hhsim: {now - self._began:,.0f} s: {text}", file=sys.stderr, flush=True)
             return
         if palm is not None:
@@ -115,10 +115,9 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
         recording: where it goes, "" for nowhere.
         now_ns: CLOCK_MONOTONIC [ns].
     """
-    from hhsim.live.live_records import Stage
     from hhsim.live.safety_words import why_free
 
-    if status["stage"] == Stage.STARTING:
+    if status["ticks"] == 0:
         return [("starting", "making the loop ready, and reaching for the glove")]
     forces = "  ".join(f"{name} {value:.2f}" for name, value in zip(FINGERS, status["force"], strict=True))
     stiff = [f"{name} {k:.2f}" for name, k in zip(FINGERS, status["command_stiffness"], strict=True) if k > 0.0]

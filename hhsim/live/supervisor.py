@@ -182,7 +182,8 @@ class Supervisor:
         self._watch_guardian()
         for name, loses in ((RECORDER, "the rest of the session is not recorded"), (VIEWER, "")):
             child = self._children.get(name)
-            if child is not None and not child.running and not child.told:
+            ended_well = child is not None and child.code == 0 and self.stage == Stage.ENDED
+            if child is not None and not child.running and not child.told and not ended_well:
                 child.told = True
                 if name == RECORDER:
                     self._record_failed = child.how_it_ended()
@@ -326,15 +327,13 @@ class Supervisor:
 
     def _tell_events(self) -> None:
         _, events = self._events.read(256)
-        loop = self._children.get(LOOP)
-        last_words = "" if loop is None or loop.running else loop.complaint()
         for event in events:
-            text = bytes(event["text"]).decode("utf-8", "replace")
-            if last_words and text == last_words:
-                # Told as the error that ends the command.
-                self._notices.append((self.seconds, int(event["level"]), text))
+            text, level = bytes(event["text"]).decode("utf-8", "replace"), int(event["level"])
+            if level == FAULT and int(self.memory.status["ticks"]) == 0:
+                # Why the loop cannot begin is told as the error that ends the command.
+                self._notices.append((self.seconds, level, text))
             else:
-                self._notice(text, int(event["level"]))
+                self._notice(text, level)
 
     def _notice(self, text: str, level: int) -> None:
         self._notices.append((self.seconds, level, text))

@@ -1,0 +1,149 @@
+"""`hhsim live glove` as its users meet it."""
+
+import contextlib
+import fcntl
+import json
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand import HandModel
+from hhsim.live.palm_place import palm_place
+from hhsim.object_catalogue import load_object
+from hhsim.result import load_result
+from hhsim.shapes import cube
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+Run = Callable[..., Any]
+HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--device", "sim", "--serial", "/dev/ttyUSB0"], "--serial is for --device opengloves, not sim"),
+        (["--no-record", "--record", "a.h5"], "--no-record and --record a.h5 exclude each other"),
+        (
+            ["--device", "udp", "--trajectory", "pinch"],
+            "--trajectory is for --device sim or replay, and for --pose replay",
+        ),
+        (
+            ["--pose", "replay", "--palm", "0,0,0"],
+            "--palm and --palm-turn are for --pose fixed and keyboard, not replay",
+        ),
+        (["--pose", "fixed", "--palm-turn", "1,0,0,0"], "--palm-turn needs --palm, where the palm is"),
+        (["--stiffness", "1.5"], "Invalid value for '--stiffness': '1.5', expected 0 (free) to 1, or five of that"),
+        (["--stiffness", "0,1"], "Invalid value for '--stiffness': '0,1', expected 0 (free) to 1, or five of that"),
+        (["--palm", "1,2"], "Invalid value for '--palm': '1,2', expected 3 numbers, with commas between"),
+    ],
+)
+def test_options_that_contradict_are_told_in_one_line(
+    run: Run, arguments: list[str], line: str, tmp_path: Path
+) -> None:
+    answer = run("live", "glove", *arguments)
+    assert answer.code == 2
+    assert answer.out == ""
+    assert answer.err.startswith(f"hhsim: error: {line}")
+    assert answer.err.endswith("(see hhsim live glove --help)\n")
+    assert answer.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_calibration_that_is_not_there_is_told_before_anything_starts(run: Run) -> None:
+    answer = run("live", "glove", "cube", "--device", "dexmo", "--calibration", "nobody.toml", "--no-record")
+    assert answer == (2, "", "hhsim: error: nobody.toml: cannot be read: No such file or directory\n")
+
+
+def test_a_glove_that_is_not_there_is_told_in_one_line(run: Run, tmp_path: Path) -> None:
+    answer = run("live", "glove", "cube", "--device", "dexmo", "--port", "1", "--quiet", "--out", "session.h5")
+    assert (answer.code, answer.out) == (2, "")
+    expected = "hhsim: error: dexmo at 127.0.0.1:1: cannot connect (Connection refused): is its server running"
+    assert answer.err.startswith(expected)
+    assert answer.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_session_of_a_simulated_glove_is_one_document_and_one_file(run: Run, tmp_path: Path) -> None:
+    answer = run(
+        *("live", "glove", "cube", "--device", "sim", "--trajectory", "pinch", "--duration", "0.4"),
+        *("--record", "session.h5", "--no-realtime", "--json"),
+    )
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    assert (document["reason"], document["error"], document["session"]) == ("duration", None, "session.h5")
+    # A busy machine makes the last wait longer.
+    assert document["loop_ticks"] + document["missed"] >= 400
+    assert document["counters"]["samples"] == document["samples_used"] + document["samples_superseded"]
+    assert document["real_time"]["fifo"] == 0
+    assert document["pose"] == "replay of pinch"
+    result = load_result(tmp_path / "session.h5")
+    assert result.complete
+    assert result.ticks == document["recorded_ticks"] > 0
+    assert [path.name for path in tmp_path.iterdir()] == ["session.h5"]
+
+
+def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:
+    end, line = pty.openpty()
+    before = termios.tcgetattr(line)
+    arguments = ["live", "glove", "cube", "--device", "sim", "--pose", "keyboard", "--out", "session.h5"]
+    process = subprocess.Popen(
+        [*HHSIM, *arguments],
+        stdin=line,
+        stdout=line,
+        stderr=line,
+        cwd=tmp_path,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )
+    shown = ""
+
+    def until(text: str) -> None:
+        nonlocal shown
+        limit = time.monotonic() + 60.0
+        while text not in shown:
+            assert time.monotonic() < limit, shown
+            if select.select([end], [], [], 0.1)[0]:
+                with contextlib.suppress(OSError):
+                    shown += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", os.read(end, 65_536).decode("utf-8", "replace"))
+
+    until("ticks missed")
+    os.write(end, b"wwr")
+    hand, item = HandModel.default("right"), load_object("cube")
+    home, _ = palm_place(hand, cached_sphere_tree(item.mesh, TreeOptions(level=item.level)), 0.06)
+    x, y, z = 1e3 * (home + [0.0, 0.004, 0.002])
+    until(f"{x:.1f}, {y:.1f}, {z:.1f} mm")
+    os.write(end, b"q")
+    until("runs it again")
+    assert process.wait(20.0) == 0
+    assert termios.tcgetattr(line) == before
+    assert "force [N]" in shown
+    assert "a key" in shown
+    haptic = load_result(tmp_path / "session.h5")["haptic/position"]
+    np.testing.assert_allclose(haptic[0], home, atol=1e-12)
+    np.testing.assert_allclose(haptic[-1], home + [0.0, 0.004, 0.002], atol=1e-12)
+    os.close(end)
+    os.close(line)
+
+
+def test_a_palm_at_an_object_that_no_hand_can_grasp_is_above_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*arguments: object) -> None:
+        raise TrajectoryError("thumb, index cannot reach the object, from any side")
+
+    monkeypatch.setattr("hhsim.live.palm_place.planned", refuse)
+    tree = cached_sphere_tree(cube(0.5), TreeOptions(level=1))
+    position, orientation = palm_place(HandModel.default("right"), tree, 0.02)
+    top = float((tree.leaf_center[:, 2] + tree.leaf_radius).max())
+    assert position[2] == pytest.approx(top + 0.07)
+    assert orientation.tolist() == [1.0, 0.0, 0.0, 0.0]
