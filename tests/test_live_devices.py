@@ -74,17 +74,23 @@ def test_replay_gives_the_samples_of_the_motion_whenever_it_is_read(clock: list[
         assert samples["good"].all()
 
 
-def test_replay_at_its_own_rate_is_due_when_its_stamps_say(clock: list[int]) -> None:
-    device = open_device(DeviceConfig(kind="replay", playback=Playback(motion(), rate=500.0, repeat=True)))
+def test_replay_at_its_own_rate_is_due_when_its_stamps_say_and_goes_back_to_begin_anew(clock: list[int]) -> None:
+    given = motion()
+    device = open_device(DeviceConfig(kind="replay", playback=Playback(given, rate=500.0, repeat=True)))
     assert len(read_all(device)) == 1
     clock[0] += 2_000_000 - 1
     assert len(read_all(device)) == 0
     clock[0] += 1
     assert len(read_all(device)) == 1
+    # 50 samples, then 1 s back in steps of 2 ms.
     clock[0] += round(1e9 * (49 / 500.0 + RETURN_TIME))
     again = read_all(device)
-    assert len(again) == 50
-    assert np.array_equal(again["flexion"][-2:], motion().flexion[:2]), "the motion begins anew"
+    assert np.array_equal(np.diff(again["device_time_ns"]), np.full(len(again) - 1, 2_000_000))
+    assert np.array_equal(again["flexion"][:48], given.flexion[2:])
+    assert np.array_equal(again["flexion"][-2:], given.flexion[:2]), "the motion begins anew"
+    back = again["flexion"][47:-1]
+    assert len(back) == 501
+    assert np.allclose(back, back[0] + np.linspace(0.0, 1.0, 501)[:, None, None] * (back[-1] - back[0]))
 
 
 def test_what_does_not_fit_waits_for_the_next_read(clock: list[int]) -> None:

@@ -170,6 +170,13 @@ def test_a_hand_at_rest_and_a_finger_that_moves_alone_are_not_stuck() -> None:
         assert run.texts == []
 
 
+def test_a_recording_may_rest_to_the_last_bit() -> None:
+    run = Run(GloveInfo("a recording", Capability.NONE, (), noiseless=True))
+    for k in range(1000):
+        run.step(moving(k, still=(1, 2, 3)))
+    assert run.texts == []
+
+
 def test_a_useless_channel_is_told_and_its_finger_always_free() -> None:
     run = Run(GloveInfo("a glove", Capability.NONE, (), doubtful=("pinky_bend spans 37 counts",), kept_free=(4,)))
     assert run.texts == [

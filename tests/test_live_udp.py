@@ -27,6 +27,7 @@ from hhsim.live.packet_order import PacketOrder
 from hhsim.live.pose_sources import PoseConfig, make_pose_source
 from hhsim.live.udp_glove import UdpGlove
 from hhsim.live.udp_packet import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
+from hhsim.live.udp_port import UdpPort
 
 BRIDGE = Path(__file__).resolve().parent.parent / "examples" / "udp_bridge.py"
 KINDS = st.sampled_from(list(Kind))
@@ -236,6 +237,17 @@ def test_a_bridge_that_is_not_there_is_said_so(bridge: Bridge) -> None:
     device = UdpGlove(bridge.config())
     with pytest.raises(DeviceError, match="is the bridge running"):
         device.open(0.05)
+    with closing(UdpPort("127.0.0.1", bridge.port)) as port:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            stranger.bind(("127.0.0.3", 0))
+            stranger.sendto(b"", ("127.0.0.1", bridge.port))
+        bridge.socket.sendto(b"HH", ("127.0.0.1", bridge.port))
+        assert port.wait(PATIENCE)
+        assert port.receive() is None
+        assert port.strangers == 1
+        while port.malformed == 0:
+            assert port.receive() is None
+        assert "no open packet: 2 bytes" in port.hint
     with pytest.raises(DeviceError, match="no host"):
         UdpGlove(replace(bridge.config(), host="no.such.host.invalid")).open(0.05)
     with (

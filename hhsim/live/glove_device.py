@@ -82,6 +82,7 @@ class GloveInfo:
         unit: of the channels, "" for normalised ones.
         doubtful: channels whose calibration says little, in words; the loop logs them.
         kept_free: numbers of the fingers, 0 (thumb) to 4, whose bend says too little to push on; no stiffness for them.
+        noiseless: a finger that rests keeps every bit of its samples.
     """
 
     name: str
@@ -91,6 +92,7 @@ class GloveInfo:
     unit: str = ""
     doubtful: tuple[str, ...] = ()
     kept_free: tuple[int, ...] = ()
+    noiseless: bool = False
 
 
 @dataclass

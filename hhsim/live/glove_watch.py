@@ -57,6 +57,7 @@ class GloveWatch:
             self._say(WARNING, f"{NAMES[finger]}: its bend says too little to push on; it is kept free")
         self._jumps = _Jumps(self)
         self._stuck = _Stuck(self)
+        self._noiseless = info.noiseless
         self.free[:] = self._always_free
 
     def use(self, sample: np.void, flexion_out: Array, abduction_out: Array) -> bool:
@@ -76,7 +77,7 @@ class GloveWatch:
             return False
         now = int(sample["time_ns"])
         believed = self._jumps.step(angles, now)
-        stuck = self._stuck.step(angles[:15], now)
+        stuck = self._stuck.stuck if self._noiseless else self._stuck.step(angles[:15], now)
         flexion_out[:] = believed[:15].reshape(FINGER_COUNT, 3)
         abduction_out[:] = believed[15:]
         np.logical_or(self._always_free, self._jumps.doubted, out=self.free)

@@ -1,5 +1,6 @@
 """A recorded motion as a glove: its samples, one by one, when their stamps say so; it feels no command."""
 
+import math
 import time
 from typing import TYPE_CHECKING
 
@@ -27,8 +28,8 @@ class ReplayGlove(GloveDevice):
 
     Its channels are the joint angles [rad].
 
-    After the last one, that sample stays and is given on at the usual rate, as by a hand that rests; a motion that is
-    repeated begins anew.
+    After the last one, that sample stays and is given on at the usual rate, as by a hand that rests. In a motion that
+    is repeated the fingers go back to the first one within `RETURN_TIME`, as the palm does.
 
     Args:
         config: `playback` is the motion.
@@ -49,9 +50,12 @@ class ReplayGlove(GloveDevice):
             channels=JOINT_NAMES,
             hand=motion.hand,
             unit="rad",
+            noiseless=True,
         )
         self.counters = DeviceCounters()
         self._next = 0
+        self._returning = max(0, math.ceil(RETURN_TIME / config.playback.period) - 1)
+        """Samples between the last one and the first one of the next turn."""
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`; there is nothing to connect to."""
@@ -62,39 +66,49 @@ class ReplayGlove(GloveDevice):
         elapsed = self._playback.elapsed(now)
         count = 0
         while count < len(samples_out):
-            index, due = self._due(self._next)
+            before, after, share, due = self._due(self._next)
             if due > elapsed:
                 break
-            self._fill(samples_out[count], index, due, now)
+            self._fill(samples_out[count], before, after, share, due, now)
             self._next += 1
             count += 1
         self.counters.frames += count
         self.counters.samples += count
         return count
 
-    def _due(self, number: int) -> tuple[int, float]:
-        """Index in the trajectory of the sample of this number, and when it comes [s]."""
-        motion = self._playback
-        total = motion.stamps.shape[0]
-        if number < total:
-            return number, float(motion.stamps[number])
-        if motion.repeat:
-            turn, index = divmod(number, total)
-            return index, turn * (motion.duration + RETURN_TIME) + float(motion.stamps[index])
-        return total - 1, motion.duration + (number - total + 1) * motion.period
+    def _due(self, number: int) -> tuple[int, int, float, float]:
+        """What the sample of this number is: two samples of the motion, the share of the way from one to the other.
 
-    def _fill(self, sample: np.void, index: int, due: float, now: int) -> None:
+        Last, when it comes [s].
+        """
+        motion = self._playback
+        last = motion.stamps.shape[0] - 1
+        turn = 0
+        if motion.repeat:
+            turn, number = divmod(number, last + 1 + self._returning)
+        begun = turn * (motion.duration + RETURN_TIME)
+        if number <= last:
+            return number, number, 0.0, begun + float(motion.stamps[number])
+        waited = (number - last) * motion.period
+        due = begun + motion.duration + waited
+        return (last, 0, waited / RETURN_TIME, due) if motion.repeat else (last, last, 0.0, due)
+
+    def _fill(self, sample: np.void, before: int, after: int, share: float, due: float, now: int) -> None:
         motion = self._playback.trajectory
+        flexion, abduction = motion.flexion[before], motion.abduction[before]
+        if share > 0.0:
+            flexion = (1.0 - share) * flexion + share * motion.flexion[after]
+            abduction = (1.0 - share) * abduction + share * motion.abduction[after]
         sample["seq"] = sample["device_seq"] = self._next
         sample["time_ns"] = now
         sample["device_time_ns"] = round(1e9 * due)
         sample["battery"] = UNKNOWN
         sample["good"] = True
-        sample["flexion"] = motion.flexion[index]
-        sample["abduction"] = motion.abduction[index]
+        sample["flexion"] = flexion
+        sample["abduction"] = abduction
         sample["channels"] = np.nan
-        sample["channels"][:15] = motion.flexion[index].ravel()
-        sample["channels"][15:20] = motion.abduction[index]
+        sample["channels"][:15] = flexion.ravel()
+        sample["channels"][15:20] = abduction
 
     def send(self, command: FingerCommand) -> bool:
         """See `GloveDevice.send`; a recording feels nothing."""

@@ -99,11 +99,9 @@ class UdpGlove(GloveDevice):
         while not self._waiting:
             left = deadline - time.monotonic()
             if left <= 0.0:
+                hint = self._port.hint or "is the bridge running, and does it send to that port?"
                 self.close()
-                raise DeviceError(
-                    f"{self._name}: nothing came within {timeout:g} s: is the bridge running, and does it send to that "
-                    "port?"
-                )
+                raise DeviceError(f"{self._name}: no sample came within {timeout:g} s: {hint}")
             self._port.wait(left)
             self._receive(1)
         packet = self._waiting[0][0]

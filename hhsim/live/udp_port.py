@@ -42,6 +42,8 @@ class UdpPort:
         self.address = resolve(host)
         self.name = f"udp port {port} from {host}"
         self.strangers = 0
+        self.hint = ""
+        """What last came in vain, in words."""
         self.malformed = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -70,11 +72,13 @@ class UdpPort:
             now = time.monotonic_ns()
             if sender[0] != self.address:
                 self.strangers += 1
+                self.hint = f"packets come from {sender[0]} instead"
                 continue
             try:
                 return decode_packet(data), now
-            except PacketError:
+            except PacketError as error:
                 self.malformed += 1
+                self.hint = f"what came is no open packet: {error}"
         return None
 
     def wait(self, timeout: float) -> bool:
