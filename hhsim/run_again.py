@@ -195,7 +195,9 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
         )
     unsolved = int(np.sum(np.diff(period[:total]) - 1 - missed[1:total]))
     if unsolved:
-        notes.append(f"{unsolved:,} ticks whose solver failed are not in the file: what follows on them may differ")
+        notes.append(
+            f"ticks whose solver failed, and that are not in the file: {unsolved:,}; what follows on them may differ"
+        )
     return total, notes
 
 

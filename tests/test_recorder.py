@@ -8,22 +8,30 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from live_rings import BEGAN, CHANNELS, FACTS, ended, make_setup, numbered_samples, pour, solved_ticks
 from numpy.typing import NDArray
 from sphere_scenes import brute_clearance
 
+from hhsim.errors import InputError
+from hhsim.live.live_loop import loop_options
 from hhsim.live.live_records import LIVE_TICK, Stage
 from hhsim.live.live_setup import write_setup
 from hhsim.live.recorder import CUT_SHORT, LOOP_DIED, Recorder
 from hhsim.live.session_memory import TICK_CAPACITY, SessionMemory
 from hhsim.live.session_summary import recorded_figures
+from hhsim.live.session_writer import SessionWriter
 from hhsim.log_histogram import LogHistogram
 from hhsim.result import Result, load_result
+from hhsim.result_schema import LIVE_TICK_COLUMNS, TICK_COLUMNS
 from hhsim.run_again import run_again
 from hhsim.solver_options import SolverOptions
 
@@ -201,6 +209,48 @@ def test_what_was_overwritten_is_counted_and_told(ticks: Records, tmp_path: Path
     assert all(array.identical for array in again.arrays)
     assert again.notes == (
         "the recorder lost 11 ticks after tick 299: what followed on them cannot be run again, and was not compared",
+    )
+
+
+@given(cuts=st.lists(st.integers(0, 60), max_size=8), written=st.sets(st.integers(0, 8)))
+@settings(max_examples=8)
+def test_blocks_of_any_size_give_the_same_arrays(
+    session: Result, ticks: Records, tmp_path_factory: pytest.TempPathFactory, cuts: list[int], written: set[int]
+) -> None:
+    path = tmp_path_factory.mktemp("cuts") / "session.h5"
+    setup = make_setup(path)
+    with SessionWriter(path, setup, loop_options(setup.options, setup.rate), FACTS) as writer:
+        bounds = [0, *sorted(cuts), 60]
+        for i, (first, end) in enumerate(pairwise(bounds)):
+            writer.take("ticks", first, ticks[first:end])
+            if i in written:
+                writer.write(np.array(COUNTERS))
+        writer.finish("duration", np.array(COUNTERS), 0)
+    result = load_result(path)
+    assert result.ticks == 60
+    for column in TICK_COLUMNS:
+        assert result[column.name].tobytes() == session[column.name][:60].tobytes(), column.name
+    for column in LIVE_TICK_COLUMNS:
+        assert np.array_equal(result[f"live/tick/{column.name}"], session[f"live/tick/{column.name}"][:60])
+
+
+def test_a_session_that_lost_its_beginning_cannot_be_run_again(ticks: Records, tmp_path: Path) -> None:
+    result = recorded(tmp_path / "session.h5", ticks)
+    with h5py.File(result.path, "r+") as file:
+        file["live/tick/record"][...] += 3
+    with pytest.raises(InputError, match="lost its first 3 ticks, and what the others began with is not known"):
+        run_again(load_result(result.path))
+
+
+def test_ticks_whose_solver_failed_are_told(ticks: Records, tmp_path: Path) -> None:
+    late = ticks.copy()
+    late["tick"][200:] += 1
+    late["tick"][300:] += 4
+    late["missed"][300] = 4
+    again = run_again(recorded(tmp_path / "session.h5", late))
+    assert again.identical
+    assert again.notes == (
+        "ticks whose solver failed, and that are not in the file: 1; what follows on them may differ",
     )
 
 
