@@ -65,7 +65,10 @@ class Drill:
 
     def __init__(self, glove: FakeDexmo, record: Path | None = None, rerun: str | None = None) -> None:
         self.glove = glove
-        self.session = Supervisor(replace(grasping_setup(glove.port, record), rerun=rerun))
+        self.told: list[str] = []
+        """What the supervisor said."""
+        setup = replace(grasping_setup(glove.port, record), rerun=rerun)
+        self.session = Supervisor(setup, lambda text, level: self.told.append(text))
         self._ring = RingReader(self.session.memory.ticks)
         self._ticks: list[NDArray[Any]] = []
 
@@ -99,6 +102,7 @@ class Drill:
 
     def grasp(self) -> None:
         """Wait until a finger is held, and let the user's hand stand still there."""
+        self.glove.order("move")
         self.until(lambda: self.stiffness > STIFF, "finger that is stopped")
         self.glove.order("hold")
         self.go_on(0.1)

@@ -5,6 +5,7 @@ killed as a crash would kill them. The time is taken from before the fault to th
 told, or would have been told, to hold a finger: by the server's own log where it lives, else by the session's ticks.
 """
 
+import importlib.util
 import json
 import os
 import resource
@@ -25,6 +26,10 @@ from hhsim.live.live_records import Stage
 from hhsim.live.supervisor import GUARDIAN, RECORDER, VIEWER
 from hhsim.result import load_result
 
+JUST_BEFORE = 200_000_000
+"""A finger is held so shortly before a fault [ns]."""
+WHILE = 0.6
+"""How long a fault lasts [s]: longer than the fingers may be held after it, on any machine."""
 HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 
 
@@ -40,6 +45,15 @@ def glove(tmp_path: Path) -> Iterator[FakeDexmo]:
         yield server
 
 
+@pytest.fixture(scope="module")
+def drill(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Drill]:
+    """One session for the faults that it survives, with a recorder and, where there is rerun, a viewer."""
+    folder = tmp_path_factory.mktemp("drill")
+    rerun = str(folder / "session.rrd") if importlib.util.find_spec("rerun") else None
+    with FakeDexmo(folder / "told.log") as server, Drill(server, folder / "session.h5", rerun) as held:
+        yield held
+
+
 def held_last(told: NDArray[Any], since: int) -> int:
     """How long after `since` a finger was last held [ns]; negative where it was free by then."""
     times = told["time_ns"][stiff(told)]
@@ -47,8 +61,119 @@ def held_last(told: NDArray[Any], since: int) -> int:
 
 
 def assert_free_in_time(drill: Drill, told: NDArray[Any], since: int) -> None:
-    assert stiff(told[told["time_ns"] < since]).any(), "nothing was held: the drill shows nothing"
+    """Fingers were held right before a fault, and `told` holds none of them any more soon after it."""
+    before = told[(told["time_ns"] < since) & (told["time_ns"] > since - JUST_BEFORE)]
+    assert stiff(before).any(), "nothing was held: the drill shows nothing"
+    assert (told["time_ns"] > since + drill.allowed).any(), "the drill ended before it showed anything"
     assert held_last(told, since) <= drill.allowed
+
+
+def assert_ramp(told: NDArray[Any]) -> None:
+    """A finger is held again, and began to be held little by little."""
+    assert stiff(told).any()
+    assert told[stiff(told)][0]["stiffness"].max() < STIFF / 2, "the fingers come back by the ramp"
+
+
+def test_glove_unplugged_and_back(drill: Drill) -> None:
+    drill.grasp()
+    unplugged = time.monotonic_ns()
+    drill.glove.order("unplug")
+    drill.go_on(WHILE)
+    assert drill.session.memory.status["safety"] & Safety.STALE_INPUT
+    assert_free_in_time(drill, drill.commands(), unplugged)
+    assert_free_in_time(drill, drill.ticks, unplugged)
+    plugged = time.monotonic_ns()
+    drill.glove.order("plug")
+    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
+    drill.go_on(0.05)
+    told = drill.commands()
+    assert_ramp(told[told["time_ns"] > plugged])
+
+
+def test_peer_stalls(drill: Drill) -> None:
+    drill.grasp()
+    stalled = time.monotonic_ns()
+    drill.glove.order("stall")
+    drill.go_on(WHILE)
+    assert drill.session.memory.status["safety"] & Safety.STALE_INPUT
+    assert_free_in_time(drill, drill.ticks, stalled)
+    heard = len(drill.commands())
+    going = time.monotonic_ns()
+    drill.glove.order("go")
+    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
+    # What waited in the connection is read in its order: held fingers, then free ones, and then those of the ramp.
+    told = drill.commands()[heard:]
+    free = told["time_ns"][~stiff(told)]
+    assert free.size
+    assert free[0] - going <= drill.allowed
+
+
+def test_peer_dies_and_comes_back(drill: Drill) -> None:
+    drill.grasp()
+    died = time.monotonic_ns()
+    drill.glove.kill()
+    status = drill.session.memory.status
+    drill.until(lambda: bool(status["safety"] & Safety.DEVICE_LOST), "loss of the glove")
+    drill.go_on(WHILE)
+    assert_free_in_time(drill, drill.ticks, died)
+    back = time.monotonic_ns()
+    drill.glove.start()
+    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
+    drill.go_on(0.05)
+    told = drill.commands()
+    assert_ramp(told[told["time_ns"] > back])
+
+
+def test_glove_jumps(drill: Drill) -> None:
+    drill.grasp()
+    jumped = time.monotonic_ns()
+    drill.glove.order("jump")
+    drill.go_on(0.1)
+    ticks = drill.ticks
+    assert stiff(ticks[(ticks["time_ns"] < jumped) & (ticks["time_ns"] > jumped - JUST_BEFORE)]).any()
+    free = ticks[(ticks["time_ns"] > jumped) & ~stiff(ticks)]
+    assert len(free)
+    assert free["time_ns"][0] - jumped <= drill.allowed
+    assert drill.session.stage == Stage.RUNNING
+    drill.session.poll()
+    assert any("finger jumped by" in text for text in drill.told), drill.told
+
+
+def test_guardian_killed(drill: Drill) -> None:
+    drill.grasp()
+    first = drill.session.pid(GUARDIAN)
+    killed = drill.kill(GUARDIAN)
+    status = drill.session.memory.status
+    drill.until(lambda: bool(status["safety"] & Safety.NO_GUARDIAN), "word of the lost guardian")
+    freed = held_last(drill.ticks, killed)
+    assert freed <= drill.allowed + 1e9 * drill.session.setup.safety.guardian_stale
+    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
+    assert drill.session.pid(GUARDIAN) not in (None, first)
+
+
+def test_viewer_closed(drill: Drill) -> None:
+    if drill.session.setup.rerun is None:
+        pytest.skip("there is no rerun")
+    drill.grasp()
+    drill.until(lambda: drill.session.memory.status["viewer_ns"] != 0, "viewer")
+    drill.kill(VIEWER)
+    drill.still_holds()
+    assert any("the viewer was ended by SIGKILL" in text for text in drill.told), drill.told
+
+
+def test_recorder_killed(drill: Drill) -> None:
+    drill.grasp()
+    status = drill.session.memory.status
+    drill.until(lambda: int(status["recorder_ticks"]) > 500, "recorded ticks")
+    drill.kill(RECORDER)
+    drill.still_holds()
+    assert any("the recorder was ended by SIGKILL" in text for text in drill.told), drill.told
+    path = drill.session.setup.record
+    assert path is not None
+    result = load_result(path)
+    assert not result.complete
+    assert result.ticks > 500
+    assert np.isfinite(result["graphic/position"]).all()
 
 
 def test_loop_killed(glove: FakeDexmo, tmp_path: Path) -> None:
@@ -58,104 +183,19 @@ def test_loop_killed(glove: FakeDexmo, tmp_path: Path) -> None:
         killed = drill.kill(LOOP)
         while drill.session.poll():
             time.sleep(0.002)
-    told = drill.commands()
-    assert_free_in_time(drill, told, killed)
+        drill.session.end()
+        told = drill.commands()
+    assert held_last(told, killed) <= drill.allowed
+    assert stiff(told[(told["time_ns"] < killed) & (told["time_ns"] > killed - JUST_BEFORE)]).any()
     # By the guardian, on a connection of its own, soon enough and again.
     freed = told[(told["client"] != loop) & (told["time_ns"] > killed)]
     assert len(freed) >= 2
     assert not stiff(freed).any()
     assert freed["time_ns"].min() - killed <= drill.allowed
-    assert "SIGKILL" in drill.session.end().loop_failed
-    assert drill.session.end().guardian_releases >= 2
-    result = load_result(tmp_path / "session.h5")
-    assert result.ticks > 100
-
-
-def test_peer_dies_and_comes_back(glove: FakeDexmo, tmp_path: Path) -> None:
-    with Drill(glove) as drill:
-        drill.grasp()
-        died = time.monotonic_ns()
-        glove.kill()
-        drill.until(lambda: bool(drill.session.memory.status["safety"] & Safety.DEVICE_LOST), "loss of the glove")
-        drill.go_on(0.1)
-        assert_free_in_time(drill, drill.ticks, died)
-        back = time.monotonic_ns()
-        glove.start()
-        drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
-        drill.go_on(0.05)
-    told = drill.commands()
-    told = told[told["time_ns"] > back]
-    assert stiff(told).any()
-    assert not stiff(told[:10]).any(), "the fingers come back by the ramp"
-
-
-def test_peer_stalls(glove: FakeDexmo) -> None:
-    with Drill(glove) as drill:
-        drill.grasp()
-        stalled = time.monotonic_ns()
-        glove.order("stall")
-        drill.go_on(0.3)
-        assert drill.session.memory.status["safety"] & Safety.STALE_INPUT
-        assert_free_in_time(drill, drill.ticks, stalled)
-        heard = len(drill.commands())
-        going = time.monotonic_ns()
-        glove.order("go")
-        drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
-    # What waited in the connection is read in its order: held fingers, then free ones, and then those of the ramp.
-    told = drill.commands()[heard:]
-    assert not stiff(told).all()
-    free = np.flatnonzero(~stiff(told))
-    assert told["time_ns"][free[0]] - going <= drill.allowed
-
-
-def test_glove_unplugged_and_back(glove: FakeDexmo) -> None:
-    with Drill(glove) as drill:
-        drill.grasp()
-        unplugged = time.monotonic_ns()
-        glove.order("unplug")
-        drill.go_on(0.3)
-        assert_free_in_time(drill, drill.commands(), unplugged)
-        assert_free_in_time(drill, drill.ticks, unplugged)
-        plugged = time.monotonic_ns()
-        glove.order("plug")
-        drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
-        drill.go_on(0.05)
-        told = drill.commands()
-        told = told[told["time_ns"] > plugged]
-        first = told[stiff(told)][0]["stiffness"].max()
-        assert first < STIFF / 2, "the fingers come back by the ramp"
-        assert drill.session.stage == Stage.RUNNING
-
-
-def test_glove_jumps(glove: FakeDexmo) -> None:
-    with Drill(glove) as drill:
-        drill.grasp()
-        jumped = time.monotonic_ns()
-        glove.order("jump")
-        drill.go_on(0.1)
-        ticks = drill.ticks
-        assert stiff(ticks[ticks["time_ns"] < jumped]).any()
-        free = ticks[(ticks["time_ns"] > jumped) & ~stiff(ticks)]
-        assert len(free)
-        assert free["time_ns"][0] - jumped <= drill.allowed
-        assert drill.session.stage == Stage.RUNNING
-    words = " / ".join(text for _, _, text in drill.session.end().notices)
-    assert "finger jumped by" in words, words
-
-
-def test_recorder_killed(glove: FakeDexmo, tmp_path: Path) -> None:
-    path = tmp_path / "session.h5"
-    with Drill(glove, path) as drill:
-        drill.grasp()
-        drill.until(lambda: int(drill.session.memory.status["recorder_ticks"]) > 500, "recorded ticks")
-        drill.kill(RECORDER)
-        drill.still_holds()
-    assert_free_at_the_end(drill)
-    result = load_result(path)
-    assert not result.complete
-    assert result.ticks > 500
-    assert np.isfinite(result["graphic/position"]).all()
-    assert "the recorder was ended by SIGKILL" in drill.session.end().record_failed + str(drill.session.end().notices)
+    outcome = drill.session.end()
+    assert "SIGKILL" in outcome.loop_failed
+    assert outcome.guardian_releases >= 2
+    assert load_result(tmp_path / "session.h5").ticks > 100
 
 
 def test_disk_full(glove: FakeDexmo, tmp_path: Path) -> None:
@@ -176,31 +216,6 @@ def test_disk_full(glove: FakeDexmo, tmp_path: Path) -> None:
     assert not result.complete
     assert result.ticks > 500
     assert drill.session.end().record_failed
-
-
-def test_viewer_closed(glove: FakeDexmo, tmp_path: Path) -> None:
-    pytest.importorskip("rerun")
-    with Drill(glove, rerun=str(tmp_path / "session.rrd")) as drill:
-        drill.grasp()
-        drill.until(lambda: drill.session.memory.status["viewer_ns"] != 0, "viewer")
-        drill.kill(VIEWER)
-        drill.still_holds()
-    assert_free_at_the_end(drill)
-    assert "the viewer was ended by SIGKILL" in str(drill.session.end().notices)
-
-
-def test_guardian_killed(glove: FakeDexmo) -> None:
-    with Drill(glove) as drill:
-        drill.grasp()
-        first = drill.session.pid(GUARDIAN)
-        killed = drill.kill(GUARDIAN)
-        status = drill.session.memory.status
-        drill.until(lambda: bool(status["safety"] & Safety.NO_GUARDIAN), "word of the lost guardian")
-        free = held_last(drill.ticks, killed)
-        assert free <= drill.allowed + 1e9 * drill.session.setup.safety.guardian_stale
-        drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
-        assert drill.session.pid(GUARDIAN) not in (None, first)
-    assert drill.session.end().guardian_restarts == 1
 
 
 def assert_free_at_the_end(drill: Drill) -> None:
