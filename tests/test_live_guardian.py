@@ -126,7 +126,7 @@ def test_a_loop_that_is_killed_is_spoken_for(guarded: Guarded) -> None:
     assert guardian.wait(PATIENCE) == 0
     spoken = [line for line in guarded.lines() if line.who == "guardian" and line.stiffness == 0.0]
     assert len(spoken) >= 3, "again and again: a first word may be lost"
-    assert guarded.memory.status["guardian_releases"] == len(spoken)
+    assert guarded.memory.status["guardian_releases"] == len(spoken) - 1, "its last word is a matter of course"
     assert guarded.memory.status["guardian_armed"] == 0
     assert guarded.lines()[-1].stiffness == -1.0, "its connection is closed"
 

@@ -79,6 +79,12 @@ def test_a_setup_comes_back_whole(setup: LiveSetup) -> None:
     assert again.period_ns == 2_000_000
 
 
+def test_what_nobody_knows_yet_is_not_zero() -> None:
+    status = SessionMemory.create().status
+    assert (status["battery"], status["sample_ns"], status["latency_p99_ns"]) == (-1, -1, -1)
+    assert (status["heartbeat_ns"], status["stage"]) == (0, 0)
+
+
 def test_events_are_cut_between_letters() -> None:
     memory = SessionMemory.create()
     memory.log(WARNING, "é" * 200, 5)

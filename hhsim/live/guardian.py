@@ -70,7 +70,7 @@ class Guardian:
                 pass
         finally:
             self._status["guardian_armed"] = 0
-            self._release()
+            self._free_fingers()
             if self._opened:
                 self._device.close()
             self._loop.close()
@@ -89,7 +89,8 @@ class Guardian:
         amiss = running and (self._loop.gone or now - int(status["heartbeat_ns"]) > self._stale_ns)
         if amiss and now - self._released_ns >= RELEASE_NS:
             self._released_ns = now
-            self._release()
+            if self._free_fingers():
+                status["guardian_releases"] += 1
         return self._may_go(now, running)
 
     def _may_go(self, now: int, running: bool) -> bool:
@@ -129,9 +130,8 @@ class Guardian:
         self._opened = True
         return True
 
-    def _release(self) -> None:
-        if not self._dry_run and self._opened and self._device.release():
-            self._status["guardian_releases"] += 1
+    def _free_fingers(self) -> bool:
+        return not self._dry_run and self._opened and self._device.release()
 
 
 class _LoopProcess:

@@ -132,9 +132,6 @@ class LiveLoop:
         self._pass_over_backlog()
         self.deadlines.start()
         status["heartbeat_ns"] = self.deadlines.woke_ns
-        status["wakeup_p50_ns"] = status["wakeup_p99_ns"] = -1
-        status["latency_p50_ns"] = status["latency_p99_ns"] = -1
-        status["sample_ns"] = status["battery"] = -1
         self._tell()
         status["stage"] = Stage.RUNNING
 

@@ -28,6 +28,12 @@ FACTS = np.dtype([("version", np.int64), ("size", np.int64), ("text", np.uint8, 
 """A JSON document; `version` is odd while it is being written, 0 before the first."""
 
 EVENT_BYTES = EVENT["text"].itemsize
+NOT_KNOWN_YET = (
+    *("battery", "sample_ns"),
+    *("wakeup_p50_ns", "wakeup_p99_ns", "latency_p50_ns", "latency_p99_ns"),
+)
+"""Fields of the status that are -1 until the loop knows better."""
+
 INFORMATION, WARNING, FAULT = 0, 1, 2
 """Levels of an event."""
 
@@ -74,8 +80,11 @@ class SessionMemory:
     @classmethod
     def create(cls) -> Self:
         """Fresh memory for a session; pass `descriptors` on to the children (`subprocess`, `pass_fds`)."""
+        status = SharedBlock.create("status", LIVE_STATUS)
+        for name in NOT_KNOWN_YET:
+            status.array[name] = -1
         return cls(
-            SharedBlock.create("status", LIVE_STATUS),
+            status,
             SharedRing.create("ticks", LIVE_TICK, TICK_CAPACITY),
             SharedRing.create("samples", GLOVE_SAMPLE, SAMPLE_CAPACITY),
             SharedRing.create("events", EVENT, EVENT_CAPACITY),
