@@ -10,8 +10,6 @@ import pytest
 from hhsim.live.glove_device import DeviceError
 from hhsim.live.tcp_link import MOST_READ, TcpLink, _is_itself
 
-SECOND = 1.0
-
 
 @contextmanager
 def pair() -> Iterator[tuple[TcpLink, socket.socket]]:
@@ -90,7 +88,7 @@ def test_a_message_that_must_go_takes_a_fresh_connection_where_this_one_is_full(
         with first:
             message = b"let go" * 20_000
             for _ in range(1000):
-                assert link.send_within(message, 0.2)
+                assert link.send_within(message, 1.0)
                 if link.connection == 2:
                     break
             second, _ = listener.accept()
@@ -105,11 +103,39 @@ def test_a_message_that_must_go_takes_a_fresh_connection_where_this_one_is_full(
 def test_closing_over_unread_bytes_does_not_reset_the_connection() -> None:
     with pair() as (link, peer):
         peer.sendall(bytes(100_000))
-        link.wait(20.0)
+        peer.shutdown(socket.SHUT_WR)
         assert link.send(b"last word")
-        link.close(SECOND / 4)
+        link.close(20.0)
         assert peer.recv(100) == b"last word"
         assert peer.recv(100) == b"", "the end, and not a ConnectionResetError"
+
+
+def test_retiring_waits_for_nothing_and_does_not_reset_the_connection() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        link = TcpLink("127.0.0.1", listener.getsockname()[1], "the peer")
+        link.connect(20.0)
+        peer, _ = listener.accept()
+        peer.settimeout(20.0)
+        with peer:
+            peer.sendall(bytes(100))
+            assert link.send(b"last word")
+            link.retire()
+            assert not link.connected
+            # A server that writes before it reads; a reset would make this fail.
+            for _ in range(50):
+                peer.sendall(bytes(1000))
+                link.reconnect()
+            assert peer.recv(100) == b"last word" and peer.recv(100) == b""
+        end = time.monotonic() + 20.0
+        while not link.reconnect():
+            assert time.monotonic() < end
+        fresh, _ = listener.accept()
+        with fresh:
+            fresh.settimeout(20.0)
+            while link._retired is not None:
+                assert link.receive() is None and time.monotonic() < end
+            assert link.send(b"hello") and fresh.recv(100) == b"hello"
+        link.close()
 
 
 def test_a_peer_that_is_gone_is_a_device_error_at_once_and_after() -> None:

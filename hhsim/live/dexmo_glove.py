@@ -282,7 +282,7 @@ class DexmoGlove(GloveDevice):
                 self._link.send(framed(encode_impedance(self._device_id, FREE, FREE, kept=True)), urgent=True)
         except DeviceError:
             pass
-        self._link.close(linger=0.0)
+        self._link.retire()
         self._stream = MessageStream()
         self._lost = DeviceError(f"{self._link.name}: {reason}")
 

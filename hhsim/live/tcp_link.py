@@ -45,6 +45,8 @@ class TcpLink:
         self.host, self.port, self.name = host, port, name
         self._socket: socket.socket | None = None
         self._begun: socket.socket | None = None
+        self._retired: socket.socket | None = None
+        self._retired_at = 0.0
         self._begun_at = self._last_try = -GIVE_UP
         self._address: tuple[int, Any] | None = None
         self._rest = b""
@@ -84,6 +86,7 @@ class TcpLink:
 
     def reconnect(self) -> bool:
         """Try again without waiting; True where there is a connection."""
+        self._drain_retired()
         if self._socket is not None:
             return True
         now = time.monotonic()
@@ -119,6 +122,7 @@ class TcpLink:
         Raises:
             DeviceError: the peer is gone.
         """
+        self._drain_retired()
         if self._socket is None:
             raise DeviceError(f"{self.name}: not connected")
         try:
@@ -193,9 +197,19 @@ class TcpLink:
         if self._socket is not None:
             _ready(self._socket, select.POLLIN, timeout)
 
+    def retire(self) -> None:
+        """Let go without waiting; `reconnect` and `receive` see to it that the peer gets what it was sent."""
+        self._drop_retired()
+        self._retired, self._socket, self._rest = self._socket, None, b""
+        self._retired_at = time.monotonic()
+        if self._retired is not None:
+            with contextlib.suppress(OSError):
+                self._retired.shutdown(socket.SHUT_WR)
+
     def close(self, linger: float = LINGER) -> None:
         """Let go, after the peer has taken what it was sent, or did not in `linger` seconds; never raises."""
         self._abandon()
+        self._drop_retired()
         if self._socket is None:
             return
         link, self._socket, self._rest = self._socket, None, b""
@@ -236,6 +250,23 @@ class TcpLink:
         if self._begun is not None:
             self._begun.close()
             self._begun = None
+
+    def _drain_retired(self) -> None:
+        if self._retired is None:
+            return
+        try:
+            over = time.monotonic() - self._retired_at > GIVE_UP or not self._retired.recv(MOST_READ)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError:
+            over = True
+        if over:
+            self._drop_retired()
+
+    def _drop_retired(self) -> None:
+        if self._retired is not None:
+            self._retired.close()
+            self._retired = None
 
     def _gone(self, reason: str) -> DeviceError:
         if self._socket is not None:
