@@ -67,6 +67,8 @@ def _refuse_changes(context: click.Context, path: Path) -> None:
             continue
         if isinstance(parameter, click.Argument):
             raise click.UsageError(f"{path} runs again with the motion that it holds: it takes no TRAJECTORY")
+        if name == "rerun":
+            raise click.UsageError(f"{path} holds its ticks already: hhsim view {path} shows them")
         raise click.UsageError(
             f"{path} runs again as it was, so {parameter.opts[0]} has no place here; to replay its motion otherwise, "
             f"give an object first: hhsim replay OBJECT {path}"

@@ -27,10 +27,11 @@ from hhsim.recording_csv import read_csv_recording
 from hhsim.recording_dexmo import Poses, has_dexmo_channels, read_dexmo_table
 from hhsim.recording_leap import looks_like_leap, read_leap_recording
 from hhsim.recording_npz import read_npz_recording
+from hhsim.result_motion import holds_a_result, load_result_motion
 from hhsim.trajectory import HandSide, Trajectory
 
 FORMATS = {
-    "hhsim": "a trajectory of hhsim, .h5",
+    "hhsim": "a trajectory, a result or a session of hhsim, .h5",
     "npz": "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
     "leap": "a Leap Motion recording, .json or .json.lz",
     "bvh": "BVH motion capture with the joints of fingers",
@@ -82,6 +83,10 @@ def read_recording(path: str | Path, options: ReadOptions | None = None) -> Reco
     asked = options or ReadOptions()
     if source.is_dir():
         raise TrajectoryError(f"{source}: a folder; expected a recording")
+    if holds_a_result(source):
+        # Read in parts, however long the session is.
+        recording = from_trajectory(load_result_motion(source))
+        return recording.changed(hand=asked.hand) if asked.hand else recording
     try:
         if source.stat().st_size > MOST_BYTES:
             raise TrajectoryError(f"{source}: more than 1 GB; expected a recording of a hand")

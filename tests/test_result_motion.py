@@ -13,6 +13,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand import HandModel
 from hhsim.live.recorder import Recorder
 from hhsim.live.session_memory import SessionMemory
+from hhsim.recording_file import read_recording
 from hhsim.replay import replay
 from hhsim.result import load_result
 from hhsim.result_schema import TICK_COLUMNS
@@ -112,6 +113,14 @@ def test_the_good_samples_of_a_session_are_its_motion(session: Path) -> None:
     x = result["haptic/position"][:, 0]
     np.testing.assert_allclose(motion.position[:, 0], np.interp(at, np.arange(700), x), atol=2e-6)
     assert motion.position[0, 0] == x[0]
+
+
+def test_a_session_is_imported_as_its_motion(session: Path) -> None:
+    motion, recording = motion_in(session), read_recording(session)
+    for name in ("time", "position", "flexion"):
+        np.testing.assert_array_equal(getattr(recording, name), getattr(motion, name))
+    assert recording.form == "hhsim"
+    assert [channel.name for channel in recording.raw] == [channel.name for channel in motion.raw]
 
 
 def test_a_session_replays_against_another_object(session: Path, tmp_path: Path) -> None:
