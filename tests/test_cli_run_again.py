@@ -55,7 +55,7 @@ def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
         (["grasp"], "run.h5 runs again with the motion that it holds: it takes no TRAJECTORY"),
         (["--tree", "other.h5"], "run.h5 runs again as it was, so --tree has no place here"),
         (["--threads", "2"], "run.h5 runs again as it was, so --threads has no place here"),
-        (["--rerun", "spawn"], "run.h5 holds its ticks already: hhsim view run.h5 shows them"),
+        (["--rerun", "x.rrd"], "run.h5 holds its ticks already: hhsim view run.h5 shows them"),
         (["--out", "again.h5"], "run.h5 runs again as it was, so --out has no place here"),
     ],
 )
