@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hhsim.errors import InputError
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand import HandModel
 from hhsim.live.devices import DeviceConfig
 from hhsim.live.live_setup import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits, read_setup, write_setup
@@ -77,6 +77,12 @@ def test_a_setup_comes_back_whole(setup: LiveSetup) -> None:
     assert again.options == setup.options
     assert (again.output, again.safety, again.real_time) == (setup.output, setup.safety, setup.real_time)
     assert again.period_ns == 2_000_000
+
+
+def test_a_system_without_such_memory_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("os.memfd_create")
+    with pytest.raises(HhsimError, match="need Linux"):
+        SessionMemory.create()
 
 
 def test_what_nobody_knows_yet_is_not_zero() -> None:

@@ -7,10 +7,13 @@ order, which is what a reader relies on.
 
 import mmap
 import os
+import sys
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hhsim.errors import HhsimError
 
 
 class SharedBlock:
@@ -30,7 +33,13 @@ class SharedBlock:
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype[Any], count: int = 1) -> Self:
-        """Fresh memory, all zeros; `name` is for people who look into /proc. The descriptor can be inherited."""
+        """Fresh memory, all zeros; `name` is for people who look into /proc. The descriptor can be inherited.
+
+        Raises:
+            HhsimError: the system has no memory of this kind.
+        """
+        if not hasattr(os, "memfd_create"):
+            raise HhsimError(f"live sessions need Linux, whose memory needs no file (memfd); this is {sys.platform}")
         descriptor = os.memfd_create(f"hhsim-{name}", 0)
         os.ftruncate(descriptor, dtype.itemsize * count)
         os.set_inheritable(descriptor, True)
