@@ -19,10 +19,11 @@ def read_target(context: click.Context, parameter: click.Parameter, value: str |
     return target
 
 
+METAVAR = "spawn|FILE.rrd|connect[=URL]"
 rerun = click.option(
     "--rerun",
     callback=read_target,
-    metavar="spawn|FILE.rrd|connect[=URL]",
+    metavar=METAVAR,
     help="Show the replay in the rerun viewer when it is done: open one, write a file for one, or send to one that is "
     "open, at HOST:PORT.",
 )

@@ -8,7 +8,7 @@ import click
 
 from . import options
 from .console import announce_compilation, print_json, print_notes, progress
-from .rerun_option import read_target
+from .rerun_option import METAVAR, read_target
 
 if TYPE_CHECKING:
     from hhsim.rerun_target import RerunTarget
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     default="spawn",
     show_default=True,
     callback=read_target,
-    metavar="spawn|FILE.rrd|connect[=URL]",
+    metavar=METAVAR,
     help="Open a viewer, write a file for one, or send to one that is open, at HOST:PORT.",
 )
 @click.option(

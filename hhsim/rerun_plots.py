@@ -60,7 +60,8 @@ VARIATION = Plot("plots/variation", "force change in a tick [%]", {"all": RED, *
 TIME = Plot(
     "plots/time",
     "time of a tick [µs]",
-    {"whole": RED, **dict(zip(("detection", "palm or hand", "fingers", "forces"), FINGER_COLORS))},
+    # The whole last: what comes last is drawn over the others.
+    {**dict(zip(("detection", "palm or hand", "fingers", "forces"), FINGER_COLORS)), "whole": RED},
     height=1.4,
 )
 CONTACTS = Plot("plots/contacts", "pairs", {"candidates": FINGER_COLORS[0], "touching": RED}, height=0.8)
@@ -96,7 +97,7 @@ def depth_values(depth: FloatArray, finger: FloatArray, palm: FloatArray) -> Flo
 
 def time_values(total: NDArray[Any], parts: NDArray[Any]) -> FloatArray:
     """Of `TIME` [µs], from durations [ns], shapes (T,) and (T, 4): detection, palm, fingers, forces."""
-    return 1e-3 * np.column_stack([total, parts])
+    return 1e-3 * np.column_stack([parts, total])
 
 
 def loop_values(wakeup: NDArray[Any], latency: NDArray[Any]) -> FloatArray:

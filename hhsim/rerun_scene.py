@@ -72,6 +72,8 @@ INNER = 3e-4
 STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
     "phase": {
         "approach": (78, 121, 167),
+        "touch": (118, 183, 178),
+        "pinch": (237, 201, 72),
         "grasp": (242, 142, 43),
         "hold": (89, 161, 79),
         "slide": (176, 122, 161),
