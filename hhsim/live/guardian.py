@@ -1,9 +1,10 @@
 """The guardian: frees the fingers when the loop no longer can; `python -m hhsim.live.guardian --setup FD …`.
 
 It has a process and a connection to the glove of its own, stands above the loop under SCHED_FIFO, and watches two
-things: the loop's heartbeat, and the end of its process, which the system tells at once. While either is amiss it
-tells the glove every 20 ms that the fingers are free. It does not end before the loop has, whatever signal it gets; a
-session that has ended is released once more, for good measure.
+things: the loop's heartbeat, and the end of its process, which the system tells. The heartbeat is usually the quicker
+one, since a process with much locked memory takes its time to go. While either is amiss the glove is told every 20 ms
+that the fingers are free. It does not end before the loop has, whatever signal it gets; a session that has ended is
+released once more, for good measure.
 """
 
 import argparse
