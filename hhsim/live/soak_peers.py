@@ -21,6 +21,8 @@ Times = NDArray[np.int64]
 
 LEFT_OUT = 64
 """So many rows may be missing in one place."""
+LINE_HOLDS = 4096 // 11
+"""Commands in the line's buffer of 4 kB; the shortest has 11 bytes."""
 PRIORITY = 20
 """Of a glove's process under SCHED_FIFO: below the loop and its guardian."""
 
@@ -34,12 +36,14 @@ class PeerSeen:
         of_sample: the frame of each recorded sample, by its number since the glove was opened; -1: of none.
         received: when each command came, ascending.
         before: frames that were sent before the loop had opened the glove, and that it threw away.
+        taken_back: most commands that were on their way when the fingers were freed, and that this took back.
     """
 
     sent: Times
     of_sample: Times
     received: Times
     before: int = 0
+    taken_back: int = 0
 
 
 class SoakPeer(ABC):
@@ -157,7 +161,7 @@ class LinePeer(SoakPeer):
         numbers = result["live/sample/seq"]
         frames = np.full(int(numbers.max()) + 1, -1, np.int64)
         frames[numbers] = places
-        return PeerSeen(record.sent_ns, frames, np.sort(record.command_ns), int(places[0]))
+        return PeerSeen(record.sent_ns, frames, np.sort(record.command_ns), int(places[0]), LINE_HOLDS)
 
 
 class UdpPeer(SoakPeer):
