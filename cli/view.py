@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     metavar="K",
     help="Show only every K-th tick; of those between, the plots keep the worst, but of forces the shown tick's.",
 )
-@click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree too.")
+@click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in the place of its mesh.")
 @options.json
 @options.quiet
 def command(result: Path, target: "RerunTarget", every: int, spheres: bool, as_json: bool, quiet: bool) -> None:

@@ -26,6 +26,7 @@ def blueprint(
     title: str,
     plots: Sequence[Plot],
     *,
+    hidden: Sequence[str] = (),
     tops: Mapping[Plot, float] | None = None,
     live: bool = False,
 ) -> "rrb.Blueprint":
@@ -36,6 +37,7 @@ def blueprint(
         extent: of what is shown [m].
         title: of the scene.
         plots: from top to bottom.
+        hidden: entities of the scene that are not seen at first.
         tops: where a plot's axis ends at first, from 0 on, instead of at its largest value.
         live: follow the newest tick and show the last `LIVE_WINDOW` seconds, instead of playing a recording.
     """
@@ -61,6 +63,7 @@ def blueprint(
         ),
         line_grid=rrb.LineGrid3D(visible=False),
         background=BACKGROUND,
+        overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
     )
     ends = tops or {}
     lines = [

@@ -63,6 +63,7 @@ POINT_RADIUS = 1.2e-3
 NORMAL_LENGTH = 8e-3
 NORMAL_RADIUS = 5e-4
 
+OBJECT = "world/object"
 EVENT_LEVELS = ("INFO", "WARN", "ERROR")
 """Of rerun, for the levels of a session's log."""
 
@@ -98,7 +99,7 @@ class ShownScene:
         hand: the hand.
         fingers: which fingers the scene uses, shape (5,); the others go through the object.
         touch: pairs nearer than this touch [m].
-        spheres: show the leaf spheres instead of the mesh's surface alone.
+        spheres: send the leaf spheres too.
         text: what was run, Markdown.
     """
 
@@ -139,7 +140,7 @@ class RerunScene:
 
         scene = self.scene
         self._fixed("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        self._fixed("world/object", _mesh(_object_surface(scene.mesh), STONE_COLOR))
+        self._fixed(OBJECT, _mesh(_object_surface(scene.mesh), STONE_COLOR))
         if scene.spheres:
             spheres = rr.Ellipsoids3D(
                 centers=scene.tree.leaf_center,

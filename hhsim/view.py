@@ -18,7 +18,7 @@ from hhsim.live.safety_words import why_free_or_held
 from hhsim.mesh import Mesh
 from hhsim.rerun_blueprint import blueprint
 from hhsim.rerun_plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, loop_values
-from hhsim.rerun_scene import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene
+from hhsim.rerun_scene import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene
 from hhsim.rerun_target import RerunTarget, rerun_stream
 from hhsim.result import Result
 from hhsim.result_hand import hand_of
@@ -76,7 +76,7 @@ def view_result(
         result: of a replay or a session, complete or not.
         target: where it goes.
         every: only every so-manieth tick is shown; the plots then show the worst of the ticks between, but for forces.
-        spheres: show the leaf spheres too.
+        spheres: show the leaf spheres, in the place of the object's mesh.
         progress: called with what is being done, how much is done and how much there is.
 
     Raises:
@@ -148,7 +148,9 @@ def arranged(result: Result, scene: ShownScene, group: h5py.Group, plots: Sequen
     top = min(float(duration.max()), 4.0 * float(np.quantile(duration, 0.99)))
     title = f"{result.path.name}: graphic hand, haptic hand (blue), contact forces (red)"
     extent = float(np.linalg.norm(high - low))
-    return blueprint(0.5 * (low + high), extent, title, plots, tops={TIME: max(top, 1.0)})
+    # The viewer draws spheres with flat facets: the mesh would show through where no sphere leaves it.
+    hidden = [OBJECT] if scene.spheres else []
+    return blueprint(0.5 * (low + high), extent, title, plots, hidden=hidden, tops={TIME: max(top, 1.0)})
 
 
 def description(result: Result) -> str:
