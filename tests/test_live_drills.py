@@ -139,6 +139,27 @@ def test_glove_jumps(drill: Drill) -> None:
     assert any("finger jumped by" in text for text in drill.told), drill.told
 
 
+def test_loop_hangs(drill: Drill) -> None:
+    drill.grasp()
+    pid = drill.session.pid(LOOP)
+    assert pid is not None
+    hung = time.monotonic_ns()
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        drill.go_on(WHILE)
+        told = drill.commands()
+        going = time.monotonic_ns()
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert_free_in_time(drill, told, hung)
+    # The guardian says it again and again.
+    assert len(told[told["time_ns"] > hung + drill.allowed]) > 3
+    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
+    drill.go_on(0.05)
+    told = drill.commands()
+    assert_ramp(told[told["time_ns"] > going])
+
+
 def test_guardian_killed(drill: Drill) -> None:
     drill.grasp()
     first = drill.session.pid(GUARDIAN)
