@@ -251,11 +251,20 @@ def assert_free_at_the_end(drill: Drill) -> None:
 def test_the_command_is_ended(glove: FakeDexmo, tmp_path: Path, number: signal.Signals) -> None:
     """As a user runs it; SIGKILL of the supervisor, too, ends in free fingers and no process left."""
     command = [*HHSIM, "live", "glove", "cube", "--device", "dexmo", "--port", str(glove.port), "--level", "3"]
-    command += ["--pose", "fixed", "--stiffness", "0.5", "--no-record", "--json"]
-    process = subprocess.Popen(
+    # A slow loop is late less often on a busy machine, which would begin the ramp anew.
+    command += ["--pose", "fixed", "--stiffness", "1", "--rate", "250", "--stale", "100", "--no-record", "--json"]
+    with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
-    )
-    limit = time.monotonic() + 40.0
+    ) as process:
+        try:
+            end_the_command(glove, process, number)
+        finally:
+            process.terminate()
+
+
+def end_the_command(glove: FakeDexmo, process: "subprocess.Popen[str]", number: signal.Signals) -> None:
+    """Wait until a finger is held, send the signal, and look at what the glove was told."""
+    limit = time.monotonic() + 60.0
     while not (commands := glove.records(Kind.COMMAND)).size or commands["stiffness"][-1].max() < STIFF:
         assert time.monotonic() < limit
         assert process.poll() is None, process.communicate()
