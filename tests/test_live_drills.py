@@ -182,23 +182,32 @@ def test_viewer_closed(drill: Drill) -> None:
     assert any("the viewer was ended by SIGKILL" in text for text in drill.told), drill.told
 
 
-def test_recorder_killed(drill: Drill) -> None:
+def test_disk_full(drill: Drill) -> None:
     drill.grasp()
-    status = drill.session.memory.status
+    status, path = drill.session.memory.status, drill.session.setup.record
     drill.until(lambda: int(status["recorder_ticks"]) > 500, "recorded ticks")
-    drill.kill(RECORDER)
-    drill.still_holds()
-    assert any("the recorder was ended by SIGKILL" in text for text in drill.told), drill.told
-    path = drill.session.setup.record
+    pid = drill.session.pid(RECORDER)
+    assert pid is not None
     assert path is not None
+    # The file may not grow any more: a full disk that needs no root.
+    size = path.stat().st_size
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, size))
+    drill.until(lambda: drill.session.pid(RECORDER) is None, "full disk")
+    drill.still_holds()
+    assert status["recorder_failed"]
+    assert any("the recorder ended with code 2: " in text for text in drill.told), drill.told
     result = load_result(path)
     assert not result.complete
     assert result.ticks > 500
-    assert np.isfinite(result["graphic/position"]).all()
 
 
-def test_loop_killed(glove: FakeDexmo, tmp_path: Path) -> None:
+def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> None:
     with Drill(glove, tmp_path / "session.h5") as drill:
+        drill.grasp()
+        drill.until(lambda: int(drill.session.memory.status["recorder_ticks"]) > 500, "recorded ticks")
+        drill.kill(RECORDER)
+        drill.still_holds()
+        assert any("the recorder was ended by SIGKILL" in text for text in drill.told), drill.told
         drill.grasp()
         loop = drill.loop_client()
         killed = drill.kill(LOOP)
@@ -216,27 +225,17 @@ def test_loop_killed(glove: FakeDexmo, tmp_path: Path) -> None:
     outcome = drill.session.end()
     assert "SIGKILL" in outcome.loop_failed
     assert outcome.guardian_releases >= 2
-    assert load_result(tmp_path / "session.h5").ticks > 100
-
-
-def test_disk_full(glove: FakeDexmo, tmp_path: Path) -> None:
-    path = tmp_path / "session.h5"
-    with Drill(glove, path) as drill:
-        drill.grasp()
-        drill.until(lambda: int(drill.session.memory.status["recorder_ticks"]) > 500, "recorded ticks")
-        pid = drill.session.pid(RECORDER)
-        assert pid is not None
-        # The file may not grow any more: a full disk that needs no root.
-        size = path.stat().st_size
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, size))
-        status = drill.session.memory.status
-        drill.until(lambda: bool(status["recorder_failed"]) or drill.session.pid(RECORDER) is None, "full disk")
-        drill.still_holds()
-    assert_free_at_the_end(drill)
-    result = load_result(path)
+    assert "SIGKILL" in outcome.record_failed
+    result = load_result(tmp_path / "session.h5")
     assert not result.complete
     assert result.ticks > 500
-    assert drill.session.end().record_failed
+    assert np.isfinite(result["graphic/position"]).all()
+
+
+def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
+    drill.grasp()
+    drill.session.end()
+    assert_free_at_the_end(drill)
 
 
 def assert_free_at_the_end(drill: Drill) -> None:

@@ -35,7 +35,7 @@ def test_rows_that_were_never_sent_are_noticed() -> None:
         places_of(sent, np.array([[7, 7]]))
 
 
-@pytest.mark.parametrize("device", PEERS)
+@pytest.mark.parametrize("device", ["dexmo", "opengloves"])
 def test_a_short_run_accounts_for_everything(device: str, tmp_path: Path) -> None:
     kind = PEERS[device]
     with kind(tmp_path, kind.usual_rate, 3) as peer:
