@@ -152,6 +152,7 @@ def test_loop_hangs(drill: Drill) -> None:
     finally:
         os.kill(pid, signal.SIGCONT)
     assert_free_in_time(drill, told, hung)
+    assert any("the loop has given no sign of life" in text for text in drill.told), drill.told
     # The guardian says it again and again.
     assert len(told[told["time_ns"] > hung + drill.allowed]) > 3
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")

@@ -190,6 +190,16 @@ def test_a_loop_that_does_not_end_is_ended(make: Make, program: str, last: str) 
     assert session.end().reason == "a key"
 
 
+def test_a_loop_that_hangs_is_told_and_ended_when_it_is_asked(make: Make) -> None:
+    session = make(loop="status['heartbeat_ns'] = time.monotonic_ns()\n" + STUBBORN_LOOP)
+    with session:
+        run(session, lambda: "no sign of life" in str(session._notices))
+        session.ask_stop("a key")
+        # Whoever looks after it is let go, although the loop never ends by itself.
+        run(session, lambda: False)
+    assert "ended by SIGKILL" in session.end().loop_failed
+
+
 def test_a_guardian_that_dies_is_started_again(make: Make) -> None:
     session = make(guardian=MORTAL)
     with session:

@@ -10,6 +10,7 @@
 The supervisor itself is needed by none of them: when it is killed, the loop frees the fingers and ends.
 """
 
+import math
 import os
 import signal
 import time
@@ -47,6 +48,8 @@ RELEASE_PATIENCE = 0.25
 """How long the guardian has to free the fingers after a loop that did not [s]: a dozen times what it needs."""
 VIEWER_PATIENCE = 5.0
 GUARDIAN_PATIENCE = 2.0
+SILENCE = 0.5
+"""A loop without a sign of life for so long is told of [s]; the guardian has freed the fingers long before."""
 RESTART_PAUSES = (0.0, 0.1, 0.5, 2.0)
 """Before a guardian is started again, the first time, the second and so on [s]."""
 STEADY = 10.0
@@ -121,6 +124,8 @@ class Supervisor:
         self._guardian_due = 0.0
         self._began = time.monotonic()
         self._never_ran = False
+        self._asked = math.inf
+        self._hangs = False
         self._outcome: SessionOutcome | None = None
 
     def __enter__(self) -> Self:
@@ -176,9 +181,9 @@ class Supervisor:
         if self.stage == Stage.RUNNING:
             self.tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
         self._tell_events()
-        loop = self._children[LOOP]
-        if not loop.running:
+        if not self._children[LOOP].running or self._waited_enough():
             return False
+        self._watch_loop()
         self._watch_guardian()
         for name, loses in ((RECORDER, "the rest of the session is not recorded"), (VIEWER, "")):
             child = self._children.get(name)
@@ -194,6 +199,7 @@ class Supervisor:
     def ask_stop(self, reason: str) -> None:
         """Ask the loop to free the fingers and end; the first reason is kept."""
         self._reason = self._reason or reason
+        self._asked = min(self._asked, time.monotonic())
         self.memory.status["stop_asked"] = 1
 
     def end(self, reason: str = "") -> SessionOutcome:
@@ -243,6 +249,21 @@ class Supervisor:
         child = ChildProcess(name, MODULES[name], arguments, descriptors)
         self._children[name] = child
         return child
+
+    def _waited_enough(self) -> bool:
+        """Whether a loop that was asked to end has had its time for it."""
+        return time.monotonic() - self._asked > LOOP_PATIENCE
+
+    def _watch_loop(self) -> None:
+        heartbeat = int(self.memory.status["heartbeat_ns"])
+        silent = 1e-9 * (time.monotonic_ns() - heartbeat)
+        hangs = heartbeat > 0 and self.stage == Stage.RUNNING and silent > SILENCE
+        if hangs and not self._hangs:
+            text = f"the loop has given no sign of life for {silent:.1f} s: the guardian keeps the fingers free"
+            self._notice(text, FAULT)
+        elif self._hangs and not hangs and self.stage == Stage.RUNNING:
+            self._notice("the loop is alive again", INFORMATION)
+        self._hangs = hangs
 
     def _watch_guardian(self) -> None:
         guardian = self._children.get(GUARDIAN)
