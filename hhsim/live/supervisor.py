@@ -286,12 +286,13 @@ class Supervisor:
         if loop is None:
             self.memory.status["stage"] = Stage.ENDED
             return
+        self._asked = min(self._asked, time.monotonic())
         self.memory.status["stop_asked"] = 1
-        for signal_ in (None, signal.SIGTERM, signal.SIGKILL):
+        for number, signal_ in enumerate((None, signal.SIGTERM, signal.SIGKILL), 1):
             if signal_ is not None:
                 self._notice(f"the loop does not end: it gets {signal_.name}", FAULT)
                 loop.send(signal_)
-            if loop.wait(LOOP_PATIENCE):
+            if loop.wait(self._asked + number * LOOP_PATIENCE - time.monotonic()):
                 break
         if loop.code != 0 or self.stage != Stage.ENDED:
             died = loop.code is None or loop.code <= 0
