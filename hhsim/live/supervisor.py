@@ -42,6 +42,8 @@ MODULES = {
 
 LOOP_PATIENCE = 3.0
 """How long the loop has to end after it was asked; it then gets SIGTERM, and SIGKILL after as long again [s]."""
+AT_LEAST = 0.2
+"""However long ago it was asked [s]."""
 RECORDER_PATIENCE = 60.0
 """How long the recorder has to write the rest [s]."""
 RELEASE_PATIENCE = 0.25
@@ -292,7 +294,8 @@ class Supervisor:
             if signal_ is not None:
                 self._notice(f"the loop does not end: it gets {signal_.name}", FAULT)
                 loop.send(signal_)
-            if loop.wait(self._asked + number * LOOP_PATIENCE - time.monotonic()):
+            left = self._asked + number * LOOP_PATIENCE - time.monotonic()
+            if loop.wait(max(left, AT_LEAST)):
                 break
         if loop.code != 0 or self.stage != Stage.ENDED:
             died = loop.code is None or loop.code <= 0
