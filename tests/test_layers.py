@@ -75,6 +75,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     # Looking at them.
     ("result_hand", "shown_ticks", "rerun_plots", "rerun_scene", "rerun_blueprint", "rerun_target", "status_words"),
+    # The referee.
+    (
+        *("verify", "verify_claim", "verify_contacts", "verify_file"),
+        *("verify_forces", "verify_hand", "verify_metrics", "verify_ticks"),
+    ),
     # A glove in the loop.
     ("live",),
     ("view",),

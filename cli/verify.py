@@ -1,0 +1,89 @@
+"""`hhsim verify`."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from . import options
+from .console import print_json, print_notes, print_table, progress
+
+if TYPE_CHECKING:
+    from hhsim.verify import Verification
+    from hhsim.verify_claim import Claim
+
+COLUMNS = (
+    "claim",
+    "verdict",
+    "worst",
+    "let pass",
+    "unit",
+    "at tick",
+    "looked at",
+    "what is claimed; why so much is let pass",
+)
+NUMBERS = ("worst", "let pass", "at tick", "looked at")
+
+
+@click.command()
+@click.argument("result", type=click.Path(path_type=Path))
+@click.option(
+    "--every",
+    type=click.IntRange(1),
+    default=10,
+    show_default=True,
+    metavar="K",
+    help="Judge distances and forces at every K-th tick, and where the file says that something is worst.",
+)
+@options.json
+@options.quiet
+def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
+    """Check every claim of a result with code that is not the solver's.
+
+    RESULT is a file that hhsim replay or hhsim live wrote. Joints, depths, forces, optimality, times and the summary
+    are computed anew from the stored hands; the true mesh is asked through the collision library coal, which
+    pip install 'hhsim[verify]' brings. Exit code 1 where a claim is false.
+
+    \b
+    Examples:
+      hhsim verify results/grasp.h5
+      hhsim verify grasp.h5 --every 1
+      hhsim verify session.h5 --every 100 --json
+    """
+    from hhsim.result import load_result
+    from hhsim.verify import verify
+
+    begin = time.perf_counter()
+    loaded = load_result(result)
+    with progress(quiet=quiet) as report:
+        found = verify(loaded, every=every, progress=report)
+    if as_json:
+        print_json({"result": str(result), **found.to_json(), "seconds": time.perf_counter() - begin})
+    elif not quiet:
+        _print(result, found)
+    return 0 if found.passed else 1
+
+
+def _print(path: Path, found: "Verification") -> None:
+    print_table(COLUMNS, [_cells(claim) for claim in found.claims], title=str(path), numbers=NUMBERS)
+    print_notes([f"{claim.name}: {claim.note}" for claim in found.claims if claim.note])
+    spheres, mesh = 1e6 * found.sphere_penetration, 1e6 * found.mesh_penetration
+    deep = f"deepest in the spheres {spheres:.3f} µm, in the mesh {mesh:.3f} µm"
+    false = [claim.name for claim in found.claims if claim.failed]
+    verdict = f"FALSE: {', '.join(false)}" if false else "every claim that could be judged holds"
+    print(f"{found.looked_at:,} of {found.ticks:,} ticks looked at; {deep}; {verdict}")
+
+
+def _cells(claim: "Claim") -> tuple[str, ...]:
+    nothing = claim.worst != claim.worst
+    return (
+        claim.name,
+        claim.verdict,
+        "—" if nothing else f"{claim.worst:.2g}",
+        "—" if claim.tolerance != claim.tolerance else f"{claim.tolerance:.2g}",
+        claim.unit,
+        "—" if claim.tick is None else str(claim.tick),
+        f"{claim.checked:,}",
+        f"{claim.says}; {claim.why}" if claim.why else claim.says,
+    )

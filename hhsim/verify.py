@@ -1,0 +1,174 @@
+"""The referee: every claim of a result file, checked by code that shares no geometry with the solver.
+
+Kinematics are scipy's rotations (`hhsim.verify_hand`), distances to spheres a bisection (`hhsim.verify_contacts`),
+distances to the true mesh coal's (`hhsim.hand_referee`), forces least squares and clarabel (`hhsim.verify_forces`);
+figures are computed anew (`hhsim.verify_metrics`). Nothing is taken from the solver but what the file holds.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, MeshError
+from hhsim.result import Result
+from hhsim.stored_scene import WHOLE_SINCE, stored_mesh
+from hhsim.verify_claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
+from hhsim.verify_file import file_claims
+from hhsim.verify_metrics import metric_claims
+from hhsim.verify_ticks import TickReferee
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Progress = Callable[[str, int, int], None]
+
+MESH_LIMIT = 1e-3
+"""Distances to the mesh from here on are not looked for [m]."""
+MESH_EXACT = 1e-8
+"""How near the referee's two bounds of a distance to the mesh are to each other [m], see `hhsim.hand_referee`."""
+SAFE_METHODS = ("coupled", "progressive")
+"""Methods that promise that nothing penetrates."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What the referee found.
+
+    Attributes:
+        claims: Every claim with its verdict.
+        ticks: Of the file.
+        looked_at: Ticks whose geometry and forces were judged; what is cheap was judged at all of them.
+        every: One in so many, as asked for.
+        sphere_penetration: Deepest in the leaf spheres, of the ticks looked at [m].
+        mesh_penetration: Deepest in the true mesh [m]; NaN where that could not be judged.
+        stationarity: Largest imbalance of the coupling against what touches [N]; NaN where no optimum is claimed.
+    """
+
+    claims: tuple[Claim, ...]
+    ticks: int
+    looked_at: int
+    every: int
+    sphere_penetration: float
+    mesh_penetration: float
+    stationarity: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether no claim is false."""
+        return not any(claim.failed for claim in self.claims)
+
+    def to_json(self) -> dict[str, Any]:
+        """For machines, SI units."""
+        return {
+            "passed": self.passed,
+            "ticks": self.ticks,
+            "ticks_looked_at": self.looked_at,
+            "every": self.every,
+            "sphere_penetration": self.sphere_penetration,
+            "mesh_penetration": self.mesh_penetration,
+            "stationarity": self.stationarity,
+            "claims": [claim.to_json() for claim in self.claims],
+        }
+
+
+def verify(result: Result, *, every: int = 10, progress: Progress | None = None) -> Verification:
+    """Judge a result.
+
+    Args:
+        result: Of schema 3 or later.
+        every: Geometry and forces are judged at one tick in so many, and where the file says it is worst.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Raises:
+        InputError: An older schema, no ticks, or coal is not installed.
+    """
+    require_coal()
+    if result.schema_version < WHOLE_SINCE:
+        raise InputError(
+            f"{result.path} cannot be verified: its schema is {result.schema_version}, and whole hands are stored "
+            f"since schema {WHOLE_SINCE}; make it anew with this hhsim"
+        )
+    if result.ticks == 0:
+        raise InputError(f"{result.path} has no ticks: there is nothing to verify")
+    told = progress or (lambda what, done, total: None)
+    told("file", 0, 4)
+    claims = file_claims(result)
+    told("kinematics", 1, 4)
+    chosen = chosen_ticks(result, every)
+    referee = TickReferee(result, chosen)
+    claims += referee.posture_claims()
+    told("spheres", 2, 4)
+    claims += referee.contact_claims()
+    told("forces", 3, 4)
+    claims += referee.force_claims()
+    mesh, depth = _mesh_claim(result, referee, chosen, claims, told)
+    claims += [mesh, *metric_claims(result)]
+    stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
+    return Verification(
+        tuple(claims), result.ticks, len(chosen), every, referee.sphere_penetration, depth, stationarity
+    )
+
+
+def require_coal() -> None:
+    """Make sure that coal is there.
+
+    Raises:
+        InputError: It is not.
+    """
+    try:
+        import coal  # noqa: F401
+    except ImportError as error:
+        raise InputError(
+            "hhsim verify measures against the mesh with coal, which is not installed: pip install 'hhsim[verify]'"
+        ) from error
+
+
+def chosen_ticks(result: Result, every: int) -> IntArray:
+    """The ticks to look at: one in `every`, the last, and where the file itself says that something is worst."""
+    worst = [
+        int(np.nan_to_num(np.asarray(result[name], np.float64)).argmax())
+        for name in ("penetration_depth", "lag", "force_variation_rate", "contacts/touching")
+    ]
+    odd = np.flatnonzero(result["status"])
+    size = np.linalg.norm(result["force/total"], axis=1)
+    regular = np.arange(0, result.ticks, every)
+    last = [result.ticks - 1, int(np.nan_to_num(size).argmax())]
+    return np.unique(np.concatenate([regular, odd[:: max(1, len(odd) // 50)], worst, last]).astype(np.int64))
+
+
+def _mesh_claim(
+    result: Result, referee: TickReferee, chosen: IntArray, claims: list[Claim], told: Progress
+) -> tuple[Claim, float]:
+    """The graphic hand against the true mesh, by coal: a claim where the spheres cover it and nothing is in them."""
+    from hhsim.hand_referee import HandReferee
+    from hhsim.placed_hand import HandShape, PlacedHand
+
+    name, says = "mesh", "the graphic hand stays out of the true mesh"
+    why = "the bounds of the referee's own distance"
+    try:
+        judge = HandReferee(stored_mesh(result))
+    except MeshError as error:
+        return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
+    hand, posed = referee.hand, referee.graphic
+    shape = HandShape(hand.radius, hand.palm_center, hand.palm_radius)
+    at = referee.configuration
+    # A hand at rest is the same hand over and over.
+    different = np.unique(np.round(posed.joints.reshape(len(chosen), -1), 10), axis=0, return_index=True)[1]
+    least = np.full(len(chosen), np.inf)
+    used = np.append(np.repeat(referee.fingers, 3), True)
+    for done, i in enumerate(np.sort(different)):
+        told("mesh", done, len(different))
+        one = slice(i, i + 1)
+        placed = PlacedHand(posed.joints[one], at.position[one], at.orientation[one])
+        least[i] = judge.clearances(shape, placed, MESH_LIMIT)[0][used].min()
+    worst = int(least.argmin())
+    depth = max(0.0, -float(least[worst]))
+    promised = result.scene["solver"]["method"] in SAFE_METHODS and any(
+        claim.name == "cover" and claim.verdict in (HOLDS, FAILS) for claim in claims
+    )
+    verdict = NOT_CLAIMED if not promised else FAILS if depth > MESH_EXACT else HOLDS
+    note = "" if promised else "neither the method nor the tree promises it"
+    tick = int(chosen[worst]) if depth > 0.0 else None
+    return Claim(name, says, verdict, depth, MESH_EXACT, "m", tick, len(different), why, note), depth

@@ -1,0 +1,211 @@
+"""Claims of a result file about itself: that it is whole, in order, and that its object and tree belong together."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.tick_state import (
+    UNITS_LINEARISATION,
+    UNITS_NODE_TEST,
+    UNITS_PAIR_TEST,
+    UNITS_QP_ITERATION,
+    UNITS_ROW,
+)
+from hhsim.result import Result
+from hhsim.stored_scene import PARTS, checksums
+from hhsim.verify_claim import HOLDS, NOT_CLAIMED, Claim, all_true, judged
+
+FloatArray = NDArray[np.float64]
+
+SAMPLES = 10_000
+"""Random points on the mesh, uniform by area, besides its vertices and the middles of its edges."""
+COVER = 1e-9
+"""A point of the mesh this far outside of all leaves [m] is covered: less than any figure is stated to."""
+NEIGHBOURS = 24
+KNOWN_STATUS = 63
+STATUS_HELD = 4
+DURATIONS = ("detect", "palm", "fingers", "force", "total")
+
+
+def file_claims(result: Result) -> list[Claim]:
+    """The claims that need no geometry but the tree's."""
+    return [
+        _complete(result),
+        _checksums(result),
+        _time(result),
+        _input(result),
+        _phases(result),
+        all_true(
+            "status",
+            "every tick's status is made of known flags",
+            (result["status"] < 0) | (result["status"] > KNOWN_STATUS),
+            ticks=np.arange(result.ticks),
+        ),
+        _durations(result),
+        *_work(result),
+        _tree_order(result),
+        _tree_encloses(result),
+        cover(result),
+    ]
+
+
+def _complete(result: Result) -> Claim:
+    says = "the run was not stopped: the file is complete"
+    if result.complete:
+        return Claim("complete", says, HOLDS, checked=result.ticks)
+    return Claim("complete", says, NOT_CLAIMED, checked=result.ticks, note="the run was stopped; its ticks are judged")
+
+
+def _checksums(result: Result) -> Claim:
+    found, stated = checksums(result.static), result.scene.get("checksums", {})
+    wrong = [what for part, what in PARTS.items() if found[part] != stated.get(part)]
+    return all_true(
+        "checksums",
+        "object, tree and hand are those of the run",
+        np.array([found[part] != stated.get(part) for part in PARTS]),
+        note=f"not those of the run: {', '.join(wrong)}" if wrong else "",
+    )
+
+
+def _time(result: Result) -> Claim:
+    step, rate = np.diff(result["time"]), float(result.scene.get("rate", 0.0))
+    ticks = np.arange(1, result.ticks)
+    if result.live is not None or rate <= 0.0:
+        return all_true("time", "time goes on from tick to tick", ~(step > 0.0), ticks=ticks)
+    return judged(
+        "time",
+        f"a tick every {1e3 / rate:g} ms",
+        np.abs(step - 1.0 / rate),
+        1e-9,
+        "s",
+        "rounding of time stamps",
+        ticks=ticks,
+    )
+
+
+def _input(result: Result) -> Claim:
+    """Finite, or marked as held; sample numbers never go back."""
+    finite = np.ones(result.ticks, bool)
+    for name in ("position", "orientation", "flexion", "abduction"):
+        finite &= np.isfinite(result[f"haptic/{name}"]).reshape(result.ticks, -1).all(axis=1)
+    back = np.concatenate([[result["input_seq"][0] < 0], np.diff(result["input_seq"]) < 0])
+    wrong = back | (~finite & (result["status"] & STATUS_HELD == 0))
+    return all_true(
+        "input", "samples are used in their order, and none that is not finite", wrong, ticks=np.arange(result.ticks)
+    )
+
+
+def _phases(result: Result) -> Claim:
+    wrong, after = [], -1
+    for phase in result.phases:
+        late = phase.last_tick >= result.ticks and result.complete
+        wrong.append(phase.first_tick <= after or phase.last_tick < phase.first_tick or late)
+        after = phase.last_tick
+    return all_true("phases", "phases follow each other within the ticks", np.array(wrong, bool))
+
+
+def _durations(result: Result) -> Claim:
+    parts = [np.asarray(result[f"duration/{name}"], np.int64) for name in DURATIONS]
+    over = np.sum(parts[:-1], axis=0) - parts[-1]
+    negative = np.min([*parts, result["duration/total_cpu"]], axis=0)
+    return judged(
+        "durations",
+        "the parts of a tick's time fit in the whole",
+        np.maximum(0, np.maximum(over, -negative)) * 1e-9,
+        0.0,
+        "s",
+        "one clock measures all, the parts inside of the whole",
+        ticks=np.arange(result.ticks),
+    )
+
+
+def _work(result: Result) -> list[Claim]:
+    """The weighted work against its parts; only how many rows each program but the largest had is not stored."""
+    if result.scene["solver"]["method"] not in ("coupled", "progressive"):
+        return []
+    work = {name: np.asarray(result[f"work/{name}"], np.int64) for name in ("node_tests", "pair_tests", "units")}
+    steps, rows = np.asarray(result["work/linearisations"]), np.asarray(result["work/rows"])
+    least = UNITS_LINEARISATION * steps + UNITS_QP_ITERATION * np.asarray(result["work/qp_iterations"])
+    least += UNITS_NODE_TEST * work["node_tests"] + UNITS_PAIR_TEST * work["pair_tests"] + UNITS_ROW * rows
+    most = least + UNITS_ROW * rows * np.maximum(steps - 1, 0)
+    outside = (work["units"] < least) | (work["units"] > most)
+    return [all_true("work", "the weighted work is that of its parts", outside, ticks=np.arange(result.ticks))]
+
+
+def _tree(result: Result) -> tuple[Any, ...]:
+    return tuple(np.array(result.static[f"object/tree/{name}"]) for name in ("center", "radius", "level", "parent"))
+
+
+def leaves(result: Result) -> tuple[FloatArray, FloatArray]:
+    """Centres (L, 3) and radii (L,) of the object's leaf spheres [m], world."""
+    center, radius, level, _ = _tree(result)
+    last = level == level.max(initial=0)
+    return center[last], radius[last]
+
+
+def _tree_order(result: Result) -> Claim:
+    _, radius, level, parent = _tree(result)
+    index = np.arange(len(radius))
+    wrong = (parent < 0) | (parent >= index)
+    wrong[0] = parent[0] != -1
+    above = np.where(wrong, 0, parent)
+    wrong |= (index > 0) & (level != level[above] + 1)
+    wrong |= ~(radius > 0.0)
+    return all_true("tree order", "each sphere has its parent on the level above", wrong)
+
+
+def _tree_encloses(result: Result) -> Claim:
+    """What a walk down the tree relies on: no leaf sticks out of a sphere above it."""
+    center, radius, level, parent = _tree(result)
+    leaf = np.flatnonzero(level == level.max(initial=0))
+    out = np.zeros(len(leaf))
+    above = leaf.copy()
+    for _ in range(int(level.max(initial=0))):
+        above = np.clip(parent[above], 0, len(radius) - 1)
+        away = np.linalg.norm(center[leaf] - center[above], axis=1)
+        out = np.maximum(out, away + radius[leaf] - radius[above])
+    return judged(
+        "tree encloses", "every leaf lies inside of the spheres above it", out, 1e-9, "m", "rounding of a world frame"
+    )
+
+
+def cover(result: Result) -> Claim:
+    """Whether the leaves hold the mesh: vertices, middles of edges and random points of it."""
+    from scipy.spatial import cKDTree
+    from scipy.spatial.distance import cdist
+
+    vertices, faces = np.array(result.static["object/vertices"]), np.array(result.static["object/faces"])
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    rng = np.random.default_rng(0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    which = rng.choice(len(faces), SAMPLES, p=area / area.sum())
+    s, t = rng.random((2, SAMPLES, 1))
+    s, t = np.where(s + t > 1.0, 1.0 - s, s), np.where(s + t > 1.0, 1.0 - t, t)
+    inner = a[which] + s * (b - a)[which] + t * (c - a)[which]
+    points = np.concatenate([vertices[np.unique(faces)], 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a), inner])
+    center, radius = leaves(result)
+    count = min(NEIGHBOURS, len(radius))
+    away, near = cKDTree(center).query(points, count)
+    away, near = np.reshape(away, (-1, count)), np.reshape(near, (-1, count))
+    out = (away - radius[near]).min(axis=1)
+    # Of spheres of unlike size, the one that holds a point need not be among the nearest.
+    rest = np.flatnonzero(out > 0.0)
+    for part in np.array_split(rest, max(1, len(rest) // 1000)):
+        if part.size:
+            out[part] = (cdist(points[part], center) - radius).min(axis=1)
+    gap = np.maximum(out, 0.0)
+    why = "less than any figure is stated to"
+    claim = judged("cover", "the leaf spheres cover the object's surface", gap, COVER, "m", why)
+    if covers(result):
+        return claim
+    return Claim(
+        *(claim.name, claim.says, NOT_CLAIMED, claim.worst, claim.tolerance, "m", None, claim.checked, why),
+        "this tree was not built to cover the mesh, or the file does not say how it was",
+    )
+
+
+def covers(result: Result) -> bool:
+    """Whether the tree is one that hhsim built to cover the mesh."""
+    options = result.scene.get("tree_options") or {}
+    return result.scene.get("tree") is None and options.get("method") == "certified" and options.get("cover") == "outer"

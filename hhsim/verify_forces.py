@@ -1,0 +1,168 @@
+"""The referee's own forces: what the stored configurations demand, solved by other means than the solver's.
+
+Notation: q the 21 variables (palm 6, flexion 15), G the coupling, w = G (q_g − q_h) what the coupling pulls with. At
+the optimum w = Jᵀλ + μ with λ ≥ 0 at what touches and μ at joint limits only. The multipliers need not be unique, w
+is; so the stored forces are right if some λ ≥ 0 gives both them and w, which a nonnegative least squares decides.
+Residuals are in N, in the metric of the coupling: moments divided by √(k_r / k_t), joint torques by √(k_θ / k_t).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.verify_contacts import PALM, Pairs
+from hhsim.verify_hand import OwnHand, Posed
+
+FloatArray = NDArray[np.float64]
+
+AT_LIMIT = 1e-9
+"""A joint this near to its limit [rad] can bear on it."""
+BODY_COLUMNS = 3 * (PALM + 1)
+
+
+class Moment(NamedTuple):
+    """One tick: what touches, and the coupling there.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | jacobian | of the touching pairs' distances by q | (N, 21) |
+    | limits | rows of the joints that are at a limit | (M, 21) |
+    | bodies | 1 · normal of each pair in its body's three columns | (N, 48) |
+    | pull | w, [N] and [N·m] | (21,) |
+    | distance | of the pairs [m] | (N,) |
+    | body | of the pairs | (N,) |
+    """
+
+    jacobian: FloatArray
+    limits: FloatArray
+    bodies: FloatArray
+    pull: FloatArray
+    distance: FloatArray
+    body: NDArray[np.int64]
+
+
+def moment(hand: OwnHand, posed: Posed, flexion: FloatArray, pairs: Pairs, i: int, pull: FloatArray) -> Moment:
+    """The tick `i` of `posed`, whose touching pairs are `pairs`; flexion (5, 3) [rad], pull (21,)."""
+    count = len(pairs.body)
+    jacobian, bodies = np.zeros((count, 21)), np.zeros((count, BODY_COLUMNS))
+    jacobian[:, :3] = pairs.normal
+    jacobian[:, 3:6] = np.cross(pairs.point - posed.position[i], pairs.normal)
+    for row, (body, point, normal) in enumerate(zip(pairs.body, pairs.point, pairs.normal)):
+        bodies[row, 3 * body : 3 * body + 3] = normal
+        if body != PALM:
+            f, last = divmod(int(body), 3)
+            for k in range(last + 1):
+                jacobian[row, 6 + 3 * f + k] = normal @ np.cross(posed.axes[i, f], point - posed.joints[i, f, k])
+    unit = np.eye(21)[6:]
+    low = (flexion - hand.flexion_min).ravel() <= AT_LIMIT
+    high = (hand.flexion_max - flexion).ravel() <= AT_LIMIT
+    return Moment(jacobian, np.concatenate([unit[low], -unit[high]]), bodies, pull, pairs.distance, pairs.body)
+
+
+def balance(at: Moment, scale: FloatArray, pull: FloatArray | None = None) -> float:
+    """How far [N] the coupling is from being balanced by pushes at what touches and joints at their limits.
+
+    Args:
+        at: The tick.
+        scale: Of the 21 rows, to N.
+        pull: Another one than the coupling's, shape (21,).
+    """
+    wanted = (at.pull if pull is None else pull) * scale
+    return _residual((np.concatenate([at.jacobian, at.limits]) * scale).T, wanted)
+
+
+def explained(at: Moment, scale: FloatArray, stored: FloatArray, pull: FloatArray, apart: bool) -> float:
+    """How far [N] stored forces are from pushes at what touches that also balance a pull.
+
+    Args:
+        at: The tick.
+        scale: Of the 21 rows, to N.
+        stored: Force of each body [N], the palm's last, shape (48,).
+        pull: Shape (21,).
+        apart: Palm and fingers each bear their own: contacts of a finger do not push the palm.
+    """
+    jacobian = at.jacobian
+    if apart:
+        jacobian = jacobian.copy()
+        jacobian[at.body != PALM, :6] = 0.0
+    limits = at.limits * scale
+    rows = np.concatenate([jacobian * scale, limits]).T
+    forces = np.concatenate([at.bodies, np.zeros((len(limits), BODY_COLUMNS))]).T
+    return _residual(np.concatenate([rows, forces]), np.concatenate([pull * scale, stored]))
+
+
+def on_its_way(at: Moment, diagonal: FloatArray, offset: float) -> FloatArray:
+    """What bears the coupling of a hand that is not where it wants to be, shape (21,): G (δ − δ*), by clarabel.
+
+    δ is the step that comes nearest to the user's hand, δ*, without coming nearer to anything that touches. Nothing is
+    asked of contacts nearer than `offset` [m] but not to come nearer.
+    """
+    import clarabel
+    from scipy.sparse import csc_matrix
+
+    rows = np.concatenate([at.jacobian, at.limits])
+    if len(rows) == 0:
+        return np.zeros(21)
+    bound = np.concatenate([np.minimum(offset - at.distance, 0.0), np.zeros(len(at.limits))])
+    root = np.sqrt(diagonal)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+    solution = clarabel.DefaultSolver(
+        csc_matrix(np.eye(21)),
+        at.pull / root,
+        csc_matrix(-rows / root),
+        -bound,
+        [clarabel.NonnegativeConeT(len(rows))],
+        settings,
+    ).solve()
+    return np.asarray((rows / root).T @ np.array(solution.z) * root, np.float64)
+
+
+def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, i: int, stiffness: float) -> FloatArray:
+    """Eq. 14 summed over pairs, each body's force [N], shape (16, 3).
+
+    Args:
+        pairs: What touches.
+        graphic, haptic: The hands.
+        turn: Graphic to haptic palm, shape (3, 3).
+        i: The tick, of both hands.
+        stiffness: k [N/m].
+    """
+    found = np.zeros((PALM + 1, 3))
+    for body, point, normal in zip(pairs.body, pairs.point, pairs.normal):
+        if body == PALM:
+            there = haptic.position[i] + turn @ (point - graphic.position[i])
+        else:
+            f, k = divmod(int(body), 3)
+            ours, theirs = (_phalanx_frame(posed, i, f, k) for posed in (graphic, haptic))
+            there = haptic.joints[i, f, k] + theirs @ ours.T @ (point - graphic.joints[i, f, k])
+        found[body] += stiffness * np.linalg.norm(point - there) * normal
+    return found
+
+
+def fingertip_normals(graphic: Posed, haptic: Posed, bears: NDArray[np.bool_], stiffness: float) -> FloatArray:
+    """Fig. 9: k |E E₁| across the distal phalanx, of the fingers that bear a force (T, 5); shape (T, 5, 3) [N]."""
+    off = graphic.joints[:, :, 3] - haptic.joints[:, :, 3]
+    along = graphic.joints[:, :, 3] - graphic.joints[:, :, 2]
+    along = along / np.linalg.norm(along, axis=2, keepdims=True)
+    across = np.cross(along, np.cross(off, along))
+    size = np.linalg.norm(across, axis=2, keepdims=True)
+    unit = across / np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.where(bears[..., None], stiffness * np.linalg.norm(off, axis=2, keepdims=True) * unit, 0.0))
+
+
+def _phalanx_frame(posed: Posed, i: int, f: int, k: int) -> FloatArray:
+    along = posed.joints[i, f, k + 1] - posed.joints[i, f, k]
+    along = along / np.linalg.norm(along)
+    axis = posed.axes[i, f]
+    return np.stack([axis, along, np.cross(axis, along)], axis=1)
+
+
+def _residual(matrix: FloatArray, wanted: FloatArray) -> float:
+    from scipy.optimize import nnls
+
+    if matrix.shape[1] == 0 or not np.isfinite(wanted).all():
+        return float(np.linalg.norm(wanted))
+    return float(nnls(matrix, wanted)[1])

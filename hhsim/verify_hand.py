@@ -1,0 +1,102 @@
+"""The referee's own hand: forward kinematics by scipy's rotations, from nothing but what a result file holds.
+
+A finger is straight along `distal` at zero angles. Abduction turns it about `dorsal`, each flexion about the axis that
+turns `distal` away from `dorsal`; every joint turns all that lies beyond it. The solver's kinematics add the angles up
+and use sines and cosines in the finger's plane; here the rotations themselves are chained.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.result import Result
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Configurations(NamedTuple):
+    """Hands: position (T, 3) [m], orientation (T, 4) w x y z, flexion (T, 5, 3) [rad], abduction (T, 5) [rad]."""
+
+    position: FloatArray
+    orientation: FloatArray
+    flexion: FloatArray
+    abduction: FloatArray
+
+    def at(self, ticks: IntArray) -> "Configurations":
+        """Those of some ticks."""
+        return Configurations(*(values[ticks] for values in self))
+
+
+class OwnHand(NamedTuple):
+    """The hand of a result, palm frame; fields as the file's, `sign` -1 for a left hand, whose abduction mirrors."""
+
+    base: FloatArray
+    distal: FloatArray
+    dorsal: FloatArray
+    length: FloatArray
+    radius: FloatArray
+    flexion_min: FloatArray
+    flexion_max: FloatArray
+    palm_center: FloatArray
+    palm_radius: FloatArray
+    sign: float
+
+
+class Posed(NamedTuple):
+    """Hands, world: joints (T, 5, 4, 3) [m], flexion axes (T, 5, 3), palm spheres (T, P, 3) and origin (T, 3) [m]."""
+
+    joints: FloatArray
+    axes: FloatArray
+    palm: FloatArray
+    position: FloatArray
+
+
+def own_hand(result: Result) -> OwnHand:
+    """The hand of a result of schema 3."""
+    static = {name: np.array(values) for name, values in result.static.items()}
+    return OwnHand(
+        base=static["hand/base"],
+        distal=static["hand/distal"],
+        dorsal=static["hand/dorsal"],
+        length=static["hand/phalanx_length"],
+        radius=static["hand/phalanx_radius"],
+        flexion_min=static["hand/flexion_min"],
+        flexion_max=static["hand/flexion_max"],
+        palm_center=static["hand/palm_center"],
+        palm_radius=static["hand/palm_radius"],
+        sign=-1.0 if result.scene["hand"]["side"] == "left" else 1.0,
+    )
+
+
+def configurations(result: Result, whose: str) -> Configurations:
+    """The graphic or the haptic hand of every tick, as stored."""
+    return Configurations(*(np.array(result[f"{whose}/{name}"]) for name in Configurations._fields))
+
+
+def pose(hand: OwnHand, at: Configurations) -> Posed:
+    """Where the hand is."""
+    from scipy.spatial.transform import Rotation
+
+    ticks = len(at.position)
+    joints, axes = np.empty((ticks, 5, 4, 3)), np.empty((ticks, 5, 3))
+    turned = Rotation.from_quat(at.orientation[:, [1, 2, 3, 0]])
+    for f in range(5):
+        axis = np.cross(hand.dorsal[f], hand.distal[f])
+        here = turned * Rotation.from_rotvec(hand.sign * at.abduction[:, f, None] * hand.dorsal[f])
+        axes[:, f] = here.apply(axis)
+        joints[:, f, 0] = at.position + turned.apply(hand.base[f])
+        for k in range(3):
+            here = here * Rotation.from_rotvec(at.flexion[:, f, k, None] * axis)
+            joints[:, f, k + 1] = joints[:, f, k] + hand.length[f, k] * here.apply(hand.distal[f])
+    palm = np.einsum("tij,pj->tpi", turned.as_matrix(), hand.palm_center) + at.position[:, None]
+    return Posed(joints, axes, palm, at.position)
+
+
+def turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Rotation vectors [rad], world, shape (T, 3), that take the first orientation to the second, both w x y z."""
+    from scipy.spatial.transform import Rotation
+
+    there, here = (Rotation.from_quat(values[:, [1, 2, 3, 0]]) for values in (second, first))
+    return np.asarray((there * here.inv()).as_rotvec(), np.float64)

@@ -1,0 +1,169 @@
+"""Claims about figures: the columns and the summary that follow from other columns, computed anew by other code."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.result import Result
+from hhsim.verify_claim import NOT_JUDGED, Claim, judged
+
+FloatArray = NDArray[np.float64]
+
+SAME = 1e-9
+"""Figures that differ by this share are the same: sums in another order differ by less."""
+FLOOR = 0.01
+ROUNDING = {"force_ripple_hold": 1e-9, "force_variation_hold": 1e-9, "force_variation_hold_std": 1e-9}
+"""Figures that are differences of large numbers: what rounding may leave of them [N, %]."""
+ELSEWHERE = {
+    "force_variation_tremor": "is of a run of its own, which the file does not hold",
+    "force_variation_tremor_std": "is of a run of its own, which the file does not hold",
+    "tracking_excess": "is against an optimum that only a solver can find",
+}
+"""Figures of the summary that do not follow from the ticks."""
+
+
+def metric_claims(result: Result) -> list[Claim]:
+    """Every figure that follows from the stored ticks."""
+    force, fingers = np.asarray(result["force/total"]), np.asarray(result["force/phalanx"]).sum(axis=2)
+    ticks = np.arange(result.ticks)
+    claims = []
+    for name, column, own in (
+        ("force variation", "force_variation_rate", change_rate(force)),
+        ("finger variation", "force_variation_finger", change_rate(fingers)),
+    ):
+        off = difference(result[column], own) / np.maximum(1.0, np.nan_to_num(np.abs(own)))
+        claims.append(
+            judged(
+                name,
+                "the one-tick change of the force's size is that of the stored forces",
+                off.reshape(result.ticks, -1).max(axis=1),
+                1e-7,
+                "%",
+                "forces of a hundredth of a newton have a change that is rounded to this",
+                ticks=ticks,
+            )
+        )
+    if result.complete:
+        claims += _summary_claims(result)
+    return claims
+
+
+def difference(stored: NDArray[np.float64], own: FloatArray) -> FloatArray:
+    """|stored − own|; 0 where both are NaN, infinite where one is."""
+    stored = np.asarray(stored, np.float64)
+    one, other = np.isnan(stored), np.isnan(own)
+    return np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(stored - own)))
+
+
+def change_rate(force: FloatArray) -> FloatArray:
+    """One-tick change of the size of forces, shape (T, ..., 3) [N], in %; NaN below 0.01 N and at the first tick."""
+    size = np.sqrt(np.einsum("...i,...i->...", force, force))
+    rate = np.full(size.shape, np.nan)
+    for t in range(1, len(size)):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = 100.0 * np.abs(size[t] / size[t - 1] - 1.0)
+        rate[t] = np.where(size[t - 1] < FLOOR, np.nan, change)
+    return rate
+
+
+def _summary_claims(result: Result) -> list[Claim]:
+    own = own_summary(result)
+    if result.live is not None:
+        # A session's other figures are of all its periods, those without a tick included.
+        own = {name: own[name] for name in ("ticks", "penetration_max")}
+    off = {}
+    for name, value in own.items():
+        if name in result.summary:
+            stored = float(result.summary[name])
+            room = np.nan_to_num(abs(value)) + ROUNDING.get(name, SAME * np.finfo(float).tiny) / SAME
+            off[name] = float(difference(np.array(stored), np.array(value))) / room
+    values = np.array(list(off.values()))
+    wrong = [
+        f"{name} is stored as {float(result.summary[name]):g}, the ticks give {own[name]:g}"
+        for name, value in off.items()
+        if value > SAME
+    ]
+    missing = [name for name in result.summary if name not in own]
+    said = "the figures of the summary are those of the ticks"
+    why = "sums in another order differ by less; 1e-9 N and 1e-9 % where rounding is all there is"
+    claims = [judged("summary", said, values, SAME, "1", why, note="; ".join(wrong))]
+    if missing:
+        note = "; ".join(f"{name} {ELSEWHERE.get(name, 'is unknown here')}" for name in sorted(missing))
+        claims.append(
+            Claim("summary, rest", "figures that do not follow from the ticks", NOT_JUDGED, checked=0, note=note)
+        )
+    return claims
+
+
+def own_summary(result: Result) -> dict[str, float]:
+    """What the summary should say, by the definitions of the documentation; SI, or % where so defined."""
+    force, status = np.asarray(result["force/total"]), np.asarray(result["status"])
+    size = np.sqrt((force**2).sum(axis=1))
+    hold = np.zeros(result.ticks, bool)
+    ripples = []
+    for phase in result.phases:
+        if phase.name == "hold":
+            part = slice(phase.first_tick, phase.last_tick + 1)
+            hold[part] = True
+            ripples.append(_ripple(force[part], float(result.scene.get("rate", 1000.0))))
+    contact = np.asarray(result["contacts/candidates"]) > 0
+    cpu, wall = (1e-9 * np.asarray(result[f"duration/{name}"], np.float64) for name in ("total_cpu", "total"))
+    variation = change_rate(force)[hold]
+    variation = variation[~np.isnan(variation)]
+    apart = np.asarray(result["haptic/position"]) - np.asarray(result["graphic/position"])
+    step = np.sqrt(((force[1:] - force[:-1]) ** 2).sum(axis=1))[~hold[1:]]
+    tests = np.asarray(result["work/node_tests"], np.float64) + np.asarray(result["work/pair_tests"])
+    level = result.static["object/tree/level"]
+    pairs = (15 + len(result.static["hand/palm_radius"])) * int((level == level.max()).sum())
+    held_force = _mean(size[hold])
+    return {
+        "ticks": float(result.ticks),
+        "candidates_max": float(result["contacts/candidates"].max(initial=0)),
+        "touching_max": float(result["contacts/touching"].max(initial=0)),
+        "tick_cpu_p50": _quantile(cpu[contact], 0.50),
+        "tick_cpu_p99": _quantile(cpu[contact], 0.99),
+        "tick_cpu_max": _quantile(cpu, 1.0),
+        "tick_wall_p50": _quantile(wall[contact], 0.50),
+        "tick_wall_over_1ms": 100.0 * _mean((np.asarray(result["duration/total"]) > 1_000_000).astype(float)),
+        "penetration_max": float(result["penetration_depth"].max(initial=0.0)),
+        "force_hold_mean": held_force,
+        "force_variation_hold": _mean(variation),
+        "force_variation_hold_std": float(np.sqrt(_mean((variation - _mean(variation)) ** 2))),
+        "force_ripple_hold": max(ripples, default=np.nan),
+        "force_step": 100.0 * step.max() / held_force if step.size and held_force >= FLOOR else np.nan,
+        "tracking_palm": _mean(np.sqrt((apart[hold] ** 2).sum(axis=1))),
+        "fingers_modelled": float(len(result.scene["solver"]["fingers"])),
+        "bodies_near": _mean(np.asarray(result["work/bodies"])[contact]),
+        "rows_max": float(result["work/rows"].max(initial=0)),
+        "tests_mean": _mean(tests),
+        "tests_share": 100.0 * _mean(tests) / pairs,
+        "work_mean": _mean(np.asarray(result["work/units"])),
+        "stuck_ticks": float((status & 1 > 0).sum()),
+        "lag_ticks": float((status & 2 > 0).sum()),
+        "lag_max": float(result["lag"].max(initial=0.0)),
+    }
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    return float(np.sum(values) / len(values)) if len(values) else float("nan")
+
+
+def _quantile(values: FloatArray, share: float) -> float:
+    """Between the two ticks around the share, in proportion."""
+    if values.size == 0:
+        return float("nan")
+    ordered = np.sort(values)
+    place = share * (len(ordered) - 1)
+    below = int(place)
+    above = min(below + 1, len(ordered) - 1)
+    return float(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
+
+
+def _ripple(force: FloatArray, rate: float) -> float:
+    """RMS [N] between 50 and 400 Hz by scipy's periodogram, the best line taken out, a Hann window."""
+    from scipy.signal import detrend, periodogram
+
+    if len(force) < 4.0 * rate / 50.0 or rate <= 100.0:
+        return float("nan")
+    frequency, density = periodogram(detrend(force, axis=0), rate, window="hann", detrend=False, axis=0)
+    band = (frequency >= 50.0) & (frequency <= 400.0)
+    return float(np.sqrt(density[band].sum() * rate / len(force)))
