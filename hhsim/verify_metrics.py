@@ -74,8 +74,9 @@ def _summary_claims(result: Result) -> list[Claim]:
     for name, value in own.items():
         if name in result.summary:
             stored = float(result.summary[name])
-            room = np.nan_to_num(abs(value)) + ROUNDING.get(name, SAME * np.finfo(float).tiny) / SAME
-            off[name] = float(difference(np.array(stored), np.array(value))) / room
+            room = np.nan_to_num(np.abs(value)) + ROUNDING.get(name, 0.0) / SAME
+            apart = float(difference(np.array(stored), np.array(value)))
+            off[name] = apart / room if room > 0.0 else np.inf if apart > 0.0 else 0.0
     values = np.array(list(off.values()))
     wrong = [
         f"{name} is stored as {float(result.summary[name]):g}, the ticks give {own[name]:g}"
