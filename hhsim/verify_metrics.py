@@ -88,7 +88,11 @@ def _summary_claims(result: Result) -> list[Claim]:
     why = "sums in another order differ by less; 1e-9 N and 1e-9 % where rounding is all there is"
     claims = [judged("summary", said, values, SAME, "1", why, note="; ".join(wrong))]
     if missing:
-        note = "; ".join(f"{name} {ELSEWHERE.get(name, 'is unknown here')}" for name in sorted(missing))
+        note = "; ".join(f"{name} {ELSEWHERE[name]}" for name in sorted(missing) if name in ELSEWHERE)
+        other = [name for name in missing if name not in ELSEWHERE]
+        if other:
+            whose = "of a session are of all its periods" if result.live is not None else "have no definition here"
+            note = "; ".join([*([note] if note else []), f"{len(other)} figures {whose}, such as {other[0]}"])
         claims.append(
             Claim("summary, rest", "figures that do not follow from the ticks", NOT_JUDGED, checked=0, note=note)
         )
