@@ -96,6 +96,8 @@ def all_true(
     """The verdict on what is either right or wrong: `wrong` is True where it is not, shape (N,)."""
     found = np.atleast_1d(np.asarray(wrong, bool))
     claim = judged(name, says, found.astype(float), 0.5, "1", why, ticks=ticks, note=note)
+    if claim.verdict == NOT_JUDGED:
+        return claim
     if not claim.failed:
         return Claim(name, says, claim.verdict, 0.0, 0.0, "", None, claim.checked, why, note)
     count = int(found.sum())

@@ -233,6 +233,15 @@ def uncounted_pair(file: h5py.File) -> None:
     file["tick/contacts/touching"][HOLD] -= 1
 
 
+def false_stuck(file: h5py.File) -> None:
+    """A tick that moved says that it was stuck, and so excuses itself from being an optimum."""
+    file["tick/status"][120] = 1
+
+
+def strange_status(file: h5py.File) -> None:
+    file["tick/status"][120] = 64
+
+
 FAULTS: dict[Callable[[h5py.File], None], str] = {
     shifted: "kinematics",
     moved_hand: "non-penetration",
@@ -261,6 +270,8 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     less_work: "work",
     silent_lag: "lag",
     uncounted_pair: "touching pairs",
+    false_stuck: "stuck ticks",
+    strange_status: "status",
 }
 SEALED = {missing_sphere, wrong_parent, edited_mesh}
 """Faults whose forger also made the checksums fit."""
