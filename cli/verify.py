@@ -39,7 +39,7 @@ NUMBERS = ("worst", "let pass", "at tick", "looked at")
 @options.json
 @options.quiet
 def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
-    """Check every claim of a result with code that is not the solver's.
+    """Check every claim of a result with independent code.
 
     RESULT is a file that hhsim replay or hhsim live wrote. Joints, depths, forces, optimality, times and the summary
     are computed anew from the stored hands; the true mesh is asked through the collision library coal, which
