@@ -29,6 +29,7 @@ class Pairs(NamedTuple):
     |---|---|---|
     | tick | of the ticks that were looked at, ascending | (N,) |
     | body | 0 to 14 the phalanges, 15 the palm | (N,) |
+    | leaf | number of the sphere | (N,) |
     | distance | signed [m] | (N,) |
     | point | of the hand's surface, nearest to the sphere [m], world | (N, 3) |
     | normal | unit, from the object to the hand | (N, 3) |
@@ -36,6 +37,7 @@ class Pairs(NamedTuple):
 
     tick: IntArray
     body: IntArray
+    leaf: IntArray
     distance: FloatArray
     point: FloatArray
     normal: FloatArray
@@ -51,7 +53,10 @@ class Pairs(NamedTuple):
 
     def at(self, rows: IntArray) -> "Pairs":
         """Some of them, in the order of `rows`."""
-        return Pairs(self.tick[rows], self.body[rows], self.distance[rows], self.point[rows], self.normal[rows])
+        return Pairs(
+            *(self.tick[rows], self.body[rows], self.leaf[rows]),
+            *(self.distance[rows], self.point[rows], self.normal[rows]),
+        )
 
     def nearest(self, ticks: int) -> FloatArray:
         """Least distance [m] of each body at each tick, shape (ticks, 16); infinite where no pair is near."""
@@ -81,6 +86,7 @@ def near_pairs(
     joined = Pairs(
         np.concatenate([pairs.tick for pairs in found]),
         np.concatenate([pairs.body for pairs in found]),
+        np.concatenate([pairs.leaf for pairs in found]),
         np.concatenate([pairs.distance for pairs in found]),
         np.concatenate([pairs.point for pairs in found]),
         np.concatenate([pairs.normal for pairs in found]),
@@ -127,7 +133,7 @@ def _phalanges(
     apart = cdist(0.5 * (a + b), center) - around[:, None] - radius
     row, leaf = np.nonzero((apart <= near) & counts[:, None])
     place, size = axis_places(a[row], b[row], radius_a[row], radius_b[row], center[leaf])
-    return _pairs(row // 15, row % 15, place, size, center[leaf], radius[leaf], near)
+    return _pairs(row // 15, row % 15, leaf, place, size, center[leaf], radius[leaf], near)
 
 
 def _palm(hand: OwnHand, posed: Posed, center: FloatArray, radius: FloatArray, near: float) -> Pairs:
@@ -141,12 +147,13 @@ def _palm(hand: OwnHand, posed: Posed, center: FloatArray, radius: FloatArray, n
     row, leaf = np.nonzero(apart <= near)
     leaf = close[leaf]
     place, size = posed.palm.reshape(-1, 3)[row], hand.palm_radius[row % spheres]
-    return _pairs(row // spheres, np.full(len(row), PALM), place, size, center[leaf], radius[leaf], near)
+    return _pairs(row // spheres, np.full(len(row), PALM), leaf, place, size, center[leaf], radius[leaf], near)
 
 
 def _pairs(
     tick: IntArray,
     body: IntArray,
+    leaf: IntArray,
     place: FloatArray,
     size: FloatArray,
     center: FloatArray,
@@ -159,4 +166,4 @@ def _pairs(
     distance = length - size - radius
     chosen = distance <= near
     point = place - size[:, None] * normal
-    return Pairs(tick[chosen], body[chosen], distance[chosen], point[chosen], normal[chosen])
+    return Pairs(tick[chosen], body[chosen], leaf[chosen], distance[chosen], point[chosen], normal[chosen])

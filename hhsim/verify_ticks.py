@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.result import Result
 from hhsim.verify_claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify_coal import EXACT, coal_distance
 from hhsim.verify_contacts import PALM, Pairs, near_pairs
 from hhsim.verify_file import leaves
 from hhsim.verify_forces import Moment, balance, explained, fingertip_normals, moment, on_its_way, proxy_forces
@@ -189,7 +190,38 @@ class TickReferee:
         if self.options["method"] == "paper":
             note = f"method paper counts what its own detection finds; {int(self._miscounted.sum())} ticks differ"
             touching = Claim(touching.name, touching.says, NOT_CLAIMED, checked=len(chosen), note=note)
-        return [*claims, inside, touching]
+        return [*claims, inside, touching, self._library_claim()]
+
+    def _library_claim(self) -> Claim:
+        """The nearest pair of each chosen tick by coal."""
+        center, radius = leaves(self.result)
+        pairs, posed, off, ticks = self._pairs, self.graphic, [], []
+        # Sorted by tick, then distance: the first of each tick is its nearest.
+        order = np.lexsort((pairs.distance, pairs.tick))
+        for n in order[np.unique(pairs.tick[order], return_index=True)[1]]:
+            i, body, leaf = int(pairs.tick[n]), int(pairs.body[n]), int(pairs.leaf[n])
+            if body == PALM:
+                away = np.linalg.norm(posed.palm[i] - center[leaf], axis=1) - self.hand.palm_radius
+                nearest = int(away.argmin())
+                a = b = posed.palm[i, nearest]
+                first = last = float(self.hand.palm_radius[nearest])
+            else:
+                f, k = divmod(body, 3)
+                a, b = posed.joints[i, f, k], posed.joints[i, f, k + 1]
+                first, last = (float(size) for size in self.hand.radius[f, k : k + 2])
+            found = coal_distance(a, b, first, last, center[leaf], float(radius[leaf]))
+            off.append(abs(found - float(pairs.distance[n])))
+            ticks.append(int(self.chosen[i]))
+        return judged(
+            "distance by coal",
+            "the nearest pair is as far apart as the collision library has it",
+            off,
+            LENGTH + EXACT,
+            "m",
+            "a nanometre, and the bounds of the library's distance",
+            ticks=ticks,
+            note="" if off else "nothing is near",
+        )
 
     @cached_property
     def _miscounted(self) -> NDArray[np.bool_]:

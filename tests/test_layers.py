@@ -78,7 +78,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # The referee.
     (
         *("verify", "verify_claim", "verify_contacts", "verify_file"),
-        *("verify_forces", "verify_hand", "verify_metrics", "verify_ticks"),
+        *("verify_coal", "verify_forces", "verify_hand", "verify_metrics", "verify_ticks"),
     ),
     # A glove in the loop.
     ("live",),
