@@ -43,7 +43,8 @@ class Verification:
         every: One in so many, as asked for.
         sphere_penetration: Deepest in the leaf spheres, of the ticks looked at [m].
         mesh_penetration: Deepest in the true mesh [m]; NaN where that could not be judged.
-        stationarity: Largest imbalance of the coupling against what touches [N]; NaN where no optimum is claimed.
+        stationarity: Imbalance of the coupling against what touches [N], at the tick nearest to what is let pass there;
+            NaN where no optimum is claimed.
     """
 
     claims: tuple[Claim, ...]

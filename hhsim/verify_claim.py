@@ -21,8 +21,8 @@ class Claim:
         name: Short.
         says: What the file claims.
         verdict: `HOLDS`, `FAILS`, `NOT_CLAIMED` or `NOT_JUDGED`.
-        worst: Largest deviation that was found, SI; NaN where there is none to tell.
-        tolerance: Largest one that is let pass.
+        worst: Deviation where it is the largest share of what is let pass, SI; NaN where there is none to tell.
+        tolerance: What is let pass there.
         unit: Of both.
         tick: Where the worst was found; None where it is no matter of a tick.
         checked: Ticks (or other things) that were looked at.
