@@ -28,7 +28,7 @@ from .linearise import build_rows, clamp_to_limits
 from .pose import copy_configuration, is_finite_configuration, move, update_kinematics
 from .progressive import solve_progressive
 from .rotation import rotation_vector_between
-from .step import DURATION_DETECT, DURATION_FORCE, copy_active, keep_active
+from .step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM, copy_active, keep_active
 from .tick_state import (
     METHOD_COUPLED,
     METHOD_PROGRESSIVE,
@@ -484,7 +484,11 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
     detected = monotonic_ns()
     strained = state.progressive.variables > 6 and options.method == METHOD_PROGRESSIVE
     if (status & STATUS_LAG or strained) and options.force_model != FORCE_PAPER:
+        # The program's time belongs to the forces, which count it below.
+        palm, fingers = state.step.duration[DURATION_PALM], state.step.duration[DURATION_FINGERS]
         _settle_forces(hand, tree, options, state, qp)
+        state.step.duration[DURATION_PALM] = palm
+        state.step.duration[DURATION_FINGERS] = fingers
     if options.force_model == FORCE_PAPER:
         find_contacts(hand, state.pose, candidates, options.touch, tree.radius.shape[0], state.contacts)
     hand_forces(
