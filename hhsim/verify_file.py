@@ -106,16 +106,9 @@ def _phases(result: Result) -> Claim:
 
 
 def _durations(result: Result) -> Claim:
-    """Non-negative, and the parts in the whole.
-
-    A tick that lags, or whose palm yields to a finger, solves one more program for its forces, whose time the solver
-    counts as the palm's or the fingers' and again as the forces'.
-    """
+    """Non-negative, and the parts in the whole."""
     detect, palm, fingers, force, total = (np.asarray(result[f"duration/{name}"], np.int64) for name in DURATIONS)
-    solver = result.scene["solver"]
-    twice = (result["status"] & STATUS_LAG > 0) | (solver["method"] == "progressive")
-    solved = palm + fingers
-    parts = detect + np.where(twice & (solver["force"] == "kkt"), np.maximum(solved, force), solved + force)
+    parts = detect + palm + fingers + force
     negative = np.min([detect, palm, fingers, force, total, result["duration/total_cpu"]], axis=0)
     return judged(
         "durations",
