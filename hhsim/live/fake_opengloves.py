@@ -1,4 +1,4 @@
-"""A fake glove that speaks the letter format: `python -m hhsim.live.fake_opengloves --link /tmp/glove --log FILE`.
+"""A fake glove that speaks the letter format: `python -m hhsim.live.fake_opengloves --link GLOVE --log FILE`.
 
 On a pseudo-terminal, which looks like a serial line and has no baud rate, or as a TCP server for any number of clients.
 Its orders are those of `hhsim.live.fake_peer`, and `garbage`: a line that is none. `leave` takes the line away, or the
