@@ -86,6 +86,7 @@ def make_live_scene(
         a, b, c, d = map(float, orientation)
         pose = replace(pose, position=(x, y, z), orientation=(a, b, c, d))
     described = {
+        "tree_options": dict(tree.options),
         "motion": None if motion is None else motion.name,
         "pose": pose.kind,
         **where,
