@@ -62,7 +62,8 @@ def test_options_that_contradict_are_told_in_one_line(
 
 
 def test_a_calibration_that_is_not_there_is_told_before_anything_starts(run: Run) -> None:
-    answer = run("live", "glove", "cube", "--device", "dexmo", "--calibration", "nobody.toml", "--no-record")
+    # Quiet: a first run would tell of compilation besides.
+    answer = run("live", "glove", "cube", "--device", "dexmo", "--calibration", "nobody.toml", "--no-record", "--quiet")
     assert answer == (2, "", "hhsim: error: nobody.toml: cannot be read: No such file or directory\n")
 
 
