@@ -22,6 +22,7 @@ COMMANDS = {
     "trajectories": "List the trajectories that come with hhsim.",
     "import": "Make a trajectory of a recording of a hand.",
     "bench": "Measure the methods against each other: speed, error, stress.",
+    "gate": "Judge a change for CI: errors, work and time, yes or no.",
     "build-tree": "Build the sphere tree of an object and measure its error.",
     "info": "Show versions, processor, clock and what is missing.",
     "completion": "Print the script that completes hhsim commands in a shell.",

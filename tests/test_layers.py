@@ -91,6 +91,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("bench_threads", "end_to_end", "tree_references", "bench_trees"),
     ("paper_run", "bench_paper", "paper_rows"),
     ("qp_program", "qp_check", "qp_backends", "qp_tally", "qp_degenerate", "qp_sizes", "qp_harvest", "bench_qp"),
+    # Yes or no to a change.
+    ("gate_inputs", "gate_figures", "gate_suite", "gate_timing", "gate_reference", "gate_judge", "gate_baseline"),
+    ("gate_run", "gate", "gate_report", "gate_trials"),
     # Pictures of them.
     ("replay_figure", "cost_figure", "speed_error_figure", "scene_pictures", "paper_figures", "recording_figure"),
     ("trees_figure", "tree_figure"),

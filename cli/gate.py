@@ -1,0 +1,184 @@
+"""`hhsim gate`."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hhsim.errors import InputError
+
+from . import options
+from .console import announce_compilation, print_json, print_notes, print_table, progress
+
+if TYPE_CHECKING:
+    from hhsim.gate import GateReport
+    from hhsim.gate_baseline import Baseline
+    from hhsim.result import Result
+
+STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
+RESULT_SUFFIXES = (".h5", ".hdf5")
+
+
+@click.command()
+@click.argument("target", metavar="[RESULT|SUITE]", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--baseline",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="What to compare with: a file of --write-baseline; for a RESULT also another result. Default: the suite's.",
+)
+@click.option(
+    "--base-python",
+    type=click.Path(path_type=Path),
+    metavar="PATH",
+    help="A python that has the base's hhsim, run in turn with this one: the only fair comparison of times.",
+)
+@click.option("--write-baseline", type=click.Path(path_type=Path), metavar="FILE", help="Record the suite's run here.")
+@click.option("--time/--no-time", default=True, show_default=True, help="Judge and record times, or leave them out.")
+@click.option(
+    "--processes",
+    type=click.IntRange(3, 100),
+    metavar="N",
+    help="Timed processes of each side and scene. Default: as the suite says, 5.",
+)
+@click.option("--markdown", type=click.Path(path_type=Path), metavar="FILE", help="Write a summary in Markdown.")
+@click.option("--step-summary", is_flag=True, help=f"Append the summary to the file that ${STEP_SUMMARY} names.")
+@click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="Write JUnit XML.")
+@options.json
+@options.quiet
+def command(
+    target: Path | None,
+    baseline: Path | None,
+    base_python: Path | None,
+    write_baseline: Path | None,
+    time: bool,
+    processes: int | None,
+    markdown: Path | None,
+    step_summary: bool,
+    junit: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Judge a change for CI: errors, work and time, yes or no.
+
+    SUITE is a TOML file of scenes and limits; without it, hhsim-gate.toml of the current folder, else the one that
+    ships. Errors have absolute limits. Work counters are compared with the base exactly, but for a stated slack. Times
+    are medians over processes of the CPU p50: of base and head run in turn with --base-python, or divided by a fixed
+    reference workload where the baseline was recorded elsewhere. A RESULT is judged as it is, without times.
+
+    Exit codes: 0 ok, 1 a limit was missed, 2 bad input, 3 the two sides were fed with different inputs.
+
+    \b
+    Examples:
+      hhsim gate
+      hhsim gate --base-python ../base/.venv/bin/python --step-summary
+      hhsim gate my-gate.toml --write-baseline gate-baseline.json
+      hhsim gate my-gate.toml --baseline gate-baseline.json --junit gate.xml
+      hhsim gate results/after.h5 --baseline results/before.h5
+    """
+    from hhsim.destination import check_destination
+    from hhsim.gate_report import markdown as as_markdown
+    from hhsim.whole_file import write_whole_file
+
+    summary = _step_summary() if step_summary else None
+    for path in (write_baseline, markdown, junit):
+        if path is not None:
+            check_destination(path)
+    announce_compilation(quiet=quiet)
+    if target is not None and target.suffix.lower() in RESULT_SUFFIXES:
+        if base_python is not None or write_baseline is not None:
+            raise click.UsageError("--base-python and --write-baseline run a suite: a RESULT is judged as it is")
+        report = _judge_result(target, baseline)
+    else:
+        report = _judge_suite(target, baseline, base_python, write_baseline, time, processes, quiet)
+    if markdown is not None:
+        write_whole_file(markdown, as_markdown(report).encode())
+    if summary is not None:
+        with summary.open("a", encoding="utf-8") as file:
+            file.write(as_markdown(report))
+    if junit is not None:
+        from hhsim.gate_report import junit as as_junit
+
+        write_whole_file(junit, as_junit(report))
+    _tell(report, write_baseline, as_json=as_json, quiet=quiet)
+    if report.exit_code:
+        raise SystemExit(report.exit_code)
+
+
+def _judge_result(path: Path, baseline: Path | None) -> "GateReport":
+    from hhsim.gate import find_suite, gate_result
+    from hhsim.gate_baseline import load_baseline
+    from hhsim.gate_suite import SUITE_FILE
+    from hhsim.result import load_result
+
+    suite = find_suite(None, Path(SUITE_FILE))
+    base: Result | Baseline | None = None
+    if baseline is not None:
+        is_result = baseline.suffix.lower() in RESULT_SUFFIXES
+        base = load_result(baseline) if is_result else load_baseline(baseline)
+    return gate_result(load_result(path), suite, base)
+
+
+def _judge_suite(
+    target: Path | None,
+    baseline: Path | None,
+    base_python: Path | None,
+    write_baseline: Path | None,
+    time: bool,
+    processes: int | None,
+    quiet: bool,
+) -> "GateReport":
+    from dataclasses import replace
+
+    from hhsim.gate import find_suite, gate_suite
+    from hhsim.gate_baseline import load_baseline
+    from hhsim.gate_baseline import write_baseline as write
+    from hhsim.gate_run import find_side, this_python
+    from hhsim.gate_suite import SUITE_FILE
+    from hhsim.kernels.reference_work import REFERENCE_VERSION
+
+    suite = find_suite(target, Path(SUITE_FILE))
+    if processes is not None:
+        suite = replace(suite, processes=processes)
+    named = baseline or (suite.baseline if write_baseline is None else None)
+    known = None if named is None else load_baseline(named)
+    head = find_side("head", this_python())
+    base = None if base_python is None else find_side("base", base_python.absolute())
+    with progress(quiet=quiet) as report_progress:
+        report = gate_suite(
+            suite,
+            head,
+            base=base,
+            baseline=known,
+            timed=time,
+            record_times=time and write_baseline is not None,
+            progress=report_progress,
+        )
+    if write_baseline is not None:
+        write(write_baseline, report.recorded, REFERENCE_VERSION)
+    return report
+
+
+def _step_summary() -> Path:
+    named = os.environ.get(STEP_SUMMARY)
+    if not named:
+        raise InputError(f"--step-summary: ${STEP_SUMMARY} is not set; outside of GitHub Actions, use --markdown FILE")
+    return Path(named)
+
+
+def _tell(report: "GateReport", written: Path | None, *, as_json: bool, quiet: bool) -> None:
+    from hhsim.gate_report import HEADINGS, NUMBERS, cells, headline, reasons
+
+    if as_json:
+        print_json({**report.to_json(), "baseline_written": str(written) if written else None})
+    elif quiet:
+        said = [row for row in report.rows if not row.passed or row.verdict == "not comparable"]
+        print_notes(reasons(said), prefix="gate")
+    else:
+        print_table(HEADINGS, [cells(row) for row in report.rows], title=report.source, numbers=NUMBERS)
+        for line in (*reasons(report.rows), *report.notes):
+            print(f"note: {line}")
+        print(headline(report))
+        if written is not None:
+            print(f"the baseline is in {written}")

@@ -1,0 +1,252 @@
+"""The gate: run a suite, or take a result, judge it against limits and a base, and say yes or no."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hhsim.errors import InputError
+from hhsim.gate_baseline import Baseline, RecordedScene
+from hhsim.gate_figures import run_figures
+from hhsim.gate_inputs import differences
+from hhsim.gate_judge import (
+    GateRow,
+    failed_run,
+    judge_counters,
+    judge_errors,
+    judge_inputs,
+    judge_time,
+    overall,
+    unjudged,
+)
+from hhsim.gate_run import RunFailed, Side, interleaved_times, times_beside_reference
+from hhsim.gate_suite import GateScene, GateSuite
+from hhsim.kernels.reference_work import REFERENCE_VERSION
+from hhsim.result import Result
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class GateReport:
+    """What the gate found.
+
+    Attributes:
+        source: The suite or result.
+        against: What it was compared with, or "".
+        rows: One for each figure.
+        notes: What a reader should know besides, a sentence each.
+        recorded: What can be kept as a baseline, by scene.
+    """
+
+    source: str
+    against: str
+    rows: tuple[GateRow, ...]
+    notes: tuple[str, ...] = ()
+    recorded: dict[str, RecordedScene] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> str:
+        """The word for all rows; "" where nothing was compared."""
+        return overall(self.rows)[0]
+
+    @property
+    def exit_code(self) -> int:
+        """0 ok, 1 a limit was missed, 3 cannot compare."""
+        return overall(self.rows)[1]
+
+    @property
+    def missed(self) -> list[GateRow]:
+        """Rows whose limit was missed."""
+        return [row for row in self.rows if not row.passed]
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {
+            "source": self.source,
+            "against": self.against or None,
+            "verdict": self.verdict or None,
+            "exit_code": self.exit_code,
+            "missed": len(self.missed),
+            "rows": [row.to_json() for row in self.rows],
+            "notes": list(self.notes),
+        }
+
+
+def gate_suite(
+    suite: GateSuite,
+    head: Side,
+    *,
+    base: Side | None = None,
+    baseline: Baseline | None = None,
+    timed: bool = True,
+    record_times: bool = False,
+    progress: Progress | None = None,
+) -> GateReport:
+    """Run every scene of a suite and judge it.
+
+    Args:
+        suite: Scenes and limits.
+        head: What is judged.
+        base: What it is compared with, run in the same job.
+        baseline: A recorded one; where both are given, counters are compared with this one, times with `base`.
+        timed: Whether times are judged.
+        record_times: Whether times of head are taken for a baseline to come, even where nothing is compared.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Raises:
+        InputError: hhsim refuses a scene: an unknown object, a bad option; the suite is wrong.
+    """
+    rows: list[GateRow] = []
+    recorded: dict[str, RecordedScene] = {}
+    for i, scene in enumerate(suite.scenes):
+
+        def step(what: str, i: int = i) -> None:
+            if progress is not None:
+                progress(what, i, len(suite.scenes))
+
+        run = _SceneRun(suite, scene, head, base, baseline, timed, record_times, step)
+        rows += run.rows
+        if run.recorded is not None:
+            recorded[scene.name] = run.recorded
+    if progress is not None:
+        progress("done", len(suite.scenes), len(suite.scenes))
+    against = [f"the baseline {baseline.source}"] if baseline else []
+    against += [f"hhsim {base.version} of {base.python}"] if base else []
+    return GateReport(suite.source, " and ".join(against), tuple(rows), tuple(_notes(head, base)), recorded)
+
+
+def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None) -> GateReport:
+    """Judge a result by the limits of the suite's `[limits]`, and its counters by another result or a baseline.
+
+    Times are not judged: those of two runs that were not run in turn say nothing.
+
+    Raises:
+        InputError: a result without ticks, or of too old a schema.
+    """
+    if result.ticks == 0:
+        raise InputError(f"{result.path} holds no ticks: there is nothing to judge")
+    head, name = run_figures(result), result.path.name
+    if base is None:
+        return GateReport(str(result.path), "", tuple(judge_errors(name, head, None, suite.limits)))
+    if isinstance(base, Result):
+        source, before = str(base.path), run_figures(base)
+    else:
+        source = base.source
+        alike = [scene.figures for scene in base.scenes.values() if not differences(scene.figures.inputs, head.inputs)]
+        if not alike:
+            reason = f"no scene of {source} has the inputs of {result.path}"
+            rows = [unjudged(name, "inputs", reason), *judge_errors(name, head, None, suite.limits)]
+            return GateReport(str(result.path), source, tuple(rows))
+        before = alike[0]
+    inputs = judge_inputs(name, head, before)
+    rows = [inputs, *judge_errors(name, head, before, suite.limits)]
+    if not differences(before.inputs, head.inputs):
+        rows += judge_counters(name, head, before, suite.slack)
+    return GateReport(str(result.path), source, tuple(rows))
+
+
+class _SceneRun:
+    """One scene: its rows, and what can be recorded of it."""
+
+    def __init__(
+        self,
+        suite: GateSuite,
+        scene: GateScene,
+        head: Side,
+        base: Side | None,
+        baseline: Baseline | None,
+        timed: bool,
+        record_times: bool,
+        step: Callable[[str], None],
+    ) -> None:
+        self.suite, self.scene, self.step = suite, scene, step
+        self.recorded: RecordedScene | None = None
+        self.rows: list[GateRow] = []
+        step(f"{scene.name}, head")
+        try:
+            figures = head.figures(scene, suite.folder)
+        except RunFailed as failed:
+            if failed.refused:
+                raise InputError(str(failed)) from failed
+            self.rows = [failed_run(scene.name, str(failed))]
+            return
+        self.recorded = RecordedScene(figures)
+        kept = None if baseline is None else baseline.scenes.get(scene.name)
+        before, why = None, ""
+        if baseline is not None and kept is None:
+            why = f"{baseline.source} has no scene {scene.name}: record it with --write-baseline"
+        elif kept is not None:
+            before = kept.figures
+        times_with = base
+        if base is not None:
+            step(f"{scene.name}, base")
+            try:
+                of_base = base.figures(scene, suite.folder)
+            except RunFailed as failed:
+                times_with, why = None, why or str(failed)
+            else:
+                before = before or (None if why else of_base)
+                apart = differences(of_base.inputs, figures.inputs)
+                if apart:
+                    times_with = None
+                    why = why or ("" if baseline is None else f"base has different inputs: {'; '.join(apart)}")
+        self.rows = judge_errors(scene.name, figures, before, scene.limits)
+        if why:
+            self.rows.insert(0, unjudged(scene.name, "inputs", why))
+        comparable = True
+        if before is not None:
+            self.rows.insert(0, judge_inputs(scene.name, figures, before))
+            comparable = not differences(before.inputs, figures.inputs)
+            if comparable:
+                self.rows += judge_counters(scene.name, figures, before, scene.slack)
+        if scene.timed and timed:
+            self._time(head, times_with, base, kept if comparable else None, baseline, record_times)
+
+    def _time(
+        self,
+        head: Side,
+        base: Side | None,
+        wanted: Side | None,
+        kept: RecordedScene | None,
+        baseline: Baseline | None,
+        record: bool,
+    ) -> None:
+        scene, suite = self.scene, self.suite
+        if base is not None:
+            before, after = interleaved_times(scene, suite.folder, base, head, suite.processes, self.step)
+            self.rows.append(judge_time(scene.name, after, before, suite.limit))
+        against = kept if wanted is None and kept is not None and kept.times else None
+        if against is None and not record:
+            return
+        times, references = times_beside_reference(scene, suite.folder, head, suite.processes, self.step)
+        assert self.recorded is not None
+        self.recorded = RecordedScene(self.recorded.figures, tuple(times), tuple(references))
+        if against is None or baseline is None:
+            return
+        if baseline.reference_version != REFERENCE_VERSION:
+            reason = f"reference workload {baseline.reference_version} there, {REFERENCE_VERSION} here"
+            self.rows.append(unjudged(scene.name, "time", reason))
+            return
+        here = [time / reference for time, reference in zip(times, references)]
+        there = [time / reference for time, reference in zip(against.times, against.references)]
+        self.rows.append(judge_time(scene.name, here, there, suite.recorded_limit, divided=True))
+
+
+def _notes(head: Side, base: Side | None) -> list[str]:
+    if base is not None and base.package == head.package:
+        return [f"base and head are the same hhsim, that in {head.package}: this compares it with itself"]
+    return []
+
+
+def find_suite(path: Path | None, usual: Path) -> GateSuite:
+    """The suite of a file, else that of the current folder, else the one that ships.
+
+    Raises:
+        InputError: as `hhsim.gate_suite.load_suite`.
+    """
+    from hhsim.gate_suite import default_suite, load_suite
+
+    if path is not None:
+        return load_suite(path)
+    return load_suite(usual) if usual.is_file() else default_suite()

@@ -1,0 +1,141 @@
+"""What was fed into a run, in a form that two runs can be compared by, on one machine or two.
+
+Meshes are compared by their hash. Trees, hands and motions are results of optimisations, whose last bits differ from
+processor to processor: of them, weighted sums are compared, with a tolerance.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hhsim.errors import InputError
+from hhsim.result import Result
+
+TOLERANCE = 1e-6
+"""Largest difference of a weighted sum, weights from 1 to 2: 1 µm or µrad at a single tick, radius or centre."""
+GOLDEN = 0.6180339887498949
+TREE = ("object/tree/center", "object/tree/radius")
+HAND = ("hand/phalanx_radius", "hand/phalanx_length", "hand/palm_center", "hand/palm_radius")
+MOTION = ("haptic/position", "haptic/orientation", "haptic/flexion", "haptic/abduction")
+TOLD = (
+    *("level", "max_error", "unit", "size_mm", "thickness_mm"),
+    *("motion", "samples", "rate", "seed", "tremor_mm_deg", "place_object"),
+)
+"""Options of a replay that say what is fed in; names of files do not."""
+
+
+@dataclass(frozen=True)
+class RunInputs:
+    """What was fed in.
+
+    Attributes:
+        schema: Of the result file.
+        mesh: SHA-256 of the object's mesh.
+        ticks: How many.
+        spheres: Leaves of the object's tree.
+        options: Of the replay, by name.
+        solver: Options of the solver, by name; those of the stiffness as `stiffness.name`.
+        tree, hand, motion: Weighted sums.
+    """
+
+    schema: int
+    mesh: str
+    ticks: int
+    spheres: int
+    options: Mapping[str, Any]
+    solver: Mapping[str, Any]
+    tree: tuple[float, ...]
+    hand: tuple[float, ...]
+    motion: tuple[float, ...]
+
+
+def run_inputs(result: Result) -> RunInputs:
+    """What a result was made from."""
+    scene = result.scene
+    solver = {}
+    for name, value in scene.get("solver", {}).items():
+        if isinstance(value, dict):
+            solver.update({f"{name}.{part}": number for part, number in value.items()})
+        else:
+            solver[name] = value
+    return RunInputs(
+        schema=result.schema_version,
+        mesh=str(scene.get("object_mesh") or scene.get("checksums", {}).get("object", "")),
+        ticks=result.ticks,
+        spheres=int(scene.get("object_spheres", 0)),
+        options={name: scene.get(name) for name in TOLD},
+        solver=solver,
+        tree=_sums(result.static[name] for name in TREE),
+        hand=_sums(result.static[name] for name in HAND),
+        motion=_sums(result[name] for name in MOTION),
+    )
+
+
+def inputs_from_json(document: Mapping[str, Any], where: str) -> RunInputs:
+    """Read what `dataclasses.asdict` made of inputs.
+
+    Raises:
+        InputError: a field is missing or of another kind.
+    """
+    try:
+        sums = {name: tuple(float(value) for value in document[name]) for name in ("tree", "hand", "motion")}
+        return RunInputs(
+            schema=int(document["schema"]),
+            mesh=str(document["mesh"]),
+            ticks=int(document["ticks"]),
+            spheres=int(document["spheres"]),
+            options=dict(document["options"]),
+            solver=dict(document["solver"]),
+            **sums,
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{where}: what was fed in cannot be read: {error!r}") from error
+
+
+def differences(base: RunInputs, head: RunInputs) -> list[str]:
+    """What differs in what two runs were fed with, a few words each; empty where they can be compared."""
+    found = []
+    for name, what in (("schema", "result schema"), ("ticks", "number of ticks"), ("spheres", "spheres of the tree")):
+        if getattr(base, name) != getattr(head, name):
+            found.append(f"{what}: {getattr(base, name)} and {getattr(head, name)}")
+    if base.mesh != head.mesh:
+        found.append(f"object mesh: {base.mesh[:12]}… and {head.mesh[:12]}…")
+    for kind in ("options", "solver"):
+        one, other = getattr(base, kind), getattr(head, kind)
+        # An option that only one of them has is one that came or went between two versions.
+        both = sorted(one.keys() & other.keys())
+        unlike = [name for name in both if _plain(one[name]) != _plain(other[name])]
+        found += [f"{name}: {one[name]} and {other[name]}" for name in unlike]
+    for name, what in (("tree", "sphere tree"), ("hand", "hand"), ("motion", "trajectory")):
+        if not _alike(getattr(base, name), getattr(head, name)):
+            found.append(what)
+    return found
+
+
+def new_options(base: RunInputs, head: RunInputs) -> list[str]:
+    """Names of solver options that only one of two runs has."""
+    return sorted(base.solver.keys() ^ head.solver.keys())
+
+
+def _sums(arrays: Any) -> tuple[float, ...]:
+    """Of each array and column, the sum of the rows with weights from 1 to 2 that differ from row to row."""
+    return tuple(float(value) for array in arrays for value in _column_sums(array))
+
+
+def _column_sums(values: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
+    # Input that is no number is held by the solver: where it is not, the sums say.
+    array = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    table = array.reshape(len(array), -1) if array.ndim > 1 else array[:, None]
+    weight = 1.0 + (np.arange(len(table)) * GOLDEN) % 1.0
+    return np.asarray((table * weight[:, None]).sum(axis=0))
+
+
+def _alike(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    return len(one) == len(other) and bool(np.all(np.abs(np.subtract(one, other)) <= TOLERANCE))
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,148 @@
+"""Verdicts: one row for each figure of each scene, and one for all."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hhsim.gate_figures import COUNTERS, ERRORS, RunFigures
+from hhsim.gate_inputs import differences, new_options
+from hhsim.gate_timing import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
+
+ALIKE = 1e-6
+"""Errors that differ by a smaller share are the same up to rounding."""
+EXIT_OK, EXIT_MISSED, EXIT_NOT_COMPARABLE = 0, 1, 3
+
+
+@dataclass(frozen=True)
+class GateRow:
+    """One judged figure.
+
+    Attributes:
+        scene, kind, name: Which; `kind` is inputs, error, counter or time.
+        label: For people.
+        unit: Of the three numbers as `scale` makes them.
+        scale: From SI to `unit`.
+        head, base, limit: SI, or % where the metric is so; NaN where there is none.
+        verdict: One of the words against the base; "" where there is no base.
+        passed: False where a limit was missed.
+        reason: What a reader should know, or "".
+    """
+
+    scene: str
+    kind: str
+    name: str
+    label: str
+    unit: str = ""
+    scale: float = 1.0
+    head: float = math.nan
+    base: float = math.nan
+    limit: float = math.nan
+    verdict: str = ""
+    passed: bool = True
+    reason: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values, SI; what there is none of is None."""
+        numbers = {name: _finite(getattr(self, name)) for name in ("head", "base", "limit")}
+        names = ("scene", "kind", "name", "verdict", "passed", "reason")
+        return {**{name: getattr(self, name) for name in names}, **numbers}
+
+
+def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float]) -> list[GateRow]:
+    """Errors against absolute limits; what a base had is told beside them and misses nothing."""
+    rows = []
+    for name, figure in ERRORS.items():
+        value, before = head.errors[name], math.nan if base is None else base.errors[name]
+        limit = limits.get(name, math.nan)
+        limited = name in limits
+        if not limited and math.isnan(value):
+            continue
+        passed, reason = True, ""
+        if limited and not value <= limit:
+            passed = False
+            reason = "over the limit" if math.isfinite(value) else "undefined, so the limit cannot be held"
+        word = _word(value, before, max(figure.floor, ALIKE * abs(before)))
+        rows.append(GateRow(scene, "error", name, *figure[:3], value, before, limit, word, passed, reason))
+    return rows
+
+
+def judge_counters(scene: str, head: RunFigures, base: RunFigures, slack: Mapping[str, float]) -> list[GateRow]:
+    """Work counters against those of the base: integers, so that any growth beyond the slack is a real one."""
+    rows = []
+    for name, figure in COUNTERS.items():
+        value, before = float(head.counters[name]), float(base.counters[name])
+        limit = math.floor(before * (1.0 + slack[name]))
+        verdict = _word(value, before, limit - before)
+        passed = value <= limit
+        reason = "" if passed else f"more than {100.0 * slack[name]:g} % above the base"
+        rows.append(GateRow(scene, "counter", name, *figure[:3], value, before, limit, verdict, passed, reason))
+    return rows
+
+
+def judge_inputs(scene: str, head: RunFigures, base: RunFigures) -> GateRow:
+    """Whether two runs can be compared at all."""
+    found = differences(base.inputs, head.inputs)
+    if found:
+        reason = f"different inputs: {'; '.join(found)}"
+        return GateRow(scene, "inputs", "inputs", "inputs", verdict=NOT_COMPARABLE, reason=reason)
+    apart = new_options(base.inputs, head.inputs)
+    reason = f"options that only one side has: {', '.join(apart)}" if apart else ""
+    return GateRow(scene, "inputs", "inputs", "inputs", verdict=SAME, reason=reason)
+
+
+def judge_time(
+    scene: str, head: Sequence[float], base: Sequence[float], limit: float, *, divided: bool = False
+) -> GateRow:
+    """The time of a tick; `divided` by the reference workload, and then without a unit."""
+    found = compare_times(base, head, limit)
+    passed = found.verdict != WORSE
+    reason = f"{100.0 * (found.ratio - 1.0):+.1f} %, processes of a side within {100.0 * found.spread:.0f} %"
+    label = "tick in contact, CPU, p50" + (" / reference workload" if divided else "")
+    unit, scale = ("", 1.0) if divided else ("µs", 1e6)
+    allowed = found.base * (1.0 + limit)
+    name = "tick_cpu_p50"
+    return GateRow(
+        scene, "time", name, label, unit, scale, found.head, found.base, allowed, found.verdict, passed, reason
+    )
+
+
+def failed_run(scene: str, reason: str) -> GateRow:
+    """A head that cannot even run the scene."""
+    return GateRow(scene, "run", "run", "runs to the end", passed=False, reason=reason)
+
+
+def unjudged(scene: str, what: str, reason: str) -> GateRow:
+    """Something that cannot be compared, and why."""
+    return GateRow(scene, "inputs", what, what, verdict=NOT_COMPARABLE, reason=reason)
+
+
+def overall(rows: Sequence[GateRow]) -> tuple[str, int]:
+    """Verdict word and exit code of all rows; a missed limit weighs more than what cannot be compared.
+
+    The word is "" where nothing was compared with anything.
+    """
+    if not all(row.passed for row in rows):
+        return WORSE, EXIT_MISSED
+    words = {row.verdict for row in rows if row.verdict and row.kind != "error"}
+    if NOT_COMPARABLE in words:
+        return NOT_COMPARABLE, EXIT_NOT_COMPARABLE
+    # What is worse within its limit is noise to the gate; an error within its limit is told in its row alone.
+    for word in (BETTER, WORSE, WITHIN):
+        if word in words:
+            return (BETTER if word == BETTER else WITHIN), EXIT_OK
+    return (SAME if words else ""), EXIT_OK
+
+
+def _word(value: float, before: float, slack: float) -> str:
+    if math.isnan(before) or math.isnan(value):
+        return ""
+    if value == before:
+        return SAME
+    if abs(value - before) <= slack:
+        return WITHIN
+    return WORSE if value > before else BETTER
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

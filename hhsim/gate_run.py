@@ -1,0 +1,164 @@
+"""Run a scene of the suite by some python's hhsim, in a process of its own.
+
+Only what every version of hhsim has is used of the other side: the command line and the result file.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from hhsim.errors import HhsimError, InputError
+from hhsim.gate_figures import RunFigures, cpu_p50, run_figures
+from hhsim.gate_suite import GateScene
+from hhsim.gate_timing import base_first
+from hhsim.interrupt import interruptible_between
+from hhsim.result import Result, load_result
+
+T = TypeVar("T")
+Step = Callable[[str], None]
+
+MAIN = "from hhsim.cli.main import main; main()"
+PROBE = (
+    "import hhsim, json, os; print(json.dumps([hhsim.__version__, os.path.dirname(os.path.abspath(hhsim.__file__))]))"
+)
+BAD_INPUT = 2
+"""Exit code of an hhsim that was asked for what it cannot do."""
+
+
+class RunFailed(HhsimError):
+    """A replay that came to no end; `refused` where hhsim said what is wrong with what it was given."""
+
+    def __init__(self, message: str, *, refused: bool) -> None:
+        super().__init__(message)
+        self.refused = refused
+
+
+@dataclass(frozen=True)
+class Side:
+    """A python with an hhsim.
+
+    Attributes:
+        name: base or head.
+        python: Its interpreter.
+        version: Of its hhsim.
+        package: The folder that its hhsim is imported from.
+    """
+
+    name: str
+    python: Path
+    version: str
+    package: str
+
+    def replay(self, scene: GateScene, folder: Path, read: Callable[[Result], T]) -> T:
+        """Run a scene and read what is wanted from its result, which is then deleted.
+
+        Args:
+            scene: What to run.
+            folder: The current folder of the run, which paths are relative to.
+            read: Takes the result.
+
+        Raises:
+            RunFailed: the run did not end well.
+            InputError: its result cannot be read.
+        """
+        with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
+            out = Path(place) / "run.h5"
+            arguments = ["replay", *scene.replay_arguments(), "--quiet", "--out", str(out)]
+            answer = run_python(self.python, MAIN, arguments, folder)
+            if answer.returncode != 0:
+                lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
+                said = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
+                raise RunFailed(
+                    f"{self.name} ({self.python}) cannot run scene {scene.name}: {said}",
+                    refused=answer.returncode == BAD_INPUT,
+                )
+            return read(load_result(out))
+
+    def figures(self, scene: GateScene, folder: Path) -> RunFigures:
+        """Run a scene and judge its ticks; raises as `replay`."""
+        return self.replay(scene, folder, run_figures)
+
+
+def find_side(name: str, python: Path) -> Side:
+    """Look at a python and its hhsim.
+
+    Raises:
+        InputError: no interpreter, or one without hhsim.
+    """
+    try:
+        answer = run_python(python, PROBE, [], Path.cwd())
+    except OSError as error:
+        raise InputError(f"--{name}-python {python} cannot be run: {error.strerror or error}") from error
+    try:
+        version, package = json.loads(answer.stdout.strip().splitlines()[-1])
+    except (ValueError, IndexError):
+        lines = answer.stderr.strip().splitlines() or ["it said nothing"]
+        raise InputError(f"--{name}-python {python} has no hhsim that can be imported: {lines[-1]}") from None
+    return Side(name, python, str(version), str(package))
+
+
+def run_python(
+    python: Path, code: str, arguments: Sequence[str], folder: Path, environment: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run code in another python; the current folder is not where its modules come from (-P)."""
+    return subprocess.run(
+        [str(python), "-P", "-c", code, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        stdin=subprocess.DEVNULL,
+        check=False,
+        env={**os.environ, "NO_COLOR": "1"} if environment is None else dict(environment),
+    )
+
+
+def this_python() -> Path:
+    """The interpreter that runs now."""
+    return Path(sys.executable)
+
+
+def interleaved_times(
+    scene: GateScene, folder: Path, base: Side, head: Side, processes: int, step: Step | None = None
+) -> tuple[list[float], list[float]]:
+    """p50 [s] of so many processes of base and head, in turn, base first in every other pair.
+
+    Raises:
+        RunFailed: a run did not end well.
+    """
+    times: dict[str, list[float]] = {"base": [], "head": []}
+    with interruptible_between() as check_interrupt:
+        for pair in range(processes):
+            for key, side in (("base", base), ("head", head)) if base_first(pair) else (("head", head), ("base", base)):
+                if step is not None:
+                    step(f"{scene.name}, time of {key}, {pair + 1} of {processes}")
+                times[key].append(side.replay(scene, folder, cpu_p50))
+                check_interrupt()
+    return times["base"], times["head"]
+
+
+def times_beside_reference(
+    scene: GateScene, folder: Path, head: Side, processes: int, step: Step | None = None
+) -> tuple[list[float], list[float]]:
+    """p50 [s] of so many processes, and of the reference workload right before each.
+
+    Raises:
+        RunFailed: a run did not end well.
+    """
+    from hhsim.gate_reference import reference_p50
+
+    times, references = [], []
+    with interruptible_between() as check_interrupt:
+        for i in range(processes):
+            if step is not None:
+                step(f"{scene.name}, time, {i + 1} of {processes}")
+            references.append(reference_p50())
+            times.append(head.replay(scene, folder, cpu_p50))
+            check_interrupt()
+    return times, references

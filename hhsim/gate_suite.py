@@ -1,0 +1,277 @@
+"""What a project gates on: scenes and limits, in a TOML file that it commits (`hhsim-gate.toml`).
+
+`DEFAULT_SUITE` shows every key; `docs/gate.md` explains them.
+"""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hhsim.errors import InputError
+from hhsim.gate_figures import COUNTERS, ERRORS
+from hhsim.solver_options import METHODS
+
+SUITE_FILE = "hhsim-gate.toml"
+"""The suite of a project, in the folder where the gate is run."""
+SUITE_VERSION = 1
+OWN_ARGUMENTS = ("--out", "--json", "--quiet", "-q", "--rerun", "--method", "--level")
+"""Arguments of `hhsim replay` that the gate gives itself, or has a key for."""
+
+DEFAULT_SUITE = """
+version = 1
+
+[limits]                       # none may be exceeded; SI units, % for shares and rates
+penetration_max = 1e-6         # deepest penetration of any tick [m]
+stuck_ticks = 0
+lag_ticks = 0
+tracking_excess = 1.0          # coupling energy over the optimum of the hold [%]
+force_variation_tremor = 0.5   # one-tick change of the force while the hand trembles [%]
+force_step = 20.0              # largest one-tick change while moving [% of the hold's force]
+force_ripple_hold = 1e-3       # 50 to 400 Hz [N]
+tracking_palm = 0.02           # palm off the user's in the hold [m]
+
+[counters]                     # how much more work than the baseline is no miss, as a share
+slack = 0.005
+
+[time]                         # CPU time of a tick in contact, median of processes' p50
+limit = 0.05                   # slower than the base by more than this share is a miss
+recorded_limit = 0.10          # the same against a baseline recorded elsewhere, both divided by the reference workload
+processes = 5                  # of each, base and head in turn
+
+[[scene]]
+name = "cube-pinch"
+object = "cube"
+trajectory = "pinch"
+method = "coupled"
+timed = true
+
+[[scene]]
+name = "bunny-grasp"
+object = "bunny"
+trajectory = "grasp"
+method = "coupled"
+timed = true
+
+[[scene]]
+name = "bunny-grasp-progressive"
+object = "bunny"
+trajectory = "grasp"
+method = "progressive"
+[scene.limits]
+tracking_excess = 100.0        # a limit of its own: this method holds the palm where the user has it
+
+[[scene]]
+name = "cup-handle"
+object = "cup"
+trajectory = "handle"
+method = "coupled"
+"""
+"""The suite of a folder that has no `hhsim-gate.toml`."""
+
+
+@dataclass(frozen=True)
+class GateScene:
+    """One replay of the suite.
+
+    Attributes:
+        name: In tables and baselines; unique.
+        object: As `hhsim replay` takes it; a mesh file is relative to the suite's folder.
+        trajectory: The same.
+        method: Of the solver.
+        level: Of the sphere tree; None: the object's usual one.
+        arguments: More arguments of `hhsim replay`.
+        timed: Whether its time is judged.
+        limits: Largest value of each figure that has a limit, by the names of `hhsim.gate_figures.ERRORS`, SI or %.
+        slack: Of each counter, as a share of the baseline's value.
+    """
+
+    name: str
+    object: str
+    trajectory: str
+    method: str = "coupled"
+    level: int | None = None
+    arguments: tuple[str, ...] = ()
+    timed: bool = False
+    limits: Mapping[str, float] = field(default_factory=dict)
+    slack: Mapping[str, float] = field(default_factory=dict)
+
+    def replay_arguments(self) -> list[str]:
+        """Arguments of `hhsim replay`, without those that say where the result goes."""
+        level = [] if self.level is None else ["--level", str(self.level)]
+        return [self.object, self.trajectory, "--method", self.method, *level, *self.arguments]
+
+
+@dataclass(frozen=True)
+class GateSuite:
+    """What is gated.
+
+    Attributes:
+        scenes: In the order of the file.
+        folder: The file's; paths in it are relative to it.
+        source: For messages.
+        baseline: The recorded baseline that the file names.
+        limit: Share by which head may be slower than base, both run in one job.
+        recorded_limit: The same against a recorded baseline.
+        processes: Timed processes of each side and scene.
+        limits, slack: For results that are no scene of the suite.
+    """
+
+    scenes: tuple[GateScene, ...]
+    folder: Path
+    source: str
+    baseline: Path | None = None
+    limit: float = 0.05
+    recorded_limit: float = 0.10
+    processes: int = 5
+    limits: Mapping[str, float] = field(default_factory=dict)
+    slack: Mapping[str, float] = field(default_factory=dict)
+
+
+def load_suite(path: Path) -> GateSuite:
+    """Read a suite.
+
+    Raises:
+        InputError: no such file, no TOML, or a key, a name or a value that a suite does not have.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read the suite {path}: {getattr(error, 'strerror', None) or error}") from error
+    return parse_suite(text, path.absolute().parent, str(path))
+
+
+def default_suite() -> GateSuite:
+    """The suite that ships."""
+    return parse_suite(DEFAULT_SUITE, Path.cwd(), "the default suite")
+
+
+def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
+    """Read the text of a suite.
+
+    Args:
+        text: TOML.
+        folder: That paths in it are relative to.
+        source: For messages.
+
+    Raises:
+        InputError: as `load_suite`.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source} is no TOML: {error}") from error
+    _known(table, {"version", "baseline", "limits", "counters", "time", "scene"}, source)
+    if table.get("version") != SUITE_VERSION:
+        raise InputError(f"{source}: version is {table.get('version')!r}, this hhsim reads {SUITE_VERSION}")
+    limits = _limits(_table(table, "limits", source), f"{source}, [limits]")
+    slack = _slack(_table(table, "counters", source), dict.fromkeys(COUNTERS, 0.0), f"{source}, [counters]")
+    time = _table(table, "time", source)
+    _known(time, {"limit", "recorded_limit", "processes"}, f"{source}, [time]")
+    processes = time.get("processes", 5)
+    if not isinstance(processes, int) or isinstance(processes, bool) or not 3 <= processes <= 100:
+        raise InputError(f"{source}, [time]: processes is {processes!r}, expected 3 to 100")
+    rows = table.get("scene", [])
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{source} has no scene: it needs [[scene]] with name, object and trajectory")
+    scenes = tuple(_scene(row, limits, slack, f"{source}, scene {i + 1}") for i, row in enumerate(rows))
+    names = [scene.name for scene in scenes]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"{source} has two scenes named {', '.join(twice)}: names are unique")
+    baseline = table.get("baseline")
+    if baseline is not None and not isinstance(baseline, str):
+        raise InputError(f"{source}: baseline is {baseline!r}, expected the name of a file")
+    return GateSuite(
+        scenes=scenes,
+        folder=folder,
+        source=source,
+        baseline=None if baseline is None else folder / baseline,
+        limit=_share(time.get("limit", 0.05), f"{source}, [time]: limit"),
+        recorded_limit=_share(time.get("recorded_limit", 0.10), f"{source}, [time]: recorded_limit"),
+        processes=processes,
+        limits=limits,
+        slack=slack,
+    )
+
+
+def _scene(row: dict[str, Any], limits: Mapping[str, float], slack: Mapping[str, float], where: str) -> GateScene:
+    keys = {"name", "object", "trajectory", "method", "level", "arguments", "timed", "limits", "counters"}
+    _known(row, keys, where)
+    for key in ("name", "object", "trajectory"):
+        if not isinstance(row.get(key), str) or not row[key]:
+            raise InputError(f"{where}: {key} is {row.get(key)!r}, expected a text")
+        if key != "name" and row[key].startswith("-"):
+            raise InputError(f"{where}: {key} is {row[key]!r}, which is an option; options go to arguments")
+    method, level, timed = row.get("method", "coupled"), row.get("level"), row.get("timed", False)
+    if method not in METHODS:
+        raise InputError(f"{where}: method is {method!r}, expected {', '.join(METHODS)}")
+    if level is not None and (isinstance(level, bool) or level not in (1, 2, 3, 4, 5)):
+        raise InputError(f"{where}: level is {level!r}, expected 1 to 5")
+    if not isinstance(timed, bool):
+        raise InputError(f"{where}: timed is {timed!r}, expected true or false")
+    arguments = row.get("arguments", [])
+    if not isinstance(arguments, list) or not all(isinstance(item, str) for item in arguments):
+        raise InputError(f"{where}: arguments is {arguments!r}, expected a list of texts")
+    taken = [item for item in arguments if item.split("=")[0] in OWN_ARGUMENTS]
+    if taken:
+        raise InputError(f"{where}: {taken[0]} is no argument to give: the gate gives it, or has a key for it")
+    return GateScene(
+        name=row["name"],
+        object=row["object"],
+        trajectory=row["trajectory"],
+        method=method,
+        level=level,
+        arguments=tuple(arguments),
+        timed=timed,
+        limits=_limits(_table(row, "limits", where), f"{where}, limits", limits),
+        slack=_slack(_table(row, "counters", where), slack, f"{where}, counters"),
+    )
+
+
+def _limits(table: dict[str, Any], where: str, usual: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Limits by figure: those of a scene on top of the usual ones; false takes one away."""
+    _known(table, set(ERRORS), where)
+    found = dict(usual or {})
+    for name, value in table.items():
+        if value is False:
+            found.pop(name, None)
+        else:
+            found[name] = _number(value, f"{where}: {name}")
+    return found
+
+
+def _slack(table: dict[str, Any], usual: Mapping[str, float], where: str) -> dict[str, float]:
+    """Slack by counter; `slack` is that of all counters that are not named."""
+    _known(table, {"slack", *COUNTERS}, where)
+    shares = {name: _share(value, f"{where}: {name}") for name, value in table.items()}
+    every = shares.pop("slack", None)
+    return {name: shares.get(name, usual[name] if every is None else every) for name in COUNTERS}
+
+
+def _table(table: dict[str, Any], name: str, where: str) -> dict[str, Any]:
+    found = table.get(name, {})
+    if not isinstance(found, dict):
+        raise InputError(f"{where}: {name} is {found!r}, expected a table")
+    return found
+
+
+def _known(table: Mapping[str, Any], known: set[str], where: str) -> None:
+    strange = sorted(table.keys() - known)
+    if strange:
+        raise InputError(f"{where}: unknown key {strange[0]!r}; known: {', '.join(sorted(known))}")
+
+
+def _number(value: Any, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < 0.0:
+        raise InputError(f"{what} is {value!r}, expected a number from 0 on")
+    return float(value)
+
+
+def _share(value: Any, what: str) -> float:
+    number = _number(value, what)
+    if number > 1.0:
+        raise InputError(f"{what} is {number:g}, expected a share from 0 to 1, such as 0.05")
+    return number

@@ -1,0 +1,189 @@
+"""Try the gate's timing on this machine: `python -m hhsim.gate_trials`.
+
+Copies of the package are made: two as they are, one whose tick does a stated share of work more. The gate's comparison
+is repeated on the two that are identical, where every `worse` is a false alarm, and on one of them against the slower
+one, where everything else is a miss. Needs a quiet machine.
+"""
+
+import argparse
+import importlib.util
+import json
+import shlex
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import HhsimError, InputError
+from hhsim.gate_run import Side, find_side, interleaved_times, this_python
+from hhsim.gate_suite import GateScene, default_suite
+from hhsim.gate_timing import BETTER, WORSE, TimeComparison, compare_times
+
+PARTS = ("hhsim.cli", "hhsim.objects", "hhsim.trajectories")
+"""Packages that a checkout keeps elsewhere than in the folder of hhsim."""
+TIMED_LINE = "        status |= tick(hand, tree, options, state, qp)\n"
+"""The line of `hhsim.kernels.block` behind which the work is planted: between the two readings of the clock."""
+PLANTED_LINES = """\
+        planted = float(i)
+        for _ in range({rounds}):
+            planted = planted * 0.999 + 1e-9
+        if planted > 1e12:
+            status |= STATUS_FULL
+"""
+"""A chain of multiplications and additions that no compiler may leave out or shorten."""
+CALIBRATION_ROUNDS = 2_000
+CALIBRATION_PROCESSES = 5
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What a number of repetitions gave.
+
+    Attributes:
+        name: identical or planted.
+        ratios: head / base, each.
+        verdicts: Each.
+        wrong: How many were wrong.
+    """
+
+    name: str
+    ratios: tuple[float, ...]
+    verdicts: tuple[str, ...]
+    wrong: int
+
+
+def copy_package(folder: Path, edit: Callable[[Path], None] | None = None) -> Path:
+    """Copy the hhsim that runs now, edit the copy, and make a python that imports it.
+
+    Args:
+        folder: Where to; is made.
+        edit: Called with the folder of the copied package.
+
+    Returns:
+        The interpreter to call: a shell script beside the copy.
+    """
+    package = folder / "hhsim"
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(_place("hhsim"), package, ignore=ignored)
+    for part in PARTS:
+        shutil.copytree(_place(part), package / part.rpartition(".")[2], ignore=ignored, dirs_exist_ok=True)
+    if edit is not None:
+        edit(package)
+    python = folder / "python"
+    called = f"PYTHONPATH={shlex.quote(str(folder.absolute()))} exec {shlex.quote(str(this_python()))}"
+    python.write_text(f'#!/bin/sh\n{called} "$@"\n')
+    python.chmod(0o755)
+    return python
+
+
+def plant_work(rounds: int) -> Callable[[Path], None]:
+    """An edit of a copied package: so many rounds of work more in every tick, within what is timed.
+
+    Raises:
+        InputError: (when called) the tick is not where it was.
+    """
+
+    def edit(package: Path) -> None:
+        path = package / "kernels" / "block.py"
+        text = path.read_text()
+        if text.count(TIMED_LINE) != 1:
+            raise InputError(f"{path} has no line {TIMED_LINE.strip()!r} any more: say in TIMED_LINE where the tick is")
+        path.write_text(text.replace(TIMED_LINE, TIMED_LINE + PLANTED_LINES.format(rounds=rounds)))
+
+    return edit
+
+
+def tally(name: str, comparisons: Sequence[TimeComparison], wanted: str | None) -> Trials:
+    """Count what was wrong: verdicts other than `wanted`; where it is None, every `worse` or `better`."""
+    verdicts = tuple(found.verdict for found in comparisons)
+    right = [verdict == wanted if wanted else verdict not in (WORSE, BETTER) for verdict in verdicts]
+    return Trials(name, tuple(found.ratio for found in comparisons), verdicts, right.count(False))
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command; returns 1 where a verdict was wrong."""
+    suite = default_suite()
+    scenes = {scene.name: scene for scene in suite.scenes}
+    parser = argparse.ArgumentParser(prog="python -m hhsim.gate_trials", description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("--identical", type=int, default=40, metavar="N", help="repetitions on identical code; 40")
+    parser.add_argument("--planted", type=int, default=20, metavar="N", help="repetitions with more work; 20")
+    parser.add_argument("--work", type=float, default=0.10, metavar="SHARE", help="how much more work; 0.10")
+    parser.add_argument("--processes", type=int, default=suite.processes, metavar="N", help="of each side; 5")
+    parser.add_argument("--limit", type=float, default=suite.limit, metavar="SHARE", help="of the gate; 0.05")
+    parser.add_argument("--scene", default="bunny-grasp", choices=sorted(scenes), help="of the default suite")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    options = parser.parse_args(arguments)
+    scene = scenes[options.scene]
+    try:
+        with tempfile.TemporaryDirectory(prefix="hhsim-trials-") as place:
+            found = _run(Path(place), scene, options)
+    except HhsimError as error:
+        raise SystemExit(str(error)) from error
+    if options.json:
+        print(json.dumps({"scene": scene.name, "work": options.work, "trials": [asdict(t) for t in found]}, indent=1))
+    else:
+        for trials in found:
+            print(_line(trials))
+    return 1 if any(trials.wrong for trials in found) else 0
+
+
+def _run(folder: Path, scene: GateScene, options: Any) -> list[Trials]:
+    base = _side(folder, "base", None)
+    same = _side(folder, "same", None)
+    found = [tally("identical code", _repeat(scene, base, same, options, options.identical, "identical"), None)]
+    if options.planted:
+        probe = _side(folder, "probe", plant_work(CALIBRATION_ROUNDS))
+        before, after = interleaved_times(scene, folder, base, probe, CALIBRATION_PROCESSES)
+        tick, slowed = float(np.median(before)), float(np.median(after))
+        rounds = round(options.work * tick * CALIBRATION_ROUNDS / (slowed - tick))
+        said = f"a tick is {1e6 * tick:.2f} µs; {rounds} rounds of {1e9 * (slowed - tick) / CALIBRATION_ROUNDS:.2f} ns"
+        print(f"planted: {said} make {100.0 * options.work:g} %", file=sys.stderr)
+        slower = _side(folder, "slower", plant_work(rounds))
+        comparisons = _repeat(scene, base, slower, options, options.planted, "planted")
+        found.append(tally(f"{100.0 * options.work:g} % more work", comparisons, WORSE))
+    return found
+
+
+def _side(folder: Path, name: str, edit: Callable[[Path], None] | None) -> Side:
+    side = find_side(name, copy_package(folder / name, edit))
+    if Path(side.package) != (folder / name / "hhsim").absolute():
+        raise InputError(f"the copy in {folder / name} is not what its python imports, but {side.package}")
+    return side
+
+
+def _repeat(
+    scene: GateScene, base: Side, head: Side, options: Any, repetitions: int, name: str
+) -> list[TimeComparison]:
+    # Compiled, once, before anything is timed.
+    for side in (base, head):
+        side.figures(scene, Path.cwd())
+    found = []
+    for i in range(repetitions):
+        before, after = interleaved_times(scene, Path.cwd(), base, head, options.processes)
+        found.append(compare_times(before, after, options.limit))
+        print(f"{name} {i + 1} of {repetitions}: {found[-1].ratio:.4f}, {found[-1].verdict}", file=sys.stderr)
+    return found
+
+
+def _line(trials: Trials) -> str:
+    if not trials.ratios:
+        return f"{trials.name}: none"
+    ratios = np.array(trials.ratios)
+    spread = f"head/base {ratios.min():.4f} to {ratios.max():.4f}, median {np.median(ratios):.4f}"
+    return f"{trials.name}: {trials.wrong} of {len(ratios)} verdicts wrong; {spread}"
+
+
+def _place(name: str) -> Path:
+    spec = importlib.util.find_spec(name)
+    if spec is None or not spec.submodule_search_locations:
+        raise InputError(f"{name} is not installed as a package with a folder of its own: it cannot be copied")
+    return Path(next(iter(spec.submodule_search_locations)))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
