@@ -1,6 +1,6 @@
 # Both commands need Python 3.11 to 3.13 with pip; everything else goes into .venv, once.
 #   make replay     the first result: a five-finger grasp of the Stanford bunny
-#   make test       style, types and tests
+#   make test       style, types, tests, and the gate on errors and work
 # Another interpreter: make test PYTHON=python3.12
 
 PYTHON ?= python3
@@ -17,6 +17,7 @@ test: .venv/test.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+	$(BIN)/hhsim gate --no-time
 
 .venv/python.stamp:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \

@@ -1,7 +1,8 @@
 """What was fed into a run, in a form that two runs can be compared by, on one machine or two.
 
-Meshes are compared by their hash. Trees, hands and motions are results of optimisations, whose last bits differ from
-processor to processor: of them, weighted sums are compared, with a tolerance.
+Meshes are compared by their hash. Trees, hands and motions are results of optimisations: from processor to processor
+their last bits differ, and with them the order of sibling spheres where two are equally good. Of hands and motions,
+weighted sums are compared; of trees, sums that do not depend on the order; with a tolerance.
 """
 
 from collections.abc import Mapping
@@ -14,10 +15,9 @@ from numpy.typing import ArrayLike
 from hhsim.errors import InputError
 from hhsim.result import Result
 
-TOLERANCE = 1e-6
-"""Largest difference of a weighted sum, weights from 1 to 2: 1 µm or µrad at a single tick, radius or centre."""
+TOLERANCE = 1e-7
+"""Largest difference of a sum, weights from 1 to 2: 0.1 µm or µrad at a single tick, radius or centre."""
 GOLDEN = 0.6180339887498949
-TREE = ("object/tree/center", "object/tree/radius")
 HAND = ("hand/phalanx_radius", "hand/phalanx_length", "hand/palm_center", "hand/palm_radius")
 MOTION = ("haptic/position", "haptic/orientation", "haptic/flexion", "haptic/abduction")
 TOLD = (
@@ -38,7 +38,7 @@ class RunInputs:
         spheres: Leaves of the object's tree.
         options: Of the replay, by name.
         solver: Options of the solver, by name; those of the stiffness as `stiffness.name`.
-        tree, hand, motion: Weighted sums.
+        tree, hand, motion: Sums that hardly two different ones have in common.
     """
 
     schema: int
@@ -68,7 +68,7 @@ def run_inputs(result: Result) -> RunInputs:
         spheres=int(scene.get("object_spheres", 0)),
         options={name: scene.get(name) for name in TOLD},
         solver=solver,
-        tree=_sums(result.static[name] for name in TREE),
+        tree=_moments(result.static["object/tree/center"], result.static["object/tree/radius"]),
         hand=_sums(result.static[name] for name in HAND),
         motion=_sums(result[name] for name in MOTION),
     )
@@ -123,6 +123,13 @@ def new_options(base: RunInputs, head: RunInputs) -> list[str]:
 def _sums(arrays: Any) -> tuple[float, ...]:
     """Of each array and column, the sum of the rows with weights from 1 to 2 that differ from row to row."""
     return tuple(float(value) for array in arrays for value in _column_sums(array))
+
+
+def _moments(center: ArrayLike, radius: ArrayLike) -> tuple[float, ...]:
+    """First and second moments of spheres, about the origin: the same in any order."""
+    spheres = np.concatenate([np.asarray(center, np.float64), np.asarray(radius, np.float64)[:, None]], axis=1)
+    square = spheres.T @ spheres
+    return tuple(float(value) for value in (*spheres.sum(axis=0), *square[np.triu_indices(4)]))
 
 
 def _column_sums(values: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:

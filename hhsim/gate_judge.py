@@ -9,8 +9,10 @@ from hhsim.gate_figures import COUNTERS, ERRORS, RunFigures
 from hhsim.gate_inputs import differences, new_options
 from hhsim.gate_timing import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
 
-ALIKE = 1e-6
-"""Errors that differ by a smaller share are the same up to rounding."""
+ROUNDING = 1e-9
+"""Errors that differ by no larger share are the same."""
+SLIGHT = 1e-3
+"""Errors that differ by no larger share differ by noise: last bits that grew."""
 EXIT_OK, EXIT_MISSED, EXIT_NOT_COMPARABLE = 0, 1, 3
 
 
@@ -62,7 +64,8 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         if limited and not value <= limit:
             passed = False
             reason = "over the limit" if math.isfinite(value) else "undefined, so the limit cannot be held"
-        word = _word(value, before, max(figure.floor, ALIKE * abs(before)))
+        rounding = max(figure.floor, ROUNDING * abs(before))
+        word = _word(value, before, SLIGHT * abs(before), rounding)
         rows.append(GateRow(scene, "error", name, *figure[:3], value, before, limit, word, passed, reason))
     return rows
 
@@ -101,10 +104,8 @@ def judge_time(
     label = "tick in contact, CPU, p50" + (" / reference workload" if divided else "")
     unit, scale = ("", 1.0) if divided else ("µs", 1e6)
     allowed = found.base * (1.0 + limit)
-    name = "tick_cpu_p50"
-    return GateRow(
-        scene, "time", name, label, unit, scale, found.head, found.base, allowed, found.verdict, passed, reason
-    )
+    figures = found.head, found.base, allowed
+    return GateRow(scene, "time", "tick_cpu_p50", label, unit, scale, *figures, found.verdict, passed, reason)
 
 
 def failed_run(scene: str, reason: str) -> GateRow:
@@ -134,10 +135,10 @@ def overall(rows: Sequence[GateRow]) -> tuple[str, int]:
     return (SAME if words else ""), EXIT_OK
 
 
-def _word(value: float, before: float, slack: float) -> str:
+def _word(value: float, before: float, slack: float, rounding: float = 0.0) -> str:
     if math.isnan(before) or math.isnan(value):
         return ""
-    if value == before:
+    if abs(value - before) <= rounding:
         return SAME
     if abs(value - before) <= slack:
         return WITHIN

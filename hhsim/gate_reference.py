@@ -24,7 +24,7 @@ def reference_input() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray
     """Centres (3, S), radii (S,) and a positive definite matrix (21, 21), the same numbers for ever."""
     index = np.arange(3 * SPHERES, dtype=np.float64)
     center = ((index * 0.6180339887498949) % 1.0).reshape(3, SPHERES)
-    radius = 0.01 + 0.01 * ((np.arange(SPHERES) * 0.7548776662466927) % 1.0)
+    radius = np.asarray(0.01 + 0.01 * ((np.arange(SPHERES) * 0.7548776662466927) % 1.0), dtype=np.float64)
     row = np.arange(ROWS, dtype=np.float64)
     matrix = np.exp(-np.abs(row[:, None] - row[None, :]) / 4.0) + np.eye(ROWS)
     return center, radius, matrix

@@ -71,7 +71,7 @@ def junit(report: GateReport) -> bytes:
         rows = [row for row in report.rows if row.scene == scene]
         failures, errors = sum(not row.passed for row in rows), sum(_unlike(row) for row in rows)
         counts = {"tests": str(len(rows)), "failures": str(failures), "errors": str(errors)}
-        suite = ElementTree.SubElement(root, "testsuite", name=scene, **counts)
+        suite = ElementTree.SubElement(root, "testsuite", {"name": scene, **counts})
         for row in rows:
             case = ElementTree.SubElement(suite, "testcase", classname=f"hhsim.gate.{scene}", name=row.name)
             said = " | ".join(cells(row)[1:7]) + (f" | {row.reason}" if row.reason else "")

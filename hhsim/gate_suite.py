@@ -140,7 +140,7 @@ def load_suite(path: Path) -> GateSuite:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the suite {path}: {getattr(error, 'strerror', None) or error}") from error
-    return parse_suite(text, path.absolute().parent, str(path))
+    return parse_suite(text, path.parent, str(path))
 
 
 def default_suite() -> GateSuite:

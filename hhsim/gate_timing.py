@@ -65,8 +65,8 @@ def compare_times(base: Sequence[float], head: Sequence[float], limit: float) ->
 def chance_of_worse(spread: float, slower: float, limit: float, processes: int) -> float:
     """How likely `compare_times` says `worse`, in closed form.
 
-    The logarithm of a process's p50 is taken as normal; that of a median of an odd number of them is then distributed as
-    an order statistic.
+    The logarithm of a process's p50 is taken as normal; that of a median of an odd number of them is then distributed
+    as an order statistic.
 
     Args:
         spread: Standard deviation of the logarithm, from process to process [-].

@@ -1,0 +1,404 @@
+"""What the gate says of results, suites and baselines; nothing here is run in another process."""
+
+import json
+import math
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import h5py
+import numpy as np
+import pytest
+from gate_scene import SUITE, write_suite
+
+from hhsim.errors import InputError
+from hhsim.gate import GateReport, gate_result
+from hhsim.gate_baseline import RecordedScene, load_baseline, write_baseline
+from hhsim.gate_figures import COUNTERS, ERRORS, RunFigures, run_figures
+from hhsim.gate_inputs import TOLERANCE, differences
+from hhsim.gate_judge import GateRow, judge_counters, judge_errors, judge_time, overall
+from hhsim.gate_report import junit, markdown, number
+from hhsim.gate_suite import DEFAULT_SUITE, default_suite, load_suite, parse_suite
+from hhsim.result import load_result
+
+Run = Callable[..., Any]
+
+TINY = parse_suite(SUITE, Path(), "tiny")
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result of the tiny suite's scene."""
+    from hhsim.hand import HandModel
+    from hhsim.object_catalogue import load_object
+    from hhsim.replay import replay
+    from hhsim.scene import make_scene
+    from hhsim.solver_options import SolverOptions
+    from hhsim.trajectory_catalogue import resolve_trajectory
+    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+    folder = tmp_path_factory.mktemp("gate")
+    write_suite(folder)
+    mesh = load_object("cube").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=3))
+    motion = resolve_trajectory(str(folder / "short.toml"))
+    scene = make_scene(mesh, tree, HandModel.default("right"), motion)
+    path = folder / "stored.h5"
+    replay(scene, SolverOptions(), path, description={"object_mesh": mesh.sha256, "level": 3, "seed": 0})
+    return path
+
+
+@pytest.fixture
+def result(stored: Path, tmp_path: Path) -> Path:
+    """A copy of it to change."""
+    return Path(shutil.copy(stored, tmp_path / "changed.h5"))
+
+
+@pytest.fixture(scope="module")
+def figures(stored: Path) -> RunFigures:
+    return run_figures(load_result(stored))
+
+
+def change_scene(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    with h5py.File(path, "r+") as file:
+        scene = json.loads(file.attrs["scene"])
+        change(scene)
+        file.attrs["scene"] = json.dumps(scene)
+
+
+def missed(report: GateReport) -> list[str]:
+    return [row.name for row in report.missed]
+
+
+def test_figures_are_those_of_the_runs_own_table(stored: Path, figures: RunFigures) -> None:
+    summary = load_result(stored).summary
+    for name in ERRORS:
+        if name in summary:
+            assert figures.errors[name] == pytest.approx(summary[name], nan_ok=True, abs=1e-12), name
+    assert figures.counters["work_units"] == round(summary["work_mean"] * summary["ticks"])
+    assert figures.cpu_p50 == pytest.approx(summary["tick_cpu_p50"])
+
+
+def test_a_result_beside_itself_is_the_same(stored: Path, figures: RunFigures) -> None:
+    report = gate_result(load_result(stored), TINY, load_result(stored))
+    assert (report.verdict, report.exit_code) == ("same", 0)
+    assert {row.kind for row in report.rows} == {"inputs", "error", "counter"}
+    assert sum(row.kind == "counter" for row in report.rows) == len(COUNTERS)
+    assert figures.counters["pair_tests"] > 0
+
+
+def test_a_planted_penetration_of_5_um_is_caught_though_the_file_says_there_is_none(result: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        force = file["tick/force/fingertip_normal"][...]
+        tick, finger = np.unravel_index(np.linalg.norm(force, axis=2).argmax(), force.shape[:2])
+        # Against the object's push, that is into it.
+        into = -force[tick, finger] / np.linalg.norm(force[tick, finger])
+        joints = file["tick/graphic/joints"][...]
+        joints[tick, finger] += 5e-6 * into
+        file["tick/graphic/joints"][...] = joints
+        assert file["tick/penetration_depth"][...].max() == 0.0
+    report = gate_result(load_result(result), TINY, None)
+    assert report.exit_code == 1
+    assert missed(report) == ["penetration_max"]
+    assert 4e-6 < report.missed[0].head <= 5e-6
+
+
+@pytest.mark.parametrize(
+    ("dataset", "value", "name"),
+    [("penetration_depth", 2e-6, "penetration_max"), ("status", 1, "stuck_ticks"), ("status", 2, "lag_ticks")],
+)
+def test_an_error_in_a_single_tick_is_caught(result: Path, dataset: str, value: float, name: str) -> None:
+    with h5py.File(result, "r+") as file:
+        file[f"tick/{dataset}"][77] = value
+    report = gate_result(load_result(result), TINY, None)
+    assert (missed(report), report.exit_code) == ([name], 1)
+
+
+def test_one_pair_test_more_than_the_slack_is_a_miss(result: Path, figures: RunFigures) -> None:
+    allowed = math.floor(0.005 * figures.counters["pair_tests"])
+    for more, code in ((allowed, 0), (allowed + 1, 1)):
+        with h5py.File(result, "r+") as file:
+            before = int(file["tick/work/pair_tests"][100])
+            file["tick/work/pair_tests"][100] = before + more
+        report = gate_result(load_result(result), TINY, load_result_of(figures, result))
+        assert report.exit_code == code
+        with h5py.File(result, "r+") as file:
+            file["tick/work/pair_tests"][100] = before
+
+
+def load_result_of(figures: RunFigures, beside: Path) -> Any:
+    """A baseline of these figures, written and read."""
+    path = beside.with_name("baseline.json")
+    write_baseline(path, {"tiny": RecordedScene(figures)}, 1)
+    return load_baseline(path)
+
+
+def test_a_baseline_comes_back_as_it_was_written(figures: RunFigures, tmp_path: Path) -> None:
+    path = tmp_path / "baseline.json"
+    write_baseline(path, {"a": RecordedScene(figures, (1e-5, 2e-5, 3e-5), (1e-6, 1e-6, 2e-6))}, 7)
+    read = load_baseline(path)
+    scene = read.scenes["a"]
+    assert (read.reference_version, scene.times, scene.references) == (7, (1e-5, 2e-5, 3e-5), (1e-6, 1e-6, 2e-6))
+    assert differences(scene.figures.inputs, figures.inputs) == []
+    assert scene.figures.counters == figures.counters
+    assert scene.figures.errors == pytest.approx(figures.errors, nan_ok=True)
+    write_baseline(path, {"a": RecordedScene(scene.figures)}, 7)
+    assert "machine" not in json.loads(path.read_text())
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "hhsim-gate-baseline"}', '{"format": "x"}'])
+def test_what_is_no_baseline_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "baseline.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"baseline\.json"):
+        load_baseline(path)
+    with pytest.raises(InputError, match="cannot read"):
+        load_baseline(tmp_path / "none.json")
+
+
+def mesh_differs(scene: dict[str, Any]) -> None:
+    scene["object_mesh"] = "0" * 64
+
+
+def option_differs(scene: dict[str, Any]) -> None:
+    scene["solver"]["margin"] = 2e-3
+
+
+def stiffness_differs(scene: dict[str, Any]) -> None:
+    scene["solver"]["stiffness"]["rotation"] = 4.0
+
+
+def seed_differs(scene: dict[str, Any]) -> None:
+    scene["seed"] = 1
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (mesh_differs, "object mesh"),
+        (option_differs, "margin: 0.001 and 0.002"),
+        (stiffness_differs, "stiffness.rotation"),
+        (seed_differs, "seed: 0 and 1"),
+    ],
+)
+def test_different_inputs_cannot_be_compared(
+    result: Path, stored: Path, change: Callable[[dict[str, Any]], None], said: str
+) -> None:
+    change_scene(result, change)
+    report = gate_result(load_result(result), TINY, load_result(stored))
+    assert (report.verdict, report.exit_code) == ("not comparable", 3)
+    assert said in report.rows[0].reason
+    assert not any(row.kind == "counter" for row in report.rows)
+
+
+@pytest.mark.parametrize(
+    ("dataset", "said"),
+    [("tick/haptic/position", "trajectory"), ("object/tree/radius", "sphere tree"), ("hand/phalanx_radius", "hand")],
+)
+def test_a_number_that_differs_by_a_micrometre_is_another_input(
+    result: Path, stored: Path, dataset: str, said: str
+) -> None:
+    for shift, found in ((1e-6, [said]), (0.01 * TOLERANCE, [])):
+        shutil.copy(stored, result)
+        with h5py.File(result, "r+") as file:
+            values = file[dataset][...]
+            values.reshape(-1)[17] += shift
+            file[dataset][...] = values
+        inputs = [run_figures(load_result(path)).inputs for path in (stored, result)]
+        assert differences(*inputs) == found
+
+
+def test_siblings_in_another_order_are_the_same_tree(result: Path, stored: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        for name in ("center", "radius"):
+            values = file[f"object/tree/{name}"][...]
+            values[[-1, -2]] = values[[-2, -1]]
+            file[f"object/tree/{name}"][...] = values
+    assert differences(*(run_figures(load_result(path)).inputs for path in (stored, result))) == []
+
+
+def test_another_schema_is_another_input(figures: RunFigures) -> None:
+    newer = replace(figures.inputs, schema=figures.inputs.schema + 1)
+    assert differences(figures.inputs, newer) == [f"result schema: {newer.schema - 1} and {newer.schema}"]
+
+
+def test_an_option_that_only_one_side_has_is_told_and_does_not_stop(figures: RunFigures) -> None:
+    from hhsim.gate_judge import judge_inputs
+
+    newer = replace(figures, inputs=replace(figures.inputs, solver={**figures.inputs.solver, "novel": 1}))
+    row = judge_inputs("tiny", newer, figures)
+    assert (row.verdict, row.reason) == ("same", "options that only one side has: novel")
+
+
+@pytest.mark.parametrize(
+    ("value", "before", "word"),
+    [
+        (1.0, 1.0, "same"),
+        (1.0, 1.0 + 1e-12, "same"),
+        (1.0, 1.0005, "within noise"),
+        (1.0, 1.1, "better"),
+        (1.2, 1.1, "worse"),
+    ],
+)
+def test_an_error_has_a_word_beside_its_limit(figures: RunFigures, value: float, before: float, word: str) -> None:
+    head, base = (replace(figures, errors={**figures.errors, "force_step": number}) for number in (value, before))
+    (row,) = (row for row in judge_errors("tiny", head, base, {"force_step": 1.1}) if row.name == "force_step")
+    assert (row.verdict, row.passed) == (word, value <= 1.1)
+
+
+def test_a_limit_on_what_is_undefined_is_missed(figures: RunFigures) -> None:
+    head = replace(figures, errors={**figures.errors, "force_step": math.nan})
+    (row,) = (row for row in judge_errors("tiny", head, None, {"force_step": 1.1}) if row.name == "force_step")
+    assert not row.passed
+    assert row.reason.startswith("undefined")
+
+
+def test_less_work_is_better(figures: RunFigures) -> None:
+    less = replace(figures, counters={name: value // 2 for name, value in figures.counters.items()})
+    words = {row.name: row.verdict for row in judge_counters("tiny", less, figures, dict.fromkeys(COUNTERS, 0.01))}
+    assert words["pair_tests"] == "better"
+
+
+def row(verdict: str, passed: bool = True, kind: str = "counter") -> GateRow:
+    return GateRow("s", kind, "n", "label", verdict=verdict, passed=passed)
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([row("same"), row("same")], ("same", 0)),
+        ([row("same"), row("within noise")], ("within noise", 0)),
+        ([row("same"), row("better")], ("better", 0)),
+        ([row("same"), row("worse", kind="error")], ("same", 0)),
+        ([row("better"), row("not comparable")], ("not comparable", 3)),
+        ([row("not comparable"), row("worse", passed=False)], ("worse", 1)),
+        ([row("", kind="error")], ("", 0)),
+    ],
+)
+def test_the_verdict_of_all_rows(rows: list[GateRow], expected: tuple[str, int]) -> None:
+    assert overall(rows) == expected
+
+
+def test_a_time_over_its_limit_is_told_with_the_share() -> None:
+    found = judge_time("tiny", [1.2e-5] * 5, [1.0e-5] * 5, 0.05)
+    assert (found.verdict, found.passed) == ("worse", False)
+    assert found.reason.startswith("+20.0 %")
+    assert found.limit == pytest.approx(1.05e-5)
+
+
+def test_the_default_suite_is_read_and_names_what_ships() -> None:
+    from hhsim.object_catalogue import object_names
+    from hhsim.trajectory_catalogue import trajectory_names
+
+    suite = default_suite()
+    assert any(scene.timed for scene in suite.scenes)
+    for scene in suite.scenes:
+        assert scene.object in object_names()
+        assert scene.trajectory in trajectory_names()
+        assert scene.limits["penetration_max"] == 1e-6
+        assert set(scene.slack.values()) == {0.005}
+
+
+def test_the_projects_own_suite_is_read_and_has_a_baseline_of_each_scene(repository: Path) -> None:
+    suite = load_suite(repository / "hhsim-gate.toml")
+    assert suite.baseline is not None
+    baseline = load_baseline(suite.baseline)
+    assert set(baseline.scenes) == {scene.name for scene in suite.scenes}
+    assert all(not scene.times for scene in baseline.scenes.values()), "counters are the same anywhere, times are not"
+
+
+def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
+    text = (
+        f"{SUITE}[scene.limits]\nstuck_ticks = false\nlag_max = 1e-3\n[scene.counters]\nslack = 0.02\npair_tests = 0\n"
+    )
+    (scene,) = parse_suite(text, Path(), "suite").scenes
+    assert set(scene.limits) == {"penetration_max", "lag_ticks", "tracking_excess", "lag_max"}
+    assert (scene.slack["pair_tests"], scene.slack["node_tests"]) == (0.0, 0.02)
+    assert scene.replay_arguments() == ["cube", "short.toml", "--method", "coupled"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("version = 1", "version = 2", "version is 2"),
+        ("version = 1", "version = ", "no TOML"),
+        ("stuck_ticks = 0", "stuck = 0", "unknown key 'stuck'"),
+        ("stuck_ticks = 0", "stuck_ticks = -1", "from 0 on"),
+        ("stuck_ticks = 0", "stuck_ticks = nan", "from 0 on"),
+        ("processes = 3", "processes = 2", "processes is 2"),
+        ("limit = 1.0 ", "limit = 5 ", "share from 0 to 1"),
+        ('object = "cube"', "", "object is None"),
+        ('object = "cube"', 'object = "--out"', "is an option"),
+        ("timed = true", 'timed = "yes"', "true or false"),
+        ("timed = true", 'method = "best"', "method is 'best'"),
+        ("timed = true", "level = 9", "1 to 5"),
+        ("timed = true", 'arguments = ["--out=x"]', "--out=x"),
+        ("[[scene]]", "[scene]", "no scene"),
+        ("timed = true", '[[scene]]\nname = "tiny"\nobject = "cube"\ntrajectory = "pinch"', "two scenes named tiny"),
+    ],
+)
+def test_a_wrong_suite_says_what_and_where(old: str, new: str, said: str) -> None:
+    assert old in SUITE
+    with pytest.raises(InputError) as error:
+        parse_suite(SUITE.replace(old, new, 1), Path(), "my.toml")
+    assert said in str(error.value)
+    assert "my.toml" in str(error.value)
+
+
+def test_the_docs_show_the_suites_own_names(repository: Path) -> None:
+    page = (repository / "docs" / "gate.md").read_text(encoding="utf-8")
+    text = page.split("```toml\n")[1].split("```")[0]
+    (scene,) = parse_suite(text, Path(), "docs/gate.md").scenes
+    assert scene.timed
+    assert all(f"`{name}`" in page for name in ERRORS)
+    assert parse_suite(DEFAULT_SUITE, Path(), "default").limit == 0.05
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"), [(1234567.0, "1,234,567"), (0.0, "0"), (1e-14, "0.000"), (1.23456, "1.235"), (math.nan, "—")]
+)
+def test_numbers_are_shown_short(value: float, shown: str) -> None:
+    assert number(value) == shown
+
+
+def report_of(*rows: GateRow) -> GateReport:
+    return GateReport("suite", "base", rows, ("a note",))
+
+
+def test_markdown_shows_what_changed_and_folds_the_rest() -> None:
+    bad = GateRow("s|x", "error", "n", "a_label", "µm", 1e6, 5e-6, 0.0, 1e-6, "worse", False, "over the limit")
+    text = markdown(report_of(bad, row("same")))
+    assert text.startswith("## ❌ hhsim gate\n\nworse: 1 of 2 figures missed their limit, against base\n")
+    shown, folded = text.split("<details>")
+    assert "| s\\|x | a\\_label | 5 | 0 | 1 | µm | worse | MISSED |" in shown
+    assert "- a note" in shown
+    assert "| s | label |" in folded
+    assert all(line.count("|") - line.count("\\|") == 9 for line in text.splitlines() if line.startswith("|"))
+    assert markdown(report_of(row("same"))).startswith("## ✅")
+    assert markdown(report_of(row("not comparable"))).startswith("## ⚠️")
+
+
+def test_junit_has_a_case_for_each_figure() -> None:
+    bad = GateRow("a", "error", "n", 'label <&">', "µm", 1e6, 5e-6, 0.0, 1e-6, "worse", False, 'over <the> "limit"')
+    root = ElementTree.fromstring(junit(report_of(bad, row("same"), row("not comparable"))))
+    counts = [(suite.get("name"), suite.get("tests"), suite.get("failures"), suite.get("errors")) for suite in root]
+    assert counts == [("a", "1", "1", "0"), ("s", "2", "0", "1")]
+    failure = root.find("testsuite/testcase/failure")
+    assert failure is not None
+    assert failure.get("message") == 'over <the> "limit"'
+
+
+def test_the_command_judges_a_result(run: Run, stored: Path, result: Path) -> None:
+    answer = run("gate", str(stored), "--baseline", str(stored), "--json")
+    document = json.loads(answer.out)
+    assert (answer.code, document["verdict"], document["missed"]) == (0, "same", 0)
+    change_scene(result, mesh_differs)
+    answer = run("gate", str(result), "--baseline", str(stored), "--quiet")
+    assert (answer.code, answer.out) == (3, "")
+    assert "different inputs: object mesh" in answer.err
+    assert run("gate", str(result), "--base-python", "python").code == 2
+    assert run("gate", str(result.with_name("none.h5"))).code == 2
+    assert run("gate", "--step-summary").code == 2

@@ -1,0 +1,202 @@
+"""The gate as CI runs it: other pythons, planted faults, the shell and the GitHub example."""
+
+import importlib
+import json
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from gate_scene import SUITE, write_suite
+
+from hhsim.errors import InputError
+from hhsim.gate import GateReport, gate_suite
+from hhsim.gate_run import RunFailed, Side, find_side, this_python
+from hhsim.gate_suite import GateScene, load_suite
+from hhsim.gate_timing import TimeComparison
+from hhsim.gate_trials import PLANTED_LINES, TIMED_LINE, copy_package, plant_work, tally
+
+Run = Callable[..., Any]
+
+HAND_LINE = "        depth = penetration(\n"
+SHIFTED = "        record = record._replace(joints=record.joints + np.array([{shift}, 0.0, 0.0]))\n"
+"""The graphic hand moved aside behind the solver's back: of two fingers that pinch, one goes into the object."""
+
+
+def plant_line(name: str, line: str, before: str) -> Callable[[Path], None]:
+    def edit(package: Path) -> None:
+        path = package / name
+        text = path.read_text()
+        assert text.count(line) == 1
+        path.write_text(text.replace(line, before + line))
+
+    return edit
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_suite(tmp_path_factory.mktemp("suite"))
+
+
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A python with a copy of this hhsim."""
+    return copy_package(tmp_path_factory.mktemp("copied"))
+
+
+def entry_point(folder: Path) -> Path:
+    """A command that is this hhsim, whatever is installed on the PATH."""
+    main = folder / "hhsim"
+    code = "from hhsim.cli.main import main; main()"
+    main.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -P -c {shlex.quote(code)} "$@"\n')
+    main.chmod(0o755)
+    return main
+
+
+def judged(suite: Path, head: Side, base: Side | None = None) -> GateReport:
+    return gate_suite(load_suite(suite), head, base=base, timed=False)
+
+
+def test_a_copy_is_what_its_python_imports(copied: Path) -> None:
+    side = find_side("base", copied)
+    assert Path(side.package) == copied.parent / "hhsim"
+    assert find_side("head", this_python()).package != side.package
+
+
+def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) -> None:
+    shift = 5.5e-6
+    edit = plant_line("tick_columns.py", HAND_LINE, SHIFTED.format(shift=shift))
+    head = find_side("head", copy_package(tmp_path / "planted", edit))
+    report = judged(suite, head)
+    assert (report.verdict, report.exit_code) == ("", 1)
+    assert [row.name for row in report.missed] == ["penetration_max"]
+    # The solver keeps clear by half a micrometre.
+    assert 4.5e-6 < report.missed[0].head < shift
+
+
+def test_other_options_of_a_base_cannot_be_compared(suite: Path, tmp_path: Path) -> None:
+    def edit(package: Path) -> None:
+        path = package / "solver_options.py"
+        text = path.read_text()
+        assert text.count("skin: float = 3e-3") == 1
+        path.write_text(text.replace("skin: float = 3e-3", "skin: float = 4e-3"))
+
+    base = find_side("base", copy_package(tmp_path / "other", edit))
+    report = judged(suite, find_side("head", this_python()), base)
+    assert (report.verdict, report.exit_code) == ("not comparable", 3)
+    assert report.rows[0].reason == "different inputs: skin: 0.004 and 0.003"
+
+
+def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(suite: Path, tmp_path: Path) -> None:
+    edit = plant_line("tick_columns.py", HAND_LINE, "        raise RuntimeError('planted')\n")
+    head = find_side("head", copy_package(tmp_path / "broken", edit))
+    report = judged(suite, head)
+    assert report.exit_code == 1
+    assert "RuntimeError: planted" in report.missed[0].reason
+    scene = GateScene("gone", "no-such-object", "pinch")
+    with pytest.raises(RunFailed, match=r"scene gone: unknown object .no-such-object.") as failed:
+        find_side("head", this_python()).figures(scene, suite.parent)
+    assert failed.value.refused
+
+
+def test_what_is_no_python_with_hhsim_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--base-python .* cannot be run"):
+        find_side("base", tmp_path / "python")
+    empty = tmp_path / "empty"
+    empty.write_text("#!/bin/sh\nexit 1\n")
+    empty.chmod(0o755)
+    with pytest.raises(InputError, match="has no hhsim"):
+        find_side("base", empty)
+
+
+def test_the_folder_that_the_gate_runs_in_is_not_where_modules_come_from(tmp_path: Path) -> None:
+    (tmp_path / "hhsim").mkdir()
+    (tmp_path / "hhsim" / "__init__.py").write_text("raise ImportError('the wrong hhsim')\n")
+    script = "from pathlib import Path; from hhsim.gate_run import *; print(find_side('head', this_python()).version)"
+    answer = subprocess.run([sys.executable, "-P", "-c", script], cwd=tmp_path, capture_output=True, text=True)
+    assert answer.returncode == 0, answer.stderr
+
+
+def test_a_recorded_baseline_with_times_is_the_same_again(run: Run, suite: Path, tmp_path: Path) -> None:
+    answer = run("gate", str(suite), "--write-baseline", "baseline.json", "--json")
+    assert answer.code == 0, answer.err
+    recorded = json.loads((tmp_path / "baseline.json").read_text())
+    assert len(recorded["scenes"]["tiny"]["times"]) == len(recorded["scenes"]["tiny"]["references"]) == 3
+    answer = run("gate", str(suite), "--baseline", "baseline.json", "--json")
+    rows = json.loads(answer.out)["rows"]
+    assert answer.code == 0, answer.out
+    assert {row["verdict"] for row in rows if row["kind"] == "counter"} == {"same"}
+    assert [row["kind"] for row in rows].count("time") == 1
+    recorded["reference_version"] += 1
+    (tmp_path / "baseline.json").write_text(json.dumps(recorded))
+    load = run("gate", str(suite), "--baseline", "baseline.json", "--no-time", "--quiet")
+    assert (load.code, load.out) == (0, "")
+
+
+def test_the_shell_example_gates_base_and_head(suite: Path, copied: Path, repository: Path, tmp_path: Path) -> None:
+    script = repository / "examples" / "gate.sh"
+    named = {"HHSIM": entry_point(tmp_path), "BASE_PYTHON": copied, "REPORTS": tmp_path / "reports"}
+    environment = {**os.environ, **{name: str(path) for name, path in named.items()}}
+    answer = subprocess.run([str(script)], cwd=suite.parent, env=environment, capture_output=True, text=True)
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+    assert "tick in contact, CPU, p50" in answer.stdout
+    (tests,) = ElementTree.parse(tmp_path / "reports" / "gate.xml").getroot()
+    assert tests.get("failures") == tests.get("errors") == "0"
+    assert (tmp_path / "reports" / "gate.md").read_text().startswith("## ✅ hhsim gate")
+
+
+def test_the_shell_example_says_no(suite: Path, repository: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "strict"
+    folder.mkdir()
+    write_suite(folder).write_text(SUITE + "[scene.limits]\ntracking_palm = 1e-9\n")
+    environment = {**os.environ, "HHSIM": str(entry_point(tmp_path))}
+    environment.pop("BASE_PYTHON", None)
+    script = repository / "examples" / "gate.sh"
+    answer = subprocess.run([str(script)], cwd=folder, env=environment, capture_output=True, text=True)
+    assert answer.returncode == 1, answer.stdout + answer.stderr
+    assert "MISSED" in answer.stdout
+
+
+def test_the_github_example_is_yaml_whose_gate_line_the_command_takes(repository: Path) -> None:
+    yaml = pytest.importorskip("yaml", reason="pip install 'hhsim[test]' brings pyyaml")
+    command = importlib.import_module("hhsim.cli.gate").command
+    workflow = yaml.safe_load((repository / "examples" / "gate-github-actions.yml").read_text())
+    assert set(workflow) == {"name", True, "permissions", "jobs"}, "on: is read as true"
+    (job,) = workflow["jobs"].values()
+    steps = {step["name"]: step for step in job["steps"] if "name" in step}
+    assert {step["with"]["path"] for step in job["steps"] if "checkout" in step.get("uses", "")} == {"base", "head"}
+    program, *arguments = shlex.split(steps["Gate"]["run"])
+    assert (program, arguments[0]) == (".venv/bin/hhsim", "gate")
+    context = command.make_context("gate", arguments[1:])
+    assert context.params["step_summary"]
+    assert context.params["base_python"] == Path("../base/.venv/bin/python")
+    answer = subprocess.run(["sh", "-n", "-c", steps["Install both"]["run"]], capture_output=True, text=True)
+    assert answer.returncode == 0, answer.stderr
+
+
+def test_planted_work_stands_between_the_readings_of_the_clock(repository: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "kernels"
+    folder.mkdir()
+    source = (repository / "hhsim" / "kernels" / "block.py").read_text()
+    (folder / "block.py").write_text(source)
+    plant_work(123)(tmp_path)
+    changed = (folder / "block.py").read_text()
+    compile(changed, "block.py", "exec")
+    planted = changed.index(PLANTED_LINES.format(rounds=123))
+    assert changed.index("cpu = crew_cpu_ns(state.crew)") < changed.index(TIMED_LINE) < planted
+    assert planted < changed.index("cpu = crew_cpu_ns(state.crew) - cpu")
+    (folder / "block.py").write_text("nothing\n")
+    with pytest.raises(InputError, match="TIMED_LINE"):
+        plant_work(1)(tmp_path)
+
+
+def test_trials_count_what_was_wrong() -> None:
+    words = ["within noise", "worse", "better", "worse"]
+    found = [TimeComparison(1.0, 1.0, 1.0, 0.0, word) for word in words]
+    assert tally("identical", found, None).wrong == 3
+    assert tally("planted", found, "worse").wrong == 2

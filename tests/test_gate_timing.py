@@ -1,0 +1,132 @@
+"""The gate's statistic, against closed forms, brute force and recorded times; no clock is read but where it says so."""
+
+import hashlib
+import inspect
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from hhsim import gate_reference
+from hhsim.errors import InputError
+from hhsim.gate_timing import base_first, chance_of_worse, compare_times
+from hhsim.kernels import reference_work
+
+PROCESSES = 5
+LIMIT = 0.05
+
+RECORDED = (
+    *(10.315, 10.175, 10.096, 10.205, 10.235, 9.875, 10.105),
+    *(10.166, 10.216, 9.965, 10.135, 9.945, 9.924, 9.905),
+)
+"""CPU p50 [µs] of fourteen identical processes, one after the other, bunny-grasp of the default suite, on two cores
+that six other programs kept busy."""
+
+
+def simulated(rng: np.random.Generator, spread: float, slower: float, gates: int) -> float:
+    """Share of simulated gates that say `worse`."""
+    worse = 0
+    for _ in range(gates):
+        base = 1e-5 * np.exp(rng.normal(0.0, spread, PROCESSES))
+        head = 1e-5 * (1.0 + slower) * np.exp(rng.normal(0.0, spread, PROCESSES))
+        worse += compare_times(list(base), list(head), LIMIT).verdict == "worse"
+    return worse / gates
+
+
+@pytest.mark.parametrize(("spread", "slower"), [(0.03, 0.0), (0.03, 0.10), (0.06, 0.0), (0.02, 0.05)])
+def test_the_closed_form_is_what_the_gate_does(spread: float, slower: float) -> None:
+    gates = 4_000
+    expected = chance_of_worse(spread, slower, LIMIT, PROCESSES)
+    found = simulated(np.random.default_rng(1), spread, slower, gates)
+    deviation = math.sqrt(expected * (1.0 - expected) / gates)
+    assert abs(found - expected) < 4.0 * deviation
+
+
+def test_one_process_is_a_plain_difference_of_normals() -> None:
+    for slower in (0.0, 0.02, 0.1):
+        gap = math.log(1.05) - math.log1p(slower)
+        assert chance_of_worse(0.03, slower, LIMIT, 1) == pytest.approx(stats.norm.sf(gap / (0.03 * math.sqrt(2.0))))
+
+
+def test_what_is_slower_by_the_limit_is_called_worse_half_of_the_time() -> None:
+    assert chance_of_worse(0.02, LIMIT, LIMIT, PROCESSES) == pytest.approx(0.5)
+
+
+def test_false_alarms_and_misses_are_as_rare_as_the_docs_say() -> None:
+    for spread, processes, alarms, misses in (
+        (0.015, 5, 95_000, 41_000),
+        (0.02, 5, 1_500, 900),
+        (0.03, 5, 63, 49),
+        (0.03, 15, 6_000, 3_300),
+    ):
+        assert 1.0 / chance_of_worse(spread, 0.0, LIMIT, processes) == pytest.approx(alarms, rel=0.03)
+        assert 1.0 / (1.0 - chance_of_worse(spread, 0.1, LIMIT, processes)) == pytest.approx(misses, rel=0.03)
+
+
+def test_resampled_recorded_times_of_identical_code_alarm_in_none_and_ten_percent_is_caught_in_all() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(1_000):
+        base, head = rng.choice(RECORDED, (2, PROCESSES))
+        assert compare_times(list(base), list(head), LIMIT).verdict == "within noise"
+        assert compare_times(list(base), list(1.1 * head), LIMIT).verdict == "worse"
+
+
+times = st.lists(st.integers(1, 10**6).map(float), min_size=3, max_size=9)
+
+
+@given(times, times)
+def test_the_verdict_is_that_of_exact_arithmetic(base: list[float], head: list[float]) -> None:
+    def median(values: list[float]) -> Fraction:
+        ordered, half = sorted(Fraction(value) for value in values), len(values) // 2
+        return ordered[half] if len(values) % 2 else (ordered[half - 1] + ordered[half]) / 2
+
+    found = compare_times(base, head, 0.25)
+    ratio = median(head) / median(base)
+    assert found.ratio == pytest.approx(float(ratio))
+    if ratio not in (Fraction(5, 4), Fraction(4, 5)):
+        expected = "worse" if ratio > Fraction(5, 4) else "better" if ratio < Fraction(4, 5) else "within noise"
+        assert found.verdict == expected
+
+
+def test_better_and_worse_are_each_other_the_other_way_round() -> None:
+    slow, fast = [1.2e-5, 1.1e-5, 1.3e-5], [1.0e-5, 1.0e-5, 0.9e-5]
+    assert compare_times(fast, slow, LIMIT).verdict == "worse"
+    assert compare_times(slow, fast, LIMIT).verdict == "better"
+    assert compare_times(fast, slow, LIMIT).spread == pytest.approx(0.2 / 1.2)
+
+
+@pytest.mark.parametrize("wrong", [[1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, math.nan]])
+def test_times_that_say_nothing_are_refused(wrong: list[float]) -> None:
+    with pytest.raises(InputError, match="base"):
+        compare_times(wrong, [1.0, 1.0, 1.0], LIMIT)
+
+
+def test_a_steady_drift_favours_neither_side() -> None:
+    clock, places = 0, {"base": 0, "head": 0}
+    for pair in range(4):
+        for side in ("base", "head") if base_first(pair) else ("head", "base"):
+            places[side] += clock
+            clock += 1
+    assert places["base"] == places["head"]
+
+
+def test_whoever_changes_the_reference_workload_raises_its_version() -> None:
+    text = inspect.getsource(reference_work) + inspect.getsource(gate_reference.reference_input)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+    assert {reference_work.REFERENCE_VERSION: digest} == {1: "862dfc7576d8664f"}
+
+
+def test_the_reference_workload_computes_what_it_says() -> None:
+    center, radius, matrix = gate_reference.reference_input()
+    factor = np.zeros_like(matrix)
+    total = reference_work.reference_tick(center, radius, matrix, factor, 0.05)
+    np.testing.assert_allclose(factor, np.linalg.cholesky(matrix), atol=1e-14)
+    distance = np.linalg.norm(center - np.array([[0.05], [0.0], [0.0]]), axis=0)
+    near = distance**2 < 0.5
+    assert 0 < near.sum() < near.size
+    assert total == pytest.approx((distance - radius)[near].sum() + factor[-1, -1])
+    assert gate_reference.reference_p50(50) > 0.0
