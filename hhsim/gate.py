@@ -217,16 +217,16 @@ class _SceneRun:
             before, after = interleaved_times(scene, suite.folder, base, head, suite.processes, self.step)
             self.rows.append(judge_time(scene.name, after, before, suite.limit))
         against = kept if wanted is None and kept is not None and kept.times else None
+        if against is not None and baseline is not None and baseline.reference_version != REFERENCE_VERSION:
+            reason = f"reference workload {baseline.reference_version} there, {REFERENCE_VERSION} here"
+            self.rows.append(unjudged(scene.name, "time", reason))
+            against = None
         if against is None and not record:
             return
         times, references = times_beside_reference(scene, suite.folder, head, suite.processes, self.step)
         assert self.recorded is not None
         self.recorded = RecordedScene(self.recorded.figures, tuple(times), tuple(references))
-        if against is None or baseline is None:
-            return
-        if baseline.reference_version != REFERENCE_VERSION:
-            reason = f"reference workload {baseline.reference_version} there, {REFERENCE_VERSION} here"
-            self.rows.append(unjudged(scene.name, "time", reason))
+        if against is None:
             return
         here = [time / reference for time, reference in zip(times, references)]
         there = [time / reference for time, reference in zip(against.times, against.references)]

@@ -1,15 +1,14 @@
 """Try the gate's timing on this machine: `python -m hhsim.gate_trials`.
 
-Copies of the package are made: two as they are, one whose tick does a stated share of work more. The gate's comparison
-is repeated on the two that are identical, where every `worse` is a false alarm, and on one of them against the slower
-one, where everything else is a miss. Needs a quiet machine.
+The gate's comparison is repeated on identical code, where every `worse` is a false alarm, and against a python whose
+hhsim does a stated share of work more in every tick, where everything else is a miss. That python takes one module from
+a changed copy and all others from here; nothing in hhsim itself knows of it. Needs a quiet machine.
 """
 
 import argparse
 import importlib.util
 import json
 import shlex
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -24,8 +23,21 @@ from hhsim.gate_run import Side, find_side, interleaved_times, this_python
 from hhsim.gate_suite import GateScene, default_suite
 from hhsim.gate_timing import BETTER, WORSE, TimeComparison, compare_times
 
-PARTS = ("hhsim.cli", "hhsim.objects", "hhsim.trajectories")
-"""Packages that a checkout keeps elsewhere than in the folder of hhsim."""
+BLOCK = "hhsim.kernels.block"
+OVERLAY = """\
+import importlib.util
+import sys
+
+
+class Overlay:
+    def find_spec(self, name, path, target=None):
+        if name == {module!r}:
+            return importlib.util.spec_from_file_location(name, {file!r})
+
+
+sys.meta_path.insert(0, Overlay())
+"""
+"""Runs before anything else in the python that is made, and brings in the changed module."""
 TIMED_LINE = "        status |= tick(hand, tree, options, state, qp)\n"
 """The line of `hhsim.kernels.block` behind which the work is planted: between the two readings of the clock."""
 PLANTED_LINES = """\
@@ -57,23 +69,27 @@ class Trials:
     wrong: int
 
 
-def copy_package(folder: Path, edit: Callable[[Path], None] | None = None) -> Path:
-    """Copy the hhsim that runs now, edit the copy, and make a python that imports it.
+def changed_python(folder: Path, module: str, edit: Callable[[str], str]) -> Path:
+    """Make a python that imports the hhsim that runs now, but for one changed module.
 
     Args:
         folder: Where to; is made.
-        edit: Called with the folder of the copied package.
+        module: Its full name.
+        edit: Takes the module's source to the changed one.
 
     Returns:
-        The interpreter to call: a shell script beside the copy.
+        The interpreter to call: a shell script in the folder.
+
+    Raises:
+        InputError: there is no such module.
     """
-    package = folder / "hhsim"
-    ignored = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(_place("hhsim"), package, ignore=ignored)
-    for part in PARTS:
-        shutil.copytree(_place(part), package / part.rpartition(".")[2], ignore=ignored, dirs_exist_ok=True)
-    if edit is not None:
-        edit(package)
+    spec = importlib.util.find_spec(module)
+    if spec is None or spec.origin is None:
+        raise InputError(f"there is no module {module} to change")
+    folder.mkdir(parents=True, exist_ok=True)
+    file = (folder / Path(spec.origin).name).absolute()
+    file.write_text(edit(Path(spec.origin).read_text()))
+    (folder / "sitecustomize.py").write_text(OVERLAY.format(module=module, file=str(file)))
     python = folder / "python"
     called = f"PYTHONPATH={shlex.quote(str(folder.absolute()))} exec {shlex.quote(str(this_python()))}"
     python.write_text(f'#!/bin/sh\n{called} "$@"\n')
@@ -81,19 +97,19 @@ def copy_package(folder: Path, edit: Callable[[Path], None] | None = None) -> Pa
     return python
 
 
-def plant_work(rounds: int) -> Callable[[Path], None]:
-    """An edit of a copied package: so many rounds of work more in every tick, within what is timed.
+def plant_work(rounds: int) -> Callable[[str], str]:
+    """An edit of `BLOCK`: so many rounds of work more in every tick, within what is timed.
 
     Raises:
         InputError: (when called) the tick is not where it was.
     """
 
-    def edit(package: Path) -> None:
-        path = package / "kernels" / "block.py"
-        text = path.read_text()
+    def edit(text: str) -> str:
         if text.count(TIMED_LINE) != 1:
-            raise InputError(f"{path} has no line {TIMED_LINE.strip()!r} any more: say in TIMED_LINE where the tick is")
-        path.write_text(text.replace(TIMED_LINE, TIMED_LINE + PLANTED_LINES.format(rounds=rounds)))
+            raise InputError(
+                f"{BLOCK} has no line {TIMED_LINE.strip()!r} any more: say in TIMED_LINE where the tick is"
+            )
+        return text.replace(TIMED_LINE, TIMED_LINE + PLANTED_LINES.format(rounds=rounds))
 
     return edit
 
@@ -133,27 +149,22 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _run(folder: Path, scene: GateScene, options: Any) -> list[Trials]:
-    base = _side(folder, "base", None)
-    same = _side(folder, "same", None)
+    base, same = find_side("base", this_python()), find_side("head", this_python())
     found = [tally("identical code", _repeat(scene, base, same, options, options.identical, "identical"), None)]
     if options.planted:
-        probe = _side(folder, "probe", plant_work(CALIBRATION_ROUNDS))
+        probe = find_side("head", changed_python(folder / "probe", BLOCK, plant_work(CALIBRATION_ROUNDS)))
+        probe.figures(scene, folder)
         before, after = interleaved_times(scene, folder, base, probe, CALIBRATION_PROCESSES)
         tick, slowed = float(np.median(before)), float(np.median(after))
+        if slowed <= tick:
+            raise InputError("planted work takes no time: is it in the module that is timed?")
         rounds = round(options.work * tick * CALIBRATION_ROUNDS / (slowed - tick))
         said = f"a tick is {1e6 * tick:.2f} µs; {rounds} rounds of {1e9 * (slowed - tick) / CALIBRATION_ROUNDS:.2f} ns"
         print(f"planted: {said} make {100.0 * options.work:g} %", file=sys.stderr)
-        slower = _side(folder, "slower", plant_work(rounds))
+        slower = find_side("head", changed_python(folder / "slower", BLOCK, plant_work(rounds)))
         comparisons = _repeat(scene, base, slower, options, options.planted, "planted")
         found.append(tally(f"{100.0 * options.work:g} % more work", comparisons, WORSE))
     return found
-
-
-def _side(folder: Path, name: str, edit: Callable[[Path], None] | None) -> Side:
-    side = find_side(name, copy_package(folder / name, edit))
-    if Path(side.package) != (folder / name / "hhsim").absolute():
-        raise InputError(f"the copy in {folder / name} is not what its python imports, but {side.package}")
-    return side
 
 
 def _repeat(
@@ -176,13 +187,6 @@ def _line(trials: Trials) -> str:
     ratios = np.array(trials.ratios)
     spread = f"head/base {ratios.min():.4f} to {ratios.max():.4f}, median {np.median(ratios):.4f}"
     return f"{trials.name}: {trials.wrong} of {len(ratios)} verdicts wrong; {spread}"
-
-
-def _place(name: str) -> Path:
-    spec = importlib.util.find_spec(name)
-    if spec is None or not spec.submodule_search_locations:
-        raise InputError(f"{name} is not installed as a package with a folder of its own: it cannot be copied")
-    return Path(next(iter(spec.submodule_search_locations)))
 
 
 if __name__ == "__main__":

@@ -103,7 +103,8 @@ def test_a_planted_penetration_of_5_um_is_caught_though_the_file_says_there_is_n
     report = gate_result(load_result(result), TINY, None)
     assert report.exit_code == 1
     assert missed(report) == ["penetration_max"]
-    assert 4e-6 < report.missed[0].head <= 5e-6
+    # The push is the sum of those of several spheres: each is entered by the share of the 5 µm along its own normal.
+    assert 2e-6 < report.missed[0].head <= 5e-6
 
 
 @pytest.mark.parametrize(
@@ -391,7 +392,8 @@ def test_junit_has_a_case_for_each_figure() -> None:
     assert failure.get("message") == 'over <the> "limit"'
 
 
-def test_the_command_judges_a_result(run: Run, stored: Path, result: Path) -> None:
+def test_the_command_judges_a_result(run: Run, stored: Path, result: Path, tmp_path: Path) -> None:
+    write_suite(tmp_path)
     answer = run("gate", str(stored), "--baseline", str(stored), "--json")
     document = json.loads(answer.out)
     assert (answer.code, document["verdict"], document["missed"]) == (0, "same", 0)

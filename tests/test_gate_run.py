@@ -16,10 +16,10 @@ from gate_scene import SUITE, write_suite
 
 from hhsim.errors import InputError
 from hhsim.gate import GateReport, gate_suite
-from hhsim.gate_run import RunFailed, Side, find_side, this_python
+from hhsim.gate_run import RunFailed, Side, find_side, run_python, this_python
 from hhsim.gate_suite import GateScene, load_suite
 from hhsim.gate_timing import TimeComparison
-from hhsim.gate_trials import PLANTED_LINES, TIMED_LINE, copy_package, plant_work, tally
+from hhsim.gate_trials import PLANTED_LINES, TIMED_LINE, changed_python, plant_work, tally
 
 Run = Callable[..., Any]
 
@@ -28,12 +28,10 @@ SHIFTED = "        record = record._replace(joints=record.joints + np.array([{sh
 """The graphic hand moved aside behind the solver's back: of two fingers that pinch, one goes into the object."""
 
 
-def plant_line(name: str, line: str, before: str) -> Callable[[Path], None]:
-    def edit(package: Path) -> None:
-        path = package / name
-        text = path.read_text()
-        assert text.count(line) == 1
-        path.write_text(text.replace(line, before + line))
+def replaced(old: str, new: str) -> Callable[[str], str]:
+    def edit(text: str) -> str:
+        assert text.count(old) == 1
+        return text.replace(old, new)
 
     return edit
 
@@ -41,12 +39,6 @@ def plant_line(name: str, line: str, before: str) -> Callable[[Path], None]:
 @pytest.fixture(scope="module")
 def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_suite(tmp_path_factory.mktemp("suite"))
-
-
-@pytest.fixture(scope="module")
-def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A python with a copy of this hhsim."""
-    return copy_package(tmp_path_factory.mktemp("copied"))
 
 
 def entry_point(folder: Path) -> Path:
@@ -62,39 +54,38 @@ def judged(suite: Path, head: Side, base: Side | None = None) -> GateReport:
     return gate_suite(load_suite(suite), head, base=base, timed=False)
 
 
-def test_a_copy_is_what_its_python_imports(copied: Path) -> None:
-    side = find_side("base", copied)
-    assert Path(side.package) == copied.parent / "hhsim"
-    assert find_side("head", this_python()).package != side.package
+def test_a_changed_python_runs_the_changed_module_and_no_other(tmp_path: Path) -> None:
+    python = changed_python(tmp_path / "other", "hhsim.errors", lambda text: f"{text}CHANGED = True\n")
+    for name, expected in ((python, "True"), (this_python(), "False")):
+        code = "import hhsim.errors, hhsim.whole_file; print(hasattr(hhsim.errors, 'CHANGED'))"
+        assert run_python(name, code, [], tmp_path).stdout.strip() == expected
+    assert find_side("base", python).package == find_side("head", this_python()).package
+    with pytest.raises(InputError, match=r"hhsim\.nothing"):
+        changed_python(tmp_path / "none", "hhsim.nothing", str)
 
 
 def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) -> None:
     shift = 5.5e-6
-    edit = plant_line("tick_columns.py", HAND_LINE, SHIFTED.format(shift=shift))
-    head = find_side("head", copy_package(tmp_path / "planted", edit))
+    edit = replaced(HAND_LINE, SHIFTED.format(shift=shift) + HAND_LINE)
+    head = find_side("head", changed_python(tmp_path / "planted", "hhsim.tick_columns", edit))
     report = judged(suite, head)
-    assert (report.verdict, report.exit_code) == ("", 1)
+    assert (report.verdict, report.exit_code) == ("worse", 1)
     assert [row.name for row in report.missed] == ["penetration_max"]
     # The solver keeps clear by half a micrometre.
     assert 4.5e-6 < report.missed[0].head < shift
 
 
 def test_other_options_of_a_base_cannot_be_compared(suite: Path, tmp_path: Path) -> None:
-    def edit(package: Path) -> None:
-        path = package / "solver_options.py"
-        text = path.read_text()
-        assert text.count("skin: float = 3e-3") == 1
-        path.write_text(text.replace("skin: float = 3e-3", "skin: float = 4e-3"))
-
-    base = find_side("base", copy_package(tmp_path / "other", edit))
+    edit = replaced("skin: float = 3e-3", "skin: float = 4e-3")
+    base = find_side("base", changed_python(tmp_path / "other", "hhsim.solver_options", edit))
     report = judged(suite, find_side("head", this_python()), base)
     assert (report.verdict, report.exit_code) == ("not comparable", 3)
     assert report.rows[0].reason == "different inputs: skin: 0.004 and 0.003"
 
 
 def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(suite: Path, tmp_path: Path) -> None:
-    edit = plant_line("tick_columns.py", HAND_LINE, "        raise RuntimeError('planted')\n")
-    head = find_side("head", copy_package(tmp_path / "broken", edit))
+    edit = replaced(HAND_LINE, "        raise RuntimeError('planted')\n" + HAND_LINE)
+    head = find_side("head", changed_python(tmp_path / "broken", "hhsim.tick_columns", edit))
     report = judged(suite, head)
     assert report.exit_code == 1
     assert "RuntimeError: planted" in report.missed[0].reason
@@ -134,13 +125,14 @@ def test_a_recorded_baseline_with_times_is_the_same_again(run: Run, suite: Path,
     assert [row["kind"] for row in rows].count("time") == 1
     recorded["reference_version"] += 1
     (tmp_path / "baseline.json").write_text(json.dumps(recorded))
-    load = run("gate", str(suite), "--baseline", "baseline.json", "--no-time", "--quiet")
-    assert (load.code, load.out) == (0, "")
+    answer = run("gate", str(suite), "--baseline", "baseline.json", "--quiet")
+    assert (answer.code, answer.out) == (3, "")
+    assert "reference workload 2 there, 1 here" in answer.err
 
 
-def test_the_shell_example_gates_base_and_head(suite: Path, copied: Path, repository: Path, tmp_path: Path) -> None:
+def test_the_shell_example_gates_base_and_head(suite: Path, repository: Path, tmp_path: Path) -> None:
     script = repository / "examples" / "gate.sh"
-    named = {"HHSIM": entry_point(tmp_path), "BASE_PYTHON": copied, "REPORTS": tmp_path / "reports"}
+    named = {"HHSIM": entry_point(tmp_path), "BASE_PYTHON": this_python(), "REPORTS": tmp_path / "reports"}
     environment = {**os.environ, **{name: str(path) for name, path in named.items()}}
     answer = subprocess.run([str(script)], cwd=suite.parent, env=environment, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stdout + answer.stderr
@@ -179,20 +171,15 @@ def test_the_github_example_is_yaml_whose_gate_line_the_command_takes(repository
     assert answer.returncode == 0, answer.stderr
 
 
-def test_planted_work_stands_between_the_readings_of_the_clock(repository: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "kernels"
-    folder.mkdir()
+def test_planted_work_stands_between_the_readings_of_the_clock(repository: Path) -> None:
     source = (repository / "hhsim" / "kernels" / "block.py").read_text()
-    (folder / "block.py").write_text(source)
-    plant_work(123)(tmp_path)
-    changed = (folder / "block.py").read_text()
+    changed = plant_work(123)(source)
     compile(changed, "block.py", "exec")
     planted = changed.index(PLANTED_LINES.format(rounds=123))
     assert changed.index("cpu = crew_cpu_ns(state.crew)") < changed.index(TIMED_LINE) < planted
     assert planted < changed.index("cpu = crew_cpu_ns(state.crew) - cpu")
-    (folder / "block.py").write_text("nothing\n")
     with pytest.raises(InputError, match="TIMED_LINE"):
-        plant_work(1)(tmp_path)
+        plant_work(1)("nothing")
 
 
 def test_trials_count_what_was_wrong() -> None:
