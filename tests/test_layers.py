@@ -97,6 +97,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # Pictures of them.
     ("replay_figure", "cost_figure", "speed_error_figure", "scene_pictures", "paper_figures", "recording_figure"),
     ("trees_figure", "tree_figure"),
+    # A report of them.
+    ("report_figures", "report_series", "report_histogram", "report_speed_error", "report_pictures", "worst_ticks"),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
 

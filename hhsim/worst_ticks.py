@@ -1,0 +1,92 @@
+"""The ticks of a result that a reader wants to see: slowest, deepest, largest step of the force, largest lag."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from hhsim import metrics
+from hhsim.result import Result
+from hhsim.result_schema import LIVE_TICK
+from hhsim.summary import HOLD
+
+WorstKind = Literal["slowest", "deepest", "force-step", "lag"]
+
+LAG_SINCE = 2
+"""The first schema that has the lag."""
+
+
+@dataclass(frozen=True)
+class WorstTick:
+    """One of them.
+
+    Attributes:
+        kind: why it was chosen.
+        tick: its number, from 0; of several equal ones the first.
+        value: of what it was chosen for, SI.
+        unit: of `value`: s, m or N.
+        sentence: what happened, for people.
+    """
+
+    kind: WorstKind
+    tick: int
+    value: float
+    unit: str
+    sentence: str
+
+
+def worst_ticks(result: Result) -> list[WorstTick]:
+    """At most one tick of each kind; a kind that did not happen (no depth, no step, no lag) is left out.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    if result.ticks == 0:
+        return []
+    cpu = 1e-9 * result["duration/total_cpu"]
+    found = [_worst(result, "slowest", cpu, "s")]
+    found.append(_worst(result, "deepest", result["penetration_depth"], "m"))
+    found.append(_worst(result, "force-step", _force_steps(result), "N"))
+    if result.schema_version >= LAG_SINCE:
+        found.append(_worst(result, "lag", result["lag"], "m"))
+    return [worst for worst in found if worst is not None]
+
+
+def _force_steps(result: Result) -> np.ndarray:
+    """Change of the total force since the tick before [N], shape (T,), as `metrics.force_step` looks at it.
+
+    That is 0 in holds and wherever the tick before is not in the file.
+    """
+    moving = np.ones(result.ticks, bool)
+    moving[0] = False
+    for phase in result.phases:
+        if phase.name == HOLD:
+            moving &= ~metrics.phase_mask(result.ticks, phase.first_tick, phase.last_tick)
+    if result.live is not None:
+        moving[1:] &= np.diff(result[f"{LIVE_TICK}/record"]) == 1
+    steps = np.zeros(result.ticks)
+    steps[1:] = np.linalg.norm(np.diff(result["force/total"], axis=0), axis=1)
+    return np.where(moving, steps, 0.0)
+
+
+def _worst(result: Result, kind: WorstKind, values: np.ndarray, unit: str) -> WorstTick | None:
+    known = np.where(np.isfinite(values), values, 0.0)
+    tick = int(np.argmax(known))
+    value = float(known[tick])
+    if value <= 0.0:
+        return None
+    return WorstTick(kind, tick, value, unit, _sentence(result, kind, tick, value, known))
+
+
+def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: np.ndarray) -> str:
+    phase = next((p.name for p in result.phases if p.first_tick <= tick <= p.last_tick), "")
+    where = f"tick {tick:,} at {result['time'][tick]:.3f} s" + (f", {phase}" if phase else "")
+    if kind == "slowest":
+        median = float(np.median(values))
+        ratio = f", {value / median:.1f} times the median" if median > 0.0 else ""
+        return f"The slowest tick took {1e6 * value:,.1f} µs of CPU time{ratio}: {where}."
+    if kind == "deepest":
+        return f"The deepest penetration is {1e6 * value:,.3f} µm: {where}."
+    if kind == "force-step":
+        return f"The total force changed most in one tick of motion, by {value:.3f} N: {where}."
+    return f"The hand lagged most, {1e3 * value:.2f} mm behind what was asked: {where}."
