@@ -1,13 +1,48 @@
 """The figures of `hhsim report`: what one is, and the style that all share.
 
-Sizes are those on paper: a figure is as wide as the text of an A4 page, its text at least 9 pt there. Colours are told
-apart by the colour-blind too (Okabe and Ito, "Color Universal Design", 2008). The same results give the same bytes.
+Sizes are those on paper: a figure is as wide as the text of an A4 page, its text at least 9 pt there. Where a figure
+has fine text, it is drawn a second time for a phone. Colours are told apart by the colour-blind too (Okabe and Ito,
+"Color Universal Design", 2008). The same results give the same bytes.
 """
 
-from collections.abc import Sequence
+import io
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from hhsim.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
+BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
+
+INK = "#24292f"
+SOFT = "#57606a"
+"""Of text beside the point; as dark as AA asks for on white."""
+GRID = "#e4e7eb"
+LIMIT = "#b00020"
+"""Of the line of 1 ms."""
+FINGER_COLORS = (VERMILLION, BLUE, GREEN, ORANGE, PURPLE)
+"""Thumb to little finger."""
+RUN_STYLES = (
+    *((color, "-") for color in (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)),
+    *((color, "--") for color in (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)),
+)
+"""Colour and dashes of the first, second, … result; then they begin anew."""
+
+BUDGET = 1e-3
+"""Of a tick at 1 kHz [s]."""
+
+PAGE_INCHES = 7.0
+"""Of the text of an A4 page, across."""
+PHONE_INCHES = 3.6
+DPI = 200
+TEXT = 9.0
+"""Size of the smallest text [pt]."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +57,7 @@ class ReportFigure:
         png: the picture.
         width_px: its columns [pixels].
         height_px: its rows [pixels].
+        phone_png: the same for a page that is narrow; None where `png` will do.
     """
 
     name: str
@@ -31,8 +67,103 @@ class ReportFigure:
     png: bytes
     width_px: int
     height_px: int
+    phone_png: bytes | None = None
 
 
 def run_labels(results: Sequence[Result], labels: Sequence[str] = ()) -> tuple[str, ...]:
     """A name for each result: those given, or else the files' stems."""
     return tuple(labels) if labels else tuple(result.path.stem for result in results)
+
+
+def run_style(number: int) -> tuple[str, str]:
+    """Colour and dashes of a result by its number from 0."""
+    return RUN_STYLES[number % len(RUN_STYLES)]
+
+
+def drawn_figure(
+    name: str, title: str, caption: str, alt: str, draw: Callable[["Figure", bool], None], height: float, phone: float
+) -> ReportFigure:
+    """A figure that is drawn for the page and again for a phone.
+
+    Args:
+        name, title, caption, alt: As of `ReportFigure`.
+        draw: Draws into a figure; told whether it is the narrow one.
+        height: Of the figure on the page [inches].
+        phone: Of the narrow one.
+    """
+    pictures = []
+    for narrow in (False, True):
+        with new_figure(PHONE_INCHES if narrow else PAGE_INCHES, phone if narrow else height) as figure:
+            draw(figure, narrow)
+            pictures.append(png_bytes(figure))
+    size = round(PAGE_INCHES * DPI), round(height * DPI)
+    return ReportFigure(name, title, caption, alt, pictures[0], *size, phone_png=pictures[1])
+
+
+@contextmanager
+def new_figure(width: float, height: float) -> "Iterator[Figure]":
+    """A figure of so many inches in the style of the report, whatever the user's matplotlibrc says."""
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    settings: dict[str, Any] = {
+        "font.size": TEXT,
+        "axes.labelsize": TEXT,
+        "axes.titlesize": TEXT,
+        "legend.fontsize": TEXT,
+        "xtick.labelsize": TEXT,
+        "ytick.labelsize": TEXT,
+        "text.color": INK,
+        "axes.labelcolor": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "axes.edgecolor": SOFT,
+        "axes.linewidth": 0.6,
+        "xtick.major.width": 0.6,
+        "ytick.major.width": 0.6,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.axisbelow": True,
+        "grid.color": GRID,
+        "grid.linewidth": 0.6,
+        "legend.frameon": False,
+        "agg.path.chunksize": 20_000,
+    }
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        parameters: Any = matplotlib.rcParams
+        parameters.update(settings)
+        figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
+        FigureCanvasAgg(figure)
+        yield figure
+
+
+def png_bytes(figure: "Figure") -> bytes:
+    """The figure as PNG, without a date or a version in it."""
+    import numpy as np
+    from PIL import Image
+
+    canvas: Any = figure.canvas
+    canvas.draw()
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3])).save(
+        buffer, format="PNG", optimize=True
+    )
+    return buffer.getvalue()
+
+
+def gridded(axes: "Axes", *, x: bool = False) -> None:
+    """Faint lines at the ticks of the y axis, and of the x axis where asked for."""
+    axes.grid(axis="both" if x else "y")
+    axes.tick_params(length=3.0)
+
+
+def time_text(seconds: float) -> str:
+    """A duration with the unit that suits it: "310 µs", "1.2 ms"."""
+    if seconds < 1e-6:
+        return f"{1e9 * seconds:.0f} ns"
+    if seconds < BUDGET:
+        micro = 1e6 * seconds
+        return f"{micro:.0f} µs" if micro >= 100.0 else f"{micro:.1f} µs"
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"

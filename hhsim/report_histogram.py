@@ -1,9 +1,62 @@
 """The report's histogram of tick times."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from hhsim.report_figures import ReportFigure
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim import metrics
+from hhsim.report_figures import (
+    BUDGET,
+    INK,
+    LIMIT,
+    SOFT,
+    ReportFigure,
+    drawn_figure,
+    gridded,
+    run_labels,
+    run_style,
+    time_text,
+)
 from hhsim.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+
+BINS_A_DECADE = 30
+LEAST_TIME = 1e-7
+"""Shorter ticks are counted as this [s]: a logarithm has no zero."""
+PANEL, TITLE, LINE, TOP, BOTTOM = 1.5, 0.27, 0.165, 0.02, 0.45
+"""Room [inches] for each panel, its title, a line of text, above all of them and below."""
+HALO = {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
+"""Behind text that crosses lines."""
+LEFT = 0.6
+"""Room [inches] for the labels of the y axes."""
+TIMES = tuple(factor * 10.0**power for power in range(-7, 2) for factor in (1.0, 2.0, 5.0))
+
+
+@dataclass(frozen=True)
+class TickTimes:
+    """What is drawn of a result: times of ticks [s].
+
+    Attributes:
+        label: of the result.
+        all_cpu: CPU time of all ticks.
+        cpu: of those in contact; of all where none is.
+        wall: of the same ticks as `cpu`.
+        contact: whether they are those in contact.
+    """
+
+    label: str
+    all_cpu: FloatArray
+    cpu: FloatArray
+    wall: FloatArray
+    contact: bool
 
 
 def histogram_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> ReportFigure:
@@ -16,4 +69,127 @@ def histogram_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> R
     Raises:
         InputError: a file cannot be read.
     """
-    raise NotImplementedError
+    runs = [_times(label, result) for label, result in zip(run_labels(results, labels), results, strict=True)]
+    edges = _edges(runs)
+
+    def draw(figure: "Figure", narrow: bool) -> None:
+        width, height = figure.get_size_inches()
+        step = TITLE + LINE * narrow + PANEL
+        first: Axes | None = None
+        for number, run in enumerate(runs):
+            bottom = height - TOP - (number + 1) * step
+            box = (LEFT / width, bottom / height, 1.0 - (LEFT + 0.1) / width, PANEL / height)
+            axes = figure.add_axes(box, sharex=first)
+            first = first or axes
+            _draw_panel(axes, run, edges, run_style(number)[0], len(runs) > 1, narrow)
+            axes.tick_params(labelbottom=number == len(runs) - 1)
+        if first is not None:
+            _scale(first, edges, narrow)
+            figure.axes[-1].set_xlabel("time of a tick")
+
+    height, phone = (TOP + len(runs) * (TITLE + LINE * narrow + PANEL) + BOTTOM for narrow in (False, True))
+    return drawn_figure("tick-times", "How long the ticks took", _caption(runs), _alt(runs), draw, height, phone)
+
+
+def _times(label: str, result: Result) -> TickTimes:
+    cpu, wall = (1e-9 * result[f"duration/{name}"] for name in ("total_cpu", "total"))
+    contact = result["contacts/candidates"] > 0
+    if not contact.any():
+        return TickTimes(label, cpu, cpu, wall, False)
+    return TickTimes(label, cpu, cpu[contact], wall[contact], True)
+
+
+def _edges(runs: Sequence[TickTimes]) -> FloatArray:
+    """Of the bins [s]; 1 ms is always among them and one of the edges."""
+    every = np.concatenate([np.concatenate([run.all_cpu, run.wall]) for run in runs] or [np.empty(0)])
+    low, high = (every.min(), every.max()) if every.size else (1e-5, 1e-4)
+    first, last = (np.log10(max(value, LEAST_TIME) / BUDGET) * BINS_A_DECADE for value in (low, high))
+    bins = np.arange(np.floor(first) - 1.0, max(np.ceil(last), 0.3 * BINS_A_DECADE) + 2.0)
+    return np.asarray(BUDGET * 10.0 ** (bins / BINS_A_DECADE))
+
+
+def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, named: bool, narrow: bool) -> None:
+    gridded(axes)
+    axes.annotate(
+        f"{run.label}: number of ticks" if named else "number of ticks",
+        (0.0, 1.0),
+        (-72 * (LEFT - 0.06), 4 + (72 * LINE if narrow else 0)),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        fontweight="bold",
+        va="bottom",
+    )
+    which = ", in contact" if run.contact else ""
+    if run.contact:
+        counts = np.histogram(np.maximum(run.all_cpu, LEAST_TIME), edges)[0]
+        axes.stairs(counts, edges, fill=True, color="#d8dee4", baseline=0.0, label="CPU, all ticks")
+    counts = np.histogram(np.maximum(run.cpu, LEAST_TIME), edges)[0]
+    axes.stairs(counts, edges, fill=True, color=color, alpha=0.75, baseline=0.0, label=f"CPU{which}")
+    counts = np.histogram(np.maximum(run.wall, LEAST_TIME), edges)[0]
+    axes.stairs(counts, edges, color=INK, linewidth=0.9, baseline=0.0, label=f"wall{which}")
+    axes.set_yscale("log")
+    most = max(1, run.all_cpu.size)
+    # Room above the bars for two lines of text.
+    axes.set_ylim(0.6, 10.0 ** (1.3 * np.log10(most) + 0.6))
+    powers = [10**k for k in range(int(np.log10(most)) + 1)]
+    axes.set_yticks(powers, [f"{power:,}" for power in powers])
+    axes.minorticks_off()
+    axes.axvline(BUDGET, color=LIMIT, linewidth=1.2)
+    axes.axvspan(BUDGET, edges[-1], color=LIMIT, alpha=0.05, linewidth=0.0)
+    axes.annotate(
+        "1 ms", (BUDGET, 1.0), (3.0, -2.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+        color=LIMIT, va="top",
+    )  # fmt: skip
+    statistics = metrics.tick_statistics(1e9 * run.cpu)
+    if statistics.count == 0:
+        axes.text(0.5, 0.5, "no tick", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        return
+    for line, (name, value) in enumerate((("p50", statistics.p50), ("p99", statistics.p99))):
+        axes.axvline(1e-6 * value, color=INK, linewidth=0.9, linestyle=(0, (3, 2)))
+        # Each on a line of its own, however near they are to each other.
+        axes.annotate(
+            f"{name} {time_text(1e-6 * value)}", (1e-6 * value, 1.0), (3.0, -2.0 - 72 * LINE * line),
+            xycoords=("data", "axes fraction"), textcoords="offset points", va="top", bbox=HALO,
+        )  # fmt: skip
+    axes.legend(
+        loc="lower left" if narrow else "lower right", bbox_to_anchor=(0.0 if narrow else 1.0, 1.0), ncols=3,
+        borderaxespad=0.15, borderpad=0.1, handlelength=1.1, handletextpad=0.4, columnspacing=0.7,
+    )  # fmt: skip
+
+
+def _scale(axes: "Axes", edges: FloatArray, narrow: bool) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(edges[0], edges[-1])
+    decades = np.log10(edges[-1] / edges[0])
+    named = [time for time in TIMES if edges[0] <= time <= edges[-1]]
+    if decades > (1.4 if narrow else 3.2):
+        named = [
+            time for time in named if np.isclose(np.log10(time) % 1.0, 0.0) or np.isclose(np.log10(time) % 1.0, 1.0)
+        ]
+    axes.set_xticks(named, [time_text(time).replace(".0 ", " ") for time in named])
+    axes.minorticks_off()
+
+
+def _caption(runs: Sequence[TickTimes]) -> str:
+    shown = "ticks in contact, those with candidate pairs" if any(run.contact for run in runs) else "all ticks"
+    return (
+        f"Ticks by how long they took, {shown}: CPU time filled, wall time as a line; both axes are logarithmic, so "
+        "that a single slow tick is seen. Dashed: p50 and p99 of the CPU time, as the table has them. Red: 1 ms, "
+        "the budget of a tick at 1 kHz. Compilation is no part of any tick."
+    )
+
+
+def _alt(runs: Sequence[TickTimes]) -> str:
+    told = [f"Histogram{'s' if len(runs) > 1 else ''} of tick times."]
+    for run in runs:
+        cpu, wall = (metrics.tick_statistics(1e9 * values) for values in (run.cpu, run.wall))
+        who = f"{run.label}: " if len(runs) > 1 else ""
+        if cpu.count == 0:
+            told.append(f"{who}No tick.")
+            continue
+        p50, p99, most = (time_text(1e-6 * value) for value in (cpu.p50, cpu.p99, cpu.max))
+        told.append(
+            f"{who}CPU time of {cpu.count:,} ticks{' in contact' if run.contact else ''}: median {p50}, p99 {p99}, "
+            f"longest {most}; {100.0 * wall.over_budget:.2f} % took more than 1 ms of wall time."
+        )
+    return " ".join(told)

@@ -1,9 +1,87 @@
 """The report's curves over time, in the manner of the paper's Figs. 12 and 14."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-from hhsim.report_figures import ReportFigure
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.envelope import envelope
+from hhsim.report_columns import FORCES, ReportColumns, report_columns
+from hhsim.report_figures import (
+    BUDGET,
+    FINGER_COLORS,
+    INK,
+    LIMIT,
+    SKY,
+    SOFT,
+    ReportFigure,
+    drawn_figure,
+    gridded,
+    run_labels,
+    run_style,
+    time_text,
+)
+from hhsim.report_worst import WorstTick, worst_ticks
 from hhsim.result import Result
+from hhsim.summary import HOLD, PAPER_RATE
+from hhsim.trajectory import TickPhase
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+
+FORCE_COLORS = (INK, *FINGER_COLORS, SKY)
+"""Of `FORCES`."""
+AS_THEY_ARE = 6_000
+"""Up to so many ticks a curve is drawn point by point, from then on as a band."""
+STRETCHES = 700
+"""Of the axis, each with its own width of the band."""
+PHASE_COLORS = {HOLD: "#e6eef6", "slide": "#fbefdd"}
+"""Of the phases that the paper's figures shade; the others stay white."""
+PAPER_VARIATION = 0.18
+"""One-tick change of the force in a hold that the paper states, at 1 kHz [%]."""
+GREY_LINE = "#8c959f"
+LEAST_TIME = 1e-7
+"""Shorter ticks are drawn at it [s]: a logarithm has no zero."""
+VARIATION_TICKS = (0.0, 0.1, 1.0, 10.0, 100.0)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A result as it is drawn.
+
+    Attributes:
+        label: in the legend.
+        columns: its ticks.
+        phases: of its motion.
+        rate: ticks a second; NaN where the file does not say.
+        worst: of a single result its worst ticks, which are marked.
+    """
+
+    label: str
+    columns: ReportColumns
+    phases: tuple[TickPhase, ...]
+    rate: float
+    worst: tuple[WorstTick, ...] = ()
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One of the panels.
+
+    Attributes:
+        title: with the unit.
+        height: [inches] on the page.
+        legend: lines of legend that it needs on the page and on a phone.
+    """
+
+    title: str
+    height: float
+    legend: tuple[int, int] = (0, 0)
 
 
 def series_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> ReportFigure:
@@ -19,4 +97,275 @@ def series_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> Repo
     Raises:
         InputError: a file cannot be read.
     """
-    raise NotImplementedError
+    runs = [
+        Run(
+            label,
+            report_columns(result),
+            result.phases,
+            float(result.scene.get("rate", np.nan)),
+            tuple(worst_ticks(result)) if len(results) == 1 else (),
+        )
+        for label, result in zip(run_labels(results, labels), results, strict=True)
+    ]
+    depth_unit, depth_scale = _length_unit(runs)
+    rows = -(-len(runs) // 3)
+    panels = (
+        Panel("force on the hand [N]", 1.75, (1, 2) if len(runs) == 1 else (rows, len(runs))),
+        Panel("CPU time of the tick", 1.3),
+        Panel("pairs of hand and spheres", 0.95, (1, 1)),
+        Panel(f"penetration of the spheres [{depth_unit}]", 0.75),
+        Panel("change of the force in one tick [%]", 1.0),
+    )
+
+    def draw(figure: "Figure", narrow: bool) -> None:
+        axes = _placed(figure, panels, narrow)
+        _draw_forces(axes[0], runs)
+        _draw_times(axes[1], runs)
+        _draw_pairs(axes[2], runs)
+        _draw_depth(axes[3], runs, depth_scale)
+        _draw_variation(axes[4], runs)
+        _draw_phases(axes, runs[0])
+        _draw_axis(axes, runs)
+        for panel, place in zip(panels, axes):
+            _draw_legend(place, panel, len(runs), narrow)
+
+    heights = [_height(panels, narrow) for narrow in (False, True)]
+    return drawn_figure(
+        "series", "Force, time and contacts over the run", _caption(runs), _alt(runs), draw, heights[0], heights[1]
+    )
+
+
+TITLE, LEGEND_LINE, TOP, BOTTOM = 0.27, 0.17, 0.02, 0.42
+"""Room [inches] above each panel, for a line of its legend, above all of them and below."""
+LEFT = 0.6
+"""Room [inches] for the labels of the y axes."""
+
+
+def _height(panels: Sequence[Panel], narrow: bool) -> float:
+    above = sum(TITLE + LEGEND_LINE * _extra_lines(panel, narrow) for panel in panels)
+    return TOP + above + sum(panel.height for panel in panels) + BOTTOM
+
+
+def _extra_lines(panel: Panel, narrow: bool) -> int:
+    # On the page a legend of one line stands beside the title.
+    lines = panel.legend[narrow]
+    return lines if narrow else max(0, lines - 1)
+
+
+def _placed(figure: "Figure", panels: Sequence[Panel], narrow: bool) -> "list[Axes]":
+    width, height = figure.get_size_inches()
+    left, right = LEFT, 0.1
+    top = height - TOP
+    places: list[Axes] = []
+    for panel in panels:
+        top -= TITLE + LEGEND_LINE * _extra_lines(panel, narrow)
+        box = (left / width, (top - panel.height) / height, 1.0 - (left + right) / width, panel.height / height)
+        places.append(figure.add_axes(box, sharex=places[0] if places else None))
+        top -= panel.height
+    return places
+
+
+def _draw_legend(axes: "Axes", panel: Panel, runs: int, narrow: bool) -> None:
+    up = 4 + 72 * LEGEND_LINE * _extra_lines(panel, narrow)
+    axes.annotate(
+        panel.title, (0.0, 1.0), (-72 * (LEFT - 0.06), up), xycoords="axes fraction", textcoords="offset points",
+        fontweight="bold", va="bottom",
+    )  # fmt: skip
+    handles, names = axes.get_legend_handles_labels()
+    if not handles or not panel.legend[narrow]:
+        return
+    columns = -(-len(handles) // panel.legend[narrow])
+    axes.legend(
+        handles, names, loc="lower left" if narrow else "lower right", bbox_to_anchor=(0.0 if narrow else 1.0, 1.0),
+        ncols=columns, borderaxespad=0.15, borderpad=0.1, handlelength=1.1, handletextpad=0.4, columnspacing=0.9,
+        labelspacing=0.2,
+    )  # fmt: skip
+
+
+def _curve(
+    axes: "Axes", run: Run, values: Any, color: str, dashes: str = "-", label: str = "", width: float = 0.9
+) -> None:
+    at = _at(run)
+    if len(at) <= AS_THEY_ARE:
+        axes.plot(at, values, color=color, linestyle=dashes, linewidth=width, label=label)
+        return
+    band = envelope(at, values, STRETCHES)
+    axes.fill_between(band.at, band.low, band.high, color=color, alpha=0.3, linewidth=0.0)
+    axes.plot(band.at, band.middle, color=color, linestyle=dashes, linewidth=width, label=label)
+
+
+def _at(run: Run) -> FloatArray:
+    """Where the ticks are on the axis: their times, or their numbers where the times do not grow."""
+    return run.columns.time if _timed(run) else np.arange(run.columns.ticks, dtype=np.float64)
+
+
+def _timed(run: Run) -> bool:
+    return bool(np.isfinite(run.columns.time).all() and (np.diff(run.columns.time) > 0.0).all())
+
+
+def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
+    gridded(axes)
+    if len(runs) == 1:
+        force = runs[0].columns.force
+        for k, (name, color) in enumerate(zip(FORCES, FORCE_COLORS)):
+            _curve(axes, runs[0], force[:, k], color, label=name, width=1.4 if k == 0 else 1.0)
+    else:
+        for number, run in enumerate(runs):
+            _curve(axes, run, run.columns.force[:, 0], *run_style(number), label=run.label, width=1.2)
+    _mark(axes, runs, "force-step", lambda run, tick: float(run.columns.force[tick, 0]), "largest step")
+    axes.set_ylim(0.0, max(1.12 * axes.get_ylim()[1], 0.1))
+
+
+def _draw_times(axes: "Axes", runs: Sequence[Run]) -> None:
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    gridded(axes)
+    for number, run in enumerate(runs):
+        color, dashes = run_style(number)
+        _curve(axes, run, np.maximum(run.columns.cpu, LEAST_TIME), color, dashes, width=0.6)
+    axes.set_yscale("log")
+    every = np.concatenate([run.columns.cpu for run in runs]) if runs else np.empty(0)
+    known = every[np.isfinite(every) & (every > 0.0)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (1e-5, 1e-4)
+    axes.set_ylim(max(0.7 * low, LEAST_TIME), max(1.6 * high, 2.2 * BUDGET))
+    axes.axhline(BUDGET, color=LIMIT, linewidth=1.0)
+    axes.annotate(
+        "1 ms: a tick at 1 kHz", (1.0, BUDGET), (0.0, 2.0), xycoords=("axes fraction", "data"),
+        textcoords="offset points", ha="right", va="bottom", color=LIMIT,
+    )  # fmt: skip
+    axes.yaxis.set_major_locator(FixedLocator([10.0**k for k in range(-7, 2)]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(lambda value, _: time_text(value).replace(".0 ", " "))
+    _mark(axes, runs, "slowest", lambda run, tick: float(run.columns.cpu[tick]), "slowest")
+
+
+def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
+    gridded(axes)
+    for number, run in enumerate(runs):
+        color, dashes = run_style(number)
+        one = len(runs) == 1
+        label = "within the margin" if number == 0 else ""
+        _curve(axes, run, run.columns.candidates, SKY if one else color, "-" if one else dashes, label)
+        label = "touching" if number == 0 else ""
+        _curve(axes, run, run.columns.touching, INK if one else color, "-" if one else ":", label)
+    axes.set_ylim(0.0, max(1.08 * axes.get_ylim()[1], 1.0))
+
+
+def _length_unit(runs: Sequence[Run]) -> tuple[str, float]:
+    """The unit that suits the depths, and how many of it a metre has."""
+    deepest = max((float(np.nanmax(run.columns.depth, initial=0.0)) for run in runs), default=0.0)
+    for unit, scale in (("mm", 1e3), ("µm", 1e6)):
+        if deepest * scale >= 1.0:
+            return unit, scale
+    return ("nm", 1e9) if 0.0 < deepest < 1e-7 else ("µm", 1e6)
+
+
+def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
+    gridded(axes)
+    for number, run in enumerate(runs):
+        _curve(axes, run, scale * run.columns.depth, *run_style(number), width=0.8)
+    some = any((run.columns.depth > 0.0).any() for run in runs)
+    axes.set_ylim(0.0, 1.15 * axes.get_ylim()[1] if some else 1.0)
+    if not some and any(run.columns.ticks for run in runs):
+        axes.text(0.5, 0.5, "none in any tick", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+    _mark(axes, runs, "deepest", lambda run, tick: scale * float(run.columns.depth[tick]), "deepest")
+
+
+def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
+    gridded(axes)
+    for number, run in enumerate(runs):
+        _curve(axes, run, run.columns.variation, *run_style(number), width=0.7)
+    axes.set_yscale("symlog", linthresh=0.1, linscale=0.6)
+    axes.set_yticks(VARIATION_TICKS, [f"{value:g}" for value in VARIATION_TICKS])
+    axes.minorticks_off()
+    largest = max((float(np.nanmax(run.columns.variation, initial=1.0)) for run in runs), default=1.0)
+    axes.set_ylim(0.0, max(3.0, 2.0 * min(largest, 1e6)))
+    if any(run.rate == PAPER_RATE for run in runs):
+        axes.axhline(PAPER_VARIATION, color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
+        axes.annotate(
+            f"the paper's holds: {PAPER_VARIATION} %", (0.0, PAPER_VARIATION), (3.0, 2.0),
+            xycoords=("axes fraction", "data"), textcoords="offset points", va="bottom", color=SOFT,
+        )  # fmt: skip
+
+
+def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) -> None:
+    """Point at a worst tick."""
+    for run in runs:
+        for worst in run.worst:
+            if worst.kind == kind:
+                place = float(_at(run)[worst.tick])
+                axes.plot(place, height(run, worst.tick), "v", color=INK, markersize=4.0, zorder=6, clip_on=False)
+                late = worst.tick > 0.6 * run.columns.ticks
+                axes.annotate(
+                    word, (place, height(run, worst.tick)), (-5.0 if late else 5.0, 1.0), textcoords="offset points",
+                    ha="right" if late else "left", va="bottom", color=INK, zorder=6,
+                )  # fmt: skip
+
+
+def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
+    at = _at(run)
+    if len(at) == 0:
+        return
+    across = max(float(at[-1] - at[0]), 1e-9)
+    inches = axes[0].get_position().width * axes[0].figure.get_figwidth()  # type: ignore[union-attr]
+    for phase in run.phases:
+        first, last = float(at[phase.first_tick]), float(at[min(phase.last_tick, len(at) - 1)])
+        for place in axes:
+            if phase.name in PHASE_COLORS:
+                place.axvspan(first, last, color=PHASE_COLORS[phase.name], linewidth=0.0, zorder=0)
+            elif phase.first_tick > 0:
+                place.axvline(first, color=GREY_LINE, linewidth=0.6, linestyle=":", zorder=0)
+        if (last - first) / across * inches > 0.068 * len(phase.name) + 0.04:
+            axes[0].annotate(
+                phase.name, (0.5 * (first + last), 1.0), (0.0, -2.0), xycoords=("data", "axes fraction"),
+                textcoords="offset points", ha="center", va="top", color=SOFT,
+            )  # fmt: skip
+
+
+def _draw_axis(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
+    ends = [(float(at[0]), float(at[-1])) for at in map(_at, runs) if len(at)]
+    low, high = (min(a for a, _ in ends), max(b for _, b in ends)) if ends else (0.0, 1.0)
+    axes[0].set_xlim(low, high if high > low else low + 1.0)
+    for place in axes[:-1]:
+        place.tick_params(labelbottom=False)
+    axes[-1].set_xlabel("time [s]" if all(map(_timed, runs)) else "tick")
+    if not ends:
+        axes[0].text(0.5, 0.5, "no tick", transform=axes[0].transAxes, ha="center", va="center", color=SOFT)
+
+
+def _caption(runs: Sequence[Run]) -> str:
+    parts = []
+    if len(runs) == 1:
+        parts.append("Sizes of the contact forces on the whole hand, each finger and the palm.")
+    else:
+        parts.append("Size of the total contact force. Dotted in the third panel: pairs that touch.")
+        if any(run.phases != runs[0].phases for run in runs):
+            parts.append(f"Phases are those of {runs[0].label}.")
+    parts.append("Shaded: holds, and slides in another shade. Penetration is measured after each tick.")
+    parts.append("The change of the force is not defined below 0.01 N.")
+    if any(run.columns.ticks > AS_THEY_ARE for run in runs):
+        parts.append(
+            f"Runs of more than {AS_THEY_ARE:,} ticks are drawn as bands from the least to the largest value, with the "
+            "median as a line: no spike is lost."
+        )
+    if runs[0].worst:
+        parts.append("Triangles mark the worst ticks, which are shown further down.")
+    return " ".join(parts)
+
+
+def _alt(runs: Sequence[Run]) -> str:
+    several = len(runs) > 1
+    told = [f"Five panels over time{f', {len(runs)} results' if several else ''}."]
+    for run in runs:
+        columns, who = run.columns, f"{run.label}: " if several else ""
+        if columns.ticks == 0:
+            told.append(f"{who}No tick.")
+            continue
+        force, depth = (float(np.nanmax(values, initial=0.0)) for values in (columns.force[:, 0], columns.depth))
+        fast, slow = (time_text(float(extreme(columns.cpu))) for extreme in (np.min, np.max))
+        told.append(
+            f"{who}The total force reaches {force:.2f} N. Ticks take {fast} to {slow} of CPU time, with up to "
+            f"{int(columns.candidates.max()):,} pairs within the margin. "
+            + (f"The deepest penetration is {1e6 * depth:.3g} µm." if depth > 0.0 else "Nothing penetrates.")
+        )
+    return " ".join(told)

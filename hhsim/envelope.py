@@ -1,0 +1,43 @@
+"""Curves with more ticks than a picture has columns: the band that they lie in."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Envelope(NamedTuple):
+    """What a curve does in each of n stretches of the axis.
+
+    Attributes:
+        at: middle of each stretch, shape (n,).
+        low, middle, high: least value, median and largest value there, NaN where no value is defined, shape (n,).
+    """
+
+    at: FloatArray
+    low: FloatArray
+    middle: FloatArray
+    high: FloatArray
+
+
+def envelope(at: FloatArray, values: NDArray[np.floating], stretches: int) -> Envelope:
+    """The band of a curve; where it has no more values than stretches, the curve itself.
+
+    Args:
+        at: where on the axis each value belongs, shape (T,).
+        values: shape (T,); NaN where undefined.
+        stretches: of about equally many values each.
+    """
+    if len(values) <= stretches:
+        whole = np.asarray(values, np.float64)
+        return Envelope(at, whole, whole, whole)
+    edges = np.linspace(0, len(values), stretches + 1).astype(np.int64)
+    starts = edges[:-1]
+    # NaN is no value: fmin and fmax pass it over.
+    low, high = (np.asarray(reduce.reduceat(values, starts), np.float64) for reduce in (np.fmin, np.fmax))
+    middle = np.full(stretches, np.nan)
+    for k in np.flatnonzero(np.isfinite(low)):
+        middle[k] = np.nanmedian(values[edges[k] : edges[k + 1]])
+    return Envelope(0.5 * (at[starts] + at[edges[1:] - 1]), low, middle, high)
