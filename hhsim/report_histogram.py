@@ -119,10 +119,10 @@ def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, nam
         fontweight="bold",
         va="bottom",
     )
-    which = ", in contact" if run.contact else ""
+    which = ", contact" if run.contact else ""
     if run.contact:
         counts = np.histogram(np.maximum(run.all_cpu, LEAST_TIME), edges)[0]
-        axes.stairs(counts, edges, fill=True, color="#d8dee4", baseline=0.0, label="CPU, all ticks")
+        axes.stairs(counts, edges, fill=True, color="#d8dee4", baseline=0.0, label="CPU, all")
     counts = np.histogram(np.maximum(run.cpu, LEAST_TIME), edges)[0]
     axes.stairs(counts, edges, fill=True, color=color, alpha=0.75, baseline=0.0, label=f"CPU{which}")
     counts = np.histogram(np.maximum(run.wall, LEAST_TIME), edges)[0]
