@@ -98,8 +98,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("replay_figure", "cost_figure", "speed_error_figure", "scene_pictures", "paper_figures", "recording_figure"),
     ("trees_figure", "tree_figure"),
     # A report of them.
-    ("envelope", "report_columns", "report_figures", "report_series", "report_histogram", "report_speed_error"),
-    ("report_pictures", "report_worst"),
+    (
+        *("envelope", "report_columns", "report_figures", "report_series", "report_histogram", "report_speed_error"),
+        *("report_pictures", "report_worst"),
+    ),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
 
