@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from .object_argument import is_file_argument
-
 if TYPE_CHECKING:
     from hhsim.mesh import Mesh
     from hhsim.tree_import import ImportedTree
@@ -25,8 +23,8 @@ source = click.option(
 frame = click.option(
     "--frame",
     type=click.Choice(["auto", "mesh", "centred"]),
-    help="What the centres of the .sph file count from: the mesh's origin, the centre of its bounding box (as the "
-    "toolkit's do), or whichever leaves less of the mesh outside the spheres. Default: auto.",
+    help="What the centres of the .sph file count from. mesh: the mesh's origin; centred: the centre of its bounding "
+    "box, as the toolkit's do; auto: whichever leaves less of the mesh outside the spheres. Default: auto.",
 )
 unit = click.option(
     "--from-unit",
@@ -39,7 +37,7 @@ tree = click.option(
     "tree_path",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), in place of --level.",
+    help="Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), and build none.",
 )
 
 
@@ -69,10 +67,11 @@ def length_unit(object_: str, unit: str | None, size: float | None, source_unit:
     """
     from hhsim.mesh import METRES_PER_UNIT, Mesh
     from hhsim.mesh_file import read_triangles
+    from hhsim.object_catalogue import names_a_file
 
     if source_unit is not None:
         return METRES_PER_UNIT[source_unit]
-    if not is_file_argument(object_):
+    if not names_a_file(object_):
         return 1.0
     if size is None:
         return METRES_PER_UNIT[unit or "m"]

@@ -54,21 +54,22 @@ level = click.option(
     "--level",
     callback=read_level,
     metavar="N|auto",
-    help="Level of the sphere tree's leaves, 1 to 5; auto: the coarsest one within --max-error. Default: 3 or 4, as "
-    "the catalogue says; 4 for a mesh file.",
+    help="Level of the sphere tree's leaves, 1 to 5; auto: what --max-error needs. Default: 3 or 4, as the catalogue "
+    "says; 4 for a mesh file.",
 )
 max_error = click.option(
     "--max-error",
     callback=read_length,
     metavar="LENGTH",
-    help="For --level auto: how far the spheres may reach out of the mesh, such as 0.3mm.",
+    help="How far the spheres may reach out of the mesh: 0.3mm, 300um; a bare number is in mm. Takes the coarsest "
+    "level that is proved to be within it.",
 )
 
 
 def choose_tree(
     mesh: "Mesh",
     wanted: int | None,
-    usual: int | None,
+    usual: int,
     budget: float | None,
     report: Report | None,
     file: Path | None = None,
@@ -90,7 +91,7 @@ def choose_tree(
     if budget is not None and wanted not in (None, AUTO):
         raise click.UsageError(f"--max-error chooses the level itself: leave --level {wanted} out")
     if budget is None:
-        at = wanted or usual or 4
+        at = wanted or usual
         return ChosenTree(cached_sphere_tree(mesh, TreeOptions(level=at), report), at, ())
     choice = coarsest_sphere_tree(mesh, budget, report)
     told = (

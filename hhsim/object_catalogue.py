@@ -1,16 +1,21 @@
-"""The objects that ship with hhsim: meshes in metres, z up, with their source and licence."""
+"""The objects that ship with hhsim: meshes in metres, z up, with their source and licence; and how a name or a path
+becomes a mesh.
+"""
 
 import tomllib
 from dataclasses import dataclass, replace
 from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhsim.errors import MeshError, UnknownNameError
+from hhsim.errors import InputError, MeshError, UnknownNameError
 
 if TYPE_CHECKING:
     from hhsim.mesh import Mesh
 
 SUFFIX = ".toml"
+MESH_LEVEL = 4
+"""Sphere-tree level of a mesh file, which may be as complex as the bunny."""
 
 
 @dataclass(frozen=True)
@@ -90,3 +95,39 @@ def load_object(name: str) -> CatalogueObject:
         notice=description.get("notice", ""),
         level=description["level"],
     )
+
+
+def names_a_file(word: str) -> bool:
+    """Whether a word that is a name or a file means a file: a suffix or a folder in it says so."""
+    return bool(Path(word).suffix) or "/" in word or "\\" in word
+
+
+def resolve_object(
+    name_or_path: str | Path, unit: str | None = None, size: float | None = None, thickness: float | None = None
+) -> tuple["Mesh", int]:
+    """The mesh that a word on the command line means, and the level of the sphere tree that suits it.
+
+    Args:
+        name_or_path: A name of the catalogue, or a mesh file.
+        unit: Length unit of a mesh file: m, cm, mm or inch; None is m.
+        size: Longest extent that a mesh file gets [m], whatever its unit.
+        thickness: Of the sheets that the open parts of a mesh file become [m]; None closes them.
+
+    Raises:
+        UnknownNameError: No such object; the message lists the near names.
+        InputError: No such file, or a unit, a size or a thickness for an object that has its own.
+        MeshError: A mesh that cannot be used.
+    """
+    word = str(name_or_path)
+    if not names_a_file(word):
+        if unit is not None or size is not None:
+            raise InputError(f"unit and size are for mesh files; '{word}' is an object that has its size")
+        if thickness is not None:
+            raise InputError(f"thickness is for mesh files; '{word}' is a closed object")
+        item = load_object(word)
+        return item.mesh, item.level
+    if unit is not None and size is not None:
+        raise InputError("unit and size exclude each other: size scales whatever the unit is")
+    from hhsim.mesh import load_mesh
+
+    return load_mesh(word, unit or "m", size, thickness=thickness), MESH_LEVEL

@@ -29,7 +29,7 @@ Progress = Callable[[str, int, int], None]
 def replay(
     scene: Scene,
     options: SolverOptions,
-    destination: Path,
+    destination: str | Path,
     *,
     description: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
@@ -40,7 +40,8 @@ def replay(
         scene: Object, hand and motion.
         options: Of the solver.
         destination: The result file; an existing result there is replaced when the new one is complete.
-        description: What else the file is to say of how the scene came about, as plain values.
+        description: What else the file is to say of how the scene came about, as plain values: more than the scene
+            says of itself, or something else.
         progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
@@ -58,6 +59,7 @@ def replay(
     motion = scene.trajectory
     static = static_arrays(scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation)
     described = {
+        **scene.description,
         **(description or {}),
         "solver": options.to_json(),
         "rate": ticks.rate,
@@ -67,7 +69,7 @@ def replay(
     }
     series = TickSeries(total)
     columns = TickColumns(tree, scene.hand, options)
-    with ResultWriter(destination, scene=described, static=static, phases=ticks.phases) as writer:
+    with ResultWriter(Path(destination), scene=described, static=static, phases=ticks.phases) as writer:
         with interruptible_between() as check_interrupt:
             for first in range(0, total, CHUNK_TICKS):
                 if progress is not None:

@@ -23,6 +23,7 @@ from hhsim.result_schema import (
     LIVE_TICK_COLUMNS,
     SCHEMA_VERSION,
     STATIC_COLUMNS,
+    SUFFIXES,
     TICK_COLUMNS,
     Column,
 )
@@ -118,12 +119,13 @@ class Result:
         raise InputError(f"{self.path} has no phase '{name}': it has {known}")
 
 
-def load_result(path: Path) -> Result:
+def load_result(path: str | Path) -> Result:
     """Open a result file, complete or not.
 
     Raises:
         InputError: no such file, no HDF5, no result, a newer schema, or datasets that are missing or misshapen.
     """
+    path = Path(path)
     with _opened(path) as file:
         _check_format(file, path)
         tick = file.get("tick", {})
@@ -158,10 +160,12 @@ def check_result_destination(path: Path) -> None:
     """Look, before the work, for what would keep a result from being written to `path`.
 
     Raises:
-        OutputError: as `hhsim.destination.check_destination`; or a file is there that is no result, which a slip of the
-            pen must not destroy.
+        OutputError: as `hhsim.destination.check_destination`; a name that does not end as one of a result; or a file is
+            there that is no result, which a slip of the pen must not destroy.
     """
     check_destination(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise OutputError(f"{path} is no name for a result: it has to end in {' or '.join(SUFFIXES)}")
     if not path.exists():
         return
     try:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
 from hhsim.resample import interpolate_monotone, interpolate_orientation
-from hhsim.result_schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, SCHEMA_VERSION
+from hhsim.result_schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, SCHEMA_VERSION, SUFFIXES
 from hhsim.trajectory import Phase, RawChannel, Trajectory
 from hhsim.trajectory_file import DAMAGE
 
@@ -22,7 +22,6 @@ Array = NDArray[Any]
 
 POSED_SINCE = 3
 """The first schema that says where the object was."""
-SUFFIXES = (".h5", ".hdf5")
 HAND = ("position", "orientation", "flexion", "abduction")
 
 

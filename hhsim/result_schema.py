@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 FORMAT = "hhsim-result"
 SCHEMA_VERSION = 3
+SUFFIXES = (".h5", ".hdf5")
+"""How the name of a result ends; no mesh, script or suite ends so."""
 LIVE = "live"
 """The group that only live sessions have."""
 LIVE_TICK = "live/tick"

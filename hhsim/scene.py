@@ -1,11 +1,13 @@
 """A scene: one object with its sphere tree, one hand, one motion, all in the world frame."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from hhsim.demonstration import Demonstration
-from hhsim.hand import HandModel
+from hhsim.hand import HandModel, Side
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh import Mesh
 from hhsim.script import Script
@@ -23,6 +25,7 @@ class Scene:
         hand: The hand.
         trajectory: The motion of the haptic hand, with the object's pose in it.
         ticks: The motion at the tick rate.
+        description: How the scene came about, as plain values: what its results say of it.
     """
 
     mesh: Mesh
@@ -30,6 +33,7 @@ class Scene:
     hand: HandModel
     trajectory: Trajectory
     ticks: TickInput
+    description: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def all_pairs(self) -> int:
@@ -45,6 +49,11 @@ def all_pairs(hand: HandModel, tree: SphereTree) -> int:
     return (hand.radius[:, 1:].size + hand.palm_tree.leaf_count) * tree.leaf_count
 
 
+def side_of(motion: Script | Demonstration | Trajectory) -> Side:
+    """The hand that a recording is of; scripts close either, and are of the right one."""
+    return "left" if getattr(motion, "hand", "") == "left" else "right"
+
+
 def make_scene(
     mesh: Mesh,
     tree: SphereTree,
@@ -54,6 +63,7 @@ def make_scene(
     rate: float = 1000.0,
     mode: ResampleMode = "interpolate",
     seed: int = 0,
+    description: Mapping[str, Any] | None = None,
 ) -> Scene:
     """Put object, hand and motion together.
 
@@ -66,6 +76,7 @@ def make_scene(
         rate: Ticks per second [Hz].
         mode: How a motion of another rate is brought to the ticks.
         seed: Of a script's tremor and sensor noise.
+        description: How the scene came about.
 
     Raises:
         TrajectoryError: The script or the demonstration cannot be done on this object.
@@ -84,4 +95,5 @@ def make_scene(
         hand=hand,
         trajectory=motion,
         ticks=motion.resampled(rate, mode),
+        description=description or {},
     )

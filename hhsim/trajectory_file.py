@@ -14,6 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from hhsim.destination import check_destination
 from hhsim.errors import OutputError, TrajectoryError
 from hhsim.sample_flags import SampleFlag
 from hhsim.sealed_file import seal_holds, sealed
@@ -64,6 +65,23 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
         write_whole_file(target, sealed(hdf5_image(lambda file: _write(trajectory, file))))
     else:
         raise OutputError(f"{target}: unknown suffix '{suffix}'; expected .h5 or .csv")
+
+
+def check_trajectory_destination(path: Path) -> None:
+    """Look, before the work, for what would keep a trajectory from being written.
+
+    Raises:
+        OutputError: as `hhsim.destination.check_destination`; another suffix; or a file is there that is no trajectory,
+            such as a recording, which a slip of the pen must not destroy.
+    """
+    check_destination(path)
+    if path.suffix.lower() not in (CSV_SUFFIX, *HDF5_SUFFIXES):
+        raise OutputError(f"{path} is no name for a trajectory: it has to end in .h5 or .csv")
+    if path.exists():
+        try:
+            load_trajectory(path)
+        except TrajectoryError:
+            raise OutputError(f"{path} exists and is no trajectory, so it is not replaced: name another file") from None
 
 
 def load_trajectory(path: str | Path) -> Trajectory:

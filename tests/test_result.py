@@ -320,11 +320,17 @@ def test_an_older_result_stands_until_the_new_one_is_complete(tmp_path: Path) ->
 
 
 def test_an_existing_file_of_another_kind_is_never_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "bunny.ply"
-    path.write_text("ply\n")
+    path = tmp_path / "notes.h5"
+    path.write_text("notes\n")
     with pytest.raises(OutputError, match=r"exists and is no result file"):
         ResultWriter(path, scene=SCENE, static=static())
-    assert path.read_text() == "ply\n"
+    assert path.read_text() == "notes\n"
+
+
+def test_a_result_is_not_given_the_name_of_another_kind_of_file(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"run\.txt is no name for a result: it has to end in \.h5 or \.hdf5"):
+        ResultWriter(tmp_path / "run.txt", scene=SCENE, static=static())
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_in_the_way_is_an_error(tmp_path: Path) -> None:

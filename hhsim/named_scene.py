@@ -1,0 +1,62 @@
+"""A scene from names and files: what `hhsim replay OBJECT TRAJECTORY` runs, for programs."""
+
+from pathlib import Path
+
+from hhsim.demonstration import Demonstration
+from hhsim.hand import HandModel
+from hhsim.mesh import Mesh
+from hhsim.object_catalogue import MESH_LEVEL, resolve_object
+from hhsim.scene import Scene, make_scene, side_of
+from hhsim.script import Script
+from hhsim.trajectory import ResampleMode, Trajectory
+from hhsim.trajectory_catalogue import resolve_trajectory
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+
+def open_scene(
+    object_: str | Path | Mesh = "bunny",
+    motion: str | Path | Script | Demonstration | Trajectory = "grasp",
+    *,
+    unit: str | None = None,
+    size: float | None = None,
+    level: int | None = None,
+    hand: HandModel | None = None,
+    rate: float = 1000.0,
+    mode: ResampleMode = "interpolate",
+    seed: int = 0,
+) -> Scene:
+    """Load an object and a motion, build the object's sphere tree or take it from the cache, and put them together.
+
+    Args:
+        object_: A name (`hhsim objects`), a mesh file, or a mesh [m].
+        motion: A name (`hhsim trajectories`), a script (.toml), a recording or a result, or one that is loaded.
+        unit: Length unit of a mesh file: m, cm, mm or inch; None is m.
+        size: Longest extent that a mesh file gets [m], whatever its unit.
+        level: Of the tree's leaves, 1 to 5; None is what suits the object, 3 or 4.
+        hand: None is the default hand, of the side that the motion is of.
+        rate: Ticks per second [Hz].
+        mode: Between two samples of the motion: interpolate, or hold the last one.
+        seed: Of a script's tremor and sensor noise.
+
+    Raises:
+        UnknownNameError: No such object or trajectory; the message lists the near names.
+        InputError: A file or an option that cannot be used, or a motion that cannot be done on this object.
+    """
+    mesh, usual = (object_, MESH_LEVEL) if isinstance(object_, Mesh) else resolve_object(object_, unit, size)
+    moved = resolve_trajectory(motion) if isinstance(motion, str | Path) else motion
+    tree = cached_sphere_tree(mesh, TreeOptions(level=level or usual))
+    description = {
+        "object": mesh.name if isinstance(object_, Mesh) else str(object_),
+        "object_mesh": mesh.sha256,
+        "unit": unit,
+        "size_mm": None if size is None else 1e3 * size,
+        "object_repairs": list(mesh.repairs),
+        "level": level or usual,
+        "tree_options": dict(tree.options),
+        "trajectory": str(motion) if isinstance(motion, str | Path) else moved.name,
+        "samples": mode,
+        "place_object": "recorded",
+        "seed": seed,
+    }
+    model = hand or HandModel.default(side_of(moved))
+    return make_scene(mesh, tree, model, moved, rate=rate, mode=mode, seed=seed, description=description)
