@@ -9,6 +9,7 @@ from click.shell_completion import CompletionItem
 
 from . import options
 from .console import announce_compilation, print_json, print_table, progress
+from .name_list import names
 
 if TYPE_CHECKING:
     from hhsim.bench_hard import CaseResult
@@ -26,23 +27,23 @@ def complete_case(context: click.Context, parameter: click.Parameter, incomplete
 
 @click.command(short_help="Every hard case, for every method: pass or fail, and the figure.")
 @click.argument("cases", metavar="[CASE]...", nargs=-1, shell_complete=complete_case)
-@click.option("--method", "methods", metavar="NAME", multiple=True, help="Only this method; may be given again.")
+@names("--method", "methods", "Only these methods. Default: all.")
 @click.option(
     "--ticks",
     type=click.IntRange(8_000, 36_000_000),
     default=20_000,
     show_default=True,
     metavar="N",
-    help="Length of the case endurance; 600000 are ten minutes at 1 kHz.",
+    help="Ticks of the case endurance; 600000 are ten minutes at 1 kHz.",
 )
-@click.option("--list", "only_list", is_flag=True, help="Only list the cases.")
+@click.option("--list", "only_list", is_flag=True, help="List the cases and run none.")
 @options.seed
 @options.out
 @options.json
 @options.quiet
 def command(
     cases: tuple[str, ...],
-    methods: tuple[str, ...],
+    methods: tuple[str, ...] | None,
     ticks: int,
     only_list: bool,
     seed: int,
@@ -60,7 +61,7 @@ def command(
     \b
     Examples:
       hhsim bench hard
-      hhsim bench hard fast-swipe narrow-handle --method coupled --method paper
+      hhsim bench hard fast-swipe narrow-handle --method coupled,paper
       hhsim bench hard endurance --ticks 600000 --out endurance.h5
     """
     from hhsim.hard_cases import hard_cases
@@ -79,7 +80,7 @@ def command(
     from hhsim.errors import UnknownNameError
     from hhsim.solver_options import METHODS
 
-    for method in methods:
+    for method in methods or ():
         if method not in METHODS:
             raise UnknownNameError("method", method, METHODS)
     named = [method for method in METHODS if not methods or method in methods]

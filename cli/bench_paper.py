@@ -9,7 +9,7 @@ import click
 
 from . import options
 from .console import announce_compilation, print_json, print_table, progress
-from .name_list import read_names
+from .name_list import names
 
 if TYPE_CHECKING:
     from hhsim.paper_rows import PaperRow
@@ -18,11 +18,13 @@ SCALES = {"s": (1e6, "µs"), "m": (1e6, "µm"), "%": (1.0, "%"), "1": (1.0, "")}
 
 
 @click.command()
-@click.option("--method", "methods", callback=read_names, metavar="NAMES", help="Default: paper,progressive,coupled.")
-@click.option("--object", "objects", callback=read_names, metavar="NAMES", help="Only these objects. Default: all ten.")
+@names("--method", "methods", "Methods. Default: paper,progressive,coupled.")
+@names("--object", "objects", "Only these objects. Default: all ten.")
 @click.option("--quick", is_flag=True, help="Every row, from coarse spheres, 3 instances and one repetition.")
-@click.option("--instances", type=click.IntRange(1), metavar="N", help="Of each case of Fig. 15. Default: 100.")
-@click.option("--repetitions", type=click.IntRange(1), metavar="N", help="Of every run. Default: 3.")
+@click.option(
+    "--instances", type=click.IntRange(1), metavar="N", help="Instances of each case of Fig. 15. Default: 100."
+)
+@click.option("--repetitions", type=click.IntRange(1), metavar="N", help="Repetitions of every run. Default: 3.")
 @click.option(
     "--plot",
     type=click.Path(path_type=Path),
@@ -50,7 +52,7 @@ def command(
     All scenes of Figs. 11 to 15 by every method: one finger, two, five and the palm on five simple objects; fingers
     that come and go; sliding; five complex objects from several sides, such as the thumb in the cup's handle; 100
     instances of each case of Fig. 15. A row that misses one of our own bars is named, and the exit code is 1; the
-    method `paper` is the baseline and has none, and with --quick or --object only those of time and depth hold. A
+    method paper is the baseline and has none, and with --quick or --object only those of time and depth hold. A
     second table, -scenes, has a line for every scene.
 
     \b

@@ -7,18 +7,10 @@ import click
 
 from . import options
 from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .name_list import names
 
 if TYPE_CHECKING:
     from hhsim.bench_qp import QpBench
-
-
-def _names(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
-    if value is None:
-        return None
-    names = tuple(name.strip() for name in value.split(",") if name.strip())
-    if not names:
-        raise click.BadParameter("give one name or several, with commas between them")
-    return names
 
 
 @click.command()
@@ -46,16 +38,13 @@ def _names(context: click.Context, parameter: click.Parameter, value: str | None
     metavar="N",
     help="Programs of each size that is timed.",
 )
-@click.option("--objects", callback=_names, metavar="NAMES", help="Objects of the ticks, with commas. Default: six.")
-@click.option(
-    "--motions",
-    callback=_names,
-    metavar="NAMES",
-    help="Motions of the ticks, with commas, or random. Default: grasp, pinch, whole-hand, slide, random.",
+@names("--object", "objects", "Objects of the ticks. Default: sphere,cube,rock,cup,teapot,bunny.")
+@names(
+    "--motion",
+    "motions",
+    "Motions of the ticks; random: random targets. Default: grasp,pinch,whole-hand,slide,random.",
 )
-@click.option(
-    "--backends", callback=_names, metavar="NAMES", help="Solvers beside ours, with commas. Default: all installed."
-)
+@names("--qp", "backends", "QP solvers beside ours. Default: all that are installed.")
 @click.option(
     "--patience",
     type=click.FloatRange(0.0),
@@ -90,7 +79,7 @@ def command(
     \b
     Examples:
       hhsim bench qp
-      hhsim bench qp --problems 2000 --backends daqp,quadprog --out qp.h5
+      hhsim bench qp --problems 2000 --qp daqp,quadprog --out qp.h5
     """
     from dataclasses import asdict
 

@@ -7,7 +7,8 @@ import click
 
 from . import options
 from .console import announce_compilation, print_json, print_table, progress
-from .object_argument import complete_object, is_file_argument, read_object
+from .name_list import names
+from .object_argument import complete_object, read_object
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,44 +38,25 @@ HEADINGS = (
     short_help="Recordings of real hands against any objects: penetration, force variation, time, lag, stuck."
 )
 @click.argument("recordings", metavar="FOLDER|FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
+@names(
     "--object",
     "objects",
-    metavar="OBJECT",
-    multiple=True,
+    "Objects: names (hhsim objects) or mesh files. Default: bunny,cup.",
     shell_complete=complete_object,
-    help="Name of hhsim objects or a mesh file; repeat it for several. Default: bunny and cup.",
 )
-@click.option(
-    "--method",
-    "methods",
-    metavar="NAME",
-    multiple=True,
-    help="Method to run; repeat it for several. Default: coupled and progressive.",
-)
-@click.option(
-    "--rate",
-    type=click.FloatRange(1.0, 100_000.0),
-    default=1000.0,
-    show_default=True,
-    metavar="HZ",
-    help="Ticks a second [Hz].",
-)
-@click.option(
-    "--resample",
-    type=click.Choice(["interpolate", "hold"]),
-    default="interpolate",
-    show_default=True,
-    help="Between two samples: a smooth curve, or the last sample, as a glove would give it.",
-)
+@names("--method", "methods", "Methods. Default: coupled,progressive.")
+@options.rate
+@options.samples
 @click.option(
     "--place-object",
     type=click.Choice(["auto", "recorded"]),
     default="auto",
     show_default=True,
-    help="The object where the closing fingers of a recording meet it, or where the recording says.",
+    help="auto: the object is where the closing fingers of a recording meet it; recorded: where the recording says.",
 )
-@click.option("--level", type=click.IntRange(1, 5), help="Level of the sphere trees. Default: as the catalogue says.")
+@click.option(
+    "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
+)
 @click.option(
     "--ticks", type=click.IntRange(1), metavar="N", help="Run only the N ticks around the grasp of each recording."
 )
@@ -87,10 +69,10 @@ HEADINGS = (
 @options.quiet
 def command(
     recordings: tuple[Path, ...],
-    objects: tuple[str, ...],
-    methods: tuple[str, ...],
+    objects: tuple[str, ...] | None,
+    methods: tuple[str, ...] | None,
     rate: float,
-    resample: Literal["interpolate", "hold"],
+    samples: Literal["interpolate", "hold"],
     place_object: Literal["auto", "recorded"],
     level: int | None,
     ticks: int | None,
@@ -113,12 +95,13 @@ def command(
     \b
     Examples:
       hhsim bench recorded recordings
-      hhsim bench recorded recordings --object bunny --object mug.stl --unit mm
-      hhsim bench recorded grab.npz --method paper --resample hold --rate 500
+      hhsim bench recorded recordings --object bunny,mug.stl --unit mm
+      hhsim bench recorded grab.npz --method paper --samples hold --rate 500
     """
     from hhsim.bench_file import check_table_destination, write_table
     from hhsim.bench_recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
     from hhsim.destination import dated_destination
+    from hhsim.object_catalogue import names_a_file
     from hhsim.recorded_figures import COLUMNS, table_row, totals
     from hhsim.solver_options import SolverOptions
     from hhsim.tree_builder import TreeOptions, cached_sphere_tree
@@ -127,15 +110,15 @@ def command(
     files = recording_files(recordings)[:limit]
     announce_compilation(quiet=quiet)
     chosen = {
-        name: read_object(name, *((unit, size) if is_file_argument(name) else (None, None)))
+        name: read_object(name, *((unit, size) if names_a_file(name) else (None, None)))
         for name in objects or ("bunny", "cup")
     }
     destination = out or dated_destination("bench-recorded")
     check_table_destination(destination)
-    asked = RecordedOptions(rate=rate, mode=resample, place=place_object, ticks=ticks, seed=seed)
+    asked = RecordedOptions(rate=rate, mode=samples, place=place_object, ticks=ticks, seed=seed)
     with progress(quiet=quiet) as report:
         placed = [
-            BenchObject(mesh.name, mesh, cached_sphere_tree(mesh, TreeOptions(level=level or usual or 4), report))
+            BenchObject(mesh.name, mesh, cached_sphere_tree(mesh, TreeOptions(level=level or usual), report))
             for mesh, usual in chosen.values()
         ]
         figures = list(bench_recorded(files, placed, solvers, asked, report))
@@ -146,7 +129,7 @@ def command(
         "size_mm": size,
         "level": [at.tree.depth for at in placed],
         "rate": rate,
-        "resample": resample,
+        "samples": samples,
         "place_object": place_object,
         "ticks": ticks,
         "limit": limit,

@@ -9,41 +9,27 @@ import click
 
 from . import options
 from .console import announce_compilation, print_json, print_notes, print_table, progress
-from .name_list import read_counts, read_names
+from .name_list import counts, names
 
 
 @click.command()
-@click.option("--object", "objects", callback=read_names, metavar="NAMES", help="Objects. Default: bunny,teapot,cube.")
-@click.option(
-    "--motion", "motions", callback=read_names, metavar="NAMES", help="Motions. Default: grasp,pinch,whole-hand,slide."
-)
-@click.option("--method", "methods", callback=read_names, metavar="NAMES", help="Methods of the solver. Default: all.")
-@click.option(
-    "--level", "levels", callback=read_counts, metavar="NUMBERS", help="Levels of the sphere tree. Default: 2,3,4,5."
-)
-@click.option(
+@names("--object", "objects", "Objects. Default: bunny,teapot,cube.")
+@names("--motion", "motions", "Motions. Default: grasp,pinch,whole-hand,slide.")
+@names("--method", "methods", "Methods. Default: all.")
+@counts("--level", "levels", "Levels of the sphere tree. Default: 2,3,4,5.")
+@counts(
     "--linearisations",
-    callback=read_counts,
-    metavar="NUMBERS",
-    help="Most linearisations in a tick. Default: 1,2,3,12; paper 1,2,3; penalty 12.",
+    "linearisations",
+    "Most linearisations in a tick. Default: 1,2,3,12; of method paper 1,2,3; of penalty 12.",
 )
-@click.option(
+@names(
     "--qp",
     "backends",
-    callback=read_names,
-    metavar="NAMES",
-    help="QP solvers beside ours, on a stretch of each object's first motion. Default: all that are installed.",
+    "QP solvers beside ours, on a stretch of each object's first motion. Default: all that are installed.",
 )
 @click.option("--quick", is_flag=True, help="About a minute: the bunny, grasp and slide, levels 3 to 5, our QP solver.")
 @click.option("--repetitions", type=click.IntRange(1), default=3, show_default=True, metavar="N", help="Of every run.")
-@click.option(
-    "--rate",
-    type=click.FloatRange(1.0, 100_000.0),
-    default=1000.0,
-    show_default=True,
-    metavar="HZ",
-    help="Ticks a second [Hz].",
-)
+@options.rate
 @click.option(
     "--plot",
     type=click.Path(path_type=Path),

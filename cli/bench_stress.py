@@ -8,6 +8,7 @@ import click
 
 from . import options
 from .console import announce_compilation, print_json, print_table, progress
+from .name_list import names
 from .object_argument import complete_object, read_object
 
 if TYPE_CHECKING:
@@ -39,13 +40,7 @@ HEADINGS = (
     short_help="Random targets on any object, as long as you like; a failing motion is kept, shrunk to a few ticks."
 )
 @click.argument("objects", metavar="[OBJECT]...", nargs=-1, shell_complete=complete_object)
-@click.option(
-    "--method",
-    "methods",
-    metavar="NAME",
-    multiple=True,
-    help="Method to run; repeat it for several. Default: all of them.",
-)
+@names("--method", "methods", "Methods. Default: all.")
 @click.option(
     "--ticks",
     type=click.IntRange(1),
@@ -60,7 +55,12 @@ HEADINGS = (
     help="Add what broken devices do: jumps, NaN, zero quaternions, late samples, angles beyond every limit.",
 )
 @click.option(
-    "--hold", type=click.IntRange(1), default=60, show_default=True, metavar="N", help="Ticks to the next target."
+    "--hold",
+    type=click.IntRange(1),
+    default=60,
+    show_default=True,
+    metavar="N",
+    help="Ticks from one target to the next.",
 )
 @click.option(
     "--step",
@@ -75,16 +75,13 @@ HEADINGS = (
     type=click.Choice(["palm", "hand", "none"]),
     default="palm",
     show_default=True,
-    help="What --step bounds: the palm, every point of the hand, or nothing: the hand jumps.",
+    help="What --step bounds: the palm's way, that of every point of the hand, or nothing, so that the hand jumps.",
 )
-@click.option("--level", type=click.IntRange(1, 5), help="Level of the sphere trees. Default: as the catalogue says.")
-@click.option("--linearisations", type=click.IntRange(1), metavar="N", help="Most linearisations in a tick.")
 @click.option(
-    "--margin",
-    type=click.FloatRange(0.0, min_open=True),
-    metavar="MM",
-    help="Pairs up to this far from each other enter the program [mm].",
+    "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
 )
+@options.linearisations
+@options.margin
 @click.option(
     "--jobs", type=click.IntRange(1), default=1, show_default=True, metavar="N", help="Processes to share the work."
 )
@@ -102,7 +99,7 @@ HEADINGS = (
 @options.quiet
 def command(
     objects: tuple[str, ...],
-    methods: tuple[str, ...],
+    methods: tuple[str, ...] | None,
     ticks: int,
     wild: bool,
     hold: int,
@@ -122,7 +119,7 @@ def command(
 ) -> int:
     """Run the hand to random targets around OBJECTs, by every method, and look for penetration at every tick.
 
-    OBJECT is a name of `hhsim objects` or a mesh file; without one, all ten of the catalogue are run. Penetration is
+    OBJECT is a name (hhsim objects) or a mesh file; without one, all ten of the catalogue are run. Penetration is
     recomputed from the hand that each tick shows. The exit code is 1 where coupled or progressive penetrates by more
     than 1 µm, is not finite, or is stuck although there was a way.
 
@@ -159,7 +156,7 @@ def command(
     with progress(quiet=quiet) as report:
         cases = []
         for name, (mesh, usual) in meshes.items():
-            tree = cached_sphere_tree(mesh, TreeOptions(level=level or usual or 4), report)
+            tree = cached_sphere_tree(mesh, TreeOptions(level=level or usual), report)
             for solver in solvers:
                 kept = RESULTS / "failures" if keep is None and solver.method in SAFE_METHODS else keep
                 cases.append(

@@ -8,19 +8,26 @@ import click
 
 from . import options
 from .console import announce_compilation, print_json, print_notes, print_table, progress
-from .name_list import read_counts, read_names
+from .name_list import counts, names
 
 
 @click.command()
-@click.option("--object", "objects", callback=read_names, metavar="NAMES", help="Objects. Default: cup,bunny.")
-@click.option(
-    "--case", "cases", callback=read_names, metavar="NAMES", help="Of SF,TF,FF,WH, as in the paper. Default: all."
-)
-@click.option("--method", "methods", callback=read_names, metavar="NAMES", help="Default: progressive,coupled.")
-@click.option("--threads", callback=read_counts, metavar="NUMBERS", help="Numbers of threads. Default: 1,2.")
+@names("--object", "objects", "Objects. Default: cup,bunny.")
+@names("--case", "cases", "Cases of the paper. Default: SF,TF,FF,WH.")
+@names("--method", "methods", "Methods. Default: progressive,coupled.")
+@counts("--threads", "threads", "Numbers of threads. Default: 1,2.")
 @click.option("--quick", is_flag=True, help="Only the load of the paper's figure: level 4, 1 mm.")
-@click.option("--instances", type=click.IntRange(1), default=100, show_default=True, metavar="N", help="Ticks a row.")
-@click.option("--rounds", type=click.IntRange(1), default=9, show_default=True, metavar="N", help="Replays of each.")
+@click.option(
+    "--instances",
+    type=click.IntRange(1),
+    default=100,
+    show_default=True,
+    metavar="N",
+    help="Ticks in contact of each row.",
+)
+@click.option(
+    "--rounds", type=click.IntRange(1), default=9, show_default=True, metavar="N", help="Replays of each row."
+)
 @options.out
 @options.json
 @options.quiet

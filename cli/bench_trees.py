@@ -9,27 +9,13 @@ import click
 
 from . import options
 from .console import announce_compilation, print_json, print_notes, print_table, progress
-from .name_list import read_counts, read_names
+from .name_list import counts, names
 
 
 @click.command()
-@click.option(
-    "--object",
-    "objects",
-    callback=read_names,
-    metavar="NAMES",
-    help="Objects. Default: bunny,teapot,cube,hexagonal-prism,cylinder,cup.",
-)
-@click.option(
-    "--method",
-    "methods",
-    callback=read_names,
-    metavar="NAMES",
-    help="Builders. Default: certified,medial,octree-fitted,octree.",
-)
-@click.option(
-    "--spheres", callback=read_counts, metavar="NUMBERS", help="Most leaves of the trees. Default: 64,512,4096."
-)
+@names("--object", "objects", "Objects. Default: bunny,teapot,cube,hexagonal-prism,cylinder,cup.")
+@names("--method", "methods", "Builders. Default: certified,medial,octree-fitted,octree.")
+@counts("--spheres", "spheres", "Most leaves of the trees. Default: 64,512,4096.")
 @click.option(
     "--size",
     type=click.FloatRange(1.0, 10_000.0),

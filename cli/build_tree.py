@@ -23,10 +23,11 @@ def complete_method(_context: click.Context, _parameter: click.Parameter, incomp
 
 
 @click.command()
-@click.argument("object_", metavar="OBJECT|MESH", shell_complete=complete_object)
+@click.argument("object_", metavar="OBJECT", shell_complete=complete_object)
 @click.option(
     "--level",
     type=click.IntRange(1, 5),
+    metavar="N",
     help="Level of the leaves. Default: what --leaves or --max-error needs, else 3 or 4, as the catalogue says, 4 for "
     "a mesh file.",
 )
@@ -34,31 +35,37 @@ def complete_method(_context: click.Context, _parameter: click.Parameter, incomp
     "--leaves",
     type=click.IntRange(1),
     metavar="N",
-    help="So many leaves, or less where a mesh has no use for more. Default: branching to the level.",
+    help="So many leaves, or fewer where a mesh has no use for more. Default: --branching to the power of --level.",
 )
 @click.option(
     "--max-error",
     callback=read_length,
     metavar="LENGTH",
-    help="As few leaves as are proved to be off the mesh by no more than this, such as 0.2mm.",
+    help="As few leaves as are proved to be off the mesh by no more than this: 0.2mm, 200um; a bare number is in mm.",
 )
 @click.option(
-    "--branching", type=click.IntRange(2, 64), default=8, show_default=True, help="Most children of a sphere."
+    "--branching",
+    type=click.IntRange(2, 64),
+    metavar="N",
+    default=8,
+    show_default=True,
+    help="Most children of a sphere.",
 )
 @click.option(
     "--cover",
     type=click.Choice(["outer", "balanced"]),
     default="outer",
     show_default=True,
-    help="outer: the spheres contain the whole surface; balanced: all radii less half the bound, so that the spheres "
-    "are off to both sides, by half as much.",
+    help="outer: the spheres contain the whole surface; balanced: all radii are less by half the bound, so that the "
+    "spheres are off to both sides, by half as much.",
 )
 @click.option(
     "--method",
     default="certified",
     metavar="NAME",
     shell_complete=complete_method,
-    help="How to build it. Default: certified, every level a proved cover.",
+    help="The builder: certified, every level a proved cover; or, to compare with, medial, octree-fitted or octree. "
+    "Default: certified.",
 )
 @click.option(
     "--threads",
@@ -105,9 +112,9 @@ def command(
 ) -> None:
     """Build the sphere tree of an object and measure its error.
 
-    The spheres of each level cover the whole mesh, with a proof in the file; the table says how far they protrude from
-    it, as sampled and as proved. The methods to compare with (--method) prove less, or nothing. A tree that was built
-    before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of Bradshaw's toolkit.
+    OBJECT is a name (hhsim objects) or a mesh file. The spheres of each level cover the whole mesh, with a proof in the
+    file; the table says how far they protrude from it, as sampled and as proved. A tree that was built before is taken
+    from the cache. The file is .h5, or with --out FILE.sph the text format of Bradshaw's toolkit.
 
     \b
     Examples:

@@ -9,8 +9,11 @@ import click
 def command(context: click.Context, shell: str) -> None:
     """Print the script that completes hhsim commands in a shell.
 
+    Commands, options, and the names of objects and trajectories are completed, once the script lies where the shell
+    looks for such scripts.
+
     \b
-    Example:
+    Examples:
       hhsim completion bash > ~/.local/share/bash-completion/completions/hhsim
       hhsim completion zsh > ~/.zfunc/_hhsim
       hhsim completion fish > ~/.config/fish/completions/hhsim.fish

@@ -26,7 +26,8 @@ RESULT_SUFFIXES = (".h5", ".hdf5")
     "--baseline",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="What to compare with: a file of --write-baseline; for a RESULT also another result. Default: the suite's.",
+    help="What to compare with: a file of --write-baseline; for a RESULT also another result. Default: the file that "
+    "the suite names.",
 )
 @click.option(
     "--base-python",
@@ -34,13 +35,15 @@ RESULT_SUFFIXES = (".h5", ".hdf5")
     metavar="PATH",
     help="A python that has the base's hhsim, run in turn with this one: the only fair comparison of times.",
 )
-@click.option("--write-baseline", type=click.Path(path_type=Path), metavar="FILE", help="Record the suite's run here.")
+@click.option(
+    "--write-baseline", type=click.Path(path_type=Path), metavar="FILE", help="Record the suite's run in this file."
+)
 @click.option("--time/--no-time", default=True, show_default=True, help="Judge and record times, or leave them out.")
 @click.option(
     "--processes",
     type=click.IntRange(3, 100),
     metavar="N",
-    help="Timed processes of each side and scene. Default: as the suite says, 5.",
+    help="Timed processes of each side and scene. Default: as the suite says, else 5.",
 )
 @click.option("--markdown", type=click.Path(path_type=Path), metavar="FILE", help="Write a summary in Markdown.")
 @click.option("--step-summary", is_flag=True, help=f"Append the summary to the file that ${STEP_SUMMARY} names.")

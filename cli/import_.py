@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
-@click.option("--format", "form", metavar="NAME", help="Format of the file. Default: the content decides.")
+@click.option(
+    "--format",
+    "form",
+    metavar="NAME",
+    help="Format of the file: hhsim, npz, leap, bvh, dexmo or csv. Default: the content decides.",
+)
 @click.option(
     "--columns",
     type=click.Path(path_type=Path),
@@ -31,14 +36,23 @@ if TYPE_CHECKING:
     help="Calibration of a Dexmo glove (hhsim/dexmo_regression.py has an example).",
 )
 @click.option(
-    "--open", "open_hand", callback=number_list("s", "s"), metavar="S,S", help="When a Dexmo's hand was flat [s]."
+    "--open",
+    "open_hand",
+    callback=number_list("from [s]", "to [s]"),
+    metavar="FROM,TO",
+    help="From when to when the hand in a Dexmo was flat [s].",
 )
-@click.option("--fist", callback=number_list("s", "s"), metavar="S,S", help="When it was a fist [s].")
+@click.option(
+    "--fist",
+    callback=number_list("from [s]", "to [s]"),
+    metavar="FROM,TO",
+    help="From when to when it was a fist [s].",
+)
 @click.option(
     "--spread",
-    callback=number_list("s", "s"),
-    metavar="S,S",
-    help="When its fingers were spread, the thumb opposed [s].",
+    callback=number_list("from [s]", "to [s]"),
+    metavar="FROM,TO",
+    help="From when to when its fingers were spread and the thumb opposed [s].",
 )
 @click.option(
     "--save-calibration",
@@ -47,9 +61,21 @@ if TYPE_CHECKING:
     help="Write the calibration of --open, --fist and --spread, for other recordings of the same glove.",
 )
 @click.option("--hand", type=click.Choice(["right", "left"]), help="Which hand it is, where the file does not say.")
-@click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the stamps.")
-@click.option("--length-unit", type=click.Choice(["m", "cm", "mm", "inch"]), help="Unit of the positions.")
-@click.option("--angle-unit", type=click.Choice(["rad", "deg"]), help="Unit of the joint angles.")
+@click.option(
+    "--time-unit",
+    type=click.Choice(["s", "ms", "us", "ns"]),
+    help="Unit of the stamps. Default: what the file says, else found from the stamps.",
+)
+@click.option(
+    "--length-unit",
+    type=click.Choice(["m", "cm", "mm", "inch"]),
+    help="Unit of the positions. Default: what the file says, else found from them.",
+)
+@click.option(
+    "--angle-unit",
+    type=click.Choice(["rad", "deg"]),
+    help="Unit of the joint angles. Default: what the file says, else found from them.",
+)
 @click.option(
     "--palm-axes",
     metavar="X,Y,Z",
@@ -94,7 +120,7 @@ if TYPE_CHECKING:
 @click.option("--name", metavar="TEXT", help="Name of the motion. Default: of the file.")
 @click.option("--source", metavar="TEXT", help="Who or what recorded it, kept in the trajectory.")
 @click.option("--licence", metavar="TEXT", help="Under which it may be used, kept in the trajectory.")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw what came in and what went out.")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw what came in and what went out.")
 @options.out
 @options.json
 @options.quiet
@@ -148,18 +174,18 @@ def command(
     from hhsim.import_report import COLUMNS, make_report
     from hhsim.recording_file import calibration_of, read_recording
     from hhsim.recording_repair import RepairOptions, repair
-    from hhsim.trajectory_file import save_trajectory
+    from hhsim.speed_error_figure import check_picture
+    from hhsim.trajectory_file import check_trajectory_destination, save_trajectory
     from hhsim.whole_file import write_whole_file
 
     destination = out or dated_destination(file.stem or "recording")
-    if destination.suffix.lower() not in (".h5", ".hdf5", ".csv"):
-        raise click.UsageError(f"--out {destination}: a trajectory is a .h5 or a .csv file")
-    check_destination(destination)
     if destination.exists() and destination.resolve() == file.resolve():
         raise OutputError(f"{destination} is the recording itself, so it is not replaced: name another file")
-    for other in (plot, save_calibration):
-        if other is not None:
-            check_destination(other)
+    check_trajectory_destination(destination)
+    if plot is not None:
+        check_picture(plot)
+    if save_calibration is not None:
+        check_destination(save_calibration)
     wanted = _read_options(form, columns, hand, palm_axes, world_up, length_unit)
     wanted = replace(wanted, **_dexmo(calibration, open_hand, fist, spread, save_calibration))
     recording = read_recording(file, wanted)

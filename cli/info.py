@@ -14,8 +14,9 @@ def command(as_json: bool) -> None:
     Put it into every report of a fault; it names neither you nor the host.
 
     \b
-    Example:
+    Examples:
       hhsim info
+      hhsim info --json
     """
     from hhsim.info import collect
 

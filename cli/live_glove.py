@@ -12,8 +12,8 @@ from .live_session import run_session
 from .live_summary import print_summary, summary_json
 from .number_list import number_list
 from .object_argument import complete_object, read_object
-from .replay import complete_trajectory, read_fingers
-from .rerun_option import read_target
+from .replay import complete_trajectory
+from .rerun_option import METAVAR, read_target
 
 if TYPE_CHECKING:
     from hhsim.dexmo_regression import DexmoRegression
@@ -50,8 +50,8 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     type=click.Choice(GLOVES),
     default="sim",
     show_default=True,
-    help="The glove: a Dexmo at its server; OpenGloves or LucidGloves, by serial line or TCP; any other by an open "
-    "packet over UDP; a recording in its place; or a simulated one, which needs no hardware.",
+    help="dexmo: a Dexmo at its vendor's server; opengloves: an OpenGloves or LucidGloves, by serial line or TCP; udp: "
+    "any other, by an open packet; replay: a recording in its place; sim: a simulated one, which needs no hardware.",
 )
 @click.option("--host", metavar="HOST", default="127.0.0.1", show_default=True, help="Where the glove's server is.")
 @click.option(
@@ -68,7 +68,12 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     help="Serial line of opengloves, such as /dev/ttyUSB0, instead of TCP.",
 )
 @click.option(
-    "--baud", type=int, default=115_200, show_default=True, metavar="BAUD", help="Bits a second of the serial line."
+    "--baud",
+    type=click.IntRange(1),
+    default=115_200,
+    show_default=True,
+    metavar="BAUD",
+    help="Bits a second of the serial line.",
 )
 @click.option(
     "--full-scale",
@@ -94,15 +99,17 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
 @click.option("--profile", metavar="NAME", help="Profile of a calibration file that holds several.")
 @click.option(
     "--trajectory",
-    metavar="NAME",
+    metavar="TRAJECTORY",
     shell_complete=complete_trajectory,
-    help="Motion of --device sim or replay, or of --pose replay: a name or a recording, a session too. Default: grasp.",
+    help="Motion of --device sim or replay, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
+    "replay takes it. Default: grasp.",
 )
 @click.option(
     "--pose",
     type=click.Choice(POSES),
-    help="Where the palm is, which no glove says: moved with keys, at one place, as in --trajectory, or by packets "
-    "over UDP. Default: replay where the glove plays a motion; else the keyboard in a terminal, or fixed.",
+    help="Where the palm is, which no glove says. keyboard: moved with keys; fixed: at one place; replay: as in "
+    "--trajectory; udp: by packets of a tracker. Default: replay where the glove plays a motion; else keyboard in a "
+    "terminal, and fixed elsewhere.",
 )
 @click.option(
     "--palm",
@@ -117,7 +124,11 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     help="How the palm is turned there, a quaternion. Default: as it is, 1,0,0,0.",
 )
 @click.option(
-    "--pose-host", metavar="HOST", default="127.0.0.1", show_default=True, help="Sender of the packets of --pose udp."
+    "--pose-host",
+    metavar="HOST",
+    default="127.0.0.1",
+    show_default=True,
+    help="Where the packets of --pose udp come from.",
 )
 @click.option("--pose-port", type=click.IntRange(1, 65535), metavar="PORT", help="Where they arrive. Default: 24172.")
 @click.option(
@@ -134,19 +145,11 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     metavar="MS",
     help="Input older than this frees the fingers [ms].",
 )
-@click.option(
-    "--method",
-    type=click.Choice(["coupled", "progressive", "paper", "penalty"]),
-    default="coupled",
-    show_default=True,
-    help="How the shown hand is found: as for hhsim replay.",
-)
+@options.method
 @tree_level.level
 @tree_level.max_error
-@click.option(
-    "--fingers", callback=read_fingers, metavar="NAMES", help="Fingers that the scene uses. Default: all five."
-)
-@click.option("--budget", type=click.IntRange(1), metavar="UNITS", help="Work that bounds a tick. Default: no bound.")
+@options.fingers
+@options.budget
 @click.option(
     "--rate",
     type=click.FloatRange(10.0, 4000.0),
@@ -169,20 +172,23 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     metavar="FILE",
     help="Where the recording goes, some 2 MB a second. Default: a dated name in results/ under the current folder.",
 )
-@click.option("--no-record", is_flag=True, help="Keep nothing.")
+@click.option("--no-record", is_flag=True, help="Record nothing.")
 @click.option(
     "--rerun",
     callback=check_rerun,
-    metavar="spawn|FILE.rrd|connect[=URL]",
+    metavar=METAVAR,
     help="Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
     "HOST:PORT.",
 )
-@click.option("--dry-run", is_flag=True, help="Send nothing to the glove.")
+@click.option("--dry-run", is_flag=True, help="Read the glove, and send nothing to it.")
 @click.option(
-    "--cpu", type=click.IntRange(-1), metavar="N", help="Processor that the loop stays on; -1: none. Default: the last."
+    "--cpu",
+    type=click.IntRange(-1),
+    metavar="N",
+    help="Processor that the loop stays on; -1: any. Default: the last one.",
 )
 @click.option(
-    "--no-realtime", is_flag=True, help="Ask the system for no real-time scheduling, locked memory or processor."
+    "--no-realtime", is_flag=True, help="Ask the system for no real-time scheduling, locked memory or own processor."
 )
 @options.unit
 @options.size
@@ -232,9 +238,10 @@ def command(
 ) -> int:
     """Put a glove in the loop: its fingers move the hand, and are stopped where the shown hand is.
 
-    OBJECT is a name (hhsim objects) or a mesh file. Fingers that touch nothing are free; so are all of them, at once,
-    when the input is old or no number, when the solver fails or is late again and again, when the session ends by
-    whatever cause, its own processes killed included. Ctrl-C, q, the space bar or --duration end it.
+    OBJECT is a name (hhsim objects) or a mesh file. A finger that touches nothing is free. All fingers are freed, at
+    once, when the input is old or no number, when the solver fails or is late again and again, and when the session
+    ends, by whatever cause, a killed process included. Ctrl-C, q, the space bar or --duration end it. The exit code is
+    2 where the glove could not be reached, the loop died, or the recording is not whole.
 
     In a terminal, keys move the palm: a d, s w, f r along the axes of the world, i k, u o, j l about those of the palm,
     - and + for the size of a step, h back to where it began.

@@ -15,8 +15,9 @@ def command(as_json: bool) -> None:
     the sphere tree that a replay uses unless told otherwise.
 
     \b
-    Example:
+    Examples:
       hhsim objects
+      hhsim objects --json
     """
     from hhsim.object_catalogue import load_object, object_names
 

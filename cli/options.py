@@ -4,15 +4,81 @@ from pathlib import Path
 
 import click
 
+
+def _read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
+    """Read names of fingers with commas between, in any order; they come back in the hand's."""
+    from hhsim.errors import UnknownNameError
+    from hhsim.solver_options import FINGERS
+
+    if value is None:
+        return None
+    names = [name.strip() for name in value.split(",")]
+    for name in names:
+        if name not in FINGERS:
+            raise UnknownNameError("finger", name, FINGERS)
+    return tuple(name for name in FINGERS if name in names)
+
+
 out = click.option(
     "--out",
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Where the output goes. Default: a dated name in results/ under the current folder.",
 )
-seed = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of everything random.")
+seed = click.option(
+    "--seed", type=click.IntRange(0), metavar="N", default=0, show_default=True, help="Seed of everything random."
+)
 json = click.option("--json", "as_json", is_flag=True, help="Print one JSON document, SI units, and nothing else.")
 quiet = click.option("--quiet", "-q", is_flag=True, help="Show no progress and no table; errors still show.")
+method = click.option(
+    "--method",
+    type=click.Choice(["coupled", "progressive", "paper", "penalty"]),
+    default="coupled",
+    show_default=True,
+    help="coupled: one program for the whole hand; progressive: the paper's way made safe, first the palm, then each "
+    "finger; paper: the paper's way as printed; penalty: spring-dampers at the contacts and no program.",
+)
+fingers = click.option(
+    "--fingers",
+    callback=_read_fingers,
+    metavar="NAMES",
+    help="Fingers that the scene uses, such as thumb,index; the others follow the user's through the object. "
+    "Default: all five.",
+)
+budget = click.option(
+    "--budget",
+    type=click.IntRange(1),
+    metavar="UNITS",
+    help="Work after which a tick begins no further linearisation, about 1 ns a unit; what is left is lag. "
+    "Default: no such bound.",
+)
+margin = click.option(
+    "--margin",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="MM",
+    help="Pairs up to this far from each other enter the program [mm]. Default: 1; 0.5 with --method paper.",
+)
+linearisations = click.option(
+    "--linearisations",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Most linearisations in a tick. Default: 12; 1 with --method paper.",
+)
+rate = click.option(
+    "--rate",
+    type=click.FloatRange(1.0, 100_000.0),
+    default=1000.0,
+    show_default=True,
+    metavar="HZ",
+    help="Ticks a second [Hz].",
+)
+samples = click.option(
+    "--samples",
+    type=click.Choice(["interpolate", "hold"]),
+    default="interpolate",
+    show_default=True,
+    help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
+)
 unit = click.option(
     "--unit",
     type=click.Choice(["m", "cm", "mm", "inch"]),

@@ -31,71 +31,36 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
     return names or [CompletionItem(incomplete, type="file")]
 
 
-def read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
-    """Read names of fingers with commas between, in any order; they come back in the hand's."""
-    from hhsim.errors import UnknownNameError
-    from hhsim.solver_options import FINGERS
-
-    if value is None:
-        return None
-    names = [name.strip() for name in value.split(",")]
-    for name in names:
-        if name not in FINGERS:
-            raise UnknownNameError("finger", name, FINGERS)
-    return tuple(name for name in FINGERS if name in names)
-
-
 @click.command()
 @click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
 @click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
+@options.method
 @click.option(
-    "--method",
-    type=click.Choice(["coupled", "progressive", "paper", "penalty"]),
-    default="coupled",
+    "--qp",
+    metavar="NAME",
+    default="active-set",
     show_default=True,
-    help="One program for the whole hand; the paper's way made safe, first the palm, then each finger; the paper's way "
-    "as printed; or spring-dampers at the contacts and no program.",
-)
-@click.option(
-    "--qp", metavar="NAME", default="active-set", show_default=True, help="QP solver: ours, or any of qpsolvers."
+    help="QP solver: active-set, our own, or any installed one that qpsolvers knows, such as clarabel.",
 )
 @click.option(
     "--force",
     type=click.Choice(["kkt", "paper"]),
-    help="Forces from the program's multipliers, or from the paper's Eq. 14.  [default: kkt; paper with method paper]",
+    help="kkt: forces from the program's multipliers; paper: from the paper's Eq. 14. Default: kkt; paper with "
+    "--method paper.",
 )
 @tree_level.level
 @tree_level.max_error
 @tree_file.tree
-@click.option(
-    "--fingers",
-    callback=read_fingers,
-    metavar="NAMES",
-    help="Fingers that the scene uses, such as thumb,index; the others follow the user's through the object. "
-    "Default: all five.",
-)
-@click.option(
-    "--rate",
-    type=click.FloatRange(1.0, 100_000.0),
-    default=1000.0,
-    show_default=True,
-    metavar="HZ",
-    help="Ticks a second [Hz].",
-)
-@click.option(
-    "--samples",
-    type=click.Choice(["interpolate", "hold"]),
-    default="interpolate",
-    show_default=True,
-    help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
-)
+@options.fingers
+@options.rate
+@options.samples
 @click.option(
     "--place-object",
     type=click.Choice(["recorded", "auto"]),
     default="recorded",
     show_default=True,
-    help="The object where the recording says, or, as a recording of a bare hand has none, where its closing fingers "
-    "meet it.",
+    help="recorded: the object is where the recording says; auto: where the closing fingers meet it, for a recording "
+    "of a bare hand.",
 )
 @click.option(
     "--hand",
@@ -106,13 +71,13 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
     "--hand-file",
     type=click.Path(path_type=Path),
     metavar="TOML",
-    help="Sizes of the hand that differ from the default one [m].",
+    help="Sizes and joint limits of the hand that differ from the default one (hhsim/hand.py has an example).",
 )
 @click.option(
     "--stiffness",
     callback=number_list("k_t [N/m]", "k_r [N·m/rad]", "k_θ [N·m/rad]", positive=True),
     metavar="K_T,K_R,K_THETA",
-    help="Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad].",
+    help="Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad]. Default: 1000,5,0.5.",
 )
 @click.option(
     "--penalty-stiffness",
@@ -120,20 +85,9 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
     metavar="K",
     help="Stiffness of each contact with --method penalty [N/m]. Default: 100000.",
 )
-@click.option(
-    "--margin",
-    type=click.FloatRange(0.0, min_open=True),
-    metavar="MM",
-    help="Pairs up to this far from each other enter the program [mm].",
-)
-@click.option("--linearisations", type=click.IntRange(1), metavar="N", help="Most linearisations in a tick.")
-@click.option(
-    "--budget",
-    type=click.IntRange(1),
-    metavar="UNITS",
-    help="Work after which a tick begins no further linearisation, about 1 ns a unit; what is left is lag. "
-    "Default: no such bound.",
-)
+@options.margin
+@options.linearisations
+@options.budget
 @click.option(
     "--tolerance",
     type=click.FloatRange(0.0, min_open=True),
@@ -143,8 +97,8 @@ def read_fingers(context: click.Context, parameter: click.Parameter, value: str 
 @click.option(
     "--frustum-ends",
     type=click.Choice(["spheres", "flat"]),
-    help="Method paper: a joint's sphere bounds the cone frustum as the fingertip's does (Eq. 13), or Eq. 7 as printed "
-    "holds at joints. Default: spheres.",
+    help="With --method paper, a joint's sphere bounds the cone frustum as the fingertip's does (spheres, Eq. 13), or "
+    "Eq. 7 holds there as printed (flat). Default: spheres.",
 )
 @click.option(
     "--threads",
@@ -230,7 +184,7 @@ def command(
     from hhsim.grasp_placement import place_at_grasp
     from hhsim.replay import replay as run
     from hhsim.result import check_result_destination, load_result
-    from hhsim.scene import make_scene
+    from hhsim.scene import make_scene, side_of
     from hhsim.trajectory import Trajectory
     from hhsim.view import view_result
 
@@ -254,7 +208,7 @@ def command(
     check_result_destination(destination)
     print_notes(mesh.warnings, prefix="warning")
     with progress(quiet=quiet) as report:
-        model = _hand(hand or _side(motion), hand_file)
+        model = _hand(hand or side_of(motion), hand_file)
         unit_length = tree_file.length_unit(object_, unit, size) if tree_path else 1.0
         chosen = tree_level.choose_tree(mesh, level, usual_level, max_error, report, tree_path, unit_length)
         placement = None
@@ -357,11 +311,6 @@ def _mended(motion: "Script | Demonstration | Trajectory", trajectory: str) -> l
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
     return [f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"]
-
-
-def _side(motion: "Script | Demonstration | Trajectory") -> Literal["right", "left"]:
-    """The hand that a recording is of; scripts close either."""
-    return "left" if getattr(motion, "hand", "") == "left" else "right"
 
 
 def _hand(side: Literal["right", "left"], file: Path | None) -> "HandModel":

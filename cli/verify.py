@@ -43,7 +43,7 @@ def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
 
     RESULT is a file that hhsim replay or hhsim live wrote. Joints, depths, forces, optimality, times and the summary
     are computed anew from the stored hands; the true mesh is asked through the collision library coal, which
-    pip install 'hhsim[verify]' brings. Exit code 1 where a claim is false.
+    pip install 'hhsim[verify]' brings. The exit code is 1 where a claim is false.
 
     \b
     Examples:

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 def command(result: Path, target: "RerunTarget", every: int, spheres: bool, as_json: bool, quiet: bool) -> None:
     """Look at a result in the rerun viewer.
 
-    RESULT is a file that hhsim replay or hhsim live wrote; shown are both hands, the object, contacts, forces and plots
-    of every tick. The graphic hand is in skin colour, the haptic hand (the
-    user's) in blue, contact forces in red. With half a million ticks, --every 10 keeps the viewer quick.
+    RESULT is a file that hhsim replay or hhsim live wrote. Shown are both hands, the object, contacts, forces and plots
+    of every tick: the graphic hand in skin colour, the haptic hand (the user's) in blue, contact forces in red. With
+    half a million ticks, --every 10 keeps the viewer quick.
 
     \b
     Examples:

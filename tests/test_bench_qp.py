@@ -158,8 +158,8 @@ def test_a_miss_is_said(bench: QpBench) -> None:
 
 
 ARGUMENTS = (
-    *("bench", "qp", "--problems", "40", "--per-set", "1", "--per-size", "1", "--objects", "sphere"),
-    *("--motions", "random", "--backends", "daqp", "--out", "qp.h5"),
+    *("bench", "qp", "--problems", "40", "--per-set", "1", "--per-size", "1", "--object", "sphere"),
+    *("--motion", "random", "--qp", "daqp", "--out", "qp.h5"),
 )
 
 
@@ -193,10 +193,10 @@ def test_a_miss_gives_exit_code_1(run: Run, monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_wrong_words_are_refused_before_the_work(run: Run, tmp_path: Path) -> None:
     for words, told in (
-        (("--objects", "spere"), "sphere"),
-        (("--motions", "graps"), "grasp"),
-        (("--backends", "dapq"), "daqp"),
-        (("--backends", " , "), "one name"),
+        (("--object", "spere"), "sphere"),
+        (("--motion", "graps"), "grasp"),
+        (("--qp", "dapq"), "daqp"),
+        (("--qp", " , "), "expected names with commas between"),
         (("--out", "qp.csv"), ".h5"),
     ):
         answer = run("bench", "qp", *words)

@@ -64,6 +64,7 @@ def test_what_comes_out_goes_in_again_unchanged(run: Run, damaged: Path, tmp_pat
 def test_refusals_are_one_line_and_leave_nothing(run: Run, damaged: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty.csv"
     empty.touch()
+    (tmp_path / "other.csv").write_text("t,x\n0,1\n")
     cases = [
         (("import", "none.npz"), "none.npz: cannot be read: No such file"),
         (("import", str(empty)), "empty; expected a recording"),
@@ -72,7 +73,8 @@ def test_refusals_are_one_line_and_leave_nothing(run: Run, damaged: Path, tmp_pa
         (("import", str(damaged), "--format", "npz"), "not an .npz archive"),
         (("import", str(damaged), "--columns", "none.toml"), "none.toml: cannot be read"),
         (("import", str(damaged), "--palm-axes", "x,y", "--format", "csv"), "expected three of x, y, z"),
-        (("import", str(damaged), "--out", "good.txt"), "a trajectory is a .h5 or a .csv file"),
+        (("import", str(damaged), "--out", "good.txt"), "good.txt is no name for a trajectory: it has to end"),
+        (("import", str(damaged), "--out", "other.csv"), "other.csv exists and is no trajectory, so it is"),
         (("import", str(damaged), "--out", str(damaged)), "is the recording itself"),
         (("import", str(damaged), "--scale-to", "190"), "--hand-length"),
         (("import", str(damaged), "--from", "90"), "no sample from 90 to inf s"),

@@ -167,7 +167,8 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
         (["cube", "--hand-file", "none.toml"], "none.toml: cannot read the hand file"),
         (["cube", "--out", "."], ". is a folder: name a file in it, such as run.h5"),
         (["cube", "--out", "none/run.h5"], "there is no folder"),
-        (["cube", "--out", "short.toml"], "short.toml exists and is no result file, so it is not replaced"),
+        (["cube", "--out", "run.txt"], "run.txt is no name for a result: it has to end in .h5 or .hdf5"),
+        (["cube", "--out", "notes.h5"], "notes.h5 exists and is no result file, so it is not replaced"),
         (["cube", "--out", "short.toml/run.h5"], "short.toml is a file, not a folder"),
         (["cube", "motion.csv", "--tremor", "0.1,0.2"], "--tremor is for scripts; 'motion.csv' is a recording"),
         (["empty.stl"], "empty.stl"),
@@ -182,6 +183,7 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
 def test_bad_input_is_told_in_one_line_and_leaves_nothing(
     run: Run, tmp_path: Path, short: Path, arguments: list[str], says: str
 ) -> None:
+    (tmp_path / "notes.h5").write_text("no result")
     (tmp_path / "empty.stl").write_text("solid empty\nendsolid empty\n")
     write_recording(tmp_path / "motion.csv")
     before = sorted(path.name for path in tmp_path.iterdir())

@@ -1,0 +1,49 @@
+"""Whether `hhsim` would take a line as its help, the README and the docs show it, without running it."""
+
+import importlib
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from unittest.mock import patch
+
+import click
+
+hhsim: click.Group = importlib.import_module("hhsim.cli.main").hhsim
+
+
+def parse(line: str) -> None:
+    """Parse a line such as `hhsim replay cube pinch --level 3  # a remark`; files need not exist, nor a viewer.
+
+    Raises:
+        click.ClickException, HhsimError: as the command line would tell: no such command, option or choice, a value
+            out of range, too many or too few words.
+    """
+    words = shlex.split(line, comments=True)
+    if ">" in words:
+        words = words[: words.index(">")]
+    assert words[0] == "hhsim", line
+    command: click.Command = hhsim
+    context = click.Context(hhsim, info_name="hhsim", **hhsim.context_settings)
+    rest = words[1:]
+    while isinstance(command, click.Group) and rest and not rest[0].startswith("-"):
+        name, found, rest = command.resolve_command(context, rest)
+        assert found is not None
+        context = click.Context(found, context, name)
+        command = found
+    with patch("hhsim.rerun_target.check_target"):
+        try:
+            command.make_context(context.info_name, rest, context.parent)
+        except click.exceptions.Exit as done:
+            assert done.exit_code == 0, line
+
+
+def shown_lines(page: Path) -> Iterator[str]:
+    """The command lines in the blocks `console` and `sh` of a Markdown page that call hhsim, continued lines joined."""
+    for block in page.read_text(encoding="utf-8").split("```")[1::2]:
+        language, _, text = block.partition("\n")
+        if language not in ("console", "sh"):
+            continue
+        for line in text.replace("\\\n", " ").splitlines():
+            line = line.removeprefix("$ ").strip()
+            if line.startswith("hhsim "):
+                yield line
