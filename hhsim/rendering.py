@@ -109,8 +109,6 @@ def lit(depth: FloatArray, normals: FloatArray, color: FloatArray, camera: Camer
         color: Of these pixels, shape (n, 3).
         camera: That sees it.
     """
-    from scipy.ndimage import gaussian_filter
-
     rows, columns = depth.shape
     scale, seen = rows / camera.height, np.isfinite(depth)
     light = LIGHT / np.linalg.norm(LIGHT)
@@ -119,7 +117,7 @@ def lit(depth: FloatArray, normals: FloatArray, color: FloatArray, camera: Camer
     shine = np.clip(normals @ (half / np.linalg.norm(half)), 0.0, None) ** 30
     # What lies behind its surroundings gets less light: depth against its blur stands in for ambient occlusion.
     far = np.where(seen, depth, depth[seen].min(initial=0.0))
-    blur = gaussian_filter(far, 0.006 * scale)
+    blur = _blurred(far, 0.006 * scale)
     shadow = np.clip(1.0 - np.clip(blur - far, 0.0, None)[seen] / 0.012, 0.45, 1.0)
     ambient = 0.36 + 0.10 * normals[:, 1]
     color = color * ((ambient + 0.66 * diffuse) * shadow)[:, None] + 0.10 * shine[:, None]
@@ -128,6 +126,20 @@ def lit(depth: FloatArray, normals: FloatArray, color: FloatArray, camera: Camer
     picture, facing = np.zeros((rows, columns, 3)), np.zeros((rows, columns))
     picture[seen], facing[seen] = np.clip(color, 0.0, 1.0), normals[:, 2]
     return Layer(picture, depth, facing)
+
+
+def _blurred(values: FloatArray, width: float) -> FloatArray:
+    """Smoothed by a Gaussian of so many pixels; a wide one is taken of a coarser grid, where it costs little."""
+    from scipy.ndimage import gaussian_filter, zoom
+
+    step = max(1, int(width / 4.0))
+    if step == 1:
+        return np.asarray(gaussian_filter(values, width))
+    rows, columns = values.shape
+    padded = np.pad(values, ((0, -rows % step), (0, -columns % step)), mode="edge")
+    coarse = padded.reshape(padded.shape[0] // step, step, -1, step).mean(axis=(1, 3))
+    smooth = gaussian_filter(coarse, width / step)
+    return np.asarray(zoom(smooth, step, order=1, grid_mode=True, mode="nearest"))[:rows, :columns]
 
 
 def blend(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:

@@ -6,6 +6,7 @@ the bodies that collided, at the configurations that were computed.
 """
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -174,8 +175,16 @@ def seen_through(
     return blend(layers)
 
 
-def label(axes: "Axes", forces: list[PhalanxForce], camera: Camera) -> None:
-    """Write the size of each force at the head of its arrow, or a line lower where another one stands."""
+def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: float = 11.0, pixel: float = 1.0) -> None:
+    """Write the size of each force at the head of its arrow, or a line lower where another one stands.
+
+    Args:
+        axes: of the picture.
+        forces: that are drawn.
+        camera: that they are seen by.
+        size: of the text [pt].
+        pixel: size of the picture's pixels by those of 100 to the inch.
+    """
     from matplotlib.patheffects import withStroke
 
     rows, columns = camera.shape
@@ -185,18 +194,25 @@ def label(axes: "Axes", forces: list[PhalanxForce], camera: Camera) -> None:
         along = camera.rotation @ arrow(force)
         tip = camera.rotation @ (force.contact - camera.center) + along
         away = along[:2] / max(float(np.linalg.norm(along[:2])), 1e-9)
-        place = np.array([0.5 * columns + scale * tip[0] + 20 * away[0], 0.5 * rows - scale * tip[1] - 12 * away[1]])
-        while any((np.abs(place - other) < (40.0, 15.0)).all() for other in placed):
-            place[1] += 3.0
+        head = np.array([0.5 * columns + scale * tip[0], 0.5 * rows - scale * tip[1]])
+        first = head + np.array([20.0 * away[0], -12.0 * away[1]]) / pixel
+        place = first.copy()
+        while any((np.abs(place - other) < (40.0 / pixel, 15.0 / pixel)).all() for other in placed):
+            place[1] += 3.0 / pixel
         placed.append(place)
+        color = tuple(0.8 * RED)
+        # A number that had to go further is tied to its arrow.
+        far = bool(place[1] - first[1] > 12.0 / pixel)
         axes.annotate(
             f"{np.linalg.norm(force.force):.1f} N",
-            (place[0], place[1]),
+            tuple(head) if far else tuple(place),
+            tuple(place),
             ha="center",
             va="center",
-            fontsize=11,
-            color=tuple(0.8 * RED),
+            fontsize=size,
+            color=color,
             path_effects=[withStroke(linewidth=3, foreground="white")],
+            arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.7, "shrinkB": 0.0} if far else None,
         )
 
 

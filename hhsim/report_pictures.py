@@ -1,7 +1,65 @@
 """The report's pictures of the hand: skin for the graphic hand, blue glass for the haptic one, forces in red."""
 
-from hhsim.report_figures import ReportFigure
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.clear_view import View, clear_view
+from hhsim.contact_points import ContactPoints, touching_points
+from hhsim.hand import FINGERS
+from hhsim.hand_pieces import PIECES
+from hhsim.metrics import FORCE_FLOOR
+from hhsim.placed_hand import PlacedHand
+from hhsim.rendering import Camera, blend, frame, look_from, shade
+from hhsim.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
+from hhsim.report_figures import DPI, INK, TEXT, ReportFigure, drawn_figure, new_figure, png_bytes
+from hhsim.rerun_plots import palm_force
+from hhsim.rerun_scene import force_places
 from hhsim.result import Result
+from hhsim.shown_ticks import ShownTicks, shown_ticks
+from hhsim.surface import Surface, hand_surface, joined, mesh_surface, painted
+from hhsim.view import shown_scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = NDArray[np.float64]
+
+PICTURE = (3.6, 3.2)
+"""Width and height of the picture of one tick [inches]."""
+OVERVIEW, HEADING = (3.5, 3.2), 0.24
+"""Of each half of the overview, and room for its title [inches]."""
+RENDER_DPI = 170
+"""Of what is rendered; text is finer."""
+DOT = "#212126"
+BAR = 0.02
+"""Of the bar that shows the scale [m]."""
+FAR = 1.2
+"""Of an object that is larger than the hands, what is farther from them than this much of their size is cut off."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One tick as it is drawn.
+
+    Attributes:
+        graphic, haptic, body: the surfaces.
+        forces: that can be felt.
+        contacts: touching pairs.
+        view: from where it is seen.
+        sentence: what the picture says.
+    """
+
+    graphic: Surface
+    haptic: Surface
+    body: Surface
+    forces: list[PhalanxForce]
+    contacts: ContactPoints
+    view: View
+    sentence: str
 
 
 def overview_picture(result: Result) -> ReportFigure:
@@ -10,7 +68,32 @@ def overview_picture(result: Result) -> ReportFigure:
     Raises:
         InputError: the result holds no tick, or its hand cannot be told (`hhsim.result_hand.hand_of`).
     """
-    raise NotImplementedError
+    tick = shown_tick(result)
+    moment = _moment(result, tick, None)
+    camera = _camera(moment, OVERVIEW)
+    panels = {
+        "what the user sees": blend([(shade(joined([moment.graphic, moment.body]), camera), 1.0)]),
+        "why: the user's own hand (blue), forces": _seen_through(moment, camera),
+    }
+
+    def draw(figure: "Figure", narrow: bool) -> None:
+        height = float(figure.get_figheight())
+        for number, (title, picture) in enumerate(panels.items()):
+            across, down = (0, number) if narrow else (number, 0)
+            bottom = height - (down + 1) * (HEADING + OVERVIEW[1])
+            size = 1.0 if narrow else 0.5
+            axes = figure.add_axes((across * size, bottom / height, size, OVERVIEW[1] / height))
+            _show(axes, picture, moment, camera, why=number == 1)
+            axes.set_title(title, fontweight="bold", loc="left", x=0.02, pad=4)
+
+    time = float(result.at(tick, ["time"])["time"])
+    caption = (
+        f"Tick {tick:,}, at {time:.3f} s: {_where(result, tick)}. First the graphic hand, which stays outside. Then "
+        "the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, and red arrows are "
+        "the contact forces, longer by the square root of their size."
+    )
+    height = HEADING + OVERVIEW[1]
+    return drawn_figure("hand", "The hand on the object", caption, moment.sentence, draw, height, 2.0 * height)
 
 
 def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = None) -> ReportFigure:
@@ -24,4 +107,103 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
     Raises:
         InputError: there is no such tick, or the result's hand cannot be told (`hhsim.result_hand.hand_of`).
     """
-    raise NotImplementedError
+    moment = _moment(result, tick, view)
+    with new_figure(*PICTURE) as figure:
+        camera = _camera(moment, PICTURE)
+        _show(figure.add_axes((0.0, 0.0, 1.0, 1.0)), _seen_through(moment, camera), moment, camera, why=True)
+        png = png_bytes(figure)
+    caption = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
+    size = round(PICTURE[0] * DPI), round(PICTURE[1] * DPI)
+    return ReportFigure(f"tick-{tick}", f"Tick {tick:,}", caption, moment.sentence, png, *size)
+
+
+def _moment(result: Result, tick: int, view: tuple[float, float] | None) -> Moment:
+    result.at(tick, ())
+    scene = shown_scene(result)
+    ticks = _shown(result, tick)
+    graphic, haptic = (
+        hand_surface(scene.hand, *(values[0] for values in pose)) for pose in (ticks.graphic, ticks.haptic)
+    )
+    body = _near(mesh_surface(scene.mesh, STONE), np.concatenate([graphic.points, haptic.points]))
+    contacts = touching_points(
+        scene.tree_arrays,
+        scene.shape,
+        PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation),
+        scene.touch,
+        fingers=scene.fingers,
+    )
+    force = np.concatenate([ticks.phalanx.reshape(1, 15, 3), palm_force(ticks.phalanx, ticks.total)[:, None]], axis=1)
+    places = force_places(ticks, contacts, force, scene.hand.radius)[0]
+    felt = np.flatnonzero(np.linalg.norm(force[0], axis=1) >= FORCE_FLOOR)
+    forces = [PhalanxForce(PIECES[k], places[k], force[0, k]) for k in felt]
+    if view is None:
+        vectors = np.array([arrow(one) for one in forces]).reshape(-1, 3)
+        chosen = clear_view(graphic.points, body.points, contacts.point, vectors)
+    else:
+        chosen = View(*view)
+    return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, chosen, _told(result, tick, ticks, forces))
+
+
+def _shown(result: Result, tick: int) -> ShownTicks:
+    def column(name: str) -> NDArray[Any]:
+        return np.ascontiguousarray(result.at(tick, (name,))[name][None])
+
+    return shown_ticks(column, [tick], [0], [0])
+
+
+def _near(body: Surface, hands: FloatArray) -> Surface:
+    """Of a large object the part near the hands, so that they fill the picture."""
+    low, high = hands.min(axis=0), hands.max(axis=0)
+    room = FAR * float(np.linalg.norm(high - low))
+    inside = ((body.points > low - room) & (body.points < high + room)).all(axis=1)
+    return replace(body, faces=body.faces[inside[body.faces].any(axis=1)])
+
+
+def _camera(moment: Moment, size: tuple[float, float]) -> Camera:
+    """For a picture of so many inches."""
+    body = moment.body.points[np.unique(moment.body.faces)]
+    points = np.concatenate([moment.graphic.points, moment.haptic.points, body])
+    return frame(points, look_from(moment.view.towards), (round(size[1] * RENDER_DPI), round(size[0] * RENDER_DPI)))
+
+
+def _seen_through(moment: Moment, camera: Camera) -> FloatArray:
+    return seen_through(moment.graphic, moment.haptic, moment.body, moment.forces, camera)
+
+
+def _show(axes: "Axes", picture: FloatArray, moment: Moment, camera: Camera, why: bool) -> None:
+    """Show a picture with the bar of its scale; `why` with contacts and the sizes of the forces too."""
+    axes.imshow(picture, interpolation="antialiased", aspect="auto")
+    axes.set_axis_off()
+    if why:
+        _dots(axes, moment.contacts.point, camera)
+        label(axes, moment.forces, camera, size=TEXT, pixel=100.0 / RENDER_DPI)
+    _bar(axes, camera)
+
+
+def _dots(axes: "Axes", points: FloatArray, camera: Camera) -> None:
+    seen = (points - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
+    axes.scatter(
+        0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1],
+        s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3,
+    )  # fmt: skip
+
+
+def _bar(axes: "Axes", camera: Camera) -> None:
+    rows, columns = camera.shape
+    long, left, down = BAR * rows / camera.height, 0.04 * columns, 0.95 * rows
+    axes.plot([left, left + long], [down, down], color=INK, linewidth=1.6, solid_capstyle="butt")
+    axes.text(left + 0.5 * long, down - 0.01 * rows, f"{100.0 * BAR:g} cm", ha="center", va="bottom")
+
+
+def _where(result: Result, tick: int) -> str:
+    return next((phase.name for phase in result.phases if phase.first_tick <= tick <= phase.last_tick), "no phase")
+
+
+def _told(result: Result, tick: int, ticks: ShownTicks, forces: list[PhalanxForce]) -> str:
+    touching = [finger for f, finger in enumerate(FINGERS) if any(one.name.startswith(finger) for one in forces)]
+    if any(one.name == PIECES[15] for one in forces):
+        touching.append("palm")
+    name = str(result.scene.get("object_name") or result.scene.get("object") or "the object")
+    total = float(np.linalg.norm(ticks.total[0]))
+    felt = f"forces on {', '.join(touching)}, {total:.2f} N in all" if forces else "no force"
+    return f"The hand at {name}, tick {tick:,}: {felt}."

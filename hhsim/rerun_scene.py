@@ -231,7 +231,7 @@ class RerunScene:
         )
         size = np.linalg.norm(force, axis=2)
         felt = size >= FORCE_FLOOR
-        start = _force_places(ticks, contacts, force, self.scene.hand.radius)
+        start = force_places(ticks, contacts, force, self.scene.hand.radius)
         arrows = rr.Arrows3D.columns(
             origins=start[felt].astype(np.float32),
             vectors=(FORCE_LENGTH * force[felt] / np.sqrt(size[felt])[:, None]).astype(np.float32),
@@ -248,7 +248,7 @@ class RerunScene:
         self.stream.send_columns(path, indexes=indexes, columns=columns, strict=True)
 
 
-def _force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, radius: FloatArray) -> FloatArray:
+def force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, radius: FloatArray) -> FloatArray:
     """Where each force is drawn [m], shape (T, 16, 3): amid the body's contact points, or where its skin faces it."""
     count = len(ticks.tick)
     middle = np.empty((count, 16, 3))

@@ -100,7 +100,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # A report of them.
     (
         *("envelope", "report_columns", "report_figures", "report_series", "report_histogram", "report_speed_error"),
-        *("report_pictures", "report_worst"),
+        *("clear_view", "report_pictures", "report_worst"),
     ),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
