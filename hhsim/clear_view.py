@@ -13,6 +13,8 @@ AZIMUTHS, ELEVATIONS = tuple(range(0, 360, 30)), (10.0, 35.0)
 """Views that are tried [degrees]."""
 CELLS = 40
 """Rows and columns of a trial."""
+GAIN = 0.5
+"""Of a score of at most about 2.5."""
 MOST_POINTS = 20_000
 """Of a surface; of one with more, so many evenly spread."""
 
@@ -30,7 +32,9 @@ class View(NamedTuple):
         return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def clear_view(hand: FloatArray, body: FloatArray, marks: FloatArray, forces: FloatArray) -> View:
+def clear_view(
+    hand: FloatArray, body: FloatArray, marks: FloatArray, forces: FloatArray, usual: View | None = None
+) -> View:
     """The view in which most is seen of the marks, then of hand and object, and forces are not seen end on.
 
     Args:
@@ -38,10 +42,11 @@ def clear_view(hand: FloatArray, body: FloatArray, marks: FloatArray, forces: Fl
         body: of the object's, shape (m, 3).
         marks: that should not be hidden by the object, shape (k, 3); may be none.
         forces: vectors, shape (j, 3); may be none.
+        usual: that another picture has; another view must be better by `GAIN` to be chosen.
     """
     skin, stone = (points[:: max(1, len(points) // MOST_POINTS)] for points in (hand, body))
     views = [View(float(azimuth), elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS]
-    return max(views, key=lambda view: _seen(view, skin, stone, marks, forces))
+    return max(views, key=lambda view: _seen(view, skin, stone, marks, forces) + GAIN * (view == usual))
 
 
 def _seen(view: View, skin: FloatArray, stone: FloatArray, marks: FloatArray, forces: FloatArray) -> float:

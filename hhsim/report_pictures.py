@@ -89,8 +89,8 @@ def overview_picture(result: Result) -> ReportFigure:
     time = float(result.at(tick, ["time"])["time"])
     caption = (
         f"Tick {tick:,}, at {time:.3f} s: {_where(result, tick)}. First the graphic hand, which stays outside. Then "
-        "the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, and red arrows are "
-        "the contact forces, longer by the square root of their size."
+        "the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, and the red "
+        "arrows are the contact forces, longer by the square root of their size."
     )
     height = HEADING + OVERVIEW[1]
     return drawn_figure("hand", "The hand on the object", caption, moment.sentence, draw, height, 2.0 * height)
@@ -102,12 +102,14 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
     Args:
         result: what was run.
         tick: number of the tick, from 0.
-        view: azimuth from x to y and elevation [degrees] of the viewer; None for the clearest of some.
+        view: azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or for the
+            clearest of some where much is hidden there.
 
     Raises:
         InputError: there is no such tick, or the result's hand cannot be told (`hhsim.result_hand.hand_of`).
     """
-    moment = _moment(result, tick, view)
+    usual = _moment(result, shown_tick(result), None).view
+    moment = _moment(result, tick, None if view is None else View(*view), usual)
     with new_figure(*PICTURE) as figure:
         camera = _camera(moment, PICTURE)
         _show(figure.add_axes((0.0, 0.0, 1.0, 1.0)), _seen_through(moment, camera), moment, camera, why=True)
@@ -117,7 +119,7 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
     return ReportFigure(f"tick-{tick}", f"Tick {tick:,}", caption, moment.sentence, png, *size)
 
 
-def _moment(result: Result, tick: int, view: tuple[float, float] | None) -> Moment:
+def _moment(result: Result, tick: int, view: View | None, usual: View | None = None) -> Moment:
     result.at(tick, ())
     scene = shown_scene(result)
     ticks = _shown(result, tick)
@@ -138,10 +140,8 @@ def _moment(result: Result, tick: int, view: tuple[float, float] | None) -> Mome
     forces = [PhalanxForce(PIECES[k], places[k], force[0, k]) for k in felt]
     if view is None:
         vectors = np.array([arrow(one) for one in forces]).reshape(-1, 3)
-        chosen = clear_view(graphic.points, body.points, contacts.point, vectors)
-    else:
-        chosen = View(*view)
-    return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, chosen, _told(result, tick, ticks, forces))
+        view = clear_view(graphic.points, body.points, contacts.point, vectors, usual)
+    return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, _told(result, tick, ticks, forces))
 
 
 def _shown(result: Result, tick: int) -> ShownTicks:

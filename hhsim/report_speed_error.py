@@ -1,9 +1,88 @@
-"""The report's picture of speed against error."""
+"""The report's picture of speed against error: each result a point, by what its file says."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from hhsim.report_figures import ReportFigure
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim import metrics
+from hhsim.errors import HhsimError
+from hhsim.kernels.mesh_bvh import build_mesh_bvh
+from hhsim.mesh_penetration import contact_error, mesh_clearance
+from hhsim.mesh_penetration import contact_points as touching_places
+from hhsim.placed_hand import PlacedHand
+from hhsim.report_figures import (
+    BUDGET,
+    LIMIT,
+    PAGE_INCHES,
+    PHONE_INCHES,
+    SOFT,
+    ReportFigure,
+    drawn_figure,
+    gridded,
+    run_labels,
+    run_style,
+    time_text,
+)
 from hhsim.result import Result
+from hhsim.run_errors import sampled
+from hhsim.speed_error_figure import PAPER_RANGE
+from hhsim.view import shown_scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SAMPLES = 20
+"""Ticks in contact at which the hand is held against the mesh: exact, and slow."""
+PAPER_DEPTH = 1e-4
+"""Deepest penetration that the paper states, about [m]."""
+MARKS = ("o", "s", "D", "^", "v", "P")
+PANEL, TITLE, LINE, BOTTOM = 2.0, 0.27, 0.19, 0.45
+"""Room [inches] for a panel, its title, a line of the legend, and below."""
+LETTER, SIGN = 0.075, 0.5
+"""Room [inches] for a letter of the legend, and for a sign of it."""
+LEFT = 0.6
+"""Room [inches] for the labels of the y axes."""
+
+
+@dataclass(frozen=True)
+class SpeedError:
+    """One point; NaN where a figure is undefined.
+
+    Attributes:
+        label: of the result.
+        p50, p99: CPU time of a tick in contact [s].
+        depth: deepest in the leaf spheres, all ticks [m].
+        mesh: deepest in the true mesh, or farthest that a contact point is off it, of sampled ticks [m].
+        excess: coupling energy above the optimum, mean of the hold [%].
+    """
+
+    label: str
+    p50: float
+    p99: float
+    depth: float
+    mesh: float
+    excess: float
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What a panel shows: the field of `SpeedError`, the title with the unit, the scale to it, and what is little."""
+
+    field: str
+    title: str
+    scale: float
+    least: float
+
+
+AXES = (
+    Axis("depth", "deep in the spheres [µm]", 1e6, 1e-3),
+    Axis("mesh", "off the true mesh [mm]", 1e3, 1e-2),
+    Axis("excess", "over the optimum [%]", 1.0, 1e-3),
+)
 
 
 def speed_error_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> ReportFigure:
@@ -16,4 +95,167 @@ def speed_error_figure(results: Sequence[Result], labels: Sequence[str] = ()) ->
     Raises:
         InputError: a file cannot be read.
     """
-    raise NotImplementedError
+    points = [_measured(label, result) for label, result in zip(run_labels(results, labels), results, strict=True)]
+
+    def draw(figure: "Figure", narrow: bool) -> None:
+        width, height = (float(size) for size in figure.get_size_inches())
+        names = LINE * _legend(points, width)[1]
+        columns = 1 if narrow else 3
+        share = (width - 0.08) / columns
+        for number, axis in enumerate(AXES):
+            across, down = (0, number) if narrow else (number, 0)
+            bottom = height - names - (down + 1) * (TITLE + PANEL) - down * BOTTOM
+            left = across * share + (LEFT if narrow else LEFT - 0.1)
+            room = share - (LEFT if narrow else LEFT - 0.1) - 0.08
+            axes = figure.add_axes((left / width, bottom / height, room / width, PANEL / height))
+            _draw_panel(axes, axis, points)
+        _draw_names(figure, points)
+
+    heights = [
+        LINE * _legend(points, width)[1] + rows * (TITLE + PANEL + BOTTOM) + 0.05
+        for rows, width in ((1, PAGE_INCHES), (3, PHONE_INCHES))
+    ]
+    title = "Speed against error"
+    return drawn_figure("speed-error", title, _caption(points), _alt(points), draw, heights[0], heights[1])
+
+
+def _measured(label: str, result: Result) -> SpeedError:
+    contact = result["contacts/candidates"] > 0
+    ticks = metrics.tick_statistics(result["duration/total_cpu"][contact])
+    return SpeedError(
+        label,
+        1e-6 * ticks.p50,
+        1e-6 * ticks.p99,
+        float(np.fmax.reduce(result["penetration_depth"], initial=0.0)) if result.ticks else np.nan,
+        _off_the_mesh(result, np.flatnonzero(contact)),
+        float(result.summary.get("tracking_excess", np.nan)),
+    )
+
+
+def _off_the_mesh(result: Result, contact: NDArray[np.int64]) -> float:
+    """Deepest in the mesh, or farthest from it at a touching pair, at sampled ticks [m]; NaN where nothing touches."""
+    try:
+        scene = shown_scene(result)
+        bvh = build_mesh_bvh(scene.mesh.vertices, scene.mesh.faces)
+    except HhsimError:
+        # A hand file that is gone, or another one now: the points cannot be told.
+        return np.nan
+    chosen = sampled(contact, SAMPLES)
+    ticks = [result.at(int(tick), ("graphic/joints", "graphic/position", "graphic/orientation")) for tick in chosen]
+    if not ticks:
+        return np.nan
+    placed = PlacedHand(*(np.array([tick[name] for tick in ticks]) for name in ticks[0]))
+    off = contact_error(bvh, np.concatenate(touching_places(scene.tree_arrays, scene.shape, placed, scene.touch)))
+    deepest = float(np.max(np.maximum(0.0, -mesh_clearance(bvh, scene.shape, placed))))
+    return float(np.maximum(deepest, off.max))
+
+
+def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError]) -> None:
+    gridded(axes)
+    axes.annotate(
+        axis.title, (0.0, 1.0), (-72 * (LEFT - 0.16), 6), xycoords="axes fraction", textcoords="offset points",
+        fontweight="bold", va="bottom", fontsize=9.0,
+    )  # fmt: skip
+    values = [axis.scale * float(getattr(point, axis.field)) for point in points]
+    known = [value for value in values if np.isfinite(value)]
+    some = [value for value in known if value > 0.0]
+    paper = axis.field == "depth"
+    low = 10.0 ** np.floor(np.log10(min([*some, axis.least * 10.0])))
+    high = 10.0 ** np.ceil(np.log10(max([*some, *([axis.scale * PAPER_DEPTH] if paper else []), 10.0 * low])) + 0.1)
+    # A logarithm has no zero: what is nothing stands below the lowest decade.
+    decades = float(np.log10(high / low))
+    zero = low * 10.0 ** (-0.12 * decades)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(zero * 10.0 ** (-0.1 * decades), high)
+    axes.axhline(low, color=SOFT, linewidth=0.5, linestyle=":")
+    _draw_times(axes, points)
+    if paper:
+        times = np.array(PAPER_RANGE) * 1e-6
+        axes.plot(times, [axis.scale * PAPER_DEPTH] * 2, color=SOFT, linewidth=3.0, solid_capstyle="round")
+        axes.annotate(
+            "the paper", (float(times[1]), axis.scale * PAPER_DEPTH), (-4.0, 3.0), textcoords="offset points",
+            ha="right", va="bottom", color=SOFT,
+        )  # fmt: skip
+    for number, (point, value) in enumerate(zip(points, values)):
+        if not np.isfinite(value) or not np.isfinite(point.p50):
+            continue
+        color, height = run_style(number)[0], value if value > 0.0 else zero
+        axes.plot([point.p50, point.p99], [height, height], color=color, linewidth=1.2)
+        axes.plot(point.p50, height, MARKS[number % len(MARKS)], color=color, markersize=6.0, zorder=4)
+        axes.plot(point.p99, height, "|", color=color, markersize=7.0)
+    if not known:
+        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+    powers = [10.0**k for k in range(round(np.log10(low)), round(np.log10(high)) + 1)]
+    powers = powers[:: 1 + len(powers) // 7]
+    axes.set_yticks([zero, *powers], ["0", *(f"{power:,.10g}" for power in powers)])
+    axes.minorticks_off()
+
+
+def _draw_times(axes: "Axes", points: Sequence[SpeedError]) -> None:
+    """The axis of the CPU time, with the line of 1 ms."""
+    times = [time for point in points for time in (point.p50, point.p99) if np.isfinite(time) and time > 0.0]
+    low, high = 0.5 * min([*times, 1e-5]), 2.0 * max([*times, BUDGET])
+    axes.set_xlim(low, high)
+    axes.axvline(BUDGET, color=LIMIT, linewidth=1.2)
+    named = [10.0**k for k in range(-7, 2) if low <= 10.0**k <= high]
+    axes.set_xticks(named, [time_text(time).replace(".0 ", " ") for time in named])
+    axes.set_xlabel("CPU time of a tick in contact")
+
+
+def _legend(points: Sequence[SpeedError], width: float) -> tuple[int, int]:
+    """Columns and lines of the legend in a figure of so many inches."""
+    longest = max((len(point.label) for point in points), default=1)
+    columns = max(1, min(len(points), int(width / (SIGN + LETTER * longest))))
+    return columns, -(-len(points) // columns)
+
+
+def _draw_names(figure: "Figure", points: Sequence[SpeedError]) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], marker=MARKS[n % len(MARKS)], color=run_style(n)[0], linewidth=1.2, label=point.label)
+        for n, point in enumerate(points)
+    ]
+    figure.legend(
+        handles=handles,
+        loc="upper left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=_legend(points, float(figure.get_figwidth()))[0],
+        borderaxespad=0.1,
+        borderpad=0.1,
+        handlelength=1.8,
+        labelspacing=0.25,
+    )
+
+
+def _caption(points: Sequence[SpeedError]) -> str:
+    text = (
+        "Mark: p50 of the CPU time of ticks in contact; the line from it ends at p99. Further left is faster, further "
+        "down is nearer to the truth; the axes are logarithmic, with a line of its own for 0 and less. First the "
+        "deepest penetration of the spheres. Then how far the hand is in the true mesh or a contact point off it, the "
+        f"larger, at up to {SAMPLES} ticks in contact: it holds the error of the sphere tree too. Last the coupling "
+        "energy over that of the local optimum, mean of the hold, as the table has it. Grey: what the paper states for "
+        "its own machine. Red: 1 ms."
+    )
+    missing = [point.label for point in points if not np.isfinite(point.p50)]
+    return text + (f" Not in contact, so without a point: {', '.join(missing)}." if missing else "")
+
+
+def _alt(points: Sequence[SpeedError]) -> str:
+    told = ["CPU time against three errors."]
+    for point in points:
+        if not np.isfinite(point.p50):
+            told.append(f"{point.label}: no tick in contact.")
+            continue
+        off = f"{1e3 * point.mesh:.3g} mm off the mesh" if np.isfinite(point.mesh) else "off the mesh not measured"
+        over = (
+            f"{round(point.excess, 6) + 0.0:.3g} % over the optimum"
+            if np.isfinite(point.excess)
+            else "no optimum computed"
+        )
+        told.append(
+            f"{point.label}: {time_text(point.p50)} to {time_text(point.p99)}, {1e6 * point.depth:.3g} µm deep in the "
+            f"spheres, {off}, {over}."
+        )
+    return " ".join(told)
