@@ -98,6 +98,11 @@ class DexmoRegression:
         whole = self.normalised(readings) @ self.slope.T + self.offset
         return whole[..., :15].reshape(*whole.shape[:-1], 5, 3), whole[..., 15:]
 
+    def bend_lines(self) -> tuple[Array, Array]:
+        """Angles of each finger as its bend alone moves them [rad]: slope and offset, each of shape (5, 3)."""
+        slope = np.stack([self.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(len(FINGERS))])
+        return slope, self.offset[:15].reshape(len(FINGERS), 3).copy()
+
     def bends(self, flexion: ArrayLike) -> Array:
         """The normalised bend of each finger that comes nearest to its three angles, 0 to 1, shape (…, 5).
 
@@ -106,8 +111,8 @@ class DexmoRegression:
         Args:
             flexion: [rad], shape (…, 5, 3).
         """
-        given = np.asarray(flexion, np.float64) - self.offset[:15].reshape(5, 3)
-        slope = np.stack([self.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(len(FINGERS))])
+        slope, offset = self.bend_lines()
+        given = np.asarray(flexion, np.float64) - offset
         size = (slope * slope).sum(axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             bend = (given * slope).sum(axis=-1) / size

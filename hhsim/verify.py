@@ -15,10 +15,14 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError, MeshError
 from hhsim.result import Result
 from hhsim.stored_scene import WHOLE_SINCE, stored_mesh
+from hhsim.verify_balance import force_claims
 from hhsim.verify_claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
+from hhsim.verify_depth import depth_claims
 from hhsim.verify_file import file_claims
 from hhsim.verify_metrics import metric_claims
-from hhsim.verify_ticks import TickReferee
+from hhsim.verify_posture import posture_claims
+from hhsim.verify_session import session_claims
+from hhsim.verify_ticks import JudgedTicks
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -28,8 +32,6 @@ MESH_LIMIT = 1e-3
 """Distances to the mesh from here on are not looked for [m]."""
 MESH_EXACT = 1e-8
 """How near the referee's two bounds of a distance to the mesh are to each other [m], see `hhsim.hand_referee`."""
-SAFE_METHODS = ("coupled", "progressive")
-"""Methods that promise that nothing penetrates."""
 
 
 @dataclass(frozen=True)
@@ -98,18 +100,16 @@ def verify(result: Result, *, every: int = 10, progress: Progress | None = None)
     claims = file_claims(result)
     told("kinematics", 1, 4)
     chosen = chosen_ticks(result, every)
-    referee = TickReferee(result, chosen)
-    claims += referee.posture_claims()
+    judge = JudgedTicks(result, chosen)
+    claims += posture_claims(judge)
     told("spheres", 2, 4)
-    claims += referee.contact_claims()
+    claims += depth_claims(judge)
     told("forces", 3, 4)
-    claims += referee.force_claims()
-    mesh, depth = _mesh_claim(result, referee, chosen, claims, told)
-    claims += [mesh, *metric_claims(result)]
+    claims += force_claims(judge)
+    mesh, depth = _mesh_claim(judge, claims, told)
+    claims += [mesh, *metric_claims(result), *session_claims(result)]
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
-    return Verification(
-        tuple(claims), result.ticks, len(chosen), every, referee.sphere_penetration, depth, stationarity
-    )
+    return Verification(tuple(claims), result.ticks, len(chosen), every, judge.sphere_penetration, depth, stationarity)
 
 
 def require_coal() -> None:
@@ -139,9 +139,7 @@ def chosen_ticks(result: Result, every: int) -> IntArray:
     return np.unique(np.concatenate([regular, odd[:: max(1, len(odd) // 50)], worst, last]).astype(np.int64))
 
 
-def _mesh_claim(
-    result: Result, referee: TickReferee, chosen: IntArray, claims: list[Claim], told: Progress
-) -> tuple[Claim, float]:
+def _mesh_claim(judge: JudgedTicks, claims: list[Claim], told: Progress) -> tuple[Claim, float]:
     """The graphic hand against the true mesh, by coal: a claim where the spheres cover it and nothing is in them."""
     from hhsim.hand_referee import HandReferee
     from hhsim.placed_hand import HandShape, PlacedHand
@@ -149,27 +147,26 @@ def _mesh_claim(
     name, says = "mesh", "the graphic hand stays out of the true mesh"
     why = "the bounds of the referee's own distance"
     try:
-        judge = HandReferee(stored_mesh(result))
+        referee = HandReferee(stored_mesh(judge.result))
     except MeshError as error:
         return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
-    hand, posed = referee.hand, referee.graphic
+    hand, posed, at = judge.hand, judge.chosen_posed, judge.chosen_shown
     shape = HandShape(hand.radius, hand.palm_center, hand.palm_radius)
-    at = referee.configuration
     # A hand at rest is the same hand over and over.
-    different = np.unique(np.round(posed.joints.reshape(len(chosen), -1), 10), axis=0, return_index=True)[1]
-    least = np.full(len(chosen), np.inf)
-    used = np.append(np.repeat(referee.fingers, 3), True)
+    rounded = np.round(posed.joints.reshape(len(judge.chosen), -1), 10)
+    different = np.unique(rounded, axis=0, return_index=True)[1]
+    least = np.full(len(judge.chosen), np.inf)
+    used = np.append(np.repeat(judge.fingers, 3), True)
     for done, i in enumerate(np.sort(different)):
         told("mesh", done, len(different))
         one = slice(i, i + 1)
         placed = PlacedHand(posed.joints[one], at.position[one], at.orientation[one])
-        least[i] = judge.clearances(shape, placed, MESH_LIMIT)[0][used].min()
+        least[i] = referee.clearances(shape, placed, MESH_LIMIT)[0][used].min()
     worst = int(least.argmin())
     depth = max(0.0, -float(least[worst]))
-    promised = result.scene["solver"]["method"] in SAFE_METHODS and any(
-        claim.name == "cover" and claim.verdict in (HOLDS, FAILS) for claim in claims
-    )
+    covers = any(claim.name == "cover" and claim.verdict in (HOLDS, FAILS) for claim in claims)
+    promised = judge.safe and covers
     verdict = NOT_CLAIMED if not promised else FAILS if depth > MESH_EXACT else HOLDS
     note = "" if promised else "neither the method nor the tree promises it"
-    tick = int(chosen[worst]) if depth > 0.0 else None
+    tick = int(judge.chosen[worst]) if depth > 0.0 else None
     return Claim(name, says, verdict, depth, MESH_EXACT, "m", tick, len(different), why, note), depth

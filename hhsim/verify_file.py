@@ -50,6 +50,13 @@ def file_claims(result: Result) -> list[Claim]:
     ]
 
 
+def follows(result: Result) -> NDArray[np.bool_]:
+    """Whether the row before each tick is the tick before it: not so of the first, and after a session's gaps; (T,)."""
+    after = np.zeros(result.ticks, bool)
+    after[1:] = True if result.live is None else np.diff(result["live/tick/record"]) == 1
+    return after
+
+
 def _complete(result: Result) -> Claim:
     says = "the run was not stopped: the file is complete"
     if result.complete:
@@ -69,9 +76,14 @@ def _checksums(result: Result) -> Claim:
 
 
 def _time(result: Result) -> Claim:
+    if result.live is not None:
+        deadline = np.asarray(result["live/tick/deadline"])
+        off = np.abs(result["time"] - 1e-9 * (deadline - deadline[0]))
+        says, why = "the time of a tick is that of its deadline", "rounding of time stamps"
+        return judged("time", says, off, 1e-9, "s", why, ticks=np.arange(result.ticks))
     step, rate = np.diff(result["time"]), float(result.scene.get("rate", 0.0))
     ticks = np.arange(1, result.ticks)
-    if result.live is not None or rate <= 0.0:
+    if rate <= 0.0:
         return all_true("time", "time goes on from tick to tick", ~(step > 0.0), ticks=ticks)
     return judged(
         "time",

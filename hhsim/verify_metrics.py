@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from hhsim.result import Result
 from hhsim.verify_claim import NOT_JUDGED, Claim, judged
+from hhsim.verify_file import follows
 
 FloatArray = NDArray[np.float64]
 
@@ -24,11 +25,11 @@ ELSEWHERE = {
 def metric_claims(result: Result) -> list[Claim]:
     """Every figure that follows from the stored ticks."""
     force, fingers = np.asarray(result["force/total"]), np.asarray(result["force/phalanx"]).sum(axis=2)
-    ticks = np.arange(result.ticks)
+    ticks, first = np.arange(result.ticks), ~follows(result)
     claims = []
     for name, column, own in (
-        ("force variation", "force_variation_rate", change_rate(force)),
-        ("finger variation", "force_variation_finger", change_rate(fingers)),
+        ("force variation", "force_variation_rate", change_rate(force, first)),
+        ("finger variation", "force_variation_finger", change_rate(fingers, first)),
     ):
         off = difference(result[column], own) / np.maximum(1.0, np.nan_to_num(np.abs(own)))
         claims.append(
@@ -42,7 +43,8 @@ def metric_claims(result: Result) -> list[Claim]:
                 ticks=ticks,
             )
         )
-    if result.complete:
+    # A session's figures are of all its periods: `hhsim.verify_session_figures`.
+    if result.complete and result.live is None:
         claims += _summary_claims(result)
     return claims
 
@@ -54,11 +56,11 @@ def difference(stored: NDArray[np.float64], own: FloatArray) -> FloatArray:
     return np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(stored - own)))
 
 
-def change_rate(force: FloatArray) -> FloatArray:
-    """One-tick change of the size of forces, shape (T, ..., 3) [N], in %; NaN below 0.01 N and at the first tick."""
+def change_rate(force: FloatArray, first: NDArray[np.bool_]) -> FloatArray:
+    """One-tick change of the size of forces (T, ..., 3) [N], in %; NaN below 0.01 N and at ticks that are `first`."""
     size = np.sqrt(np.einsum("...i,...i->...", force, force))
     rate = np.full(size.shape, np.nan)
-    for t in range(1, len(size)):
+    for t in np.flatnonzero(~first):
         with np.errstate(divide="ignore", invalid="ignore"):
             change = 100.0 * np.abs(size[t] / size[t - 1] - 1.0)
         rate[t] = np.where(size[t - 1] < FLOOR, np.nan, change)
@@ -67,9 +69,6 @@ def change_rate(force: FloatArray) -> FloatArray:
 
 def _summary_claims(result: Result) -> list[Claim]:
     own = own_summary(result)
-    if result.live is not None:
-        # A session's other figures are of all its periods, those without a tick included.
-        own = {name: own[name] for name in ("ticks", "penetration_max")}
     off = {}
     for name, value in own.items():
         if name in result.summary:
@@ -91,8 +90,8 @@ def _summary_claims(result: Result) -> list[Claim]:
         note = "; ".join(f"{name} {ELSEWHERE[name]}" for name in sorted(missing) if name in ELSEWHERE)
         other = [name for name in missing if name not in ELSEWHERE]
         if other:
-            whose = "of a session are of all its periods" if result.live is not None else "have no definition here"
-            note = "; ".join([*([note] if note else []), f"{len(other)} figures {whose}, such as {other[0]}"])
+            told = f"{len(other)} figures have no definition here, such as {other[0]}"
+            note = "; ".join([*([note] if note else []), told])
         claims.append(
             Claim("summary, rest", "figures that do not follow from the ticks", NOT_JUDGED, checked=0, note=note)
         )
@@ -112,7 +111,7 @@ def own_summary(result: Result) -> dict[str, float]:
             ripples.append(_ripple(force[part], float(result.scene.get("rate", 1000.0))))
     contact = np.asarray(result["contacts/candidates"]) > 0
     cpu, wall = (1e-9 * np.asarray(result[f"duration/{name}"], np.float64) for name in ("total_cpu", "total"))
-    variation = change_rate(force)[hold]
+    variation = change_rate(force, ~follows(result))[hold]
     variation = variation[~np.isnan(variation)]
     apart = np.asarray(result["haptic/position"]) - np.asarray(result["graphic/position"])
     step = np.sqrt(((force[1:] - force[:-1]) ** 2).sum(axis=1))[~hold[1:]]

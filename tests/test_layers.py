@@ -79,6 +79,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         *("verify", "verify_claim", "verify_contacts", "verify_file"),
         *("verify_coal", "verify_forces", "verify_hand", "verify_metrics", "verify_ticks"),
+        *("verify_posture", "verify_depth", "verify_balance"),
+        *("verify_rows", "verify_session", "verify_command", "verify_session_figures"),
     ),
     # A glove in the loop.
     ("live",),

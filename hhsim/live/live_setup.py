@@ -183,8 +183,12 @@ class LiveSetup:
         return round(1e9 / self.rate)
 
     def limits_json(self) -> dict[str, Any]:
-        """Limits and wishes as plain values."""
-        return {name: asdict(getattr(self, name)) for name in ("output", "safety", "real_time")}
+        """Limits and wishes as plain values, and what a bend is in angles [rad]: no set point is known without that."""
+        slope, offset = self.regression.bend_lines()
+        return {
+            **{name: asdict(getattr(self, name)) for name in ("output", "safety", "real_time")},
+            "bend": {"slope": slope.tolist(), "offset": offset.tolist()},
+        }
 
 
 def write_setup(setup: LiveSetup) -> int:

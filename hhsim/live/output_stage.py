@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import BEND, DexmoRegression
+from hhsim.dexmo_regression import DexmoRegression
 from hhsim.live.glove_device import FINGER_COUNT, FingerCommand
 from hhsim.live.live_records import Safety
 from hhsim.live.live_setup import OutputLimits
@@ -41,11 +41,10 @@ class OutputStage:
         self._move = limits.bend_speed * period
         self._ramp_ticks = max(1, math.ceil(limits.ramp / period))
         self._contact_force = limits.contact_force
-        slope = np.stack([regression.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(FINGER_COUNT)])
+        slope, self._offset = regression.bend_lines()
         size = (slope * slope).sum(axis=1, keepdims=True)
         # As `DexmoRegression.bends`, with the division done beforehand.
         self._gain = np.divide(slope, size, out=np.zeros_like(slope), where=size > 0.0)
-        self._offset = regression.offset[:15].reshape(FINGER_COUNT, 3).copy()
         self._good_ticks = 0
         self._begun = False
         self._angle = np.zeros((FINGER_COUNT, 3))

@@ -8,7 +8,7 @@ written where it was cut short:
 | device | what the driver says of the glove: name, hand, channels, unit, capabilities, doubtful (JSON) |
 | real_time | the mode that the loop achieved (JSON) |
 | pose | where the palm's pose came from |
-| limits | limits of the output, of safety, and what was asked of the system (JSON) |
+| limits | of the output, of safety, what was asked of the system, and what a bend is in angles (JSON) |
 | dry_run | 1: nothing was sent to the glove |
 | command | the command line (JSON) |
 | utc_offset | what has to be added to CLOCK_MONOTONIC to get the time since 1970, UTC [ns] |

@@ -59,7 +59,7 @@ class SimGlove(GloveDevice):
         if not (math.isfinite(config.rate) and 0.0 < config.rate <= 1e4):
             raise InputError(f"device sim gives samples at {config.rate} Hz; expected up to 10,000")
         self._regression = DexmoRegression.default()
-        self._slope = np.stack([self._regression.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(FINGER_COUNT)])
+        self._slope, _ = self._regression.bend_lines()
         self._playback = config.playback
         self._period = 1.0 / config.rate
         self._follow = 1.0 - math.exp(-self._period / LIMB_LAG)

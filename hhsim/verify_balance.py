@@ -1,0 +1,150 @@
+"""Claims of the forces: the wrench and the fingertips of all ticks, and at the chosen ones what balances them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.verify_claim import NOT_JUDGED, Claim, judged
+from hhsim.verify_contacts import PALM
+from hhsim.verify_file import leaves
+from hhsim.verify_forces import Moment, balance, explained, fingertip_normals, moment, on_its_way, proxy_forces
+from hhsim.verify_hand import Posed, turn_between
+from hhsim.verify_ticks import FULL, LAG, LENGTH, STUCK, JudgedTicks
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+FORCE = 1e-6
+"""Forces that differ by this share, or by this [N], are the same: a ten-thousandth of the least that has a rate."""
+WHY_FORCE = "a millionth: a ten-thousandth of the least force that has a rate"
+TURN = 4.0
+"""Normals at the end of a tick differ from those of its last program by at most its last step over the radii that
+roll on each other; times this for moments, whose levers move as well, and for both hands of a contact."""
+WHY_SLACK = "a millionth, and how far normals turn in the tick's last step, after which the program is not solved again"
+
+
+def force_claims(judge: JudgedTicks) -> list[Claim]:
+    """What the method and its force model claim of the forces."""
+    claims = [_wrench(judge), _fingertips(judge)]
+    method, force = judge.options["method"], judge.options["force"]
+    if method == "coupled":
+        claims.append(_stationarity(judge))
+    if force == "paper":
+        return [*claims, _eq_14(judge)]
+    if judge.safe:
+        return [*claims, _complementarity(judge), _balance(judge), *_stuck_forces(judge)]
+    note = f"of method {method} they do not: its programs are gone"
+    return [*claims, Claim("forces", "contact forces follow from the configuration", NOT_JUDGED, note=note)]
+
+
+def _wrench(judge: JudgedTicks) -> Claim:
+    pull = judge.pull[:, :6]
+    off = np.abs(pull - judge.result["force/palm_wrench"]).max(axis=1)
+    size = 1.0 + np.abs(pull).max(axis=1)
+    return judged("palm wrench", "Eq. 1: G (q_g − q_h)", off, FORCE * size, "N", WHY_FORCE, ticks=judge.numbers)
+
+
+def _fingertips(judge: JudgedTicks) -> Claim:
+    bears = np.abs(np.asarray(judge.result["force/phalanx"])).sum(axis=(2, 3)) > 0.0
+    stiffness = float(judge.options["stiffness"]["contact"])
+    tips = fingertip_normals(judge.shown_posed, judge.wanted_posed, bears, stiffness)
+    off = np.abs(tips - judge.result["force/fingertip_normal"]).max(axis=(1, 2))
+    room = FORCE * (1.0 + np.abs(tips).max(axis=(1, 2)))
+    says = "Fig. 9: k |E E₁| across the distal phalanx"
+    return judged("fingertips", says, off, room, "N", WHY_FORCE, ticks=judge.numbers)
+
+
+def _slack(judge: JudgedTicks, size: FloatArray) -> FloatArray:
+    """Tolerance [N] at the chosen ticks of forces of a size (n,): multipliers are of the program a step before."""
+    step = np.minimum(judge.moved[judge.chosen], float(judge.options["settled"]))
+    rolling = float(leaves(judge.result)[1].min() + min(judge.hand.radius.min(), judge.hand.palm_radius.min()))
+    return FORCE * (1.0 + size) + TURN * size * step / rolling
+
+
+def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
+    """Of the chosen ticks, those without some status flags; places in `chosen`."""
+    return np.flatnonzero(judge.status[judge.chosen] & (without | FULL) == 0)
+
+
+def _moment(judge: JudgedTicks, i: int) -> Moment:
+    flexion, pull = judge.chosen_shown.flexion[i], judge.pull[int(judge.chosen[i])]
+    return moment(judge.hand, judge.chosen_posed, flexion, judge.touching.of(i), i, pull)
+
+
+def _stationarity(judge: JudgedTicks) -> Claim:
+    """KKT: the coupling of a settled tick is balanced by pushes at what touches and joints at their limits."""
+    chosen = _judgeable(judge, STUCK | LAG)
+    off = np.array([balance(_moment(judge, int(i)), judge.scale) for i in chosen])
+    room = _slack(judge, np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1))[chosen]
+    says = "a settled tick is at the optimum: w = Jᵀλ + μ, λ ≥ 0 at what touches"
+    return judged("stationarity", says, off, room, "N", WHY_SLACK, ticks=judge.chosen[chosen])
+
+
+def _complementarity(judge: JudgedTicks) -> Claim:
+    """KKT: what does not touch bears nothing."""
+    chosen = _judgeable(judge, STUCK)
+    apart = judge.pairs.nearest(len(judge.chosen))[chosen] > judge.touch + LENGTH
+    size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
+    off = np.where(apart, size, 0.0).max(axis=1)
+    says = "what does not touch bears no force"
+    return judged("complementarity", says, off, FORCE, "N", "rounding of a sum", ticks=judge.chosen[chosen])
+
+
+def _balance(judge: JudgedTicks) -> Claim:
+    """The stored forces are pushes along normals at what touches, and balance the coupling."""
+    chosen = _judgeable(judge, STUCK)
+    stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
+    slack = _slack(judge, np.linalg.norm(stored, axis=1))
+    offset, progressive = float(judge.options["offset"]), judge.options["method"] == "progressive"
+    off = np.empty(len(chosen))
+    for n, i in enumerate(chosen):
+        at, force = _moment(judge, int(i)), stored[i]
+        late = bool(judge.status[judge.chosen[i]] & LAG)
+        ways = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
+        off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in ways), default=np.inf)
+        # On its way, or where the palm of `progressive` yields to a finger: what touches bears what it can.
+        if late or (progressive and off[n] > slack[i]):
+            pull = on_its_way(at, judge.diagonal, offset)
+            off[n] = min(off[n], explained(at, judge.scale, force, pull, False))
+    says = "forces push along the normals of what touches, and balance the coupling"
+    return judged("force balance", says, off, slack[chosen], "N", WHY_SLACK, ticks=judge.chosen[chosen])
+
+
+def _stuck_forces(judge: JudgedTicks) -> list[Claim]:
+    stuck = judge.stuck
+    if stuck.size == 0:
+        return []
+    off = np.abs(judge.stored_forces(stuck) - judge.stored_forces(stuck - 1)).max(axis=(1, 2))
+    says, why = "a stuck tick keeps the contact forces of the tick before", "nothing is computed anew"
+    return [judged("stuck forces", says, off, FORCE, "N", why, ticks=stuck)]
+
+
+def _eq_14(judge: JudgedTicks) -> Claim:
+    """Eq. 14 over what touches; left out are ticks with a pair within a nanometre of the limit, or not found."""
+    from scipy.spatial.transform import Rotation
+
+    close = np.abs(judge.pairs.distance - judge.touch) <= LENGTH
+    unclear = np.isin(np.arange(len(judge.chosen)), judge.pairs.tick[close])
+    if judge.options["method"] == "paper":
+        unclear |= judge.miscounted
+    chosen = np.flatnonzero(~unclear & (judge.status[judge.chosen] & FULL == 0))
+    wanted = Posed(*(values[judge.chosen] for values in judge.wanted_posed))
+    there = judge.wanted.at(judge.chosen).orientation
+    turn = Rotation.from_rotvec(turn_between(judge.chosen_shown.orientation, there)).as_matrix()
+    stiffness = float(judge.options["stiffness"]["contact"])
+    own = np.array(
+        [
+            proxy_forces(judge.touching.of(int(i)), judge.chosen_posed, wanted, turn[i], int(i), stiffness)
+            for i in chosen
+        ]
+    ).reshape(len(chosen), PALM + 1, 3)
+    off = np.abs(own - judge.stored_forces(judge.chosen[chosen])).max(axis=(1, 2))
+    return judged(
+        "Eq. 14",
+        "each body's force is the sum of k |p_g − p_h| n over what touches",
+        off,
+        FORCE * (1.0 + np.abs(own).sum(axis=(1, 2))),
+        "N",
+        WHY_FORCE,
+        ticks=judge.chosen[chosen],
+        note=f"{int(unclear.sum())} ticks left out, where it is unclear which pairs touch" if unclear.any() else "",
+    )

@@ -1,0 +1,175 @@
+"""Claims of what a session's fingers were told: free where there is a reason, and within the limits everywhere else."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.verify_claim import NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify_rows import SessionRows
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+STALE, NOT_FINITE, SOLVER_FAILED, OVERRUN, DEVICE_LOST, STOPPING, NO_GUARDIAN, DRY_RUN, NO_INPUT = (
+    1 << bit for bit in range(9)
+)
+"""Why the fingers are free: bits of `safety`."""
+HELD, FULL = 4, 16
+"""Flags of a tick's status: an input that is not finite, and more contacts than the solver holds."""
+ROUNDING = 1e-9
+"""Commands that differ by this are the same; a glove has a few thousand steps."""
+WHY_ROUNDING = "rounding; a glove has a few thousand steps"
+
+
+def command_claims(rows: SessionRows) -> list[Claim]:
+    """Reasons, free fingers, stiffness and set points."""
+    return [_reasons(rows), _free(rows), _stiffness(rows), _bounds(rows), _set_points(rows)]
+
+
+def _reasons(rows: SessionRows) -> Claim:
+    """Each reason that the file itself shows is given, and none that cannot be."""
+    result, bits = rows.result, rows.safety
+    status = np.asarray(result["status"])
+    safety = rows.limits["safety"]
+    wrong: dict[str, BoolArray] = {
+        "unknown": (bits < 0) | (bits >= 2 * NO_INPUT),
+        "dry run": (bits & DRY_RUN > 0) != rows.dry_run,
+        # Ticks before the first input are not in the file.
+        "no input yet": bits & NO_INPUT > 0,
+        "not finite": (status & HELD > 0) & (bits & NOT_FINITE == 0),
+        "solver failed": (status & FULL > 0) & (bits & SOLVER_FAILED == 0),
+        "overrun streak": _overrun(rows, int(safety["overruns"])) & (bits & OVERRUN == 0),
+        "stopping": _stopping(rows),
+    }
+    known = rows.used >= 0
+    if known.any():
+        age = rows.woke - rows.samples["time"][np.maximum(rows.used, 0)]
+        wrong["stale"] = known & (age > round(1e9 * safety["stale"])) & (bits & STALE == 0)
+    clear = rows.clear
+    if clear.any():
+        bad = ~rows.usable[np.maximum(rows.newest, 0)]
+        wrong["not finite"] |= clear & (bad != (bits & NOT_FINITE > 0)) & (status & HELD == 0)
+    if rows.dry_run or not safety["guardian"]:
+        wrong["no guardian"] = bits & NO_GUARDIAN > 0
+    found = [f"{name} at {int(ticks.argmax()):,}" for name, ticks in wrong.items() if ticks.any()]
+    says = "the reasons for free fingers are those that the stamps, the samples and the status show"
+    any_ = np.any(list(wrong.values()), axis=0)
+    return all_true("reasons", says, any_, ticks=rows.numbers, note=f"wrong: {', '.join(found)}" if found else "")
+
+
+def _overrun(rows: SessionRows, most: int) -> BoolArray:
+    """Ticks that end at least so many periods missed one after the other, or that lasted as long."""
+    missed = np.cumsum(rows.missed)
+    # What was missed before a gap, or before a tick that is not in the file, is not counted.
+    calm = (rows.missed == 0) | ~np.append(False, rows.closed[:-1])
+    before = np.where(rows.missed == 0, missed, missed - rows.missed)
+    streak = missed - before[np.maximum.accumulate(np.where(calm, rows.numbers, 0))]
+    lasted = np.asarray(rows.result["duration/total"], np.int64) >= most * rows.period_ns
+    return np.asarray((streak >= most) | lasted)
+
+
+def _stopping(rows: SessionRows) -> BoolArray:
+    """Only a session's last tick stops, and where it ended in its time or was told to, it does."""
+    stopping = rows.safety & STOPPING > 0
+    wrong = stopping & (rows.numbers < len(stopping) - 1)
+    if rows.result.complete and rows.live["ended"] in ("duration", "stopped") and not rows.failed_solver():
+        wrong[-1] |= not stopping[-1]
+    return np.asarray(wrong)
+
+
+def _free(rows: SessionRows) -> Claim:
+    """The claim that matters most: with any reason, no finger is pushed on."""
+    free = rows.safety != 0
+    pushed = np.where(free, np.abs(rows.stiffness).max(axis=1), 0.0)
+    says = "with a reason for it, every finger is free"
+    return judged("free fingers", says, pushed, 0.0, "1", "exact", ticks=rows.numbers)
+
+
+def _stiffness(rows: SessionRows) -> Claim:
+    """A finger is free, or as stiff as ramp, rise and its configured stiffness let it be, and then it bears a force."""
+    output, period = rows.limits["output"], 1e-9 * rows.period_ns
+    good = _good_ticks(rows)
+    ramp = max(1, math.ceil(output["ramp"] / period))
+    target = np.array(output["stiffness"]) * (np.minimum(good, ramp) / ramp)[:, None]
+    force = np.linalg.norm(np.asarray(rows.result["force/phalanx"]), axis=3).sum(axis=2)
+    least = float(output["contact_force"])
+    before = np.concatenate([np.zeros((1, 5)), rows.stiffness[:-1]])
+    # After a gap nobody knows what was told before it.
+    most = np.where(rows.follows[:, None], before + output["stiffness_rise"] * period, np.inf)
+    if rows.result["live/tick/record"][0] == 0:
+        most[0] = output["stiffness_rise"] * period
+    beyond = rows.stiffness - np.minimum(target, most)
+    sure = np.isfinite(most) & ~_after_gap(rows)[:, None]
+    off = np.where(sure, np.abs(beyond), np.maximum(0.0, beyond))
+    # A sum in another order: a force at the limit may be on either side of it.
+    bears = force >= least * (1.0 - ROUNDING)
+    off = np.where(bears, off, np.abs(rows.stiffness))
+    off = np.where(rows.stiffness == 0.0, 0.0, off)
+    says = "a finger is free, or bears a force and is as stiff as its ramp, its rise and its setting let it be"
+    return judged("stiffness", says, off.max(axis=1), ROUNDING, "1", WHY_ROUNDING, ticks=rows.numbers)
+
+
+def _good_ticks(rows: SessionRows) -> NDArray[np.int64]:
+    """Ticks without a reason since the fingers were last freed, this one included; after a gap as many as can be."""
+    freed = rows.safety != 0
+    # A tick that is not in the file, since its solver failed, freed them as well.
+    freed_before = rows.follows & ~np.append(False, rows.closed[:-1])
+    last = np.where(freed, rows.numbers, np.where(freed_before, rows.numbers - 1, -1))
+    since = rows.numbers - np.maximum.accumulate(last)
+    return np.where(_after_gap(rows) & ~freed, np.iinfo(np.int32).max, since)
+
+
+def _after_gap(rows: SessionRows) -> BoolArray:
+    """Ticks between a gap in the records and the next tick with a reason: their ramp began nobody knows when."""
+    gap = ~rows.follows
+    gap[0] = rows.result["live/tick/record"][0] > 0
+    last_gap = np.maximum.accumulate(np.where(gap, rows.numbers, -1))
+    last_freed = np.maximum.accumulate(np.where(rows.safety != 0, rows.numbers, -1))
+    return np.asarray(last_gap > last_freed)
+
+
+def _move(rows: SessionRows) -> float:
+    """How far a set point goes in a tick."""
+    return float(rows.limits["output"]["bend_speed"]) * 1e-9 * rows.period_ns
+
+
+def _bounds(rows: SessionRows) -> Claim:
+    outside = np.maximum(0.0, np.maximum(-rows.bend, rows.bend - 1.0)).max(axis=1)
+    stiff = np.maximum(-rows.stiffness, rows.stiffness - np.array(rows.limits["output"]["stiffness"])).max(axis=1)
+    step = np.abs(np.diff(rows.bend, axis=0)).max(axis=1, initial=0.0)
+    fast = np.zeros(len(outside))
+    fast[1:] = np.where(rows.follows[1:], np.maximum(0.0, step - _move(rows)), 0.0)
+    # Of what is not a number, no maximum is taken.
+    off = np.max([outside, np.maximum(0.0, stiff), fast], axis=0)
+    says = "bends are 0 to 1 and move no faster than their limit; no finger is stiffer than its setting"
+    return judged("command bounds", says, off, ROUNDING, "1", WHY_ROUNDING, ticks=rows.numbers)
+
+
+def _set_points(rows: SessionRows) -> Claim:
+    """Each finger is stopped at the bend nearest to its shown angles, by least squares, as fast as that may move."""
+    name, says = "set points", "each finger is stopped where the shown hand is, or as near as its speed lets it be"
+    bend = rows.limits.get("bend")
+    if bend is None:
+        note = "the file does not hold what a bend is in angles; it was written before hhsim stored that"
+        return Claim(name, says, NOT_JUDGED, note=note)
+    flexion = np.asarray(rows.result["graphic/flexion"]) - np.array(bend["offset"])
+    own = np.stack([_fitted(np.array(slope), flexion[:, f]) for f, slope in enumerate(bend["slope"])], axis=1)
+    own = np.clip(own, 0.0, 1.0)
+    before, move = np.concatenate([own[:1], rows.bend[:-1]]), _move(rows)
+    expected = np.clip(before + np.clip(own - before, -move, move), 0.0, 1.0)
+    finite = np.isfinite(own).all(axis=1)
+    finite &= np.isfinite(np.asarray(rows.result["force/phalanx"]).reshape(len(own), -1)).all(axis=1)
+    # A hand that is not a number moves nothing.
+    expected = np.where(finite[:, None], expected, before)
+    known = rows.follows.copy()
+    known[0] = bool(finite[0]) and rows.result["live/tick/record"][0] == 0
+    off = np.abs(rows.bend - expected).max(axis=1)[known]
+    return judged(name, says, off, ROUNDING, "1", WHY_ROUNDING, ticks=rows.numbers[known])
+
+
+def _fitted(slope: FloatArray, flexion: FloatArray) -> FloatArray:
+    """The bend that comes nearest to a finger's three angles (T, 3) [rad]; 0 where a bend moves none of them."""
+    if not slope.any():
+        return np.zeros(len(flexion))
+    return np.asarray((np.linalg.pinv(slope[:, None]) @ flexion.T)[0], np.float64)

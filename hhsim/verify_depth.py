@@ -1,0 +1,90 @@
+"""Claims of what the hand touches and how deep it is in it, at the chosen ticks."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.verify_claim import NOT_CLAIMED, Claim, all_true, judged
+from hhsim.verify_coal import EXACT, coal_distance
+from hhsim.verify_contacts import PALM
+from hhsim.verify_file import leaves
+from hhsim.verify_ticks import LENGTH, WHY_LENGTH, JudgedTicks
+
+FloatArray = NDArray[np.float64]
+
+NEVER_IN = 1e-12
+"""Rounding of a distance [m]: what promises not to penetrate may be this deep."""
+
+
+def depth_claims(judge: JudgedTicks) -> list[Claim]:
+    """Depths, touching pairs, and the nearest pair by a library."""
+    depth = np.maximum(0.0, -judge.pairs.nearest(len(judge.chosen)))
+    finger = depth[:, :PALM].reshape(-1, 5, 3).max(axis=2)
+    finger[:, ~judge.fingers] = np.nan
+    most = np.fmax(depth[:, PALM], np.nanmax(finger, axis=1, initial=0.0))
+    own = np.concatenate([most[:, None], depth[:, PALM:], finger], axis=1)
+    return [_depth(judge, own), _inside(judge, most), _touching(judge), _by_library(judge)]
+
+
+def _depth(judge: JudgedTicks, own: FloatArray) -> Claim:
+    result, chosen = judge.result, judge.chosen
+    stored = np.concatenate(
+        [
+            np.asarray(result["penetration_depth"])[chosen, None],
+            np.asarray(result["penetration_palm"])[chosen, None],
+            np.asarray(result["penetration_finger"])[chosen],
+        ],
+        axis=1,
+    )
+    one, other = np.isnan(own), np.isnan(stored)
+    off = np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(own - stored))).max(axis=1)
+    return judged("depth", "the depth in the spheres is as stored", off, LENGTH, "m", WHY_LENGTH, ticks=chosen)
+
+
+def _inside(judge: JudgedTicks, most: FloatArray) -> Claim:
+    chosen, method = judge.chosen, judge.options["method"]
+    says, why = "nothing of the hand is inside of a sphere", "rounding of a distance"
+    if judge.safe:
+        return judged("non-penetration", says, most, NEVER_IN, "m", why, ticks=chosen)
+    note = f"method {method} does not promise it; its deepest is {1e6 * most.max():.3g} µm"
+    tick = int(chosen[most.argmax()]) if most.any() else None
+    return Claim("non-penetration", says, NOT_CLAIMED, float(most.max()), NEVER_IN, "m", tick, len(chosen), why, note)
+
+
+def _touching(judge: JudgedTicks) -> Claim:
+    says, wrong = "as many pairs touch as stored", judge.miscounted
+    if judge.options["method"] == "paper":
+        note = f"method paper counts what its own detection finds; {int(wrong.sum())} ticks differ"
+        return Claim("touching pairs", says, NOT_CLAIMED, checked=len(judge.chosen), note=note)
+    why = "exact, but for pairs within 1 nm of the limit"
+    return all_true("touching pairs", says, wrong, ticks=judge.chosen, why=why)
+
+
+def _by_library(judge: JudgedTicks) -> Claim:
+    center, radius = leaves(judge.result)
+    hand, pairs, posed, off, ticks = judge.hand, judge.pairs, judge.chosen_posed, [], []
+    # Sorted by tick, then distance: the first of each tick is its nearest.
+    order = np.lexsort((pairs.distance, pairs.tick))
+    for n in order[np.unique(pairs.tick[order], return_index=True)[1]]:
+        i, body, leaf = int(pairs.tick[n]), int(pairs.body[n]), int(pairs.leaf[n])
+        if body == PALM:
+            away = np.linalg.norm(posed.palm[i] - center[leaf], axis=1) - hand.palm_radius
+            nearest = int(away.argmin())
+            a = b = posed.palm[i, nearest]
+            first = last = float(hand.palm_radius[nearest])
+        else:
+            f, k = divmod(body, 3)
+            a, b = posed.joints[i, f, k], posed.joints[i, f, k + 1]
+            first, last = (float(size) for size in hand.radius[f, k : k + 2])
+        found = coal_distance(a, b, first, last, center[leaf], float(radius[leaf]))
+        off.append(abs(found - float(pairs.distance[n])))
+        ticks.append(int(judge.chosen[i]))
+    return judged(
+        "distance by coal",
+        "the nearest pair is as far apart as the collision library has it",
+        off,
+        LENGTH + EXACT,
+        "m",
+        "a nanometre, and the bounds of the library's distance",
+        ticks=ticks,
+        note="" if off else "nothing is near",
+    )

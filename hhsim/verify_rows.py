@@ -1,0 +1,128 @@
+"""The rows of a recorded session as the referee reads them: which sample a tick had, and from when to when it ran.
+
+A loop of one thread sleeps until a deadline, reads, solves, tells the fingers, and sleeps again until a deadline that
+has not passed. So all that a tick did lies between its waking and the deadline that the next one slept for, and a
+sample belongs to the tick in whose span its bytes were read.
+"""
+
+import json
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.result import Result
+from hhsim.verify_file import follows
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+MOST_ANGLE = 2.0 * np.pi
+"""No joint of a hand is beyond this [rad]: a sample that says so is not used."""
+MOST_READ = 64
+"""Samples that a tick reads at most; what is left waits for the next one."""
+
+SOLVER_FAILED = "the solver failed"
+"""How a line of the log begins that tells of a tick without a hand."""
+LOOP_DIED = "the loop failed or was killed"
+"""Why a session ended that was not brought to its end."""
+
+
+class SessionRows:
+    """The tables of a session.
+
+    Args:
+        result: Of a session, schema 3 or later.
+
+    Attributes:
+        live: What the session says of itself.
+        limits: Of the output and of safety.
+        dry_run: Whether nothing was sent.
+        period_ns: Of a tick [ns].
+        numbers: Of the rows, shape (T,).
+        follows: Whether the row before is the tick before, shape (T,).
+        period, deadline, wakeup, latency, missed, safety: As /live/tick, shape (T,).
+        bend, stiffness: What each finger was told, shape (T, 5).
+        woke: When the loop woke [ns], shape (T,).
+        closed: Whether it is known when the tick was over, shape (T,).
+        over: Where it is: the deadline that the next tick slept for [ns], shape (T,).
+    """
+
+    def __init__(self, result: Result) -> None:
+        """Read the ticks."""
+        self.result = result
+        self.live: dict[str, Any] = dict(result.live or {})
+        self.limits: dict[str, Any] = json.loads(str(self.live["limits"]))
+        self.dry_run = bool(self.live["dry_run"])
+        self.period_ns = round(1e9 / float(result.scene["rate"]))
+        self.numbers = np.arange(result.ticks)
+        self.follows = follows(result)
+        self.period, self.deadline, self.wakeup, self.latency, self.missed, self.safety = (
+            np.asarray(result[f"live/tick/{name}"], np.int64)
+            for name in ("period", "deadline", "wakeup", "latency", "missed", "safety")
+        )
+        self.bend = np.asarray(result["live/tick/command_bend"])
+        self.stiffness = np.asarray(result["live/tick/command_stiffness"])
+        slept_over = self.wakeup // self.period_ns * self.period_ns
+        self.woke = self.deadline + self.wakeup - slept_over
+        # A period whose tick is not in the file, since the solver failed, has a span that nobody knows.
+        whole = np.zeros(result.ticks, bool)
+        whole[1:] = np.diff(self.period) == 1 + self.missed[1:]
+        whole &= self.follows
+        self.closed = np.append(whole[1:], False)
+        self.over = np.append((self.deadline - slept_over)[1:], 0)
+
+    @cached_property
+    def samples(self) -> dict[str, NDArray[Any]]:
+        """The columns of /live/sample that claims are about, by name."""
+        names = ("record", "seq", "time", "good", "flexion", "abduction")
+        return {name: np.asarray(self.result[f"live/sample/{name}"]) for name in names}
+
+    @property
+    def samples_whole(self) -> bool:
+        """Whether every sample that came should be in the file."""
+        return self.result.complete and int(self.live["lost_samples"]) == 0
+
+    @cached_property
+    def usable(self) -> BoolArray:
+        """Samples that are finite and of a hand, shape (S,)."""
+        angles = np.concatenate(
+            [self.samples["flexion"].reshape(-1, 15), self.samples["abduction"].reshape(-1, 5)], axis=1
+        )
+        # NaN compares false.
+        return np.asarray((self.samples["good"] == 1) & (np.abs(angles) <= MOST_ANGLE).all(axis=1))
+
+    @cached_property
+    def used(self) -> IntArray:
+        """Row of the sample that each tick says it used, -1 where it is not in the file, shape (T,)."""
+        seq, wanted = self.samples["seq"], np.asarray(self.result["input_seq"], np.int64)
+        if len(seq) == 0:
+            return np.full(len(wanted), -1)
+        order = np.argsort(seq, kind="stable")
+        place = np.clip(np.searchsorted(seq[order], wanted), 0, len(seq) - 1)
+        row = order[place]
+        return np.where(seq[row] == wanted, row, -1)
+
+    @cached_property
+    def newest(self) -> IntArray:
+        """Row of the last sample whose bytes were read before each tick was over, -1 for none, shape (T,)."""
+        return np.searchsorted(self.samples["time"], self.over) - 1
+
+    @cached_property
+    def clear(self) -> BoolArray:
+        """Ticks of which it is known what they read: a burst of more than `MOST_READ` samples is read in several."""
+        if not self.samples_whole:
+            return np.zeros(self.result.ticks, bool)
+        before = np.concatenate([[-1], self.used[:-1]])
+        return self.closed & (self.used >= 0) & (self.newest - before < MOST_READ)
+
+    def failed_solver(self) -> bool:
+        """Whether the log tells of a solver that failed, or may have: such a tick is not in the file."""
+        return int(self.live["lost_events"]) > 0 or any(text.startswith(SOLVER_FAILED) for text in self.log)
+
+    @cached_property
+    def log(self) -> list[str]:
+        """Lines of the session's log."""
+        return [bytes(text).rstrip(b"\0").decode("utf-8", "replace") for text in self.result["live/event/text"]]

@@ -1,0 +1,143 @@
+"""Claims that only a recorded session makes: its periods, its latency, its samples, and what they became."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.result import Result
+from hhsim.verify_claim import Claim, all_true, judged
+from hhsim.verify_command import DEVICE_LOST, command_claims
+from hhsim.verify_rows import SessionRows
+from hhsim.verify_session_figures import session_figures_claims
+
+IntArray = NDArray[np.int64]
+
+FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
+JUMPED = "jumped by"
+"""Such a line of the log, after a finger's name, tells that it was not believed."""
+ONE_CLOCK = "one clock stamps all of them"
+
+
+def session_claims(result: Result) -> list[Claim]:
+    """What a session claims; nothing of a replay."""
+    if result.live is None:
+        return []
+    rows = SessionRows(result)
+    return [
+        _records(rows),
+        _deadlines(rows),
+        _missed(rows),
+        _wakeup(rows),
+        _latency(rows),
+        _samples(rows),
+        _newest(rows),
+        _haptic(rows),
+        *command_claims(rows),
+        *session_figures_claims(rows),
+    ]
+
+
+def _records(rows: SessionRows) -> Claim:
+    """Ticks and samples are numbered by the loop; what is not there was lost, and the file says how many."""
+    wrong, notes = [], []
+    for what, record in (("ticks", np.asarray(rows.result["live/tick/record"])), ("samples", rows.samples["record"])):
+        wrong.append(bool((np.diff(record, prepend=-1) < 1).any()))
+        missing = int(record[-1]) + 1 - len(record) if len(record) else 0
+        stated = int(rows.live[f"lost_{what}"])
+        # Where the recorder was killed, its last word may be older than its last block.
+        wrong.append(rows.result.complete and missing != stated)
+        if wrong[-1]:
+            notes.append(f"{missing:,} {what} are missing, {stated:,} are said to be lost")
+    says = "records are in their order, and those that are missing are said to be lost"
+    return all_true("records", says, np.array(wrong), note="; ".join(notes))
+
+
+def _deadlines(rows: SessionRows) -> Claim:
+    due = rows.deadline[0] + rows.period_ns * (rows.period - rows.period[0])
+    back = np.diff(rows.period, prepend=-1) < 1
+    off = np.where(back, np.inf, np.abs(rows.deadline - due) * 1e-9)
+    says = f"deadlines are {1e-6 * rows.period_ns:g} ms apart, by the numbers of their periods"
+    return judged("deadlines", says, off, 0.0, "s", "whole nanoseconds", ticks=rows.numbers)
+
+
+def _missed(rows: SessionRows) -> Claim:
+    """A period has a tick or is missed; only a tick whose solver failed is neither, and that is in the log."""
+    gone = np.diff(rows.period, prepend=-1) - 1 - rows.missed
+    wrong = (rows.missed < 0) | (gone < 0)
+    if not rows.failed_solver():
+        wrong |= rows.follows & (gone > 0)
+    says = "every period without a tick is counted as missed"
+    return all_true("missed periods", says, wrong, ticks=rows.numbers)
+
+
+def _wakeup(rows: SessionRows) -> Claim:
+    early = np.maximum(0, -rows.wakeup)
+    slept_over = rows.wakeup // rows.period_ns > rows.missed
+    work = np.asarray(rows.result["duration/total"], np.int64)
+    long_ = np.where(rows.closed, np.maximum(0, rows.woke + work - rows.over), 0)
+    off = np.where(slept_over, np.inf, 1e-9 * np.maximum(early, long_))
+    says = "a tick wakes after its deadline and is done before the next one's; periods slept over are missed ones"
+    return judged("wake-up", says, off, 0.0, "s", ONE_CLOCK, ticks=rows.numbers)
+
+
+def _latency(rows: SessionRows) -> Claim:
+    """A latency ends where the command is handed over: after the tick's work, and before the loop slept again."""
+    told = np.flatnonzero(rows.latency != -1)
+    lost = (rows.safety[told] & DEVICE_LOST > 0) & (not rows.dry_run)
+    off = np.where((rows.latency[told] < 0) | lost, np.inf, 0.0)
+    clear = rows.clear[told]
+    at = told[clear]
+    read = rows.samples["time"][rows.newest[at]]
+    sent = read + rows.latency[at]
+    begin = rows.woke[at] + np.asarray(rows.result["duration/total"], np.int64)[at]
+    outside = np.maximum(np.maximum(0, begin - sent), sent - rows.over[at])
+    # Without a sample of its own, a tick has no latency to tell.
+    off[clear] = np.maximum(off[clear], np.where(read < rows.woke[at], np.inf, 1e-9 * outside))
+    says = "from a sample that the tick read to a command after its work and before the next deadline"
+    return judged("latency", says, off, 0.0, "s", ONE_CLOCK, ticks=told, note=_unclear(rows))
+
+
+def _samples(rows: SessionRows) -> Claim:
+    seq, time, good = (rows.samples[name] for name in ("seq", "time", "good"))
+    finite = np.isfinite(rows.samples["flexion"]).all(axis=(1, 2)) & np.isfinite(rows.samples["abduction"]).all(axis=1)
+    wrong = (np.diff(seq, prepend=-1) < 1) | (np.diff(time, prepend=0) < 0) | (good > 1) | ((good == 1) & ~finite)
+    says = "samples are in the order in which they came, and good ones are finite"
+    return all_true("samples", says, wrong)
+
+
+def _newest(rows: SessionRows) -> Claim:
+    """No tick goes on with an old hand where a newer one had come, nor with one that may not be used."""
+    used, known = rows.used, rows.used >= 0
+    wrong = ~known if rows.samples_whole else np.zeros(len(used), bool)
+    wrong[known] |= ~rows.usable[used[known]]
+    late = known & rows.closed
+    wrong[late] |= rows.samples["time"][used[late]] >= rows.over[late]
+    usable = np.flatnonzero(rows.usable)
+    clear = np.flatnonzero(rows.clear)
+    place = np.searchsorted(usable, rows.newest[clear], side="right") - 1
+    wrong[clear] |= (place < 0) | (usable[np.maximum(place, 0)] != used[clear]) if len(usable) else True
+    says = "a tick has the newest usable sample whose bytes were read in it"
+    return all_true("newest sample", says, wrong, ticks=rows.numbers, note=_unclear(rows))
+
+
+def _haptic(rows: SessionRows) -> Claim:
+    """The user's fingers are those of the sample; one that jumped is not believed, named in the log, and kept free."""
+    known = np.flatnonzero(rows.used >= 0)
+    differs = np.zeros((len(known), 5), bool)
+    for name in ("flexion", "abduction"):
+        given = np.asarray(rows.result[f"haptic/{name}"])[known]
+        came = rows.samples[name][rows.used[known]]
+        differs |= (given != came).reshape(len(known), 5, -1).any(axis=2)
+    named = np.array([any(line.startswith(f"{name} {JUMPED}") for line in rows.log) for name in FINGER_NAMES])
+    if int(rows.live["lost_events"]) > 0:
+        named[:] = True
+    wrong = (differs & ((rows.stiffness[known] > 0.0) | ~named)).any(axis=1)
+    count = int(differs.any(axis=1).sum())
+    note = f"in {count:,} ticks a finger jumped and was not believed" if count and not wrong.any() else ""
+    says = "the user's fingers are those of the sample; where one is not, the log names it and it is free"
+    return all_true("fingers of the sample", says, wrong, ticks=known, note=note)
+
+
+def _unclear(rows: SessionRows) -> str:
+    """How many ticks cannot be judged by their samples; the last one never can."""
+    unclear = int((~rows.clear).sum())
+    return f"of {unclear:,} ticks it is not known when they ended or what they read" if unclear > 1 else ""

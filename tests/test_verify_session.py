@@ -1,0 +1,394 @@
+"""The referee on recorded sessions: an honest one with every mishap passes, what is forged in one is found by name."""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from live_rings import FACTS, ended
+from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
+from verify_document import documented_faults
+
+from hhsim import verify_command, verify_rows, verify_session, verify_session_figures
+from hhsim.dexmo_regression import DexmoRegression
+from hhsim.kernels.tick_state import STATUS_FULL, STATUS_HELD
+from hhsim.live import glove_watch, live_loop, recorder
+from hhsim.live.live_loop import LiveLoop, loop_options
+from hhsim.live.live_records import Safety
+from hhsim.live.live_setup import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.pose_sources import FixedPose
+from hhsim.live.recorder import Recorder
+from hhsim.live.safety_gate import WORDS
+from hhsim.live.session_memory import SessionMemory
+from hhsim.live.session_writer import SessionWriter
+from hhsim.live.shared_memory import RingReader
+from hhsim.result import Result, load_result
+from hhsim.verify import Verification, verify
+from hhsim.verify_claim import HOLDS, NOT_JUDGED
+
+pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
+
+PERIOD = 1_000_000
+CLOSING = [Moment(FREE + (FIST - FREE) * i / 80) for i in range(80)]
+HOLDING = [Moment(FIST)] * 60
+SCRIPT = [
+    *CLOSING,
+    *HOLDING,
+    *[Moment(FIST, good=False)] * 4,
+    *HOLDING,
+    *[Moment(None)] * 40,
+    *HOLDING,
+    Moment(FIST, gone=True),
+    *HOLDING,
+    Moment(FIST, send_fails=True),
+    *HOLDING,
+    # A jump in one sample, and back.
+    Moment(0.2),
+    *HOLDING,
+    Moment(FIST, work_ns=12 * PERIOD),
+    *HOLDING,
+]
+HOLD = 130
+"""A tick in which all fingers but the index finger, which touches nothing, are held at their full stiffness."""
+STALE = 80 + 60 + 4 + 60 + 35
+"""A tick without fresh input."""
+OVERSLEPT = 100
+"""The tick after this one comes three periods late."""
+OUTPUT = OutputLimits(ramp=0.02)
+LIVE_CLAIMS = (
+    *("time", "records", "deadlines", "missed periods", "wake-up", "latency", "samples", "newest sample"),
+    *("fingers of the sample", "reasons", "free fingers", "stiffness", "command bounds", "set points"),
+    "session figures",
+)
+
+
+class Scripted:
+    """A loop that has run the script on a clock of its own: the same bytes every time."""
+
+    def __init__(self, record: Path, **changes: Any) -> None:
+        given = {"output": OUTPUT, "safety": SafetyLimits(guardian=False), "duration": 1e-3 * (len(SCRIPT) + 1)}
+        self.setup: LiveSetup = make_setup(**{**given, "record": record, **changes})
+        self.memory = SessionMemory.create()
+        clock = FakeClock()
+        glove = ScriptedGlove(clock, SCRIPT, {OVERSLEPT: lambda: clock.oversleep.append(int(3.4 * PERIOD))})
+        pose = FixedPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        self.loop = LiveLoop(self.setup, self.memory, glove, pose, clock=clock)
+        self.reason = self.loop.run()
+        # The solver measures by the true clock: its times are made those of the script's.
+        ticks = self.memory.ticks.records
+        ticks["duration"], ticks["duration_total"], ticks["duration_cpu"] = 1000, 120_000, 100_000
+        ticks["latency_ns"][ticks["latency_ns"] >= 0] += 50_000
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    path = tmp_path_factory.mktemp("session") / "session.h5"
+    scripted = Scripted(path)
+    assert scripted.reason == "duration"
+    ended(scripted.memory, os.getpid())
+    Recorder(scripted.setup, scripted.memory).run()
+    return load_result(path)
+
+
+def failing(found: Verification) -> set[str]:
+    return {claim.name for claim in found.claims if claim.failed}
+
+
+def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
+    safety, missed = session["live/tick/safety"], session["live/tick/missed"]
+    for why in (Safety.STALE_INPUT, Safety.NOT_FINITE, Safety.DEVICE_LOST, Safety.OVERRUN_STREAK, Safety.STOPPING):
+        assert (safety & int(why)).any(), why
+    assert missed[OVERSLEPT + 1] == 3 and missed.max() >= 10
+    assert session["live/tick/command_stiffness"][HOLD, 2:].min() == pytest.approx(0.3), "nothing is held"
+    assert session["force/total"][HOLD].any()
+    assert any(b"jumped by" in line for line in session["live/event/text"])
+    found = verify(session, every=50)
+    assert failing(found) == set()
+    claims = {claim.name: claim for claim in found.claims}
+    assert {name: claims[name].verdict for name in LIVE_CLAIMS} == dict.fromkeys(LIVE_CLAIMS, HOLDS)
+    assert all(claims[name].checked > 300 for name in LIVE_CLAIMS if name not in ("records", "session figures"))
+    assert "not believed" in claims["fingers of the sample"].note
+    assert "summary" not in claims
+
+
+# Each fault: what is done to the file, and the claim that finds it.
+
+
+def pushed_though_stale(file: h5py.File) -> None:
+    file["live/tick/command_stiffness"][STALE, 1] = 0.3
+
+
+def excused_though_pushed(file: h5py.File) -> None:
+    file["live/tick/safety"][HOLD] = int(Safety.NO_GUARDIAN)
+
+
+def unsaid_stale(file: h5py.File) -> None:
+    file["live/tick/safety"][STALE] = 0
+
+
+def unsaid_bad_sample(file: h5py.File) -> None:
+    file["live/tick/safety"][142] = 0
+
+
+def unsaid_overrun(file: h5py.File) -> None:
+    tick = int(np.argmax(file["live/tick/missed"][...]))
+    file["live/tick/safety"][tick] = 0
+
+
+def unsaid_stop(file: h5py.File) -> None:
+    file["live/tick/safety"][-1] = 0
+
+
+def unknown_reason(file: h5py.File) -> None:
+    file["live/tick/safety"][STALE] = 512
+
+
+def beyond_the_setting(file: h5py.File) -> None:
+    file["live/tick/command_stiffness"][HOLD, 2] = 0.31
+
+
+def seized_at_once(file: h5py.File) -> None:
+    """Right after a fault, fingers are as stiff as before it."""
+    first = int(np.flatnonzero(file["live/tick/safety"][...])[-1])
+    while file["live/tick/safety"][first]:
+        first -= 1
+    begin = first
+    while not file["live/tick/safety"][begin - 1]:
+        begin -= 1
+    file["live/tick/command_stiffness"][begin] = 0.3
+
+
+def stiff_in_the_air(file: h5py.File) -> None:
+    file["live/tick/command_stiffness"][10, 1] = 0.1
+
+
+def softer_than_said(file: h5py.File) -> None:
+    file["live/tick/command_stiffness"][HOLD, 2] = 0.2
+
+
+def bend_beyond_a_fist(file: h5py.File) -> None:
+    file["live/tick/command_bend"][HOLD, 3] = 1.001
+
+
+def leaping_set_point(file: h5py.File) -> None:
+    file["live/tick/command_bend"][HOLD, 3] += 0.05
+
+
+def shifted_set_point(file: h5py.File) -> None:
+    """Slowly enough for every limit, and not where the shown hand is."""
+    file["live/tick/command_bend"][HOLD, 3] -= 1e-3
+
+
+def uncounted_miss(file: h5py.File) -> None:
+    file["live/tick/missed"][OVERSLEPT + 1] -= 1
+
+
+def invented_miss(file: h5py.File) -> None:
+    file["live/tick/missed"][HOLD] = 1
+
+
+def moved_deadline(file: h5py.File) -> None:
+    file["live/tick/deadline"][HOLD] += 1000
+
+
+def wrong_time(file: h5py.File) -> None:
+    file["tick/time"][HOLD] += 1e-4
+
+
+def early_wake_up(file: h5py.File) -> None:
+    file["live/tick/wakeup"][HOLD] = -5
+
+
+def overslept_and_not_missed(file: h5py.File) -> None:
+    file["live/tick/wakeup"][HOLD] = 2 * PERIOD
+
+
+def longer_than_its_period(file: h5py.File) -> None:
+    file["tick/duration/total"][HOLD] = PERIOD + 1
+
+
+def latency_before_the_work_is_done(file: h5py.File) -> None:
+    file["live/tick/latency"][HOLD] = 0
+
+
+def latency_beyond_the_period(file: h5py.File) -> None:
+    file["live/tick/latency"][HOLD] += PERIOD
+
+
+def latency_without_a_sample(file: h5py.File) -> None:
+    file["live/tick/latency"][STALE] = 50_000
+
+
+def older_sample(file: h5py.File) -> None:
+    file["tick/input_seq"][HOLD] -= 1
+
+
+def bad_sample_used(file: h5py.File) -> None:
+    file["live/sample/good"][HOLD] = 0
+
+
+def samples_out_of_order(file: h5py.File) -> None:
+    file["live/sample/time"][HOLD] = file["live/sample/time"][HOLD - 2]
+
+
+def other_finger(file: h5py.File) -> None:
+    file["tick/haptic/flexion"][HOLD, 2, 0] += 1e-4
+
+
+def unsaid_loss(file: h5py.File) -> None:
+    file["live/tick/record"][HOLD:] += 1
+
+
+def invented_loss(file: h5py.File) -> None:
+    file["live"].attrs["lost_samples"] = 3
+
+
+def stale_count(file: h5py.File) -> None:
+    file["summary"].attrs["kept_free_stale_input"] -= 1
+
+
+def stale_latency(file: h5py.File) -> None:
+    file["summary"].attrs["latency_p99"] *= 0.99
+
+
+def fewer_misses(file: h5py.File) -> None:
+    file["summary"].attrs["missed"] = 1
+
+
+def strange_figure(file: h5py.File) -> None:
+    file["summary"].attrs["comfort"] = 1.0
+
+
+FAULTS: dict[Callable[[h5py.File], None], str] = {
+    pushed_though_stale: "free fingers",
+    excused_though_pushed: "free fingers",
+    unsaid_stale: "reasons",
+    unsaid_bad_sample: "reasons",
+    unsaid_overrun: "reasons",
+    unsaid_stop: "reasons",
+    unknown_reason: "reasons",
+    beyond_the_setting: "command bounds",
+    seized_at_once: "stiffness",
+    stiff_in_the_air: "stiffness",
+    softer_than_said: "stiffness",
+    bend_beyond_a_fist: "command bounds",
+    leaping_set_point: "command bounds",
+    shifted_set_point: "set points",
+    uncounted_miss: "missed periods",
+    invented_miss: "missed periods",
+    moved_deadline: "deadlines",
+    wrong_time: "time",
+    early_wake_up: "wake-up",
+    overslept_and_not_missed: "wake-up",
+    longer_than_its_period: "wake-up",
+    latency_before_the_work_is_done: "latency",
+    latency_beyond_the_period: "latency",
+    latency_without_a_sample: "latency",
+    older_sample: "newest sample",
+    bad_sample_used: "newest sample",
+    samples_out_of_order: "samples",
+    other_finger: "fingers of the sample",
+    unsaid_loss: "records",
+    invented_loss: "records",
+    stale_count: "session figures",
+    stale_latency: "session figures",
+    fewer_misses: "session figures",
+    strange_figure: "session figures",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
+def test_what_is_forged_in_a_session_is_found_by_name(
+    session: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
+) -> None:
+    path = tmp_path / "forged.h5"
+    shutil.copy(session.path, path)
+    with h5py.File(path, "r+") as file:
+        fault(file)
+    found = {claim.name: claim for claim in verify_session.session_claims(load_result(path))}
+    if FAULTS[fault] == "time":
+        found = {claim.name: claim for claim in verify(load_result(path), every=100).claims}
+    claim = found[FAULTS[fault]]
+    assert claim.failed
+    assert claim.worst > claim.tolerance
+
+
+def test_the_documentation_lists_what_is_forged(repository: Path) -> None:
+    assert documented_faults(repository, 1) == {fault.__name__: claim for fault, claim in FAULTS.items()}
+
+
+def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_left(tmp_path: Path) -> None:
+    scripted = Scripted(tmp_path / "gap.h5")
+    ticks = RingReader(scripted.memory.ticks).read(10**6)[1]
+    samples = RingReader(scripted.memory.samples).read(10**6)[1]
+    options = loop_options(scripted.setup.options, scripted.setup.rate)
+    with SessionWriter(tmp_path / "gap.h5", scripted.setup, options, FACTS) as writer:
+        writer.lost = {"ticks": 11, "samples": 7, "events": 0}
+        for first, last in ((0, 120), (131, len(ticks))):
+            writer.take("ticks", first, ticks[first:last])
+        for first, last in ((0, 125), (132, len(samples))):
+            writer.take("samples", first, samples[first:last])
+        for first, event in enumerate(RingReader(scripted.memory.events).read(1000)[1]):
+            writer.take("events", first, np.array([event]))
+        writer.finish("duration", scripted.memory.status["counters"], int(scripted.memory.status["missed"]))
+    session = load_result(tmp_path / "gap.h5")
+    assert session.ticks == len(ticks) - 11
+    assert np.isnan(session["force_variation_rate"][120]) and session["force/total"][120].any()
+    found = verify(session, every=50)
+    assert failing(found) == set()
+
+    with h5py.File(session.path, "r+") as file:
+        file["live/tick/command_stiffness"][120, 1] = 0.4
+    assert failing(verify(load_result(session.path), every=50)) >= {"command bounds", "stiffness"}
+
+
+def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
+    scripted = Scripted(tmp_path / "dry.h5", dry_run=True)
+    ended(scripted.memory, os.getpid())
+    Recorder(scripted.setup, scripted.memory).run()
+    session = load_result(tmp_path / "dry.h5")
+    assert failing(verify(session, every=100)) == set()
+    with h5py.File(session.path, "r+") as file:
+        file["live"].attrs["dry_run"] = 0
+    assert "reasons" in failing(verify(load_result(session.path), every=100))
+
+
+def test_a_session_of_before_the_set_points_were_known_is_not_judged_by_them(session: Result, tmp_path: Path) -> None:
+    import json
+
+    path = tmp_path / "old.h5"
+    shutil.copy(session.path, path)
+    with h5py.File(path, "r+") as file:
+        limits = json.loads(file["live"].attrs["limits"])
+        del limits["bend"]
+        file["live"].attrs["limits"] = json.dumps(limits)
+    claims = {claim.name: claim for claim in verify_session.session_claims(load_result(path))}
+    assert claims["set points"].verdict == NOT_JUDGED
+    assert not any(claim.failed for claim in claims.values())
+
+
+def test_the_referee_and_the_loop_mean_the_same_bits_and_words() -> None:
+    """The referee has names of its own, so as to share no code; here they are held against the loop's."""
+    assert [1 << bit for bit in range(9)] == [int(why) for why in Safety]
+    assert tuple(str(why.name).lower() for why in Safety) == verify_session_figures.REASONS
+    own = (verify_command.STALE, verify_command.NOT_FINITE, verify_command.OVERRUN, verify_command.STOPPING)
+    assert own == (Safety.STALE_INPUT, Safety.NOT_FINITE, Safety.OVERRUN_STREAK, Safety.STOPPING)
+    assert (verify_command.NO_INPUT, verify_command.DRY_RUN) == (Safety.NO_INPUT_YET, Safety.DRY_RUN)
+    assert verify_command.DEVICE_LOST == Safety.DEVICE_LOST
+    assert (verify_command.HELD, verify_command.FULL) == (STATUS_HELD, STATUS_FULL)
+    assert WORDS[Safety.SOLVER_FAILED][1] == verify_rows.SOLVER_FAILED
+    assert recorder.LOOP_DIED == verify_rows.LOOP_DIED
+    assert (live_loop.MOST_SAMPLES, glove_watch.MOST_ANGLE) == (verify_rows.MOST_READ, verify_rows.MOST_ANGLE)
+    assert glove_watch.NAMES == verify_session.FINGER_NAMES
+
+
+def test_the_bend_of_the_referee_is_that_of_the_output() -> None:
+    regression = DexmoRegression.default()
+    flexion = np.random.default_rng(4).uniform(-0.5, 2.0, (200, 5, 3))
+    slope, offset = regression.bend_lines()
+    own = np.stack([verify_command._fitted(slope[f], flexion[:, f] - offset[f]) for f in range(5)], axis=1)
+    np.testing.assert_allclose(np.clip(own, 0.0, 1.0), regression.bends(flexion), atol=1e-14)
