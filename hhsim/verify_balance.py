@@ -93,12 +93,13 @@ def _balance(judge: JudgedTicks) -> Claim:
     """The stored forces are pushes along normals at what touches, and balance the coupling."""
     chosen = _judgeable(judge, STUCK)
     stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
-    slack = _slack(judge, np.linalg.norm(stored, axis=1))
+    size, lags = np.linalg.norm(stored, axis=1), judge.status[judge.chosen] & LAG > 0
+    # On its way, the program is solved once more where the tick stands.
+    slack = np.where(lags, FORCE * (1.0 + size), _slack(judge, size))
     offset, progressive = float(judge.options["offset"]), judge.options["method"] == "progressive"
     off = np.empty(len(chosen))
     for n, i in enumerate(chosen):
-        at, force = _moment(judge, int(i)), stored[i]
-        late = bool(judge.status[judge.chosen[i]] & LAG)
+        at, force, late = _moment(judge, int(i)), stored[i], bool(lags[i])
         ways = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
         off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in ways), default=np.inf)
         # On its way, or where the palm of `progressive` yields to a finger: what touches bears what it can.

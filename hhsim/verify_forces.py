@@ -28,6 +28,7 @@ class Moment(NamedTuple):
     |---|---|---|
     | jacobian | of the touching pairs' distances by q | (N, 21) |
     | limits | rows of the joints that are at a limit | (M, 21) |
+    | room | how far each joint may still go down and up [rad] | (2, 15) |
     | bodies | 1 · normal of each pair in its body's three columns | (N, 48) |
     | pull | w, [N] and [N·m] | (21,) |
     | distance | of the pairs [m] | (N,) |
@@ -36,6 +37,7 @@ class Moment(NamedTuple):
 
     jacobian: FloatArray
     limits: FloatArray
+    room: FloatArray
     bodies: FloatArray
     pull: FloatArray
     distance: FloatArray
@@ -55,9 +57,9 @@ def moment(hand: OwnHand, posed: Posed, flexion: FloatArray, pairs: Pairs, i: in
             for k in range(last + 1):
                 jacobian[row, 6 + 3 * f + k] = normal @ np.cross(posed.axes[i, f], point - posed.joints[i, f, k])
     unit = np.eye(21)[6:]
-    low = (flexion - hand.flexion_min).ravel() <= AT_LIMIT
-    high = (hand.flexion_max - flexion).ravel() <= AT_LIMIT
-    return Moment(jacobian, np.concatenate([unit[low], -unit[high]]), bodies, pull, pairs.distance, pairs.body)
+    room = np.stack([(flexion - hand.flexion_min).ravel(), (hand.flexion_max - flexion).ravel()])
+    limits = np.concatenate([unit[room[0] <= AT_LIMIT], -unit[room[1] <= AT_LIMIT]])
+    return Moment(jacobian, limits, room, bodies, pull, pairs.distance, pairs.body)
 
 
 def balance(at: Moment, scale: FloatArray, pull: FloatArray | None = None) -> float:
@@ -93,18 +95,21 @@ def explained(at: Moment, scale: FloatArray, stored: FloatArray, pull: FloatArra
 
 
 def on_its_way(at: Moment, diagonal: FloatArray, offset: float) -> FloatArray:
-    """What bears the coupling of a hand that is not where it wants to be, shape (21,): G (δ − δ*), by clarabel.
+    """What bears the coupling of a hand that is not where it wants to be, shape (21,), by clarabel.
 
-    δ is the step that comes nearest to the user's hand, δ*, without coming nearer to anything that touches. Nothing is
-    asked of contacts nearer than `offset` [m] but not to come nearer.
+    Of the step δ that comes nearest to the user's hand, δ*, without coming nearer to anything that touches and without
+    leaving a joint's range, G (δ − δ*) is borne by what touches and by the limits that the step would meet; this is the
+    part of what touches. Nothing is asked of contacts nearer than `offset` [m] but not to come nearer.
     """
     import clarabel
     from scipy.sparse import csc_matrix
 
-    rows = np.concatenate([at.jacobian, at.limits])
-    if len(rows) == 0:
+    count = len(at.jacobian)
+    if count == 0:
         return np.zeros(21)
-    bound = np.concatenate([np.minimum(offset - at.distance, 0.0), np.zeros(len(at.limits))])
+    joints = np.eye(21)[6:]
+    rows = np.concatenate([at.jacobian, joints, -joints])
+    bound = np.concatenate([np.minimum(offset - at.distance, 0.0), -np.maximum(at.room, 0.0).ravel()])
     root = np.sqrt(diagonal)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -117,7 +122,7 @@ def on_its_way(at: Moment, diagonal: FloatArray, offset: float) -> FloatArray:
         [clarabel.NonnegativeConeT(len(rows))],
         settings,
     ).solve()
-    return np.asarray((rows / root).T @ np.array(solution.z) * root, np.float64)
+    return np.asarray(at.jacobian.T @ np.array(solution.z)[:count], np.float64)
 
 
 def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, i: int, stiffness: float) -> FloatArray:
