@@ -116,7 +116,7 @@ class SessionRows:
         if not self.samples_whole:
             return np.zeros(self.result.ticks, bool)
         before = np.concatenate([[-1], self.used[:-1]])
-        return self.closed & (self.used >= 0) & (self.newest - before < MOST_READ)
+        return np.asarray(self.closed & (self.used >= 0) & (self.newest - before < MOST_READ))
 
     def failed_solver(self) -> bool:
         """Whether the log tells of a solver that failed, or may have: such a tick is not in the file."""

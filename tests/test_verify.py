@@ -449,7 +449,7 @@ def stuck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     """Hands that jump through a ball, one linearisation a tick: some ticks find no step that stays outside."""
     hand, mesh, options = HandModel.default(), load_object("sphere").mesh, TreeOptions(level=2)
     motion = random_targets(hand, 400, 1, StressOptions(hold=20, bound="none", position_spread=0.04))
-    trajectory = Trajectory(0.001 * np.arange(400), *motion, name="jumps")
+    trajectory = Trajectory(np.linspace(0.0, 0.399, 400), *motion, name="jumps")
     scene = make_scene(mesh, cached_sphere_tree(mesh, options), hand, trajectory)
     path = tmp_path_factory.mktemp("stuck") / "stuck.h5"
     description = {"hand_file": None, "tree": None, "tree_options": asdict(options)}
