@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, OutputError
+from hhsim.kernels.ball_picture import nearest_balls
 from hhsim.surface import Surface
 
 if TYPE_CHECKING:
@@ -98,6 +99,31 @@ def shade(surface: Surface, camera: Camera) -> Layer:
     normals = np.einsum("pk,pki->pi", weight, surface.normals[corner]) @ camera.rotation.T
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return lit(depth, normals, np.einsum("pk,pki->pi", weight, surface.colors[corner]), camera)
+
+
+def see_balls(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Balls as a camera sees them, exact at every pixel.
+
+    Args:
+        center: [m], shape (n, 3), world.
+        radius: [m], shape (n,).
+        camera: That sees them.
+
+    Returns:
+        Depth and normals as `lit` takes them, and whose surface it is at the pixels where one is, shape (pixels,).
+    """
+    rows, columns = OVERSAMPLING * camera.shape[0], OVERSAMPLING * camera.shape[1]
+    scale = rows / camera.height
+    seen = (np.asarray(center, np.float64) - camera.center) @ camera.rotation.T
+    screen = np.column_stack([seen[:, 0] * scale + 0.5 * columns, 0.5 * rows - seen[:, 1] * scale, seen[:, 2] * scale])
+    depth, owner = np.empty((rows, columns)), np.empty((rows, columns), np.int64)
+    nearest_balls(screen, np.asarray(radius, np.float64) * scale, depth, owner)
+    row, column = np.nonzero(owner >= 0)
+    there = owner[row, column]
+    normals = np.column_stack([column, row, depth[row, column]]) - screen[there]
+    normals[:, 1] *= -1.0
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    return depth / scale, normals, there
 
 
 def lit(depth: FloatArray, normals: FloatArray, color: FloatArray, camera: Camera) -> Layer:

@@ -6,7 +6,7 @@ the bodies that collided, at the configurations that were computed.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -91,9 +91,7 @@ def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) ->
     mesh = Mesh(result.static["object/vertices"], result.static["object/faces"], "object", str(result.path))
     body = mesh_surface(mesh, STONE)
     forces = phalanx_forces(result, tick)
-    azimuth, elevation = np.radians(view)
-    towards = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
-    camera = frame(joined([graphic, haptic, body]).points, look_from(towards), PANEL)
+    camera = frame(joined([graphic, haptic, body]).points, view_rotation(view), PANEL)
 
     rows, columns = PANEL
     figure = Figure(figsize=(2 * columns / 100, (rows + 60) / 100), dpi=100, facecolor="white")
@@ -114,6 +112,12 @@ def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) ->
         if column == 1:
             label(axes, forces, camera)
     save_figure(figure, path)
+
+
+def view_rotation(view: tuple[float, float]) -> FloatArray:
+    """A camera's rotation for a viewer at azimuth and elevation [degrees]."""
+    azimuth, elevation = np.radians(view)
+    return look_from((np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)))
 
 
 def shown_tick(result: Result) -> int:
@@ -218,14 +222,34 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
 
 def main(arguments: list[str]) -> None:
     """Run the command."""
+    draw_as_told(arguments, draw_replay, "replay_figure", VIEW)
+
+
+def draw_as_told(
+    arguments: list[str],
+    draw: Callable[[Result, Path, tuple[float, float]], None],
+    module: str,
+    view: tuple[float, float],
+) -> None:
+    """Draw a result as the arguments RESULT PICTURE [AZIMUTH,ELEVATION] of a command say.
+
+    Args:
+        arguments: Of the command.
+        draw: Draws a result from azimuth and elevation [degrees].
+        module: Of hhsim that the command runs.
+        view: Azimuth and elevation unless the arguments name others [degrees].
+
+    Raises:
+        SystemExit: With one line that says what is wrong.
+    """
     if len(arguments) not in (2, 3):
-        raise SystemExit("usage: python -m hhsim.replay_figure RESULT PICTURE [AZIMUTH,ELEVATION]")
+        raise SystemExit(f"usage: python -m hhsim.{module} RESULT PICTURE [AZIMUTH,ELEVATION]")
     try:
-        azimuth, elevation = map(float, arguments[2].split(",")) if len(arguments) == 3 else VIEW
+        azimuth, elevation = map(float, arguments[2].split(",")) if len(arguments) == 3 else view
     except ValueError:
         raise SystemExit(f"'{arguments[2]}': expected AZIMUTH,ELEVATION in degrees, such as 125,12") from None
     try:
-        draw_replay(load_result(Path(arguments[0])), Path(arguments[1]), (azimuth, elevation))
+        draw(load_result(Path(arguments[0])), Path(arguments[1]), (azimuth, elevation))
     except (InputError, OutputError) as error:
         raise SystemExit(str(error)) from error
 

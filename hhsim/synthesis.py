@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 RELEASE_OPENING = 0.6
 """A release opens the fingers in this first share of its time and goes back in the last one of the same length."""
+END = 1e-9
+"""A sample this near to the end of a phase, as a share of its duration, is at it."""
 
 
 def minimum_jerk(share: ArrayLike) -> Array:
@@ -148,7 +150,10 @@ class _Course:
         phases = []
         start = 0.0
         for phase in script.phases:
-            self._play(script, phase, (time - start) / phase.duration)
+            share = (time - start) / phase.duration
+            # A sample at the end of a phase has arrived, whatever rounding makes of its stamp: a hold stands still.
+            share[np.abs(share - 1.0) < END] = 1.0
+            self._play(script, phase, share)
             phases.append(Phase(phase.name, start, start + phase.duration))
             start += phase.duration
         self.phases = tuple(phases)

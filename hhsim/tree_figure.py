@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.ball_picture import nearest_balls
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh import Mesh
-from hhsim.rendering import OVERSAMPLING, Camera, Layer, blend, frame, lit, look_from, save_figure, shade
+from hhsim.rendering import Camera, Layer, blend, frame, lit, look_from, save_figure, see_balls, shade
 from hhsim.speed_error_figure import check_picture
 from hhsim.sphere_tree import SphereTree
 from hhsim.surface import mesh_surface
@@ -91,24 +90,11 @@ def _balls(mesh: Mesh, center: FloatArray, radius: FloatArray, scale: float, hig
     """Balls [m], coloured by how far they are outside of the mesh, `scale` times as large for the camera."""
     from matplotlib import colormaps
 
-    rows, columns = OVERSAMPLING * camera.shape[0], OVERSAMPLING * camera.shape[1]
-    pixels = rows / camera.height
-    seen = (scale * center - camera.center) @ camera.rotation.T
-    screen = np.column_stack(
-        [seen[:, 0] * pixels + 0.5 * columns, 0.5 * rows - seen[:, 1] * pixels, seen[:, 2] * pixels]
-    )
-    size = scale * radius * pixels
-    depth, owner = np.empty((rows, columns)), np.empty((rows, columns), np.int64)
-    nearest_balls(screen, size, depth, owner)
-    row, column = np.nonzero(owner >= 0)
-    there = owner[row, column]
-    normals = np.column_stack([column, row, depth[row, column]]) - screen[there]
-    normals[:, 1] *= -1.0
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    depth, normals, there = see_balls(scale * center, scale * radius, camera)
     points = center[there] + radius[there, None] * (normals @ camera.rotation)
     height = mesh_signed_distance(build_mesh_bvh(mesh.vertices, mesh.faces), points)
     color = colormaps[COLORS](np.clip(height / highest, 0.0, 1.0))[:, :3]
-    return lit(depth / pixels, normals, color, camera)
+    return lit(depth, normals, color, camera)
 
 
 def _draw_errors(axes: "Axes", tree: SphereTree) -> None:

@@ -42,7 +42,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
             "medial_axis",
             "medial_tree",
         ),
-        *("hand", "hand_figure", "hand_pieces", "palm", "placed_hand", "surface", "rendering"),
+        *("hand", "hand_figure", "hand_pieces", "palm", "placed_hand", "surface", "rendering", "section"),
         *("result_motion", "trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
         *("sample_flags", "recording", "hand_change", "recorded_axes", "column_map", "csv_table"),
         *(
@@ -97,7 +97,15 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("gate_inputs", "gate_figures", "gate_suite", "gate_timing", "gate_reference", "gate_judge", "gate_baseline"),
     ("gate_run", "gate", "gate_report", "gate_trials"),
     # Pictures of them.
-    ("replay_figure", "cost_figure", "speed_error_figure", "scene_pictures", "paper_figures", "recording_figure"),
+    (
+        "replay_figure",
+        "concepts_figure",
+        "cost_figure",
+        "speed_error_figure",
+        "scene_pictures",
+        "paper_figures",
+        "recording_figure",
+    ),
     ("trees_figure", "tree_figure"),
     # A report of them.
     (

@@ -169,3 +169,14 @@ def test_any_rate_and_any_order_of_closings() -> None:
     last = motion.flexion[-1]
     np.testing.assert_allclose(last[1], closing.command[1], atol=1e-12)
     np.testing.assert_allclose(np.delete(last, 1, axis=0), np.delete(closing.open, 1, axis=0), atol=1e-12)
+
+
+@pytest.mark.parametrize("durations", [(0.05, 0.1, 0.12), (0.1, 0.2, 0.3), (0.3, 0.7, 0.11), (1 / 3, 1 / 7, 0.1)])
+def test_a_hold_stands_still_to_the_last_bit(durations: tuple[float, ...]) -> None:
+    names = ("approach", "pinch", "hold")
+    text = "".join(f'[[phase]]\nname = "{name}"\nduration = {t!r}\n' for name, t in zip(names, durations))
+    motion = synthesize(parse_script(f'title = "x"\n{text}', name="x", where="x"), HAND, ball())
+    held = motion.time >= durations[0] + durations[1] - 1e-9
+    assert np.count_nonzero(held) > 90
+    for values in (motion.position[held], motion.orientation[held], motion.flexion[held]):
+        assert (values == values[0]).all()

@@ -1,0 +1,213 @@
+"""What the documentation says is what the code does: names, defaults, figures that stand twice, answers of the FAQ."""
+
+import ast
+import inspect
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from markdown_pages import Page
+
+from hhsim import metrics
+from hhsim.hand import FINGERS, HandModel
+from hhsim.kernels import tick_state
+from hhsim.mesh import Mesh
+from hhsim.object_catalogue import load_object
+from hhsim.replay import replay
+from hhsim.result import Result, load_result
+from hhsim.result_schema import TICK_COLUMNS
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.shapes import cube
+from hhsim.solver_options import DEFAULTS, METHODS, PAPER_DEFAULTS, SolverOptions, Stiffness
+from hhsim.summary import ReplaySummary
+from hhsim.tracking_reference import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.tremor_hold import ONSET, TREMOR
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+README = Page.read(DOCS.parent / "README.md")
+METRICS, METHODS_PAGE, FAQ = (Page.read(DOCS / name) for name in ("metrics.md", "methods.md", "faq.md"))
+
+MOTION = """
+title = "short"
+depth = 0.015
+[[phase]]
+name = "approach"
+duration = 0.05
+[[phase]]
+name = "pinch"
+duration = 0.1
+[[phase]]
+name = "hold"
+duration = 0.12
+[[phase]]
+name = "release"
+duration = 0.03
+"""
+
+
+def run(path: Path, stiffness: Stiffness | None = None) -> ReplaySummary:
+    mesh = load_object("cube").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    return replay(scene, SolverOptions(stiffness=stiffness or Stiffness()), path, description={"hand_file": None})
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplaySummary, Result]:
+    path = tmp_path_factory.mktemp("docs") / "short.h5"
+    return run(path), load_result(path)
+
+
+def spans(cell: str) -> list[str]:
+    return re.findall(r"`([^`]+)`", cell)
+
+
+def test_each_line_of_the_table_is_explained_in_order(short: tuple[ReplaySummary, Result]) -> None:
+    documented = [(row[0], *spans(row[1])) for row in METRICS.rows() if len(row) == 3 and len(spans(row[1])) == 1]
+    lines = [(row.label, row.name) for row in short[0].rows]
+    first = documented.index(lines[0])
+    assert documented[first : first + len(lines)] == lines
+
+
+def test_the_first_result_of_the_readme_has_these_lines(short: tuple[ReplaySummary, Result]) -> None:
+    block = next(block for block in README.blocks("console") if "candidate pairs" in block)
+    shown = [line for line in block.splitlines() if line[:1].isalpha() and "  " in line]
+    assert [re.split(r" {2,}", line)[0] for line in shown] == [row.label for row in short[0].rows]
+
+
+def test_every_measure_and_dataset_is_documented() -> None:
+    table = [row for row in METRICS.rows() if len(row) == 4]
+    datasets = {name for row in table for name in spans(row[2])}
+    columns = {column.name for column in TICK_COLUMNS}
+    assert datasets <= columns
+    measured = {name for name in columns if re.match("penetration|force_|duration|contacts|work|status|lag", name)}
+    assert measured == datasets
+    functions = {
+        name
+        for name, function in inspect.getmembers(metrics, inspect.isfunction)
+        if function.__module__ == metrics.__name__ and not name.startswith("_")
+    }
+    named = {name.removeprefix("hhsim.metrics.") for row in table for name in spans(row[3])}
+    helpers = {"statistics", "phase_mask", "hand_clearance"}
+    assert functions - helpers <= named
+
+
+@pytest.mark.parametrize(
+    ("value", "wanted", "said"),
+    [
+        (metrics.FORCE_FLOOR, 0.01, "< 0.01"),
+        (metrics.RIPPLE_BAND, (50.0, 400.0), "between 50 and 400 Hz"),
+        (1000.0 * metrics.RIPPLE_BINS / metrics.RIPPLE_BAND[0], 80.0, "less than 80 ms"),
+        (metrics.TICK_BUDGET, 1_000_000, "The budget is 1 ms"),
+        (metrics.FROZEN_LIMIT, 1e-6, "more than a millionth"),
+        (tick_state.TOUCH, 1e-5, "within 10 µm"),
+        ((TREMOR.tremor_position, TREMOR.tremor_frequency), (1e-4, 10.0), "tremor of 0.1 mm and 0.2° at 10 Hz"),
+        (ONSET, 0.1, "without its first 0.1 s"),
+        (REFERENCE_LINEARISATIONS, 400, "up to 400 linearisations"),
+        (REFERENCE_SETTLED, 1e-8, "moves more than 10 nm"),
+        (tick_state.UNITS_LINEARISATION, 4000, "4,000 a linearisation"),
+        (tick_state.UNITS_QP_ITERATION, 1500, "1,500 a QP iteration"),
+        (tick_state.UNITS_ROW, 30, "30 a row"),
+        (tick_state.UNITS_NODE_TEST, 10, "10 a node test"),
+        (tick_state.UNITS_PAIR_TEST, 2, "2 a pair test"),
+    ],
+)
+def test_constants_of_the_measures_are_those_of_the_code(value: object, wanted: object, said: str) -> None:
+    assert value == wanted
+    assert said in " ".join(METRICS.text.split())
+
+
+def test_defaults_of_the_options_are_those_of_the_code() -> None:
+    table = {spans(row[0])[0]: row[1] for row in METHODS_PAGE.rows() if len(row) == 3 and row[0].startswith("`--")}
+    spring = Stiffness()
+    assert table == {
+        "--linearisations": f"{DEFAULTS['linearisations']}; `paper` {PAPER_DEFAULTS['linearisations']}",
+        "--margin": f"{1e3 * DEFAULTS['margin']:g} mm; `paper` {1e3 * PAPER_DEFAULTS['margin']:g} mm (its Δr)",
+        "--stiffness": f"{spring.translation:g} N/m, {spring.rotation:g} N·m/rad, {spring.flexion:g} N·m/rad",
+        "--penalty-stiffness": f"{spring.penalty:,.0f} N/m",
+        "--tolerance": f"10⁻{'⁰¹²³⁴⁵⁶⁷⁸⁹'[round(-np.log10(SolverOptions().tolerance))]}",
+        "--budget": "none",
+        "--threads": f"{SolverOptions().threads}",
+    }
+
+
+def test_each_method_has_its_section_and_its_row_in_both_tables() -> None:
+    assert {*METHODS} <= METHODS_PAGE.anchors()
+    whole = {row[0].strip("`"): row for row in METHODS_PAGE.rows() if len(row) == 7}
+    short_table = {spans(row[0])[0]: row for row in README.rows() if len(row) == 4 and spans(row[0])}
+    assert set(short_table) == set(METHODS)
+    for name, row in short_table.items():
+        assert row[2] == whole[name][2]
+        assert row[3] == whole[name][4]
+
+
+NUMBER = r"(?<![\w.,])(\d+(?:,\d{3})*(?:\.\d+)?)(?![\w])"
+
+
+def test_figures_of_the_readme_stand_on_the_pages_behind_it() -> None:
+    # The README repeats what the pages say: one that is measured anew has to change in both.
+    behind = {n for path in DOCS.glob("*.md") for n in re.findall(NUMBER, Page.read(path).text)}
+    prose = " ".join(README.prose.split("## What a tick costs")[1].split())
+    measured = re.findall(rf"{NUMBER} (?:to [\d.]+ )?(?:mm|µm|µs|%|s|ticks|pairs|faults|results)\b", prose)
+    assert len(measured) > 20
+    assert [number for number in measured if number not in behind] == []
+
+
+def test_the_hand_has_as_many_parts_as_the_pages_say() -> None:
+    hand = HandModel.default()
+    text = Page.read(DOCS / "concepts.md").text
+    assert len(FINGERS) * hand.length.shape[1] == 15
+    assert "15 phalanges and a palm: 16 bodies" in text
+    assert "21 degrees of freedom: six of the palm, three flexions of each finger" in text
+    assert 6 + len(FINGERS) * hand.flexion_min.shape[1] == 21
+
+
+@pytest.mark.parametrize("page", ["faq.md", "files.md"])
+def test_python_blocks_do_what_they_show(
+    page: str, short: tuple[ReplaySummary, Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results").mkdir()
+    for block in Page.read(DOCS / page).blocks("python"):
+        if "session" in block:
+            continue
+        for name in re.findall(r'"(results/[^"]+)"', block):
+            (tmp_path / name).symlink_to(short[1].path)
+        exec(compile(ast.parse(block), page, "exec"), {})
+    if page == "faq.md":
+        table = np.genfromtxt(tmp_path / "grasp.csv", delimiter=",", skip_header=1)
+        assert table.shape == (short[1].ticks, 3)
+
+
+def test_a_script_of_the_faq_is_a_script_and_its_hand_a_hand(tmp_path: Path) -> None:
+    hand_text, script_text = FAQ.blocks("toml")
+    script = parse_script(script_text, name="slow-pinch", where="faq")
+    assert [phase.name for phase in script.phases] == ["approach", "pinch", "hold"]
+    path = tmp_path / "me.toml"
+    path.write_text(hand_text)
+    hand = HandModel.from_toml(path)
+    assert hand.hand_length == 0.178
+    # What is not named scales with the hand's length.
+    np.testing.assert_allclose(hand.length[1, 0] / HandModel.default().length[1, 0], 0.178 / 0.19)
+
+
+def test_a_mesh_may_have_two_parts() -> None:
+    one, other = cube(0.03), cube(0.02)
+    vertices = np.concatenate([one.vertices, other.vertices + [0.06, 0.0, 0.0]])
+    faces = np.concatenate([one.faces, other.faces + len(one.vertices)])
+    mesh = Mesh(vertices, faces, "two", "test")
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    right = tree.leaf_center[:, 0] > 0.04
+    assert 0 < right.sum() < tree.leaf_count
+    assert tree.errors[-1].gap_max == 0.0
+
+
+def test_a_stiffer_palm_is_nearer_to_the_users(short: tuple[ReplaySummary, Result], tmp_path: Path) -> None:
+    (line,) = [span for span in FAQ.spans() if "--stiffness" in span]
+    numbers = [float(text) for text in line.split("--stiffness ")[1].split(",")]
+    stiff = run(tmp_path / "stiff.h5", Stiffness(*numbers))
+    usual = short[0].attributes()["tracking_palm"]
+    assert stiff.attributes()["tracking_palm"] < 0.5 * usual

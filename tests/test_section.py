@@ -1,0 +1,97 @@
+"""Sections: against areas and distances that are known in closed form."""
+
+from typing import Literal
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hhsim.hand import HandModel
+from hhsim.kernels.distance import sphere_round_cone_distance
+from hhsim.section import Plane, cut_balls, cut_mesh, finger_plane, round_cone_outline
+from hhsim.shapes import cube, sphere
+
+FLAT = Plane(np.zeros(3), np.eye(3))
+
+
+def area(curve: np.ndarray) -> float:
+    x, y = curve.T
+    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
+def turned(seed: int) -> np.ndarray:
+    """A rotation at random."""
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return np.asarray(q * np.linalg.det(q))
+
+
+def test_a_ball_is_cut_into_a_circle_or_not_at_all() -> None:
+    center = np.array([[0.1, 0.2, 0.03], [0.0, 0.0, -0.06], [0.0, 0.0, 0.0]])
+    flat, radius, which = cut_balls(FLAT, center, np.array([0.05, 0.05, 0.02]))
+    assert which.tolist() == [0, 2]
+    np.testing.assert_allclose(flat, [[0.1, 0.2], [0.0, 0.0]])
+    np.testing.assert_allclose(radius, [0.04, 0.02], rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sphere_is_cut_into_one_curve_of_its_area(seed: int) -> None:
+    mesh = sphere(0.1)
+    plane = Plane(np.array([0.001, 0.002, 0.003]), turned(seed))
+    away = plane.height(np.zeros(3))
+    (curve,) = cut_mesh(plane, mesh.vertices, mesh.faces)
+    assert area(curve) == pytest.approx(np.pi * (0.05**2 - away**2), rel=0.02)
+
+
+def test_a_plane_through_vertices_cuts_too_and_one_outside_does_not() -> None:
+    mesh = cube(0.1)
+    top = Plane(np.array([0.0, 0.0, 0.05]), np.eye(3))
+    (curve,) = cut_mesh(top, mesh.vertices, mesh.faces)
+    assert area(curve) == pytest.approx(0.01)
+    assert cut_mesh(Plane(np.array([0.0, 0.0, 0.0501]), np.eye(3)), mesh.vertices, mesh.faces) == []
+
+
+def test_two_parts_are_two_curves() -> None:
+    one, other = cube(0.1), cube(0.05)
+    vertices = np.concatenate([one.vertices, other.vertices + [0.2, 0.0, 0.0]])
+    faces = np.concatenate([one.faces, other.faces + len(one.vertices)])
+    curves = cut_mesh(Plane(np.array([0.0, 0.0, 0.001]), np.eye(3)), vertices, faces)
+    assert sorted(area(curve) for curve in curves) == pytest.approx([0.0025, 0.01])
+
+
+@given(
+    length=st.floats(0.0, 0.05),
+    thick=st.floats(1e-3, 0.02),
+    share=st.floats(0.0, 1.0),
+    heading=st.floats(-np.pi, np.pi),
+)
+def test_an_outline_is_where_the_round_cone_ends(length: float, thick: float, share: float, heading: float) -> None:
+    a = np.array([0.01, -0.02])
+    b = a + length * np.array([np.cos(heading), np.sin(heading)])
+    outline = round_cone_outline(a, b, thick, share * thick)
+    for corner in outline[::7]:
+        distance, _ = sphere_round_cone_distance(
+            np.array([*corner, 0.0]), 0.0, np.array([*a, 0.0]), np.array([*b, 0.0]), thick, share * thick
+        )
+        assert abs(distance) < 1e-9
+
+
+@pytest.mark.parametrize("finger", range(5))
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_finger_stays_in_its_plane_as_it_bends(finger: int, side: Literal["right", "left"]) -> None:
+    hand = HandModel.default(side)
+    rng = np.random.default_rng(finger)
+    position, abduction = np.array([0.01, 0.02, 0.03]), rng.uniform(-0.1, 0.1, 5)
+    orientation = rng.normal(size=4)
+    orientation /= np.linalg.norm(orientation)
+    pose = position, orientation, rng.uniform(0.0, 1.0, (5, 3)), abduction
+    up = np.array([0.3, 0.5, 0.2])
+    plane = finger_plane(hand, pose, finger, up)
+    np.testing.assert_allclose(plane.axes @ plane.axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(plane.axes) == pytest.approx(1.0)
+    assert plane.axes[1] @ up > 0.0
+    for flexion in (pose[2], rng.uniform(0.0, 1.0, (5, 3))):
+        np.testing.assert_allclose(
+            plane.height(hand.joints(position, orientation, flexion, abduction)[finger]), 0.0, atol=1e-12
+        )
