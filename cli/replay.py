@@ -1,6 +1,7 @@
 """`hhsim replay`."""
 
 import math
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -183,10 +184,10 @@ def command(
     from hhsim.destination import dated_destination
     from hhsim.grasp_placement import place_at_grasp
     from hhsim.replay import replay as run
-    from hhsim.result import check_result_destination, load_result
+    from hhsim.result import check_result_destination
     from hhsim.scene import make_scene, side_of
     from hhsim.trajectory import Trajectory
-    from hhsim.view import view_result
+    from hhsim.view_ahead import ViewAhead
 
     changed = {
         "force": force,
@@ -207,7 +208,10 @@ def command(
     destination = out or dated_destination(f"{mesh.name}-{motion.name}")
     check_result_destination(destination)
     print_notes(mesh.warnings, prefix="warning")
-    with progress(quiet=quiet) as report:
+    with ExitStack() as stack:
+        # Before the thread of the progress bar: a process with threads is no good to fork.
+        viewer = stack.enter_context(ViewAhead(rerun)) if rerun is not None else None
+        report = stack.enter_context(progress(quiet=quiet))
         model = _hand(hand or side_of(motion), hand_file)
         unit_length = tree_file.length_unit(object_, unit, size) if tree_path else 1.0
         chosen = tree_level.choose_tree(mesh, level, usual_level, max_error, report, tree_path, unit_length)
@@ -236,9 +240,10 @@ def command(
             "tremor_mm_deg": tremor,
             "seed": seed,
         }
-        summary = run(scene, solver, destination, description=description, progress=report)
-        if rerun is not None:
-            view_result(load_result(destination), rerun, progress=report)
+        settle = viewer.settle if viewer is not None else None
+        summary = run(scene, solver, destination, description=description, before_ticks=settle, progress=report)
+        if viewer is not None:
+            viewer.show(destination, report)
     if as_json:
         document = summary.to_json()
         placed = {"placement": placement.to_json()} if placement else {}

@@ -32,6 +32,7 @@ def replay(
     destination: str | Path,
     *,
     description: Mapping[str, Any] | None = None,
+    before_ticks: Callable[[], None] | None = None,
     progress: Progress | None = None,
 ) -> ReplaySummary:
     """Replay the scene's motion and write a result file.
@@ -42,6 +43,7 @@ def replay(
         destination: The result file; an existing result there is replaced when the new one is complete.
         description: What else the file is to say of how the scene came about, as plain values: more than the scene
             says of itself, or something else.
+        before_ticks: Called once, when all is ready for the first tick: the place to wait for what would disturb ticks.
         progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
@@ -70,6 +72,8 @@ def replay(
     series = TickSeries(total)
     columns = TickColumns(tree, scene.hand, options)
     with ResultWriter(Path(destination), scene=described, static=static, phases=ticks.phases) as writer:
+        if before_ticks is not None:
+            before_ticks()
         with interruptible_between() as check_interrupt:
             for first in range(0, total, CHUNK_TICKS):
                 if progress is not None:

@@ -11,11 +11,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.contact_points import touching_points
 from hhsim.errors import InputError
-from hhsim.hand import FINGERS
+from hhsim.hand import FINGERS, HandModel
 from hhsim.kernels.tick_state import TOUCH
+from hhsim.kernels.tree import TreeArrays
 from hhsim.live.safety_words import why_free_or_held
 from hhsim.mesh import Mesh
+from hhsim.placed_hand import PlacedHand, hand_shape
 from hhsim.rerun_blueprint import blueprint
 from hhsim.rerun_plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, loop_values
 from hhsim.rerun_scene import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene
@@ -110,6 +113,19 @@ def view_result(
             if progress is not None:
                 progress("ticks", result.ticks, result.ticks)
     return Viewed(result.ticks, -(-result.ticks // every), target)
+
+
+def import_viewer() -> None:
+    """Import what `view_result` will need, which takes a third of a second."""
+    import rerun.blueprint  # noqa: F401
+
+
+def load_kernels() -> None:
+    """Load, or compile, the kernel that `view_result` will need."""
+    none, sphere = np.zeros(1, np.int64), np.zeros(1)
+    tree = TreeArrays(sphere, sphere, sphere, sphere, none, none, 0)
+    nowhere = PlacedHand(np.zeros((0, 5, 4, 3)), np.zeros((0, 3)), np.zeros((0, 4)))
+    touching_points(tree, hand_shape(HandModel.default()), nowhere, TOUCH)
 
 
 def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:

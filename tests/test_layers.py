@@ -84,7 +84,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     # A glove in the loop.
     ("live",),
-    ("view",),
+    ("view", "view_ahead"),
     # Many runs, side by side.
     ("bench_file", "pareto", "run_errors", "speed_error", "speed_error_table"),
     ("shrink", "stuck", "failure", "bench_stress"),
@@ -95,7 +95,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("qp_program", "qp_check", "qp_backends", "qp_tally", "qp_degenerate", "qp_sizes", "qp_harvest", "bench_qp"),
     # Yes or no to a change.
     ("gate_inputs", "gate_figures", "gate_suite", "gate_timing", "gate_reference", "gate_judge", "gate_baseline"),
-    ("gate_run", "gate", "gate_report", "gate_trials"),
+    ("gate_run", "gate", "gate_report", "gate_trials", "viewer_cost"),
     # Pictures of them.
     (
         "replay_figure",

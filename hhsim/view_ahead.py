@@ -1,0 +1,163 @@
+"""A viewer that gets ready while the replay is still at work, so that looking at it costs hardly any time.
+
+The packages of the viewer take longer to be imported than thousands of ticks to be shown. A process beside the replay's
+imports them while that one loads its kernels; then it waits, and shows the result when there is one. It touches nothing
+while ticks are timed: `settle` waits until it is idle.
+"""
+
+import signal
+import sys
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Literal, Self
+
+from hhsim.errors import HhsimError, InputError, OutputError
+from hhsim.rerun_target import RerunTarget
+from hhsim.result import load_result
+from hhsim.view import Viewed, import_viewer, load_kernels, view_result
+
+Progress = Callable[[str, int, int], None]
+Word = Literal["ready", "progress", "viewed", "refused"]
+"""What the process beside says, each with a value of its own."""
+
+LAST_WORD_SECONDS = 10.0
+"""How long the process beside may take to end, and to remove what it has half written."""
+
+
+def can_fork() -> bool:
+    """Whether the process beside can be a fork of this one, which spares it the imports of what is loaded here.
+
+    Threads do not survive a fork: rerun's, where somebody has imported it already, would be missed.
+    """
+    return sys.platform == "linux" and "rerun" not in sys.modules
+
+
+class ViewAhead:
+    """Shows one result that does not exist yet; use it in a `with`, before any thread is started.
+
+    Where no process can be forked, everything is done here, in `show`.
+
+    Args:
+        target: where the recording goes.
+    """
+
+    def __init__(self, target: RerunTarget) -> None:
+        """Start to get ready."""
+        self._target = target
+        self._ready = False
+        self._channel: Connection[Any, Any] | None = None
+        if can_fork():
+            # Before the fork: numba's own start is then made once, not in each of the processes.
+            load_kernels()
+            fork = get_context("fork")
+            self._channel, theirs = fork.Pipe()
+            self._process = fork.Process(target=_serve, args=(theirs, self._channel, target), daemon=True)
+            with warnings.catch_warnings():
+                # Python warns of threads: numpy's are idle here, and look after themselves when a process is forked.
+                warnings.simplefilter("ignore", DeprecationWarning)
+                self._process.start()
+            # The end of the process shows here only where nobody else holds its end of the pipe.
+            theirs.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """End the process beside; what it has half written goes."""
+        if self._channel is None:
+            return
+        self._channel.close()
+        if error is not None:
+            self._process.terminate()
+        self._process.join(LAST_WORD_SECONDS)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    @property
+    def process_id(self) -> int | None:
+        """Of the process beside; None where there is none."""
+        return self._process.pid if self._channel is not None else None
+
+    def settle(self) -> None:
+        """Wait until the process beside has nothing to do until `show`.
+
+        Raises:
+            HhsimError: it cannot get ready.
+        """
+        if self._channel is not None and not self._ready:
+            self._answer("ready", None)
+            self._ready = True
+
+    def show(self, path: Path, progress: Progress | None = None) -> Viewed:
+        """Show a result.
+
+        Args:
+            path: of the result.
+            progress: called with what is being done, how much is done and how much there is.
+
+        Raises:
+            InputError, OutputError: as `load_result` and `view_result`.
+            HhsimError: the process beside ended before it was done.
+        """
+        if self._channel is None:
+            return view_result(load_result(path), self._target, progress=progress)
+        self.settle()
+        # Where it has died, the answer says so.
+        with suppress(OSError):
+            self._channel.send(path)
+        viewed: Viewed = self._answer("viewed", progress)
+        return viewed
+
+    def _answer(self, wanted: Word, progress: Progress | None) -> Any:
+        assert self._channel is not None
+        while True:
+            try:
+                word, value = self._channel.recv()
+            except (EOFError, OSError):
+                self._process.join(LAST_WORD_SECONDS)
+                how = f"ended with code {self._process.exitcode}"
+                raise HhsimError(f"nothing went to {self._target}: the process that shows it {how}") from None
+            if word == wanted:
+                return value
+            if word == "refused":
+                kind, text = value
+                raise kind(text)
+            if progress is not None:
+                progress(*value)
+
+
+def _serve(channel: "Connection[Any, Any]", parents: "Connection[Any, Any]", target: RerunTarget) -> None:
+    """The process beside: get ready, wait for a result, show it."""
+    parents.close()
+    # Ctrl-C is for the replay, which then ends this process too.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _leave)
+
+    def progress(what: str, done: int, total: int) -> None:
+        channel.send(("progress", (what, done, total)))
+
+    try:
+        import_viewer()
+        channel.send(("ready", None))
+        path = channel.recv()
+        channel.send(("viewed", view_result(load_result(path), target, progress=progress)))
+    except HhsimError as error:
+        # By its plain kind: an error that is made from more than its text cannot be sent.
+        kind = OutputError if isinstance(error, OutputError) else InputError
+        channel.send(("refused", (kind, str(error))))
+    except (EOFError, OSError):
+        # The replay came to no end: there is nothing to show.
+        return
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    # By way of every `finally`, so that no half-written file stays.
+    raise SystemExit(1)

@@ -1,0 +1,184 @@
+"""The viewer that gets ready beside a replay: the same recording, and nothing left behind when something fails.
+
+A process that has imported rerun, as that of the tests has, cannot be forked; what forks runs in a python of its own.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun_files import Recording
+
+from hhsim.hand import HandModel
+from hhsim.object_catalogue import load_object
+from hhsim.replay import replay
+from hhsim.rerun_target import parse_target
+from hhsim.result import Result, load_result
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.solver_options import SolverOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.view import view_result
+from hhsim.view_ahead import ViewAhead, can_fork
+
+MOTION = """
+title = "short"
+palm_gap = 0.005
+depth = 0.015
+[[phase]]
+name = "approach"
+duration = 0.02
+[[phase]]
+name = "grasp"
+duration = 0.04
+"""
+
+FORKED = """
+import os, signal, sys
+from pathlib import Path
+from hhsim.rerun_target import parse_target
+from hhsim.view_ahead import ViewAhead, can_fork
+result, target = Path(sys.argv[1]), parse_target(sys.argv[2])
+assert can_fork()
+with ViewAhead(target) as viewer:
+    viewer.settle()
+    viewer.settle()
+    assert "rerun" not in sys.modules
+    {body}
+"""
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="no process is forked here")
+
+
+def forked(body: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run a body in which `viewer` is ready to show `result`."""
+    words = [sys.executable, "-c", FORKED.format(body=body), *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    mesh = load_object("cylinder").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    path = tmp_path_factory.mktemp("replay") / "short.h5"
+    calls: list[str] = []
+
+    def before_ticks() -> None:
+        assert path.exists()
+        calls.append("before ticks")
+
+    replay(
+        scene,
+        SolverOptions(),
+        path,
+        description={"hand_file": None},
+        before_ticks=before_ticks,
+        progress=lambda what, done, total: calls.append(what),
+    )
+    assert calls.index("before ticks") == calls.index("ticks") - 1
+    assert calls.count("before ticks") == 1
+    return load_result(path)
+
+
+@linux
+def test_the_process_beside_writes_what_this_one_would(result: Result, tmp_path: Path) -> None:
+    body = "print(viewer.show(result, lambda *step: print(*step)).to_json())"
+    answer = forked(body, result.path, tmp_path / "beside.rrd")
+    assert answer.returncode == 0, answer.stderr
+    *steps, viewed = answer.stdout.splitlines()
+    assert steps == ["ticks 0 60", "ticks 60 60"]
+    here = view_result(result, parse_target(str(tmp_path / "here.rrd")))
+    assert viewed == str({**here.to_json(), "rerun": str(tmp_path / "beside.rrd")})
+    beside, same = Recording(tmp_path / "beside.rrd"), Recording(tmp_path / "here.rrd")
+    assert beside.blueprints == 1
+    assert beside.fixed.keys() == same.fixed.keys()
+    hand = "/world/haptic/palm"
+    assert beside.fixed[hand]["Mesh3D:vertex_positions"] == same.fixed[hand]["Mesh3D:vertex_positions"]
+    for entity, column in (
+        ("/world/graphic/thumb/distal", "Transform3D:quaternion"),
+        ("/world/contacts/points", "Points3D:positions"),
+        ("/world/forces", "Arrows3D:vectors"),
+        ("/plots/time", "Scalars:scalars"),
+    ):
+        np.testing.assert_equal(beside.rows(entity, column), same.rows(entity, column))
+
+
+@linux
+def test_what_the_process_beside_cannot_do_is_told_here(result: Result, tmp_path: Path) -> None:
+    body = """
+    target.path.parent.rmdir()
+    try:
+        viewer.show(result)
+    except Exception as error:
+        print(type(error).__name__, error)
+"""
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    answer = forked(body, result.path, folder / "x.rrd")
+    assert (answer.returncode, answer.stderr) == (0, "")
+    assert answer.stdout.startswith(f"OutputError there is no folder {folder} for x.rrd")
+
+
+@linux
+def test_a_process_beside_that_dies_is_told(result: Result, tmp_path: Path) -> None:
+    body = """
+    os.kill(viewer.process_id, signal.SIGKILL)
+    try:
+        viewer.show(result)
+    except Exception as error:
+        print(type(error).__name__, error)
+"""
+    path = tmp_path / "x.rrd"
+    answer = forked(body, result.path, path)
+    assert (answer.returncode, answer.stderr) == (0, "")
+    assert answer.stdout == f"HhsimError nothing went to {path}: the process that shows it ended with code -9\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@linux
+def test_a_replay_that_fails_leaves_neither_file_nor_process(result: Result, tmp_path: Path) -> None:
+    body = """
+    print(viewer.process_id)
+    os.setpgid(0, 0)
+    raise SystemExit(7)
+"""
+    answer = forked(body, result.path, tmp_path / "x.rrd")
+    assert (answer.returncode, answer.stderr) == (7, "")
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(answer.stdout), 0)
+    assert list(tmp_path.iterdir()) == []
+
+
+@linux
+def test_ctrl_c_while_it_is_shown_removes_what_is_half_written(result: Result, tmp_path: Path) -> None:
+    # Ctrl-C of a terminal reaches both processes.
+    body = """
+    def interrupt(*step):
+        assert [path.suffix for path in target.path.parent.iterdir()] == [".rrd"]
+        os.killpg(0, signal.SIGINT)
+    viewer.show(result, interrupt)
+"""
+    words = [sys.executable, "-c", FORKED.format(body=body), str(result.path), str(tmp_path / "x.rrd")]
+    answer = subprocess.run(words, capture_output=True, text=True, start_new_session=True)
+    assert answer.returncode == -signal.SIGINT
+    assert answer.stderr.splitlines()[-1] == "KeyboardInterrupt"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_a_fork_it_is_shown_here(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hhsim.view_ahead.can_fork", lambda: False)
+    with ViewAhead(parse_target(str(tmp_path / "here.rrd"))) as viewer:
+        viewer.settle()
+        assert viewer.show(result.path).shown == 60
+    assert len(Recording(tmp_path / "here.rrd").rows("/plots/force", "Scalars:scalars")) == 60
+
+
+def test_a_process_with_rerun_in_it_is_not_forked() -> None:
+    import rerun  # noqa: F401
+
+    assert not can_fork()
