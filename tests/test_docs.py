@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 import click
 import pytest
-from markdown_pages import Page, pages
+from markdown_pages import SPAN, Page, pages
 
 from hhsim.object_catalogue import object_names
 from hhsim.trajectory_catalogue import trajectory_names
@@ -194,6 +194,20 @@ def test_python_blocks_import_what_there_is(page: Page) -> None:
                 module = importlib.import_module(str(node.module))
                 for alias in node.names:
                     assert hasattr(module, alias.name), f"{page.path.name}: {node.module} has no {alias.name}"
+
+
+@EACH
+def test_formulas_are_whole(page: Page) -> None:
+    prose = SPAN.sub("", page.prose)
+    if not page.blocks("math"):
+        return
+    formulas = [*page.blocks("math"), *re.findall(r"(?<!\\)\$([^$\n]+)\$", prose)]
+    assert prose.count("$") % 2 == 0, f"{page.path.name}: a formula does not end"
+    for formula in formulas:
+        bare = formula.replace(r"\{", "").replace(r"\}", "")
+        assert bare.count("{") == bare.count("}"), formula
+        assert len(re.findall(r"\\left\b", formula)) == len(re.findall(r"\\right\b", formula)), formula
+        assert re.findall(r"\\begin\{(\w+)\}", formula) == re.findall(r"\\end\{(\w+)\}", formula), formula
 
 
 @EACH
