@@ -21,21 +21,24 @@ samples_to = ("127.0.0.1", int(sys.argv[1]) if len(sys.argv) > 1 else 24170)
 bridge = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 bridge.bind(("127.0.0.1", samples_to[1] + 1))  # commands arrive here
 session, seq, told, free = int.from_bytes(os.urandom(4), "little"), 0, 0.0, True
-while True:
-    header = struct.pack("<4sBBHIIQIi", b"HHGL", 1, 1, 5, session, seq, time.monotonic_ns(), 2**32 - 1, -1)
-    bridge.sendto(header + struct.pack("<5f", *read_bends()), samples_to)
-    seq, due = (seq + 1) % 2**32, time.monotonic() + 0.005  # 200 samples a second
-    while (left := due - time.monotonic()) > 0:
-        bridge.settimeout(left)
-        try:
-            data = bridge.recv(2048)
-        except OSError:
-            break
-        if len(data) == 72 and data[:6] == b"HHGL\x01\x10":
-            numbers = struct.unpack_from("<10f", data, 32)
-            if all(map(math.isfinite, numbers)):
-                tell_fingers(numbers[:5], numbers[5:])
-                told, free = time.monotonic(), False
-    if not free and time.monotonic() > told + 0.1:  # nobody is there any more: let go
-        tell_fingers([0] * 5, [0] * 5)
-        free = True
+try:
+    while True:
+        header = struct.pack("<4sBBHIIQIi", b"HHGL", 1, 1, 5, session, seq, time.monotonic_ns(), 2**32 - 1, -1)
+        bridge.sendto(header + struct.pack("<5f", *read_bends()), samples_to)
+        seq, due = (seq + 1) % 2**32, time.monotonic() + 0.005  # 200 samples a second
+        while (left := due - time.monotonic()) > 0:
+            bridge.settimeout(left)
+            try:
+                data = bridge.recv(2048)
+            except OSError:
+                break
+            if len(data) == 72 and data[:6] == b"HHGL\x01\x10":
+                numbers = struct.unpack_from("<10f", data, 32)
+                if all(map(math.isfinite, numbers)):
+                    tell_fingers(numbers[:5], numbers[5:])
+                    told, free = time.monotonic(), False
+        if not free and time.monotonic() > told + 0.1:  # nobody is there any more: let go
+            tell_fingers([0] * 5, [0] * 5)
+            free = True
+finally:  # the glove's calls failed, or Ctrl-C: let go too
+    tell_fingers([0] * 5, [0] * 5)

@@ -1,5 +1,6 @@
 """The open packet: its bytes, what is lost and late, a fake glove and the example bridge in other processes."""
 
+import signal
 import socket
 import struct
 import subprocess
@@ -322,7 +323,8 @@ def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_
 
 def test_the_example_bridge_speaks_the_packet(tmp_path: Path) -> None:
     port = free_ports(socket.SOCK_DGRAM)
-    bridge = subprocess.Popen([sys.executable, "-u", str(BRIDGE), str(port)], stdout=subprocess.PIPE, text=True)
+    words = [sys.executable, "-u", str(BRIDGE), str(port)]
+    bridge = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
         device = open_device(DeviceConfig(kind="udp", port=port))
         device.open(PATIENCE)
@@ -334,6 +336,8 @@ def test_the_example_bridge_speaks_the_packet(tmp_path: Path) -> None:
         assert device.send(FingerCommand(np.full(5, 0.25), np.full(5, 0.5)))
         assert bridge.stdout.readline().split() == ["0.25/0.50"] * 5
         assert bridge.stdout.readline().split() == ["0.00/0.00"] * 5, "nobody told it more for 100 ms"
+        bridge.send_signal(signal.SIGINT)
+        assert bridge.stdout.readline().split() == ["0.00/0.00"] * 5, "it lets go when it is stopped"
         device.close()
     finally:
         bridge.kill()

@@ -1,0 +1,93 @@
+"""The examples, each run as a user would: here, or where `RUN_ELSEWHERE` says."""
+
+import importlib.util
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hhsim.result import load_result
+from hhsim.sphere_tree import SphereTree
+from hhsim.stored_scene import stored_mesh
+
+RUN_HERE = {"library.py", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
+RUN_ELSEWHERE = {
+    "gate.sh": "test_gate_run.py",
+    "gate-github-actions.yml": "test_gate_run.py",
+    "udp_bridge.py": "test_live_udp.py",
+}
+
+
+@pytest.fixture
+def examples(repository: Path) -> Path:
+    return repository / "examples"
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> dict[str, str]:
+    """With commands that are this hhsim and this python, whatever is on the PATH."""
+    code = "from hhsim.cli.main import main; main()"
+    command = tmp_path / "hhsim"
+    command.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -P -c {shlex.quote(code)} "$@"\n')
+    command.chmod(0o755)
+    return {**os.environ, "HHSIM": str(command), "PYTHON": sys.executable, "NO_COLOR": "1"}
+
+
+def test_every_example_is_told_of_and_run_by_a_test(repository: Path, examples: Path) -> None:
+    files = {path.name for path in examples.iterdir() if path.name != "__pycache__"}
+    assert files == {"README.md", *RUN_HERE, *RUN_ELSEWHERE}
+    page = (examples / "README.md").read_text(encoding="utf-8")
+    assert files - {"README.md"} == {
+        file for word, file in re.findall(r"\[([^\]]+)\]\(([^)#]+)\)", page) if word == file
+    }
+    for file, test in RUN_ELSEWHERE.items():
+        assert f'"{file}"' in (repository / "tests" / test).read_text(encoding="utf-8")
+
+
+def test_the_library_in_twenty_lines(examples: Path, tmp_path: Path) -> None:
+    text = (examples / "library.py").read_text(encoding="utf-8")
+    assert len([line for line in text.splitlines() if line.strip()]) <= 20
+    answer = subprocess.run(
+        [sys.executable, str(examples / "library.py")], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert answer.returncode == 0, answer.stderr
+    for method in ("coupled", "progressive"):
+        result = load_result(tmp_path / f"pinch-{method}.h5")
+        assert result.complete and result.scene["solver"]["method"] == method
+        assert f"{method}: {result.ticks:,} ticks, 0.000 µm deep, " in answer.stdout
+        assert (
+            f"the hold takes {result.summary['force_hold_mean']:.2f} N; all of it is in {result.path.name}"
+            in answer.stdout
+        )
+
+
+def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, environment: dict[str, str]) -> None:
+    command = ["sh", str(examples / "custom_object.sh"), "mine"]
+    answer = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    folder = tmp_path / "mine"
+    assert sorted(path.name for path in folder.iterdir()) == ["pawn-tree.h5", "pawn.h5", "pawn.stl"], answer.stderr
+    assert "proved and checked: each level covers the whole mesh" in answer.stdout
+    result, tree = load_result(folder / "pawn.h5"), SphereTree.load(folder / "pawn-tree.h5")
+    # The pawn is 69 mm high, and has the spheres that were built for it.
+    assert stored_mesh(result).extent == pytest.approx([0.044, 0.044, 0.069], abs=1e-5)
+    assert result.scene["object_spheres"] == tree.leaf_count
+    assert [phase.name for phase in result.phases] == ["approach", "pinch", "hold", "slide", "release"]
+    assert result["penetration_depth"].max() == 0.0
+    assert (result["contacts/touching"][result.phase("hold")] >= 2).all()
+    if importlib.util.find_spec("coal") is None:
+        assert answer.returncode == 2 and "pip install 'hhsim[verify]'" in answer.stderr
+        pytest.skip("coal is not installed: the example's last line, the check, says so and was not run")
+    assert answer.returncode == 0, answer.stderr
+    assert "every claim that could be judged holds" in answer.stdout
+
+
+def test_the_mesh_of_the_example_is_closed_and_outward(examples: Path, tmp_path: Path) -> None:
+    from hhsim.mesh import load_mesh
+
+    subprocess.run([sys.executable, "-I", str(examples / "custom_object.py"), "pawn.stl"], cwd=tmp_path, check=True)
+    mesh = load_mesh(tmp_path / "pawn.stl", "mm", repair=False)
+    assert mesh.warnings == ()

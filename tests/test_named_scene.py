@@ -1,0 +1,116 @@
+"""hhsim from Python: what the package names, and scenes from names against those of the command line."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hhsim
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.gate_inputs import differences, run_inputs
+from hhsim.result_schema import TICK_COLUMNS
+from hhsim.shapes import cube
+
+Run = Callable[..., Any]
+
+SHORT = """\
+title = "short pinch"
+stresses = "nothing"
+palm_gap = 0.03
+clearance = 0.01
+
+[[phase]]
+name = "approach"
+duration = 0.1
+
+[[phase]]
+name = "pinch"
+duration = 0.1
+
+[[phase]]
+name = "hold"
+duration = 0.05
+
+[tremor]
+position = 1e-4
+rotation = 3e-3
+"""
+
+
+def test_the_names_of_the_package_are_those_of_its_table_and_its_types() -> None:
+    assert hhsim.__file__ is not None
+    source = ast.parse(Path(hhsim.__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in source.body if isinstance(node, ast.If))
+    typed = {
+        alias.asname or alias.name: f"{node.module}.{alias.name}"
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert typed == hhsim._PLACES
+    assert hhsim.__all__ == sorted(typed)
+    assert set(hhsim.__all__) < set(dir(hhsim))
+    for name in hhsim.__all__:
+        value = getattr(hhsim, name)
+        assert f"{value.__module__}.{value.__name__}" == typed[name]
+        assert value.__doc__
+    with pytest.raises(AttributeError, match="module 'hhsim' has no attribute 'replayed'"):
+        _ = hhsim.replayed
+
+
+def test_the_package_imports_nothing_until_it_is_asked() -> None:
+    code = (
+        "import sys, hhsim; dir(hhsim); print(*sorted(sys.modules)); "
+        "from hhsim import info; assert info.__name__ == 'hhsim.info'"
+    )
+    answer = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(answer.stdout.split())
+    assert {name for name in loaded if name.startswith("hhsim")} == {"hhsim"}
+    assert loaded.isdisjoint({"numpy", "numba", "h5py", "click"})
+
+
+def test_a_scene_from_names_is_that_of_the_command_line(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(SHORT)
+    words = ("--level", "2", "--seed", "3", "--rate", "500", "--method", "progressive", "--out", "told.h5", "--quiet")
+    assert run("replay", "cube", "short.toml", *words).code == 0
+    scene = hhsim.open_scene("cube", tmp_path / "short.toml", level=2, seed=3, rate=500.0)
+    summary = hhsim.replay_scene(scene, hhsim.SolverOptions(method="progressive"), str(tmp_path / "own.h5"))
+    told, own = hhsim.load_result(tmp_path / "told.h5"), hhsim.load_result(str(tmp_path / "own.h5"))
+    assert summary.path == own.path and own.complete
+    for column in TICK_COLUMNS:
+        if not column.name.startswith("duration/"):
+            assert np.array_equal(told[column.name], own[column.name], equal_nan=column.dtype == "<f8"), column.name
+    assert own["contacts/touching"].max() > 0
+    assert differences(run_inputs(told), run_inputs(own)) == []
+    said = {name: told.scene[name] for name in own.scene if name not in ("object", "trajectory")}
+    assert {name: own.scene[name] for name in said} == said
+    assert (own.scene["object"], own.scene["trajectory"]) == ("cube", str(tmp_path / "short.toml"))
+    answer = run("replay", "own.h5")
+    assert answer.code == 0 and "identical in every tick" in answer.out
+
+
+def test_a_scene_of_a_mesh_and_a_motion_that_are_loaded(tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(SHORT)
+    mesh = cube()
+    motion = hhsim.open_scene(mesh, tmp_path / "short.toml", level=1).trajectory
+    scene = hhsim.open_scene(mesh, motion, level=1, mode="hold", rate=250.0)
+    assert (scene.ticks.rate, scene.ticks.tick_count) == (250.0, 63)
+    assert (scene.description["object"], scene.description["trajectory"]) == (mesh.name, motion.name)
+    assert scene.description["samples"] == "hold" and scene.tree.depth == 1
+    assert scene.hand.side == "right"
+
+
+def test_a_mistake_is_told_before_anything_is_built() -> None:
+    with pytest.raises(UnknownNameError, match="unknown object 'cbue': did you mean cube"):
+        hhsim.open_scene("cbue")
+    with pytest.raises(UnknownNameError, match="unknown trajectory 'pinhc': did you mean pinch"):
+        hhsim.open_scene("cube", "pinhc")
+    with pytest.raises(InputError, match="unit and size are for mesh files; 'cube' is an object that has its size"):
+        hhsim.open_scene("cube", unit="mm")
+    with pytest.raises(InputError, match="exclude each other"):
+        hhsim.open_scene("mug.stl", unit="mm", size=0.1)
