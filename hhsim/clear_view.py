@@ -6,17 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.rendering import look_from
+from hhsim.surface import Surface
+from hhsim.surface_samples import face_samples
 
 FloatArray = NDArray[np.float64]
 
 AZIMUTHS, ELEVATIONS = tuple(range(0, 360, 30)), (10.0, 35.0)
 """Views that are tried [degrees]."""
-CELLS = 40
+CELLS = 48
 """Rows and columns of a trial."""
 GAIN = 0.5
 """Of a score of at most about 2.5."""
-MOST_POINTS = 20_000
-"""Of a surface; of one with more, so many evenly spread."""
+POINTS = 10_000
+"""That a surface is looked at by, at least: some to each of the cells that it fills."""
 
 
 class View(NamedTuple):
@@ -32,37 +34,41 @@ class View(NamedTuple):
         return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def clear_view(
-    hand: FloatArray, body: FloatArray, marks: FloatArray, forces: FloatArray, usual: View | None = None
-) -> View:
+def clear_view(hand: Surface, body: Surface, marks: FloatArray, forces: FloatArray, usual: View | None = None) -> View:
     """The view in which most is seen of the marks, then of hand and object, and forces are not seen end on.
 
     Args:
-        hand: points of the hand's surface [m], shape (n, 3).
-        body: of the object's, shape (m, 3).
-        marks: that should not be hidden by the object, shape (k, 3); may be none.
+        hand: the hand's surface.
+        body: the object's.
+        marks: points that the object should not hide [m], shape (k, 3); may be none.
         forces: vectors, shape (j, 3); may be none.
         usual: that another picture has; another view must be better by `GAIN` to be chosen.
     """
-    skin, stone = (points[:: max(1, len(points) // MOST_POINTS)] for points in (hand, body))
+    rng = np.random.default_rng(0)
+    skin, stone = (_thinned(face_samples(surface.points, surface.faces, POINTS, rng)[0]) for surface in (hand, body))
     views = [View(float(azimuth), elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS]
     return max(views, key=lambda view: _seen(view, skin, stone, marks, forces) + GAIN * (view == usual))
 
 
+def _thinned(points: FloatArray) -> FloatArray:
+    """Of a mesh so fine that there is a point on each of very many faces, some."""
+    return points[:: max(1, len(points) // POINTS)]
+
+
 def _seen(view: View, skin: FloatArray, stone: FloatArray, marks: FloatArray, forces: FloatArray) -> float:
     rotation = look_from(view.towards)
-    low, high = np.array([np.min(skin @ rotation.T, axis=0), np.max(skin @ rotation.T, axis=0)])
-    scale = CELLS / max(float((high - low)[:2].max()), 1e-9)
+    whole = np.concatenate([skin, stone]) @ rotation[:2].T
+    low, scale = whole.min(axis=0), CELLS / max(float(np.ptp(whole, axis=0).max()), 1e-9)
 
     def depths(points: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
         seen = points @ rotation.T
-        cell = np.clip(((seen[:, :2] - low[:2]) * scale).astype(np.int64) + 1, 0, CELLS + 2)
-        return cell[:, 0] * (CELLS + 3) + cell[:, 1], seen[:, 2]
+        cell = np.clip(((seen[:, :2] - low) * scale).astype(np.int64), 0, CELLS)
+        return cell[:, 0] * (CELLS + 1) + cell[:, 1], seen[:, 2]
 
     nearest = {}
     for name, points in (("skin", skin), ("stone", stone)):
         cell, depth = depths(points)
-        nearest[name] = np.full((CELLS + 3) ** 2, -np.inf)
+        nearest[name] = np.full((CELLS + 1) ** 2, -np.inf)
         np.maximum.at(nearest[name], cell, depth)
     hand_cells = int((nearest["skin"] > nearest["stone"]).sum())
     body_cells = int((nearest["stone"] > nearest["skin"]).sum())

@@ -127,10 +127,10 @@ def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, nam
     axes.stairs(counts, edges, fill=True, color=color, alpha=0.75, baseline=0.0, label=f"CPU{which}")
     counts = np.histogram(np.maximum(run.wall, LEAST_TIME), edges)[0]
     axes.stairs(counts, edges, color=INK, linewidth=0.9, baseline=0.0, label=f"wall{which}")
-    axes.set_yscale("log")
     most = max(1, run.all_cpu.size)
     # Room above the bars for two lines of text.
     axes.set_ylim(0.6, 10.0 ** (1.3 * np.log10(most) + 0.6))
+    axes.set_yscale("log")
     powers = [10**k for k in range(int(np.log10(most)) + 1)]
     axes.set_yticks(powers, [f"{power:,}" for power in powers])
     axes.minorticks_off()

@@ -140,7 +140,7 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
     forces = [PhalanxForce(PIECES[k], places[k], force[0, k]) for k in felt]
     if view is None:
         vectors = np.array([arrow(one) for one in forces]).reshape(-1, 3)
-        view = clear_view(graphic.points, body.points, contacts.point, vectors, usual)
+        view = clear_view(graphic, body, contacts.point, vectors, usual)
     return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, _told(result, tick, ticks, forces))
 
 

@@ -1,0 +1,274 @@
+"""The figures of a report: what they say is what the file says, whatever the file is; the same file, the same bytes."""
+
+import io
+import shutil
+from collections.abc import Callable
+from dataclasses import replace as changed
+from pathlib import Path
+
+import h5py
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from PIL import Image
+
+from hhsim import report_columns, report_pictures, report_series
+from hhsim.clear_view import View, clear_view
+from hhsim.envelope import envelope
+from hhsim.errors import InputError
+from hhsim.hand import HandModel
+from hhsim.metrics import tick_statistics
+from hhsim.object_catalogue import load_object
+from hhsim.replay import replay
+from hhsim.report_figures import ReportFigure, time_text
+from hhsim.report_histogram import histogram_figure
+from hhsim.report_pictures import hand_picture, overview_picture
+from hhsim.report_series import series_figure
+from hhsim.report_speed_error import speed_error_figure
+from hhsim.report_worst import worst_ticks
+from hhsim.result import Result, load_result
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.solver_options import SolverOptions
+from hhsim.surface import SKIN, round_cone_surface
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+MOTION = """
+title = "short"
+palm_gap = 0.005
+depth = 0.015
+[[phase]]
+name = "approach"
+duration = 0.05
+[[phase]]
+name = "grasp"
+duration = 0.1
+[[phase]]
+name = "hold"
+duration = 0.05
+[[phase]]
+name = "release"
+duration = 0.05
+"""
+HELD = 180
+"""A tick of the hold."""
+CHARTS: tuple[Callable[[list[Result]], ReportFigure], ...] = (series_figure, histogram_figure, speed_error_figure)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    mesh = load_object("cylinder").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    path = tmp_path_factory.mktemp("report") / "short.h5"
+    replay(scene, SolverOptions(), path, description={"hand_file": None})
+    return load_result(path)
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of the hand with few pixels."""
+    monkeypatch.setattr(report_pictures, "RENDER_DPI", 50)
+
+
+def edited(result: Result, path: Path, edits: dict[str, Callable[[NDArray[np.generic]], object]]) -> Result:
+    """A copy of a result in which some datasets of /tick are others."""
+    shutil.copy(result.path, path)
+    with h5py.File(path, "r+") as file:
+        for name, edit in edits.items():
+            values = file["tick"][name][...]
+            edit(values)
+            file["tick"][name][...] = values
+    return load_result(path)
+
+
+def first_ticks(result: Result, ticks: int) -> Result:
+    return changed(result, ticks=ticks, phases=tuple(p for p in result.phases if p.first_tick < ticks), _loaded={})
+
+
+def pixels(png: bytes) -> NDArray[np.uint8]:
+    return np.asarray(Image.open(io.BytesIO(png)))
+
+
+@given(st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=200), st.integers(1, 40))
+def test_a_band_holds_every_value_and_no_more(values: list[float], stretches: int) -> None:
+    array = np.array(values)
+    band = envelope(np.arange(len(array), dtype=np.float64), array, stretches)
+    assert len(band.at) == min(stretches, len(array))
+    assert (np.diff(band.at) > 0.0).all()
+    defined = array[~np.isnan(array)]
+    if defined.size == 0:
+        assert np.isnan(band.low).all()
+        return
+    assert np.nanmin(band.low) == defined.min()
+    assert np.nanmax(band.high) == defined.max()
+    known = ~np.isnan(band.low)
+    assert (band.low[known] <= band.middle[known]).all()
+    assert (band.middle[known] <= band.high[known]).all()
+
+
+def test_columns_are_those_of_the_file_however_they_are_read(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report_columns, "BLOCK", 37)
+    columns = report_columns.report_columns(result)
+    np.testing.assert_array_equal(columns.time, result["time"])
+    np.testing.assert_allclose(columns.cpu, 1e-9 * result["duration/total_cpu"], rtol=1e-6)
+    np.testing.assert_allclose(columns.force[:, 0], np.linalg.norm(result["force/total"], axis=1), rtol=1e-6)
+    fingers = np.linalg.norm(result["force/phalanx"].sum(axis=2), axis=2)
+    np.testing.assert_allclose(columns.force[:, 1:6], fingers, rtol=1e-6)
+    np.testing.assert_array_equal(columns.contact, result["contacts/candidates"] > 0)
+
+
+@pytest.mark.parametrize("draw", CHARTS)
+def test_a_chart_is_the_same_bytes_whatever_the_users_style(
+    result: Result, draw: Callable[[list[Result]], ReportFigure]
+) -> None:
+    first = draw([result])
+    with mpl.rc_context({"font.size": 30.0, "axes.facecolor": "yellow", "figure.dpi": 50.0}):
+        assert draw([result]) == first
+    for png, columns in ((first.png, 1400), (first.phone_png, 720)):
+        assert png is not None
+        picture = Image.open(io.BytesIO(png))
+        assert picture.size[0] == columns
+        assert picture.info == {}, "a date or a version makes other bytes of the same picture"
+        # Nothing is cut off at the sides: they are white but for the ends of the axes' lines.
+        assert (np.asarray(picture)[:, 0] == 255).all()
+    assert Image.open(io.BytesIO(first.png)).size == (first.width_px, first.height_px)
+
+
+@pytest.mark.parametrize("draw", CHARTS)
+@pytest.mark.parametrize("ticks", [0, 1])
+def test_a_chart_of_little_or_nothing_is_drawn(
+    result: Result, draw: Callable[[list[Result]], ReportFigure], ticks: int
+) -> None:
+    alone = draw([first_ticks(result, ticks)])
+    assert "nan" not in alone.alt + alone.caption
+    if ticks == 0:
+        assert "o tick" in alone.alt
+
+
+@pytest.mark.parametrize("draw", CHARTS)
+def test_a_chart_of_undefined_values_is_drawn(
+    result: Result, draw: Callable[[list[Result]], ReportFigure], tmp_path: Path
+) -> None:
+    def undefine(values: NDArray[np.generic]) -> None:
+        values[50:] = np.nan
+
+    names = ("penetration_depth", "force_variation_rate", "force/total")
+    broken = edited(result, tmp_path / "broken.h5", dict.fromkeys(names, undefine))
+    assert "nan" not in draw([broken]).alt
+
+
+def test_the_histogram_tells_the_figures_of_the_table(result: Result) -> None:
+    contact = result["contacts/candidates"] > 0
+    told = tick_statistics(result["duration/total_cpu"][contact])
+    alt = histogram_figure([result]).alt
+    assert f"of {int(contact.sum()):,} ticks in contact" in alt
+    for value in (told.p50, told.p99, told.max):
+        assert time_text(1e-6 * value) in alt
+
+
+def test_results_side_by_side_are_told_apart(result: Result) -> None:
+    empty = first_ticks(result, 0)
+    for draw in CHARTS:
+        both = draw([result, empty])
+        assert both.png != draw([result]).png
+        assert "no tick" in both.alt.lower()
+
+
+def test_a_long_run_becomes_a_band_that_says_so(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "bands" not in series_figure([result]).caption
+    monkeypatch.setattr(report_series, "AS_THEY_ARE", 100)
+    monkeypatch.setattr(report_series, "STRETCHES", 40)
+    assert "bands" in series_figure([result]).caption
+
+
+def test_the_worst_ticks_are_the_planted_ones(result: Result, tmp_path: Path) -> None:
+    def slow(values: NDArray[np.generic]) -> None:
+        values[37] = 5_000_000
+
+    def deep(values: NDArray[np.generic]) -> None:
+        values[90] = 2e-4
+
+    def jump(values: NDArray[np.generic]) -> None:
+        values[120] = values[120] + np.array([30.0, 0.0, 0.0])
+        # A change in the hold is no step of a moving hand.
+        values[HELD] = values[HELD] + np.array([90.0, 0.0, 0.0])
+
+    def late(values: NDArray[np.generic]) -> None:
+        values[:] = 0.0
+        values[11] = 3e-3
+
+    planted = {"duration/total_cpu": slow, "penetration_depth": deep, "force/total": jump, "lag": late}
+    worst = worst_ticks(edited(result, tmp_path / "planted.h5", planted))
+    found = {one.kind: one.tick for one in worst}
+    # Away again in the tick after the jump: as large a step.
+    assert found.pop("force-step") in (120, 121)
+    assert found == {"slowest": 37, "deepest": 90, "lag": 11}
+    assert [one.unit for one in worst] == ["s", "m", "N", "m"]
+    values = {one.kind: one.value for one in worst}
+    assert values["slowest"] == pytest.approx(5e-3)
+    assert values["force-step"] == pytest.approx(30.0, rel=0.1)
+    assert all(f"tick {one.tick:,}" in one.sentence for one in worst)
+
+
+def test_what_did_not_happen_is_no_worst_tick(result: Result) -> None:
+    assert worst_ticks(first_ticks(result, 0)) == []
+    assert [one.kind for one in worst_ticks(first_ticks(result, 1))] == ["slowest"]
+
+
+def test_the_view_shows_the_marks() -> None:
+    origin, beside = np.zeros(3), np.array([0.08, 0.0, 0.0])
+    ball = round_cone_surface(origin, origin, 0.05, 0.05, SKIN)
+    hand = round_cone_surface(beside, beside, 0.03, 0.03, SKIN)
+    marks, nothing = np.array([[0.05, 0.0, 0.0]]), np.empty((0, 3))
+    view = clear_view(hand, ball, marks, nothing)
+    # Marks and hand are on the far side for a viewer at 180 degrees.
+    assert abs((view.azimuth + 180.0) % 360.0 - 180.0) <= 90.0
+    usual = View(30.0, 10.0)
+    assert clear_view(hand, ball, marks, nothing, usual) == usual
+    hidden = View(180.0, 10.0)
+    assert clear_view(hand, ball, marks, nothing, hidden) != hidden
+
+
+@pytest.mark.usefixtures("coarse")
+def test_the_picture_of_a_tick_has_hands_forces_and_words(result: Result) -> None:
+    figure = hand_picture(result, HELD)
+    assert (figure.name, pixels(figure.png).shape[:2]) == (f"tick-{HELD}", (figure.height_px, figure.width_px))
+    picture = pixels(figure.png).astype(np.float64) / 255.0
+    red = (picture[:, :, 0] > 0.6) & (picture[:, :, 1] < 0.25) & (picture[:, :, 2] < 0.25)
+    blue = picture[:, :, 2] - picture[:, :, 0] > 0.2
+    skin = (picture[:, :, 0] > 0.7) & (picture[:, :, 0] - picture[:, :, 2] > 0.15) & (picture[:, :, 1] > 0.4)
+    for mark in (red, blue, skin):
+        assert mark.sum() > 100
+    assert f"tick {HELD}" in figure.alt
+    assert f"{np.linalg.norm(result['force/total'][HELD]):.2f} N in all" in figure.alt
+    assert hand_picture(result, HELD).png == figure.png
+    assert hand_picture(result, HELD, (200.0, 10.0)).png != figure.png
+
+
+@pytest.mark.usefixtures("coarse")
+def test_the_overview_shows_forces_in_one_half_only(result: Result) -> None:
+    figure = overview_picture(result)
+    picture = pixels(figure.png).astype(np.float64) / 255.0
+    red = (picture[:, :, 0] > 0.6) & (picture[:, :, 1] < 0.25) & (picture[:, :, 2] < 0.25)
+    assert not red[:, :700].any()
+    assert red[:, 700:].sum() > 100
+    assert "hold" in figure.caption
+
+
+def test_a_tick_that_is_not_there_is_one_clear_line(result: Result) -> None:
+    with pytest.raises(InputError, match="has no tick 999: it has 250, counted from 0"):
+        hand_picture(result, 999)
+    with pytest.raises(InputError, match="holds no tick"):
+        overview_picture(first_ticks(result, 0))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(3.2e-7, "320 ns"), (1.07e-5, "10.7 µs"), (3.1e-4, "310 µs"), (1e-3, "1 ms"), (0.0218, "21.8 ms"), (2.5, "2.5 s")],
+)
+def test_times_are_told_in_the_unit_that_suits_them(seconds: float, text: str) -> None:
+    assert time_text(seconds) == text
