@@ -42,7 +42,6 @@ to little_flex3, proximal to distal, and thumb_abd to little_abd::
 Joints that are not named stay at 0, the palm without position or orientation stays at the origin.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,6 +53,7 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.recorded_axes import OURS, axes_matrix, world_matrix
 from hhsim.recording_units import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
+from hhsim.toml_document import check_keys, checked_number, checked_table, checked_text, parse_toml, read_toml_text
 from hhsim.trajectory import HandSide
 from hhsim.trajectory_csv import ABDUCTION_COLUMNS, COLUMNS, FLEXION_COLUMNS, PHASE
 
@@ -139,13 +139,7 @@ def read_column_map(path: Path) -> ColumnMap:
     Raises:
         InputError: no such file, no TOML, or a key or value that no mapping has.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file; expected a TOML mapping of columns") from None
-    return parse_column_map(text, where=str(path))
+    return parse_column_map(read_toml_text(path, "mapping of columns"), where=str(path))
 
 
 def parse_column_map(text: str, *, where: str) -> ColumnMap:
@@ -158,16 +152,13 @@ def parse_column_map(text: str, *, where: str) -> ColumnMap:
     Raises:
         InputError: no TOML, or a key or value that no mapping has.
     """
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{where}: not TOML: {error}") from None
+    table = parse_toml(text, where)
     known = (*TEXTS, "hand", "hand_length", "rate", "delimiter", "decimal", "world_up", "palm_axes", "palm_offset")
-    _check_keys(where, table, (*known, "time", "position", "orientation", "angle", "joint", "raw", "phase"))
+    check_keys(where, table, (*known, "time", "position", "orientation", "angle", "joint", "raw", "phase"))
     fields: dict[str, Any] = {"texts": {key: _text(where, key, table[key]) for key in TEXTS if key in table}}
     for key, (low, high) in {"rate": (0.1, 1e5), "hand_length": (0.05, 0.4)}.items():
         if key in table:
-            fields[key] = _number(where, key, table[key], low, high)
+            fields[key] = checked_number(where, key, table[key], low, high)
     if "hand" in table:
         if table["hand"] not in ("right", "left"):
             raise InputError(f"{where}: hand = {table['hand']!r}; expected right or left")
@@ -187,7 +178,7 @@ def parse_column_map(text: str, *, where: str) -> ColumnMap:
         numbers = table["palm_offset"]
         if not isinstance(numbers, list) or len(numbers) != 3:
             raise InputError(f"{where}: palm_offset = {numbers!r}; expected three numbers [m]")
-        fields["palm_offset"] = tuple(_number(where, "palm_offset", value, -1.0, 1.0) for value in numbers)
+        fields["palm_offset"] = tuple(checked_number(where, "palm_offset", value, -1.0, 1.0) for value in numbers)
     if "phase" in table:
         fields["phase"] = _text(where, "phase", table["phase"])
     return ColumnMap(**fields, **_time(where, table), **_palm(where, table), **_joints(where, table))
@@ -198,7 +189,7 @@ def _time(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
         if "rate" not in table:
             raise InputError(f"{where}: no [time] and no rate; expected [time] with a column, or rate = … [Hz]")
         return {}
-    given = _table(where, "time", table["time"], ("column", "unit"))
+    given = checked_table(where, "time", table["time"], ("column", "unit"))
     if "column" not in given:
         raise InputError(f"{where}: [time] names no column")
     unit = _unit(where, "time", given, TIME_UNITS, "s")
@@ -208,11 +199,11 @@ def _time(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
 def _palm(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
     fields: dict[str, Any] = {}
     if "position" in table:
-        given = _table(where, "position", table["position"], ("columns", "unit"))
+        given = checked_table(where, "position", table["position"], ("columns", "unit"))
         fields["position"] = _texts(where, "position.columns", given.get("columns"), (3,))
         fields["position_unit"] = _unit(where, "position", given, LENGTH_UNITS, "m")
     if "orientation" in table:
-        given = _table(where, "orientation", table["orientation"], ("columns", "order", "unit"))
+        given = checked_table(where, "orientation", table["orientation"], ("columns", "order", "unit"))
         columns = _texts(where, "orientation.columns", given.get("columns"), (3, 4))
         order = _text(where, "orientation.order", given.get("order", "wxyz"))
         euler = len(columns) == 3
@@ -233,7 +224,7 @@ def _palm(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _joints(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    usual = _unit(where, "angle", _table(where, "angle", table.get("angle", {}), ("unit",)), ANGLE_UNITS, "rad")
+    usual = _unit(where, "angle", checked_table(where, "angle", table.get("angle", {}), ("unit",)), ANGLE_UNITS, "rad")
     given = table.get("joint")
     if not isinstance(given, dict) or not given:
         raise InputError(f"{where}: no [joint] table; expected at least one of {', '.join(JOINT_NAMES[:3])}, …")
@@ -244,11 +235,13 @@ def _joints(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
         if isinstance(value, str):
             joints[name] = JointColumn(value, unit=usual)
             continue
-        entry = _table(where, f"joint.{name}", value, ("column", "joint", "scale", "offset", "unit"))
+        entry = checked_table(where, f"joint.{name}", value, ("column", "joint", "scale", "offset", "unit"))
         if ("column" in entry) == ("joint" in entry):
             raise InputError(f"{where}: joint.{name}: expected a column, or another joint that it follows")
         numbers = {
-            key: _number(where, f"{name}.{key}", entry[key], -1e6, 1e6) for key in ("scale", "offset") if key in entry
+            key: checked_number(where, f"{name}.{key}", entry[key], -1e6, 1e6)
+            for key in ("scale", "offset")
+            if key in entry
         }
         texts = {key: _text(where, f"{name}.{key}", entry[key]) for key in ("column", "joint") if key in entry}
         joints[name] = JointColumn(
@@ -262,30 +255,16 @@ def _joints(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
         if joint.joint is not None and (joint.joint not in joints or joints[joint.joint].column is None):
             raise InputError(f"{where}: joint.{name} follows '{joint.joint}', which has no column of its own")
     raw = {}
-    for name, value in _table(where, "raw", table.get("raw", {}), None).items():
+    for name, value in checked_table(where, "raw", table.get("raw", {})).items():
         entry = (
             {"column": value}
             if isinstance(value, str)
-            else _table(where, f"raw.{name}", value, ("column", "unit", "meaning"))
+            else checked_table(where, f"raw.{name}", value, ("column", "unit", "meaning"))
         )
         if "column" not in entry:
             raise InputError(f"{where}: raw.{name} names no column")
         raw[name] = RawColumn(**{key: _text(where, f"raw.{name}.{key}", text) for key, text in entry.items()})
     return {"joints": joints, "raw": raw}
-
-
-def _table(where: str, key: str, value: Any, known: tuple[str, ...] | None) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: {key} = {value!r}; expected a table")
-    if known is not None:
-        _check_keys(f"{where}: {key}", value, known)
-    return value
-
-
-def _check_keys(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    for key in table:
-        if key not in known:
-            raise InputError(f"{where}: {UnknownNameError('key', key, known)}")
 
 
 def _unit(where: str, key: str, table: Mapping[str, Any], units: Mapping[str, float], usual: str) -> str:
@@ -295,16 +274,10 @@ def _unit(where: str, key: str, table: Mapping[str, Any], units: Mapping[str, fl
     return unit
 
 
-def _number(where: str, key: str, value: Any, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise InputError(f"{where}: {key} = {value!r}; expected a number from {low:g} to {high:g}")
-    return float(value)
-
-
 def _text(where: str, key: str, value: Any) -> str:
-    if not isinstance(value, str) or not value:
-        raise InputError(f"{where}: {key} = {value!r}; expected text in quotes")
-    return value
+    if value == "":
+        raise InputError(f"{where}: {key} = ''; expected text in quotes")
+    return checked_text(where, key, value)
 
 
 def _texts(where: str, key: str, value: Any, counts: tuple[int, ...]) -> tuple[str, ...]:

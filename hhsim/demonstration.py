@@ -14,7 +14,6 @@ hand touches it (`hhsim.object_placement`)::
 Other keys are for people: where the recording comes from, and what was done to it.
 """
 
-import tomllib
 from dataclasses import dataclass, replace
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -24,6 +23,7 @@ from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand import FINGERS, HandModel
 from hhsim.object_placement import Wanted, place_object
 from hhsim.sphere_tree import SphereTree
+from hhsim.toml_document import check_keys, checked_text, parse_toml
 from hhsim.trajectory import HandSide, Trajectory
 from hhsim.trajectory_file import load_trajectory
 
@@ -89,14 +89,10 @@ def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, whe
     Raises:
         TrajectoryError: no TOML, a value that no demonstration has, or no recording.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise TrajectoryError(f"{where}: not TOML: {error}") from None
-    texts = {key: table.get(key, "") for key in ("title", "stresses", "recording")}
-    for key, value in texts.items():
-        if not isinstance(value, str):
-            raise TrajectoryError(f"{where}: {key} = {value!r}; expected text in quotes")
+    table = parse_toml(text, where, TrajectoryError)
+    texts = {
+        key: checked_text(where, key, table.get(key, ""), TrajectoryError) for key in ("title", "stresses", "recording")
+    }
     if not texts["recording"]:
         raise TrajectoryError(f"{where}: no recording; expected the name of a .h5 or .csv file beside this one")
     motion = replace(_load(folder, texts["recording"], where), name=name)
@@ -106,9 +102,7 @@ def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, whe
 def _touch(where: str, table: Any) -> Wanted:
     if not isinstance(table, dict):
         raise TrajectoryError(f"{where}: no [touch]; expected a finger and a depth [m]")
-    for key in table:
-        if key not in ("finger", "depth"):
-            raise TrajectoryError(f"{where}: [touch]: {UnknownNameError('key', key, ('finger', 'depth'))}")
+    check_keys(f"{where}: [touch]", table, ("finger", "depth"), TrajectoryError)
     finger, depth = table.get("finger"), table.get("depth")
     if finger not in FINGERS:
         raise TrajectoryError(f"{where}: [touch]: {UnknownNameError('finger', str(finger), FINGERS)}")

@@ -20,7 +20,6 @@ for rotate. A glove that gives raw counts is calibrated by poses (`calibrated`),
     index_flex2 = { offset = 2.0, index_bend = 98.0 }   # angle = offset + Σ slope · channel
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,6 +32,7 @@ from hhsim.column_map import JOINT_NAMES
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand import FINGERS
 from hhsim.recording_units import ANGLE_UNITS
+from hhsim.toml_document import check_keys, checked_number, checked_table, parse_toml, read_toml_text
 
 Array = NDArray[np.float64]
 
@@ -55,6 +55,8 @@ DEFAULT_DEGREES: dict[str, dict[str, float]] = {
 }
 """The default regression [degrees]; positive abduction turns towards the thumb side."""
 
+MOST_NUMBER = 1e6
+"""In a calibration: no reading and no angle is larger."""
 LEAST_SPAN = 100.0
 """A channel of raw counts (12 bits) whose two poses are nearer than this says little: a hint goes with it."""
 
@@ -236,13 +238,7 @@ def read_calibration(path: Path) -> DexmoRegression:
     Raises:
         InputError: no such file, no TOML, or a key or value that no calibration has.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file; expected a TOML calibration") from None
-    return parse_calibration(text, where=str(path))
+    return parse_calibration(read_toml_text(path, "calibration"), where=str(path))
 
 
 def parse_calibration(text: str, *, where: str) -> DexmoRegression:
@@ -255,39 +251,35 @@ def parse_calibration(text: str, *, where: str) -> DexmoRegression:
     Raises:
         InputError: no TOML, or a key or value that no calibration has.
     """
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{where}: not TOML: {error}") from None
-    _check_keys(where, table, ("channel", "angle", "joint"))
-    angle = _table(where, "angle", table.get("angle", {}))
-    _check_keys(f"{where}: angle", angle, ("unit",))
+    table = parse_toml(text, where)
+    check_keys(where, table, ("channel", "angle", "joint"))
+    angle = checked_table(where, "angle", table.get("angle", {}), ("unit",))
     if angle.get("unit", "rad") not in ANGLE_UNITS:
         raise InputError(f"{where}: angle.unit = {angle['unit']!r}; expected {' or '.join(ANGLE_UNITS)}")
     factor = ANGLE_UNITS[angle.get("unit", "rad")]
     base = DexmoRegression.default()
     opened, closed, slope, offset = (values.copy() for values in (base.open, base.closed, base.slope, base.offset))
-    ends = _table(where, "channel", table.get("channel", {}))
-    _check_keys(f"{where}: channel", ends, CHANNELS)
+    ends = checked_table(where, "channel", table.get("channel", {}), CHANNELS)
     if ends and len(ends) < len(CHANNELS):
         missing = next(name for name in CHANNELS if name not in ends)
         raise InputError(f"{where}: channel.{missing} is missing; expected all {len(CHANNELS)} channels, or none")
     for name, value in ends.items():
-        pair = _table(where, f"channel.{name}", value)
-        _check_keys(f"{where}: channel.{name}", pair, ("open", "closed"))
-        low, high = (_number(f"{where}: channel.{name}.{key}", pair.get(key)) for key in ("open", "closed"))
+        pair = checked_table(where, f"channel.{name}", value, ("open", "closed"))
+        low, high = (_number(where, f"channel.{name}.{key}", pair.get(key)) for key in ("open", "closed"))
         if low == high:
             raise InputError(f"{where}: channel.{name}: open and closed are both {low:g}; expected two readings")
         opened[CHANNELS.index(name)], closed[CHANNELS.index(name)] = low, high
-    joints = _table(where, "joint", table.get("joint", {}))
-    _check_keys(f"{where}: joint", joints, JOINT_NAMES)
+    joints = checked_table(where, "joint", table.get("joint", {}), JOINT_NAMES)
     for name, value in joints.items():
-        terms = _table(where, f"joint.{name}", value)
-        _check_keys(f"{where}: joint.{name}", terms, ("offset", *CHANNELS))
-        numbers = {key: factor * _number(f"{where}: joint.{name}.{key}", term) for key, term in terms.items()}
+        terms = checked_table(where, f"joint.{name}", value, ("offset", *CHANNELS))
+        numbers = {key: factor * _number(where, f"joint.{name}.{key}", term) for key, term in terms.items()}
         slope[JOINT_NAMES.index(name)], offset[JOINT_NAMES.index(name)] = 0.0, 0.0
         _set(slope, offset, name, numbers)
     return DexmoRegression(opened, closed, slope, offset)
+
+
+def _number(where: str, key: str, value: Any) -> float:
+    return checked_number(where, key, value, -MOST_NUMBER, MOST_NUMBER)
 
 
 def _set(slope: Array, offset: Array, joint: str, terms: Mapping[str, float]) -> None:
@@ -297,21 +289,3 @@ def _set(slope: Array, offset: Array, joint: str, terms: Mapping[str, float]) ->
             offset[row] = value
         else:
             slope[row, CHANNELS.index(key)] = value
-
-
-def _table(where: str, key: str, value: Any) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: {key} = {value!r}; expected a table")
-    return value
-
-
-def _check_keys(where: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
-    for key in table:
-        if key not in known:
-            raise InputError(f"{where}: {UnknownNameError('key', key, known)}")
-
-
-def _number(where: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e6:
-        raise InputError(f"{where} = {value!r}; expected a number")
-    return float(value)

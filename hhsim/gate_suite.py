@@ -4,7 +4,6 @@
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 from hhsim.errors import InputError
 from hhsim.gate_figures import COUNTERS, ERRORS
 from hhsim.solver_options import METHODS
+from hhsim.toml_document import check_keys, checked_table, parse_toml, read_toml_text
 
 SUITE_FILE = "hhsim-gate.toml"
 """The suite of a project, in the folder where the gate is run."""
@@ -136,11 +136,7 @@ def load_suite(path: Path) -> GateSuite:
     Raises:
         InputError: no such file, no TOML, or a key, a name or a value that a suite does not have.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read the suite {path}: {getattr(error, 'strerror', None) or error}") from error
-    return parse_suite(text, path.parent, str(path))
+    return parse_suite(read_toml_text(path, "suite"), path.parent, str(path))
 
 
 def default_suite() -> GateSuite:
@@ -159,17 +155,13 @@ def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
     Raises:
         InputError: as `load_suite`.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{source} is no TOML: {error}") from error
-    _known(table, {"version", "baseline", "limits", "counters", "time", "scene"}, source)
+    table = parse_toml(text, source)
+    check_keys(source, table, ("version", "baseline", "limits", "counters", "time", "scene"))
     if table.get("version") != SUITE_VERSION:
         raise InputError(f"{source}: version is {table.get('version')!r}, this hhsim reads {SUITE_VERSION}")
-    limits = _limits(_table(table, "limits", source), f"{source}, [limits]")
-    slack = _slack(_table(table, "counters", source), dict.fromkeys(COUNTERS, 0.0), f"{source}, [counters]")
-    time = _table(table, "time", source)
-    _known(time, {"limit", "recorded_limit", "processes"}, f"{source}, [time]")
+    limits = _limits(table, source)
+    slack = _slack(table, source, dict.fromkeys(COUNTERS, 0.0))
+    time = checked_table(source, "time", table.get("time", {}), ("limit", "recorded_limit", "processes"))
     processes = time.get("processes", 5)
     if not isinstance(processes, int) or isinstance(processes, bool) or not 3 <= processes <= 100:
         raise InputError(f"{source}, [time]: processes is {processes!r}, expected 3 to 100")
@@ -198,8 +190,8 @@ def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
 
 
 def _scene(row: dict[str, Any], limits: Mapping[str, float], slack: Mapping[str, float], where: str) -> GateScene:
-    keys = {"name", "object", "trajectory", "method", "level", "arguments", "timed", "limits", "counters"}
-    _known(row, keys, where)
+    keys = ("name", "object", "trajectory", "method", "level", "arguments", "timed", "limits", "counters")
+    check_keys(where, row, keys)
     for key in ("name", "object", "trajectory"):
         if not isinstance(row.get(key), str) or not row[key]:
             raise InputError(f"{where}: {key} is {row.get(key)!r}, expected a text")
@@ -208,7 +200,7 @@ def _scene(row: dict[str, Any], limits: Mapping[str, float], slack: Mapping[str,
     method, level, timed = row.get("method", "coupled"), row.get("level"), row.get("timed", False)
     if method not in METHODS:
         raise InputError(f"{where}: method is {method!r}, expected {', '.join(METHODS)}")
-    if level is not None and (isinstance(level, bool) or level not in (1, 2, 3, 4, 5)):
+    if level is not None and (type(level) is not int or not 1 <= level <= 5):
         raise InputError(f"{where}: level is {level!r}, expected 1 to 5")
     if not isinstance(timed, bool):
         raise InputError(f"{where}: timed is {timed!r}, expected true or false")
@@ -226,42 +218,28 @@ def _scene(row: dict[str, Any], limits: Mapping[str, float], slack: Mapping[str,
         level=level,
         arguments=tuple(arguments),
         timed=timed,
-        limits=_limits(_table(row, "limits", where), f"{where}, limits", limits),
-        slack=_slack(_table(row, "counters", where), slack, f"{where}, counters"),
+        limits=_limits(row, where, limits),
+        slack=_slack(row, where, slack),
     )
 
 
 def _limits(table: dict[str, Any], where: str, usual: Mapping[str, float] | None = None) -> dict[str, float]:
     """Limits by figure: those of a scene on top of the usual ones; false takes one away."""
-    _known(table, set(ERRORS), where)
     found = dict(usual or {})
-    for name, value in table.items():
+    for name, value in checked_table(where, "limits", table.get("limits", {}), ERRORS).items():
         if value is False:
             found.pop(name, None)
         else:
-            found[name] = _number(value, f"{where}: {name}")
+            found[name] = _number(value, f"{where}: limits: {name}")
     return found
 
 
-def _slack(table: dict[str, Any], usual: Mapping[str, float], where: str) -> dict[str, float]:
+def _slack(table: dict[str, Any], where: str, usual: Mapping[str, float]) -> dict[str, float]:
     """Slack by counter; `slack` is that of all counters that are not named."""
-    _known(table, {"slack", *COUNTERS}, where)
-    shares = {name: _share(value, f"{where}: {name}") for name, value in table.items()}
+    counters = checked_table(where, "counters", table.get("counters", {}), ("slack", *COUNTERS))
+    shares = {name: _share(value, f"{where}: counters: {name}") for name, value in counters.items()}
     every = shares.pop("slack", None)
     return {name: shares.get(name, usual[name] if every is None else every) for name in COUNTERS}
-
-
-def _table(table: dict[str, Any], name: str, where: str) -> dict[str, Any]:
-    found = table.get(name, {})
-    if not isinstance(found, dict):
-        raise InputError(f"{where}: {name} is {found!r}, expected a table")
-    return found
-
-
-def _known(table: Mapping[str, Any], known: set[str], where: str) -> None:
-    strange = sorted(table.keys() - known)
-    if strange:
-        raise InputError(f"{where}: unknown key {strange[0]!r}; known: {', '.join(sorted(known))}")
 
 
 def _number(value: Any, what: str) -> float:

@@ -31,7 +31,6 @@ of a *right* hand (x from thumb to little finger, y to the fingers, z out of the
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +46,7 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh import Mesh
 from hhsim.palm import palm_mesh
 from hhsim.sphere_tree import SphereTree
+from hhsim.toml_document import parse_toml, read_toml_text
 from hhsim.tree_builder import TreeOptions, cached_sphere_tree, proved_anew
 
 FloatArray = NDArray[np.float64]
@@ -187,14 +187,7 @@ class HandModel:
             InputError: No such file, broken TOML, or a size of wrong shape or sign.
             UnknownNameError: A key that no hand has; the message lists the near ones.
         """
-        path = Path(path)
-        try:
-            sizes = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"{path}: cannot read the hand file: {error.strerror or error}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise InputError(f"{path}: not a TOML file: {error}") from error
-        return _model(sizes, side, str(path))
+        return _model(parse_toml(read_toml_text(Path(path), "hand"), str(path)), side, str(path))
 
     def arrays(self) -> HandArrays:
         """The hand as the kernels take it."""

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand import FINGERS
 from hhsim.object_catalogue import object_names
+from hhsim.toml_document import check_keys
 
 Array = NDArray[np.float64]
 
@@ -90,9 +91,7 @@ def parse_placements(where: str, given: Any, *, slides: bool) -> tuple[Placement
 
 def _placement(where: str, table: Mapping[str, Any], slides: bool) -> Placement:
     known = ("object", *_SIZES)
-    for key in table:
-        if key not in known:
-            raise TrajectoryError(f"{where}: {UnknownNameError('key', key, known)}")
+    check_keys(where, table, known, TrajectoryError)
     for key in known:
         if key not in table and key not in _OPTIONAL:
             raise TrajectoryError(f"{where} has no {key}")

@@ -62,9 +62,9 @@ Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J.
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,7 @@ from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand import FINGERS
 from hhsim.object_catalogue import object_names
 from hhsim.placement import Placement, parse_placements
+from hhsim.toml_document import check_keys, checked_number, checked_text, parse_toml, read_toml_text
 from hhsim.touch import ANYWHERE, PALM, Touch, parse_touch
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
@@ -196,6 +197,9 @@ _NUMBERS: dict[str, tuple[float, float]] = {
 _TEXTS = ("title", "stresses")
 _TABLES = ("tremor", "sensor")
 _KEYS = (*_TEXTS, *_NUMBERS, "contact", "objects", "phase", "placement", "paper", *_TABLES)
+_check_keys = partial(check_keys, error=TrajectoryError)
+_number = partial(checked_number, error=TrajectoryError)
+_text = partial(checked_text, error=TrajectoryError)
 
 
 def read_script(path: Path, *, unplaced: bool = False) -> Script:
@@ -204,12 +208,7 @@ def read_script(path: Path, *, unplaced: bool = False) -> Script:
     Raises:
         TrajectoryError: no such file, no TOML, or a key, value or phase that no script has.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise TrajectoryError(f"{path}: not a text file; expected a TOML script") from None
-    except OSError as error:
-        raise TrajectoryError(f"{path}: cannot be read: {error.strerror or error}") from error
+    text = read_toml_text(path, "script", TrajectoryError)
     return parse_script(text, name=path.stem, where=str(path), unplaced=unplaced)
 
 
@@ -225,15 +224,12 @@ def parse_script(text: str, *, name: str, where: str, unplaced: bool = False) ->
     Raises:
         TrajectoryError: no TOML, or a key, value or phase that no script has.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise TrajectoryError(f"{where}: not TOML: {error}") from None
+    table = parse_toml(text, where, TrajectoryError)
     _check_keys(where, table, _KEYS)
     values: dict[str, Any] = {key: _text(where, key, table[key]) for key in _TEXTS if key in table}
     for key, (low, high) in _NUMBERS.items():
         if key in table:
-            values[key] = float(_check_number(where, key, table[key], low, high))
+            values[key] = _number(where, key, table[key], low, high)
     contact = table.get("contact", True)
     if not isinstance(contact, bool):
         raise TrajectoryError(f"{where}: contact = {contact!r}; expected true or false")
@@ -280,7 +276,7 @@ def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
     if name not in PHASE_NAMES:
         raise TrajectoryError(f"{where}: {UnknownNameError('phase', name, PHASE_NAMES)}")
     where = f"{where} ({name})"
-    duration = float(_check_number(where, "duration", table["duration"], 0.001, 3600.0))
+    duration = _number(where, "duration", table["duration"], 0.001, 3600.0)
     if "distance" in table and name != "slide":
         raise TrajectoryError(f"{where}: distance belongs to a slide")
     if "fingers" in table and name not in DEFAULT_FINGERS:
@@ -292,9 +288,7 @@ def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
     if name == "slide":
         if "distance" not in table:
             raise TrajectoryError(f"{where} has no distance [m]")
-        return ScriptPhase(
-            name, duration, distance=float(_check_number(where, "distance", table["distance"], 0.0, 1.0))
-        )
+        return ScriptPhase(name, duration, distance=_number(where, "distance", table["distance"], 0.0, 1.0))
     fingers = table.get("fingers", list(DEFAULT_FINGERS.get(name, ())))
     if not isinstance(fingers, list) or (name in DEFAULT_FINGERS and not fingers):
         raise TrajectoryError(f'{where}: fingers = {fingers!r}; expected a list such as ["thumb", "index"]')
@@ -324,7 +318,7 @@ def _paper(where: str, given: Any) -> tuple[PaperUse, ...]:
         objects = _objects(label, entry.get("objects", []))
         if not objects or "figure" not in entry:
             raise TrajectoryError(f"{label}: expected a figure and the objects that it shows")
-        instances = int(_check_number(label, "instances", entry.get("instances", 1), 1, 10_000))
+        instances = int(_number(label, "instances", entry.get("instances", 1), 1, 10_000))
         figure, case = _text(label, "figure", entry["figure"]), _text(label, "case", entry.get("case", ""))
         found.append(PaperUse(figure, objects, case, instances))
     return tuple(found)
@@ -358,21 +352,3 @@ def _disturbance(where: str, table: Mapping[str, Any]) -> Disturbance:
         return Disturbance(**values)
     except TrajectoryError as error:
         raise TrajectoryError(f"{where}: {error}") from None
-
-
-def _check_keys(where: str, table: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    for key in table:
-        if key not in known:
-            raise TrajectoryError(f"{where}: {UnknownNameError('key', key, known)}")
-
-
-def _check_number(where: str, key: str, value: Any, low: float, high: float) -> Any:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise TrajectoryError(f"{where}: {key} = {value!r}; expected a number from {low:g} to {high:g}")
-    return value
-
-
-def _text(where: str, key: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise TrajectoryError(f"{where}: {key} = {value!r}; expected text in quotes")
-    return value

@@ -5,14 +5,14 @@ recording: a trajectory (`.h5`, `.csv`), a result or a live session (`.h5`), who
 `hhsim import` reads, imported as it does without options.
 """
 
-import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
 from hhsim.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.script import Script, parse_script, read_script
+from hhsim.script import Script, parse_script
+from hhsim.toml_document import parse_toml, read_toml_text
 from hhsim.trajectory import Trajectory
 
 SCRIPT_SUFFIX = ".toml"
@@ -68,7 +68,7 @@ def _names() -> tuple[set[str], set[str]]:
     demonstrations: set[str] = set()
     for entry in files("hhsim.trajectories").iterdir():
         if entry.name.endswith(SCRIPT_SUFFIX):
-            recorded = is_demonstration(tomllib.loads(entry.read_text(encoding="utf-8")))
+            recorded = is_demonstration(parse_toml(entry.read_text(encoding="utf-8"), entry.name))
             (demonstrations if recorded else scripts).add(entry.name.removesuffix(SCRIPT_SUFFIX))
     return scripts, demonstrations
 
@@ -193,12 +193,7 @@ def load_recorded(path: Path) -> Trajectory:
 
 
 def _read_toml(path: Path) -> Script | Demonstration:
-    try:
-        text = path.read_text(encoding="utf-8")
-        recorded = is_demonstration(tomllib.loads(text))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
-        # The script's reader says what is wrong.
-        return read_script(path)
-    if recorded:
-        return parse_demonstration(text, name=path.stem, folder=path.parent, where=str(path))
-    return read_script(path)
+    text, where = read_toml_text(path, "script", TrajectoryError), str(path)
+    if is_demonstration(parse_toml(text, where, TrajectoryError)):
+        return parse_demonstration(text, name=path.stem, folder=path.parent, where=where)
+    return parse_script(text, name=path.stem, where=where)

@@ -248,7 +248,7 @@ def test_directions_of_a_file_are_made_orthonormal(tmp_path: Path) -> None:
             "\n".join(f"[{finger}]\nbase = [0, 0, 0.3]" for finger in FINGERS),
             "the finger bases leave the palm's middle",
         ),
-        ("hand_length 0.19", "not a TOML file"),
+        ("hand_length 0.19", "not TOML"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
@@ -270,7 +270,7 @@ def test_unknown_keys_list_the_near_ones(tmp_path: Path, text: str, near: str) -
 
 
 def test_missing_file_and_unknown_side() -> None:
-    with pytest.raises(InputError, match=r"nowhere\.toml: cannot read the hand file: No such file"):
+    with pytest.raises(InputError, match=r"nowhere\.toml: cannot be read: No such file"):
         HandModel.from_toml("nowhere.toml")
     with pytest.raises(UnknownNameError, match="unknown hand side 'rigth': did you mean right"):
         HandModel.default("rigth")  # type: ignore[arg-type]

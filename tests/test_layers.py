@@ -15,7 +15,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "errors"),
     ("kernels",),
-    ("destination", "info", "whole_file", "sealed_file", "workers", "result_schema", "log_histogram"),
+    ("destination", "info", "whole_file", "sealed_file", "workers", "result_schema", "log_histogram", "toml_document"),
     # The model: what is simulated.
     (
         *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts", "surface_samples"),
