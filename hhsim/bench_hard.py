@@ -23,12 +23,9 @@ from hhsim.hard_judge import (
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
 from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.solver_options import SAFE_METHODS, SolverOptions
 
 Progress = Callable[[str, int, int], None]
-
-GUARANTEED = ("coupled", "progressive")
-"""The methods that promise to pass; the others are measured to show by how much they do not."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +229,7 @@ def table_rows(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
 
 def missed(results: Sequence[CaseResult]) -> list[CaseResult]:
     """Results of the methods that promise to pass, and did not."""
-    return [result for result in results if result.method in GUARANTEED and not result.passed]
+    return [result for result in results if result.method in SAFE_METHODS and not result.passed]
 
 
 def _told(error: Exception) -> str:

@@ -12,11 +12,10 @@ from hhsim.bench_paper import CONTACTS, PaperOptions, PaperRuns, percentile
 from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
 from hhsim.object_catalogue import object_names
-from hhsim.paper_run import NOISES, SceneRun, held_ticks
+from hhsim.paper_run import NOISES, SceneRun
 from hhsim.paper_scenarios import CASES, SLIDING
-
-PROMISING = ("coupled", "progressive")
-"""Methods that have to keep our bars; `paper` is the baseline."""
+from hhsim.paper_stage import held_ticks
+from hhsim.solver_options import SAFE_METHODS
 
 SIMPLE_MEAN = {
     "sphere": 0.41e-3,
@@ -136,7 +135,7 @@ def paper_rows(runs: PaperRuns, options: PaperOptions) -> list[PaperRow]:
 
 def missed(rows: Sequence[PaperRow]) -> list[PaperRow]:
     """Rows in which a method that promises our bars does not keep one."""
-    return [row for row in rows if row.method in PROMISING and not row.passed]
+    return [row for row in rows if row.method in SAFE_METHODS and not row.passed]
 
 
 def _simple_means(runs: PaperRuns, method: str) -> Rows:

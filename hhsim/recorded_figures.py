@@ -11,9 +11,7 @@ from hhsim.bench_file import Column
 from hhsim.failure import SAFE_DEPTH
 from hhsim.log_histogram import LogHistogram
 from hhsim.metrics import statistics
-
-GUARANTEED = ("coupled", "progressive")
-"""The methods that promise not to penetrate."""
+from hhsim.solver_options import SAFE_METHODS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +74,7 @@ class RecordedFigures:
     @property
     def missed(self) -> bool:
         """Whether a limit was missed: no run, or a method that promises safety and is not safe."""
-        return bool(self.reason) or (self.method in GUARANTEED and not self.safe)
+        return bool(self.reason) or (self.method in SAFE_METHODS and not self.safe)
 
 
 COLUMNS = (

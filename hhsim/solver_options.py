@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand import FINGERS
 from hhsim.kernels.crew import PARTS
 from hhsim.kernels.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.hand import BODY_COUNT, PHALANX_COUNT
@@ -27,11 +28,12 @@ METHODS = {
     "paper": METHOD_PAPER,
     "penalty": METHOD_PENALTY,
 }
+SAFE_METHODS = ("coupled", "progressive")
+"""Methods that promise that nothing penetrates: the others are measured, and only these can miss a bar."""
 THREADED_METHODS = ("coupled", "progressive")
 """Methods whose ticks can be shared among threads."""
 FORCES = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 FRUSTUM_ENDS = ("spheres", "flat")
-FINGERS = ("thumb", "index", "middle", "ring", "little")
 
 LEAST_TOLERANCE, GREATEST_TOLERANCE = 1e-12, 1e-6
 RELAXATION = 100.0

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
+from hhsim.hand import FINGERS, HandModel
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
@@ -20,7 +20,7 @@ from hhsim.kernels.tick_state import (
 )
 from hhsim.kernels.tree import TreeArrays
 from hhsim.metrics import force_variation_rate, penetration
-from hhsim.solver_options import FINGERS, SolverOptions
+from hhsim.solver_options import SolverOptions
 
 Array = NDArray[Any]
 

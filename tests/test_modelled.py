@@ -7,7 +7,7 @@ import pytest
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand import HandModel
+from hhsim.hand import FINGERS, HandModel
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.tick_state import (
@@ -28,7 +28,7 @@ from hhsim.metrics import penetration
 from hhsim.object_catalogue import load_object
 from hhsim.scene import make_scene
 from hhsim.solver import HandSolver
-from hhsim.solver_options import FINGERS, SolverOptions
+from hhsim.solver_options import SolverOptions
 from hhsim.sphere_tree import SphereTree
 from hhsim.trajectory_catalogue import resolve_trajectory
 from hhsim.tree_builder import TreeOptions, cached_sphere_tree
