@@ -10,6 +10,7 @@ from hhsim.errors import InputError
 
 from . import options
 from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .run_again import names_a_result
 
 if TYPE_CHECKING:
     from hhsim.gate import GateReport
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from hhsim.result import Result
 
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
-RESULT_SUFFIXES = (".h5", ".hdf5")
 
 
 @click.command()
@@ -62,7 +62,7 @@ def command(
     junit: Path | None,
     as_json: bool,
     quiet: bool,
-) -> None:
+) -> int:
     """Judge a change for CI: errors, work and time, yes or no.
 
     SUITE is a TOML file of scenes and limits; without it, hhsim-gate.toml of the current folder, else the one that
@@ -89,24 +89,27 @@ def command(
         if path is not None:
             check_destination(path)
     announce_compilation(quiet=quiet)
-    if target is not None and target.suffix.lower() in RESULT_SUFFIXES:
+    if target is not None and names_a_result(target):
         if base_python is not None or write_baseline is not None:
             raise click.UsageError("--base-python and --write-baseline run a suite: a RESULT is judged as it is")
         report = _judge_result(target, baseline)
     else:
         report = _judge_suite(target, baseline, base_python, write_baseline, time, processes, quiet)
+    # The name of a file need be no UTF-8.
+    text = as_markdown(report).encode(errors="replace")
     if markdown is not None:
-        write_whole_file(markdown, as_markdown(report).encode())
+        write_whole_file(markdown, text)
     if summary is not None:
-        with summary.open("a", encoding="utf-8") as file:
-            file.write(as_markdown(report))
+        with summary.open("ab") as file:
+            file.write(text)
     if junit is not None:
         from hhsim.gate_report import junit as as_junit
 
         write_whole_file(junit, as_junit(report))
-    _tell(report, write_baseline, as_json=as_json, quiet=quiet)
-    if report.exit_code:
-        raise SystemExit(report.exit_code)
+    if write_baseline is not None and not report.recorded:
+        print_notes([f"not every scene ran, so {write_baseline} is not written"], prefix="gate")
+    _tell(report, write_baseline if report.recorded else None, as_json=as_json, quiet=quiet)
+    return report.exit_code
 
 
 def _judge_result(path: Path, baseline: Path | None) -> "GateReport":
@@ -118,8 +121,7 @@ def _judge_result(path: Path, baseline: Path | None) -> "GateReport":
     suite = find_suite(None, Path(SUITE_FILE))
     base: Result | Baseline | None = None
     if baseline is not None:
-        is_result = baseline.suffix.lower() in RESULT_SUFFIXES
-        base = load_result(baseline) if is_result else load_baseline(baseline)
+        base = load_result(baseline) if names_a_result(baseline) else load_baseline(baseline)
     return gate_result(load_result(path), suite, base)
 
 
@@ -158,7 +160,7 @@ def _judge_suite(
             record_times=time and write_baseline is not None,
             progress=report_progress,
         )
-    if write_baseline is not None:
+    if write_baseline is not None and report.recorded:
         write(write_baseline, report.recorded, REFERENCE_VERSION)
     return report
 

@@ -156,7 +156,7 @@ def command(
     out: Path | None,
     as_json: bool,
     quiet: bool,
-) -> None:
+) -> int:
     """Replay a hand motion against an object, every tick measured.
 
     OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
@@ -179,8 +179,7 @@ def command(
       hhsim replay cube pinch --rerun spawn
     """
     if names_a_result(object_):
-        run_again(click.get_current_context(), Path(object_), as_json=as_json, quiet=quiet)
-        return
+        return run_again(click.get_current_context(), Path(object_), as_json=as_json, quiet=quiet)
     from hhsim.destination import dated_destination
     from hhsim.grasp_placement import place_at_grasp
     from hhsim.replay import replay as run
@@ -256,6 +255,7 @@ def command(
             if note not in mesh.warnings:
                 print(f"note: {note}")
         print(f"every tick is in {summary.path}")
+    return 0
 
 
 def _solver_options(

@@ -12,23 +12,22 @@ if TYPE_CHECKING:
     from hhsim.run_again import ArrayComparison
 
 RESULT_SUFFIXES = (".h5", ".hdf5")
-"""No mesh has these: OBJECT with one of them is a result."""
+"""No mesh has these, no suite and no baseline."""
 TAKEN = ("object_", "as_json", "quiet")
 """Parameters of `hhsim replay` that mean something here."""
 
 
-def names_a_result(object_: str) -> bool:
-    """Whether OBJECT is a result that is to be run again."""
-    return Path(object_).suffix.lower() in RESULT_SUFFIXES
+def names_a_result(name: str | Path) -> bool:
+    """Whether an argument is a result, and not an object, a suite or a baseline."""
+    return Path(name).suffix.lower() in RESULT_SUFFIXES
 
 
-def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> None:
-    """Run the ticks of a result again and print what is identical.
+def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> int:
+    """Run the ticks of a result again and print what is identical; returns 1 where something differs.
 
     Raises:
         UsageError: an option that would make it another run.
         HhsimError: no result, or one that cannot be run again.
-        SystemExit: with 1, where something differs.
     """
     _refuse_changes(context, path)
     announce_compilation(quiet=quiet)
@@ -48,10 +47,9 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
         for note in again.notes:
             print(f"note: {note}")
         print("identical in every tick" if again.identical else "not identical")
-    if not again.identical:
-        if quiet:
-            print_notes([f"{path} is not identical when it is run again"], prefix="missed")
-        raise SystemExit(1)
+    if quiet and not again.identical:
+        print_notes([f"{path} is not identical when it is run again"], prefix="missed")
+    return 0 if again.identical else 1
 
 
 def _row(array: "ArrayComparison") -> tuple[str, ...]:

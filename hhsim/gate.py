@@ -1,13 +1,13 @@
 """The gate: run a suite, or take a result, judge it against limits and a base, and say yes or no."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
 from hhsim.gate_baseline import Baseline, RecordedScene
-from hhsim.gate_figures import run_figures
+from hhsim.gate_figures import RunFigures, run_figures
 from hhsim.gate_inputs import differences
 from hhsim.gate_judge import (
     GateRow,
@@ -20,7 +20,7 @@ from hhsim.gate_judge import (
     unjudged,
 )
 from hhsim.gate_run import RunFailed, Side, interleaved_times, times_beside_reference
-from hhsim.gate_suite import GateScene, GateSuite
+from hhsim.gate_suite import GateScene, GateSuite, default_suite, load_suite
 from hhsim.kernels.reference_work import REFERENCE_VERSION
 from hhsim.result import Result
 
@@ -36,7 +36,7 @@ class GateReport:
         against: What it was compared with, or "".
         rows: One for each figure.
         notes: What a reader should know besides, a sentence each.
-        recorded: What can be kept as a baseline, by scene.
+        recorded: What can be kept as a baseline, by scene; empty where not every scene ran.
     """
 
     source: str
@@ -47,7 +47,7 @@ class GateReport:
 
     @property
     def verdict(self) -> str:
-        """The word for all rows; "" where nothing was compared."""
+        """The word for all rows: worse where a limit is missed; "" where nothing was compared with anything."""
         return overall(self.rows)[0]
 
     @property
@@ -111,6 +111,8 @@ def gate_suite(
             recorded[scene.name] = run.recorded
     if progress is not None:
         progress("done", len(suite.scenes), len(suite.scenes))
+    if len(recorded) < len(suite.scenes):
+        recorded = {}
     against = [f"the baseline {baseline.source}"] if baseline else []
     against += [f"hhsim {base.version} of {base.python}"] if base else []
     return GateReport(suite.source, " and ".join(against), tuple(rows), tuple(_notes(head, base)), recorded)
@@ -127,23 +129,33 @@ def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no ticks: there is nothing to judge")
     head, name = run_figures(result), result.path.name
-    if base is None:
-        return GateReport(str(result.path), "", tuple(judge_errors(name, head, None, suite.limits)))
+    source, before, unlike = "", None, ""
     if isinstance(base, Result):
         source, before = str(base.path), run_figures(base)
-    else:
+    elif base is not None:
         source = base.source
         alike = [scene.figures for scene in base.scenes.values() if not differences(scene.figures.inputs, head.inputs)]
-        if not alike:
-            reason = f"no scene of {source} has the inputs of {result.path}"
-            rows = [unjudged(name, "inputs", reason), *judge_errors(name, head, None, suite.limits)]
-            return GateReport(str(result.path), source, tuple(rows))
-        before = alike[0]
-    inputs = judge_inputs(name, head, before)
-    rows = [inputs, *judge_errors(name, head, before, suite.limits)]
-    if not differences(before.inputs, head.inputs):
-        rows += judge_counters(name, head, before, suite.slack)
-    return GateReport(str(result.path), source, tuple(rows))
+        if alike:
+            before = alike[0]
+        else:
+            unlike = f"no scene of {source} has the inputs of {result.path}"
+    rows = _judged(name, head, before, suite.limits, suite.slack)
+    if unlike:
+        rows.insert(0, unjudged(name, "inputs", unlike))
+    stopped = f"the run of {result.path} was stopped: only its first {result.ticks:,} ticks are judged"
+    return GateReport(str(result.path), source, tuple(rows), () if result.complete else (stopped,))
+
+
+def _judged(
+    name: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float], slack: Mapping[str, float]
+) -> list[GateRow]:
+    """All rows of a run but its time; of a base that was fed with something else, no figure is told."""
+    if base is None:
+        return judge_errors(name, head, None, limits)
+    inputs = judge_inputs(name, head, base)
+    if differences(base.inputs, head.inputs):
+        return [inputs, *judge_errors(name, head, None, limits)]
+    return [inputs, *judge_errors(name, head, base, limits), *judge_counters(name, head, base, slack)]
 
 
 class _SceneRun:
@@ -191,17 +203,20 @@ class _SceneRun:
                 if apart:
                     times_with = None
                     why = why or ("" if baseline is None else f"base has different inputs: {'; '.join(apart)}")
-        self.rows = judge_errors(scene.name, figures, before, scene.limits)
+        self.rows = _judged(scene.name, figures, before, scene.limits, scene.slack)
+        comparable = before is None or not differences(before.inputs, figures.inputs)
         if why:
             self.rows.insert(0, unjudged(scene.name, "inputs", why))
-        comparable = True
-        if before is not None:
-            self.rows.insert(0, judge_inputs(scene.name, figures, before))
-            comparable = not differences(before.inputs, figures.inputs)
-            if comparable:
-                self.rows += judge_counters(scene.name, figures, before, scene.slack)
         if scene.timed and timed:
-            self._time(head, times_with, base, kept if comparable else None, baseline, record_times)
+            try:
+                self._time(head, times_with, base, kept if comparable else None, baseline, record_times)
+            except RunFailed as failed:
+                # What ran once and does not run again, or not every time.
+                if failed.side == head.name:
+                    self.recorded = None
+                    self.rows.append(failed_run(scene.name, str(failed)))
+                else:
+                    self.rows.append(unjudged(scene.name, "time", str(failed)))
 
     def _time(
         self,
@@ -245,8 +260,6 @@ def find_suite(path: Path | None, usual: Path) -> GateSuite:
     Raises:
         InputError: as `hhsim.gate_suite.load_suite`.
     """
-    from hhsim.gate_suite import default_suite, load_suite
-
     if path is not None:
         return load_suite(path)
     return load_suite(usual) if usual.is_file() else default_suite()

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from hhsim import metrics
 from hhsim.gate_inputs import RunInputs, run_inputs
+from hhsim.hand import FINGERS
 from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import HandPoses
 from hhsim.result import Result
-from hhsim.solver_options import FINGERS
 from hhsim.stored_scene import stored_tree
 
 Array = NDArray[Any]
@@ -114,7 +114,8 @@ def _errors(result: Result) -> dict[str, float]:
     rate = float(result.scene.get("rate", 1000.0))
     ripple = max((metrics.force_ripple(force[part], rate) for part in holds), default=float("nan"))
     return {
-        "penetration_max": max(float(result["penetration_depth"].max(initial=0.0)), _depth(result, graphic)),
+        # np.max and not max: of a depth and NaN, which a pose that is no number has, max takes whichever it likes.
+        "penetration_max": float(np.max([result["penetration_depth"].max(initial=0.0), _depth(result, graphic)])),
         "stuck_ticks": float(np.sum(status & STATUS_STUCK > 0)),
         "lag_ticks": float(np.sum(status & STATUS_LAG > 0)),
         "lag_max": float(result["lag"].max(initial=0.0)),
@@ -133,7 +134,7 @@ def _summed_up(result: Result, name: str) -> float:
 
 
 def _depth(result: Result, graphic: HandPoses) -> float:
-    """Deepest penetration [m] of the stored graphic hand in the stored tree's leaves."""
+    """Deepest penetration [m] of the stored graphic hand in the stored tree's leaves; NaN where a pose is no number."""
     modelled = result.scene["solver"]["fingers"]
     static = result.static
     found = metrics.penetration(

@@ -17,6 +17,8 @@ from hhsim.result import Result
 
 TOLERANCE = 1e-7
 """Largest difference of a sum, weights from 1 to 2: 0.1 µm or µrad at a single tick, radius or centre."""
+OPTION_DIGITS = 12
+"""Digits by which options are compared: 0.7 mm is 0.0007 m in one file and 0.0006999999999999999 m in another."""
 GOLDEN = 0.6180339887498949
 HAND = ("hand/phalanx_radius", "hand/phalanx_length", "hand/palm_center", "hand/palm_radius")
 MOTION = ("haptic/position", "haptic/orientation", "haptic/flexion", "haptic/abduction")
@@ -145,4 +147,7 @@ def _alike(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 
 def _plain(value: Any) -> Any:
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+    """A value of an option as it is compared: a baseline keeps fewer digits of numbers than a result does."""
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return float(f"{value:.{OPTION_DIGITS}g}") if isinstance(value, float) else value

@@ -1,6 +1,7 @@
 """The gate's rows as people and CI systems read them: cells of a table, Markdown, JUnit XML."""
 
 import math
+import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
@@ -20,8 +21,8 @@ def cells(row: GateRow) -> tuple[str, ...]:
 
 def number(value: float) -> str:
     """A number as tables show it: whole ones in full, others with four digits; "—" for none."""
-    if math.isnan(value):
-        return "—"
+    if not math.isfinite(value):
+        return "—" if math.isnan(value) else str(value)
     if value == round(value) and abs(value) < 1e12:
         return f"{round(value):,}"
     if abs(value) < 1e-9:
@@ -81,9 +82,17 @@ def junit(report: GateReport) -> bytes:
                 ElementTree.SubElement(case, "error", message=row.reason or row.verdict).text = said
             else:
                 ElementTree.SubElement(case, "system-out").text = said
+    for element in root.iter():
+        element.attrib.update({name: _legal(value) for name, value in element.items()})
+        element.text = _legal(element.text or "") or None
     ElementTree.indent(root)
     document: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     return document + b"\n"
+
+
+def _legal(text: str) -> str:
+    """Text without what XML cannot hold, such as the colours that a program gives its last words."""
+    return re.sub("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "?", text)
 
 
 def _state(row: GateRow) -> str:

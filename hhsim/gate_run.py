@@ -32,11 +32,11 @@ BAD_INPUT = 2
 
 
 class RunFailed(HhsimError):
-    """A replay that came to no end; `refused` where hhsim said what is wrong with what it was given."""
+    """A replay of `side` (base or head) that came to no end; `refused` where hhsim said what it was given wrong."""
 
-    def __init__(self, message: str, *, refused: bool) -> None:
+    def __init__(self, message: str, *, side: str, refused: bool) -> None:
         super().__init__(message)
-        self.refused = refused
+        self.side, self.refused = side, refused
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,7 @@ class Side:
                 said = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
                 raise RunFailed(
                     f"{self.name} ({self.python}) cannot run scene {scene.name}: {said}",
+                    side=self.name,
                     refused=answer.returncode == BAD_INPUT,
                 )
             return read(load_result(out))

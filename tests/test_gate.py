@@ -118,6 +118,23 @@ def test_an_error_in_a_single_tick_is_caught(result: Path, dataset: str, value: 
     assert (missed(report), report.exit_code) == ([name], 1)
 
 
+@pytest.mark.parametrize("dataset", ["graphic/joints", "graphic/orientation", "penetration_depth"])
+def test_a_hand_that_is_no_number_does_not_pass_as_free(result: Path, dataset: str) -> None:
+    with h5py.File(result, "r+") as file:
+        file[f"tick/{dataset}"][77] = math.nan
+    report = gate_result(load_result(result), TINY, None)
+    assert (missed(report), report.exit_code) == (["penetration_max"], 1)
+    assert report.missed[0].reason.startswith("undefined")
+
+
+def test_a_run_that_was_stopped_is_judged_and_said_to_be(result: Path) -> None:
+    assert gate_result(load_result(result), TINY, None).notes == ()
+    with h5py.File(result, "r+") as file:
+        file.attrs["complete"] = 0
+    (note,) = gate_result(load_result(result), TINY, None).notes
+    assert "was stopped: only its first 200 ticks" in note
+
+
 def test_one_pair_test_more_than_the_slack_is_a_miss(result: Path, figures: RunFigures) -> None:
     allowed = math.floor(0.005 * figures.counters["pair_tests"])
     for more, code in ((allowed, 0), (allowed + 1, 1)):
@@ -160,6 +177,16 @@ def test_what_is_no_baseline_is_refused(text: str, tmp_path: Path) -> None:
         load_baseline(tmp_path / "none.json")
 
 
+@pytest.mark.parametrize("margin", [0.07e-3, 0.7e-3, 1e-3 / 3.0])
+def test_an_option_of_many_digits_is_the_same_in_a_baseline(result: Path, margin: float) -> None:
+    change_scene(result, lambda scene: scene["solver"].update(margin=margin))
+    loaded = load_result(result)
+    baseline = load_result_of(run_figures(loaded), result)
+    assert gate_result(loaded, TINY, baseline).verdict == "same"
+    change_scene(result, lambda scene: scene["solver"].update(margin=margin * (1.0 + 1e-9)))
+    assert gate_result(load_result(result), TINY, baseline).verdict == "not comparable"
+
+
 def mesh_differs(scene: dict[str, Any]) -> None:
     scene["object_mesh"] = "0" * 64
 
@@ -193,6 +220,7 @@ def test_different_inputs_cannot_be_compared(
     assert (report.verdict, report.exit_code) == ("not comparable", 3)
     assert said in report.rows[0].reason
     assert not any(row.kind == "counter" for row in report.rows)
+    assert all(math.isnan(row.base) and not row.verdict for row in report.rows[1:]), "no word beside another input"
 
 
 @pytest.mark.parametrize(
@@ -325,7 +353,7 @@ def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
     ("old", "new", "said"),
     [
         ("version = 1", "version = 2", "version is 2"),
-        ("version = 1", "version = ", "no TOML"),
+        ("version = 1", "version = ", "not TOML"),
         ("stuck_ticks = 0", "stuck = 0", "unknown key 'stuck'"),
         ("stuck_ticks = 0", "stuck_ticks = -1", "from 0 on"),
         ("stuck_ticks = 0", "stuck_ticks = nan", "from 0 on"),
@@ -336,6 +364,8 @@ def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
         ("timed = true", 'timed = "yes"', "true or false"),
         ("timed = true", 'method = "best"', "method is 'best'"),
         ("timed = true", "level = 9", "1 to 5"),
+        ("timed = true", "level = 3.0", "1 to 5"),
+        ("version = 1", f"version = {5_000 * '['}", "not TOML"),
         ("timed = true", 'arguments = ["--out=x"]', "--out=x"),
         ("[[scene]]", "[scene]", "no scene"),
         ("timed = true", '[[scene]]\nname = "tiny"\nobject = "cube"\ntrajectory = "pinch"', "two scenes named tiny"),
@@ -359,7 +389,8 @@ def test_the_docs_show_the_suites_own_names(repository: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "shown"), [(1234567.0, "1,234,567"), (0.0, "0"), (1e-14, "0.000"), (1.23456, "1.235"), (math.nan, "—")]
+    ("value", "shown"),
+    [(1234567.0, "1,234,567"), (0.0, "0"), (1e-14, "0.000"), (1.23456, "1.235"), (math.nan, "—"), (math.inf, "inf")],
 )
 def test_numbers_are_shown_short(value: float, shown: str) -> None:
     assert number(value) == shown
@@ -390,6 +421,14 @@ def test_junit_has_a_case_for_each_figure() -> None:
     failure = root.find("testsuite/testcase/failure")
     assert failure is not None
     assert failure.get("message") == 'over <the> "limit"'
+
+
+def test_junit_holds_what_xml_cannot() -> None:
+    bad = replace(row("", passed=False), scene="a\x1b", reason="\x1b[31mSegmentation fault\x00 in \udcff.h5")
+    root = ElementTree.fromstring(junit(report_of(bad)))
+    failure = root.find("testsuite/testcase/failure")
+    assert failure is not None
+    assert failure.get("message") == "?[31mSegmentation fault? in ?.h5"
 
 
 def test_the_command_judges_a_result(run: Run, stored: Path, result: Path, tmp_path: Path) -> None:

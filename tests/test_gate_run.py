@@ -20,6 +20,7 @@ from hhsim.gate_run import RunFailed, Side, find_side, run_python, this_python
 from hhsim.gate_suite import GateScene, load_suite
 from hhsim.gate_timing import TimeComparison
 from hhsim.gate_trials import PLANTED_LINES, TIMED_LINE, changed_python, plant_work, tally
+from hhsim.result import Result
 
 Run = Callable[..., Any]
 
@@ -87,12 +88,48 @@ def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(suite: Path,
     edit = replaced(HAND_LINE, "        raise RuntimeError('planted')\n" + HAND_LINE)
     head = find_side("head", changed_python(tmp_path / "broken", "hhsim.tick_columns", edit))
     report = judged(suite, head)
-    assert report.exit_code == 1
+    assert (report.exit_code, report.recorded) == (1, {})
     assert "RuntimeError: planted" in report.missed[0].reason
     scene = GateScene("gone", "no-such-object", "pinch")
     with pytest.raises(RunFailed, match=r"scene gone: unknown object .no-such-object.") as failed:
         find_side("head", this_python()).figures(scene, suite.parent)
     assert failed.value.refused
+
+
+class Once(Side):
+    """A side whose hhsim runs once, and never again."""
+
+    def replay(self, scene: GateScene, folder: Path, read: Callable[[Result], Any]) -> Any:
+        runs = getattr(self, "runs", 0)
+        object.__setattr__(self, "runs", runs + 1)
+        if runs:
+            raise RunFailed(f"{self.name} broke", side=self.name, refused=False)
+        return super().replay(scene, folder, read)
+
+
+@pytest.mark.parametrize(("failing", "kind", "code"), [("head", "run", 1), ("base", "inputs", 3)])
+def test_a_side_that_breaks_while_it_is_timed_is_told(suite: Path, failing: str, kind: str, code: int) -> None:
+    sides = {name: find_side(name, this_python()) for name in ("head", "base")}
+    once = sides[failing]
+    sides[failing] = Once(once.name, once.python, once.version, once.package)
+    report = gate_suite(load_suite(suite), sides["head"], base=sides["base"], record_times=True)
+    assert report.exit_code == code
+    assert [(row.kind, row.reason) for row in report.rows if "broke" in row.reason] == [(kind, f"{failing} broke")]
+    assert bool(report.recorded) == (failing == "base")
+
+
+def test_a_baseline_is_kept_where_not_every_scene_runs(
+    run: Run, suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    edit = replaced(HAND_LINE, "        raise RuntimeError('planted')\n" + HAND_LINE)
+    python = changed_python(tmp_path / "broken", "hhsim.tick_columns", edit)
+    monkeypatch.setattr("hhsim.gate_run.this_python", lambda: python)
+    kept = tmp_path / "baseline.json"
+    kept.write_text("as it was")
+    answer = run("gate", str(suite), "--write-baseline", str(kept), "--json")
+    assert (answer.code, json.loads(answer.out)["baseline_written"]) == (1, None)
+    assert f"not every scene ran, so {kept} is not written" in answer.err
+    assert kept.read_text() == "as it was"
 
 
 def test_what_is_no_python_with_hhsim_is_refused(tmp_path: Path) -> None:
