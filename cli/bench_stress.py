@@ -14,7 +14,7 @@ from .object_argument import complete_object, read_object
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hhsim.bench_stress import StressFigures
+    from hhsim.stress_figures import StressFigures
 
 HEADINGS = (
     "object",
@@ -130,12 +130,14 @@ def command(
       hhsim bench stress --method paper --keep failures
     """
     from hhsim.bench_file import check_table_destination, write_table
-    from hhsim.bench_stress import COLUMNS, SAFE_METHODS, StressCase, run_stress, table_row
+    from hhsim.bench_stress import run_stress
     from hhsim.destination import RESULTS, dated_destination
     from hhsim.hand import HandModel
     from hhsim.object_catalogue import object_names
-    from hhsim.solver_options import METHODS, SolverOptions
+    from hhsim.solver_options import METHODS, SAFE_METHODS, SolverOptions
     from hhsim.stress import StressOptions
+    from hhsim.stress_case import StressCase
+    from hhsim.stress_figures import COLUMNS, table_row
     from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
     changed: dict[str, Any] = {"linearisations": linearisations, "margin": None if margin is None else 1e-3 * margin}
@@ -195,7 +197,8 @@ def command(
 
 
 def _print(figures: "Sequence[StressFigures]") -> None:
-    from hhsim.bench_stress import SAFE_METHODS, total
+    from hhsim.solver_options import SAFE_METHODS
+    from hhsim.stress_figures import total
 
     methods = list(dict.fromkeys(row.method for row in figures))
     totals = [total([row for row in figures if row.method == method]) for method in methods]

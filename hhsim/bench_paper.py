@@ -15,8 +15,9 @@ from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand import HandModel
 from hhsim.interrupt import interruptible_between
 from hhsim.object_catalogue import load_object, object_names
-from hhsim.paper_run import SceneRun, Stage, at_contacts, make_stage, play, play_again
+from hhsim.paper_run import SceneRun, at_contacts, play, play_again
 from hhsim.paper_scenarios import paper_scenarios
+from hhsim.paper_stage import Stage, make_stage
 from hhsim.solver_options import METHODS, SolverOptions
 from hhsim.sphere_tree import SphereTree
 from hhsim.tree_builder import TreeOptions, cached_sphere_tree

@@ -13,8 +13,9 @@ from hhsim.errors import OutputError
 from hhsim.hand import FINGERS
 from hhsim.kernels.step import DURATION_DETECT
 from hhsim.object_catalogue import load_object, object_names
-from hhsim.paper_run import SceneRun, held_ticks
+from hhsim.paper_run import SceneRun
 from hhsim.paper_scenarios import CASES
+from hhsim.paper_stage import held_ticks
 from hhsim.rendering import save_figure
 from hhsim.scene_pictures import best_view, scene_picture
 

@@ -5,9 +5,7 @@ long as they are. All of them come out as the same kind of figures.
 """
 
 import hashlib
-import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,29 +13,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.closing import Closing, body_distances
 from hhsim.disturbance import Disturbance
 from hhsim.errors import HhsimError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.hold_touches import check_holds, hold_distances
+from hhsim.hand import FINGERS
+from hhsim.hold_touches import hold_distances
 from hhsim.kernels.block import TickRecord
-from hhsim.kernels.hand import PALM_BODY
 from hhsim.kernels.tick_state import WORK_CANDIDATES, WORK_TOUCHING
-from hhsim.kernels.tree import TreeArrays
 from hhsim.metrics import HandPoses, component_variation_rate, force_variation_rate, hand_clearance
 from hhsim.paper_scenarios import Scenario
-from hhsim.placed_closing import PlacedCloser
+from hhsim.paper_stage import RATE, Stage, held_ticks
 from hhsim.placed_hand import hand_shape
-from hhsim.placement import Placement
-from hhsim.placement_search import turned_by
-from hhsim.script import Script, ScriptPhase
+from hhsim.script import Script
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.synthesis import planned, quaternion_from_matrix, synthesize
 from hhsim.touch import TOUCHING, Touch
 from hhsim.trajectory import TickInput
-from hhsim.trajectory_catalogue import load_script
 from hhsim.tremor_hold import TREMOR, trembling_hold
 
 Array = NDArray[np.float64]
@@ -45,8 +35,6 @@ BoolArray = NDArray[np.bool_]
 Times = NDArray[np.float32]
 """Of millions of ticks, to a nanosecond in ten milliseconds."""
 
-RATE = 1000.0
-"""Ticks a second [Hz], as in the paper."""
 INDEX = FINGERS.index("index")
 
 COUNTS = 4096
@@ -64,41 +52,6 @@ CARRIES = 0.25
 """A component below this share of its force (three equal ones carry 0.58 each) is not looked at: of one that is nearly
 zero, a turn of the force by a hair is a large share. The medians over all holds hardly depend on it: they are 0.06 %
 apart at most from 0.1 to 0.5."""
-
-SHIFT, TURN = 0.003, math.radians(3.0)
-"""Instances vary the palm's place by this standard deviation [m] and [rad] in each axis."""
-TRIES = 20
-"""Places that are tried for an instance until one is found from which all named fingers reach; and of these, until one
-is found where the hold really touches what it names."""
-SHORT_WAY = 0.01
-"""How far an instance begins from its place [m]."""
-SHORT_PHASES = {"approach": 0.1, "hold": 0.1, "release": 0.0}
-SHORT_CLOSING = 0.25
-"""Phases of an instance [s]: it comes from nearby, closes as fast as a fist, holds, and the way back is left out."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stage:
-    """What a scene is played on.
-
-    Attributes:
-        scenario: the scene.
-        script: its motion.
-        hand: the hand.
-        tree: the object at rest, its frame the world's.
-        motions: the haptic hand, one motion or as many as there are instances.
-    """
-
-    scenario: Scenario
-    script: Script
-    hand: HandModel
-    tree: SphereTree
-    motions: tuple[TickInput, ...]
-
-    @cached_property
-    def arrays(self) -> TreeArrays:
-        """The tree as the kernels take it."""
-        return self.tree.arrays()
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,31 +164,6 @@ class SceneRun:
         return [(touch, distance) for touch, distance in self.touches if not distance < TOUCHING]
 
 
-def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances: int, seed: int = 0) -> Stage:
-    """Find the hand's place, or places, and make the motions.
-
-    Args:
-        scenario: the scene.
-        hand: the hand.
-        tree: the object.
-        instances: most motions; a scene that is shown once has one.
-        seed: of the instances' places.
-
-    Raises:
-        TrajectoryError: the motion cannot be done on this object.
-        HhsimError: no place was found for an instance.
-    """
-    script = load_script(scenario.motion)
-    count = min(instances, scenario.instances)
-    if scenario.instances == 1:
-        motions = [synthesize(script, hand, tree, seed).resampled(RATE)]
-    else:
-        script = _short(script)
-        places = _places(scenario, script, hand, tree, seed)
-        motions = [_instance(scenario, script, hand, tree, places) for _ in range(count)]
-    return Stage(scenario, script, hand, tree, tuple(motions))
-
-
 def play(stage: Stage, options: SolverOptions) -> SceneRun:
     """Play a scene for the first time and measure everything.
 
@@ -319,18 +247,6 @@ def at_contacts(stage: Stage, options: SolverOptions, wanted: float, rounds: int
     return best[1], play(one, replace(options, margin=best[1]))
 
 
-def held_ticks(stage: Stage) -> BoolArray:
-    """Ticks of the holds of all motions, shape (T,)."""
-    parts = []
-    for motion in stage.motions:
-        held = np.zeros(motion.tick_count, bool)
-        for phase in motion.phases:
-            if phase.name == "hold":
-                held[phase.first_tick : phase.last_tick + 1] = True
-        parts.append(held)
-    return np.concatenate(parts)
-
-
 def joined_record(records: list[TickRecord]) -> TickRecord:
     """Ticks of several runs, one after the other."""
     if len(records) == 1:
@@ -397,72 +313,6 @@ def _acting(motion: TickInput) -> BoolArray:
 
 def _first_hold(script: Script) -> tuple[Touch, ...]:
     return script.hold_touches[0] if script.hold_touches else ()
-
-
-def _short(script: Script) -> Script:
-    """The same motion, quicker: comes from nearby, closes, holds."""
-    phases: list[ScriptPhase] = []
-    for phase in script.phases:
-        duration = SHORT_PHASES.get(phase.name, SHORT_CLOSING)
-        if duration > 0.0:
-            phases.append(replace(phase, duration=duration))
-    return replace(script, phases=tuple(phases), start_distance=SHORT_WAY)
-
-
-def _instance(
-    scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, places: Iterator[Placement]
-) -> TickInput:
-    """A motion whose hold touches all that it names, in the reference optimum (`coupled`).
-
-    Where fingers reach while the palm is held, the palm may still give way to one and take another one off.
-    """
-    for place in itertools.islice(places, TRIES):
-        motion = synthesize(script, hand, tree, placement=place)
-        held = check_holds(script, scenario.object_name, hand, tree, motion, SolverOptions())
-        if all((distances < TOUCHING).all() for distances in held):
-            return motion.resampled(RATE)
-    raise HhsimError(f"{scenario.name}: no place found for an instance in {TRIES} tries where the hold touches")
-
-
-def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, seed: int) -> Iterator[Placement]:
-    """Places around the script's own, from which every named finger reaches the object, and the palm if it is to."""
-    best = planned(script, hand, tree)
-    closer = PlacedCloser(script, hand, tree)
-    random = np.random.default_rng([seed, *scenario.name.encode()])
-    opened = _opening(closer, best)
-    while True:
-        for _ in range(TRIES):
-            angle = TURN * random.standard_normal(3)
-            turned = turned_by(angle) @ best.rotation
-            place = Placement(
-                "",
-                best.position + SHIFT * random.standard_normal(3),
-                quaternion_from_matrix(turned),
-                best.back,
-                opened,
-                best.abduction,
-            )
-            closing = closer.close(place)
-            clear = closing.reached == script.fingers and _clear(closer, closing)
-            if clear and (script.palm_depth == 0.0) == (closing.distance[PALM_BODY] >= 0.0):
-                break
-        else:
-            raise HhsimError(f"{scenario.name}: no place found for an instance in {TRIES} tries")
-        yield place
-
-
-def _opening(closer: PlacedCloser, closing: Closing) -> Array:
-    """How far the open fingers' first joints are flexed beyond the widest [rad], shape (5,)."""
-    zero = Placement("", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    return np.asarray((closing.open - closer.opened(zero))[:, 0] / closer.rates[:, 0])
-
-
-def _clear(closer: PlacedCloser, closing: Closing) -> bool:
-    """Whether the open hand is free of the object where the fingers close; a palm that is to touch may."""
-    near = body_distances(
-        *(closer.hand, closer.tree, closing.position, closing.rotation, closing.open, closing.abduction, closer.work)
-    )
-    return bool(near.min() >= 0.0)
 
 
 def _variation(

@@ -13,8 +13,9 @@ from hhsim.errors import MeshError
 from hhsim.kernels.fast_winding import fast_winding_numbers, winding_moments
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.kernels.solid_field import SolidField
+from hhsim.mesh_in_repair import MeshInRepair, counted
 from hhsim.mesh_orientation import turned_outward
-from hhsim.mesh_repair import CAP_AREA, Surface, closed_surface, counted, merge_and_clean
+from hhsim.mesh_repair import CAP_AREA, closed_surface, merge_and_clean
 from hhsim.mesh_topology import face_areas, in_fixed_order, is_closed, part_labels, undirected_edges, used_vertices
 from hhsim.sheet_slabs import slab_union
 from hhsim.solid_mesh import border_distances, is_inside, simplified, solid_mesh
@@ -62,7 +63,7 @@ def solid_surface(
     unit_length: float = 1.0,
     repair: bool = True,
     thickness: float | None = None,
-) -> Surface:
+) -> MeshInRepair:
     """Closed surface of a mesh: by a safe repair, else by winding number, else, if that is wanted, of sheets.
 
     Args:
@@ -95,7 +96,7 @@ def solid_surface(
     return surface
 
 
-def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float, repair: bool) -> Surface:
+def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float, repair: bool) -> MeshInRepair:
     try:
         surface = closed_surface(vertices, faces, name, unit_length, repair)
     except MeshError as error:
@@ -162,7 +163,7 @@ class _Border:
         return float(self.area[chosen].sum() / self.area.sum())
 
 
-def _fill_winding(surface: Surface, refusal: str) -> None:
+def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     """Make a surface that of its inside by winding number; `refusal` says why no safe repair closes it."""
     source = np.ascontiguousarray(surface.vertices[surface.faces])
     size = surface.size
@@ -201,7 +202,7 @@ def _fill_winding(surface: Surface, refusal: str) -> None:
         surface.repairs.append(_assumption(surface, share, reach))
 
 
-def _make_sheets(surface: Surface, sheet: BoolArray, thickness: float) -> None:
+def _make_sheets(surface: MeshInRepair, sheet: BoolArray, thickness: float) -> None:
     """Make a surface that of all within half the thickness of the faces `sheet`, and of what the others enclose."""
     size = surface.size
     least, most = (share * size for share in THICKNESS)
@@ -240,11 +241,11 @@ def _make_sheets(surface: Surface, sheet: BoolArray, thickness: float) -> None:
     surface.repairs.append(_distances(surface, "the sheet", out, buried))
 
 
-def _cleaned(vertices: FloatArray, faces: IntArray, name: str, unit_length: float) -> tuple[Surface, FloatArray]:
+def _cleaned(vertices: FloatArray, faces: IntArray, name: str, unit_length: float) -> tuple[MeshInRepair, FloatArray]:
     """The mesh about the origin, so that a far place costs no digits, and what was its middle."""
     corner = vertices[faces].reshape(-1, 3)
     origin = 0.5 * (corner.min(axis=0) + corner.max(axis=0))
-    surface = Surface(vertices - origin, faces, name, unit_length)
+    surface = MeshInRepair(vertices - origin, faces, name, unit_length)
     merge_and_clean(surface)
     if not face_areas(surface.vertices, surface.faces).sum() > 1e-12 * surface.size**2:
         raise MeshError(f"{name}: no volume: its triangles have no area; expected a surface mesh")
@@ -258,7 +259,7 @@ def _field(vertices: FloatArray, faces: IntArray) -> SolidField:
     return SolidField(bvh, winding_moments(bvh), nowhere, -1.0)
 
 
-def _border(surface: Surface, field: SolidField) -> _Border:
+def _border(surface: MeshInRepair, field: SolidField) -> _Border:
     point, face, area = face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
     beside = BESIDE * surface.size * face_normals(surface.vertices, surface.faces)[face]
     turns = [np.empty(len(point)), np.empty(len(point))]
@@ -272,7 +273,7 @@ def _border(surface: Surface, field: SolidField) -> _Border:
     return _Border(point, face, area, within[0], within[1], 0.5 * (turns[0] + turns[1]))
 
 
-def _mesh_anew(surface: Surface, field: SolidField, border: FloatArray, tolerance: float) -> tuple[float, float]:
+def _mesh_anew(surface: MeshInRepair, field: SolidField, border: FloatArray, tolerance: float) -> tuple[float, float]:
     """Replace a surface by the mesh of the field.
 
     Returns:
@@ -295,14 +296,14 @@ def _mesh_anew(surface: Surface, field: SolidField, border: FloatArray, toleranc
     return out, buried
 
 
-def _distances(surface: Surface, what: str, out: float, buried: float) -> str:
+def _distances(surface: MeshInRepair, what: str, out: float, buried: float) -> str:
     return (
         f"meshed anew: {what} is at most {surface.millimetres(out)} outside of the mesh "
         f"and {surface.millimetres(buried)} inside it"
     )
 
 
-def _assumed(surface: Surface, source: FloatArray, tolerance: float) -> tuple[float, float]:
+def _assumed(surface: MeshInRepair, source: FloatArray, tolerance: float) -> tuple[float, float]:
     """Share of a surface that is farther than a tolerance from the triangles of the file, (F, 3, 3), and how far."""
     bvh = build_mesh_bvh(source.reshape(-1, 3), np.arange(3 * len(source)).reshape(-1, 3), signed=False)
     point, _, area = face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
@@ -311,5 +312,5 @@ def _assumed(surface: Surface, source: FloatArray, tolerance: float) -> tuple[fl
     return float(area[far].sum() / area.sum()), float(distance.max())
 
 
-def _assumption(surface: Surface, share: float, distance: float) -> str:
+def _assumption(surface: MeshInRepair, share: float, distance: float) -> str:
     return f"{100.0 * share:.2g} % of the surface is assumed, up to {surface.millimetres(distance)} from any triangle"

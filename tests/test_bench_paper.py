@@ -17,8 +17,9 @@ from hhsim.hand import HandModel
 from hhsim.metrics import HandPoses
 from hhsim.object_catalogue import load_object
 from hhsim.paper_rows import PaperRow, missed, paper_rows, scene_rows
-from hhsim.paper_run import COUNTS, GLOVE, NOISES, held_ticks, make_stage, play, play_again
+from hhsim.paper_run import COUNTS, GLOVE, NOISES, play, play_again
 from hhsim.paper_scenarios import Scenario
+from hhsim.paper_stage import held_ticks, make_stage
 from hhsim.solver_options import SolverOptions
 from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 

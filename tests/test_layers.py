@@ -18,7 +18,17 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("destination", "info", "whole_file", "sealed_file", "workers", "result_schema", "log_histogram", "toml_document"),
     # The model: what is simulated.
     (
-        *("mesh", "mesh_file", "mesh_repair", "mesh_holes", "mesh_topology", "surface_parts", "surface_samples"),
+        *(
+            "mesh",
+            "mesh_file",
+            "mesh_in_repair",
+            "mesh_overlaps",
+            "mesh_repair",
+            "mesh_holes",
+            "mesh_topology",
+            "surface_parts",
+            "surface_samples",
+        ),
         *("winding_solid", "mesh_orientation", "solid_mesh", "sheet_slabs", "tet_grid"),
         *("shapes", "cup", "rock", "shamrock", "object_catalogue", "object_sources"),
         *(
@@ -87,11 +97,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("view", "view_ahead"),
     # Many runs, side by side.
     ("bench_file", "pareto", "run_errors", "speed_error", "speed_error_table"),
-    ("shrink", "stuck", "failure", "bench_stress"),
+    ("shrink", "stuck", "failure", "stress_case", "stress_figures", "stress_measure", "bench_stress"),
     ("hard_case", "hard_judge", "hard_input_cases", "hard_contact_cases", "hard_invariance_cases"),
     ("hard_endurance", "hard_cases", "bench_hard", "recorded_figures", "bench_recorded"),
     ("bench_threads", "end_to_end", "tree_references", "bench_trees"),
-    ("paper_run", "bench_paper", "paper_rows"),
+    ("paper_stage", "paper_run", "bench_paper", "paper_rows"),
     ("qp_program", "qp_check", "qp_backends", "qp_tally", "qp_degenerate", "qp_sizes", "qp_harvest", "bench_qp"),
     # Yes or no to a change.
     ("gate_inputs", "gate_figures", "gate_suite", "gate_timing", "gate_reference", "gate_judge", "gate_baseline"),

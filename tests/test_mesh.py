@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh import Mesh, load_mesh
-from hhsim.mesh_repair import winding_faults
+from hhsim.mesh_overlaps import winding_faults
 from hhsim.shapes import cube, sphere
 
 

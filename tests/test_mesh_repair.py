@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
-from hhsim.mesh_repair import Surface, closed_surface, winding_faults
+from hhsim.mesh_in_repair import MeshInRepair
+from hhsim.mesh_overlaps import winding_faults
+from hhsim.mesh_repair import closed_surface
 from hhsim.mesh_topology import is_closed, part_labels, signed_volume
 from hhsim.shapes import cube, cup, sphere
 
@@ -18,7 +20,7 @@ BALL = sphere(0.08, subdivisions=2)
 CUBE = cube(0.07)
 
 
-def repaired(vertices: FloatArray, faces: IntArray) -> Surface:
+def repaired(vertices: FloatArray, faces: IntArray) -> MeshInRepair:
     """Repair, and hold what comes out against what a closed surface is."""
     surface = closed_surface(vertices, faces, "test")
     assert is_closed(surface.faces)
@@ -28,7 +30,7 @@ def repaired(vertices: FloatArray, faces: IntArray) -> Surface:
     return surface
 
 
-def volume(surface: Surface) -> float:
+def volume(surface: MeshInRepair) -> float:
     return signed_volume(surface.vertices, surface.faces)
 
 
@@ -39,7 +41,7 @@ def second_ball(shift: float, inward: bool = False, scale: float = 1.0) -> tuple
 
 
 @pytest.mark.parametrize("mesh", [BALL, CUBE, cup()], ids=["ball", "cube", "cup"])
-def test_sound_mesh_is_left_alone(mesh: Surface) -> None:
+def test_sound_mesh_is_left_alone(mesh: MeshInRepair) -> None:
     surface = repaired(mesh.vertices, mesh.faces)
     assert (surface.merged, surface.repairs, surface.warnings) == ([], [], [])
     assert len(surface.faces) == len(mesh.faces)

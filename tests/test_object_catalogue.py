@@ -12,7 +12,8 @@ import trimesh
 from hhsim.errors import InputError, MeshError, UnknownNameError
 from hhsim.mesh import load_mesh
 from hhsim.mesh_file import read_own_ply, read_triangles
-from hhsim.mesh_repair import closed_surface, winding_faults
+from hhsim.mesh_overlaps import winding_faults
+from hhsim.mesh_repair import closed_surface
 from hhsim.object_catalogue import load_object, object_description, object_names
 from hhsim.object_sources import derived_object, made_object
 from hhsim.shapes import GENERATORS

@@ -8,7 +8,7 @@ import trimesh
 
 from hhsim.errors import InputError
 from hhsim.mesh import Mesh
-from hhsim.mesh_repair import winding_faults
+from hhsim.mesh_overlaps import winding_faults
 from hhsim.shapes import GENERATORS, cube, cup, cylinder, hexagonal_prism, rock, shamrock, sphere, triangular_prism
 
 GENUS = {"cup": 1}

@@ -18,8 +18,9 @@ from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_dis
 from hhsim.kernels.winding import winding_numbers
 from hhsim.mesh import Mesh, load_mesh
 from hhsim.mesh_file import read_triangles
+from hhsim.mesh_in_repair import MeshInRepair
 from hhsim.mesh_orientation import turned_outward
-from hhsim.mesh_repair import Surface, merge_and_clean
+from hhsim.mesh_repair import merge_and_clean
 from hhsim.mesh_topology import face_areas, is_closed, signed_volume, undirected_edges
 from hhsim.shapes import cube, sphere
 from hhsim.surface_samples import face_samples
@@ -51,17 +52,17 @@ def exact_winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
     return result
 
 
-def signed_distance(surface: Surface, points: FloatArray) -> FloatArray:
+def signed_distance(surface: MeshInRepair, points: FloatArray) -> FloatArray:
     return mesh_signed_distance(build_mesh_bvh(surface.vertices, surface.faces), points)
 
 
-def stated(surface: Surface, pattern: str) -> float:
+def stated(surface: MeshInRepair, pattern: str) -> float:
     """A length [m] that the statement names, 0 where it names none."""
     lengths = [match for sentence in surface.repairs for match in re.findall(pattern, sentence)]
     return max((1e-3 * float(length) for length in lengths), default=0.0)
 
 
-def assert_true_statement(vertices: FloatArray, faces: IntArray, surface: Surface) -> float:
+def assert_true_statement(vertices: FloatArray, faces: IntArray, surface: MeshInRepair) -> float:
     """Hold a solid against the exact winding number of the triangles that it was made of.
 
     Returns:
@@ -76,7 +77,7 @@ def assert_true_statement(vertices: FloatArray, faces: IntArray, surface: Surfac
     size = surface.size
 
     # One of each triangle, and turned outward: what is counted twice or backwards has no winding number to speak of.
-    cleaned = Surface(vertices, faces, "test")
+    cleaned = MeshInRepair(vertices, faces, "test")
     merge_and_clean(cleaned)
     vertices = cleaned.vertices
     faces, _ = turned_outward(vertices, cleaned.faces, 1e-5 * size)
@@ -249,7 +250,7 @@ def test_nasty_meshes_get_the_same_solid_by_winding_number_as_by_repair(
     vertices, faces = read_triangles(shared_data / "meshes" / file)
     repaired = solid_surface(vertices, faces, file)
 
-    def refused(*_: object) -> Surface:
+    def refused(*_: object) -> MeshInRepair:
         raise MeshError(f"{file}: not to be repaired")
 
     monkeypatch.setattr(winding_solid, "closed_surface", refused)

@@ -1,0 +1,47 @@
+"""A mesh while it is repaired: what it has become so far, and what was done to it, in words."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass
+class MeshInRepair:
+    """A mesh under repair, in the unit of its source, so that round numbers stay round until the end.
+
+    Attributes:
+        vertices: Corners [unit of the source], shape (V, 3).
+        faces: Corner indices, shape (F, 3).
+        name: What messages call the mesh.
+        unit_length: Length of the unit [m], for messages.
+        merged: What was done that every mesh file needs.
+        repairs: What was repaired.
+        warnings: What looks wrong and was kept.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    name: str
+    unit_length: float = 1.0
+    merged: list[str] = field(default_factory=list)
+    repairs: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def size(self) -> float:
+        """Longest extent of the faces [unit of the source]."""
+        return float(np.ptp(self.vertices[self.faces].reshape(-1, 3), axis=0).max())
+
+    def millimetres(self, length: float) -> str:
+        """A length [unit of the source] as people read it."""
+        return f"{1000.0 * self.unit_length * length:.3g} mm"
+
+
+def counted(count: int, noun: str) -> str:
+    """A number with its noun, in the plural where it is not 1."""
+    plural = "vertices" if noun == "vertex" else noun + "s"
+    return f"{count} {noun if count == 1 else plural}"

@@ -1,0 +1,46 @@
+"""One long random motion of `hhsim bench stress`: the object, the hand and the solver that it is run with."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hhsim.hand import HandModel
+from hhsim.solver import HandSolver
+from hhsim.solver_options import SolverOptions
+from hhsim.sphere_tree import SphereTree
+from hhsim.stress import RandomTargets, StressOptions
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StressCase:
+    """One object, one method, one long motion.
+
+    Attributes:
+        object: its name, or the file it is from.
+        object_options: what a replay must be told of it, such as "--level 3 --unit mm".
+        tree: Its sphere tree.
+        hand: The hand.
+        solver: Options of the solver, the method among them.
+        stress: Options of the random targets.
+        seed: Of the random targets.
+        ticks: Length of the motion.
+        keep: Folder for failing stretches, made when one is kept; None keeps none.
+    """
+
+    object: str
+    object_options: str = ""
+    tree: SphereTree
+    hand: HandModel
+    solver: SolverOptions
+    stress: StressOptions
+    seed: int
+    ticks: int
+    keep: Path | None = None
+
+    def targets(self) -> RandomTargets:
+        """The motion from its start: around the object's root sphere, the first hand above it."""
+        center, radius = self.tree.center[0], float(self.tree.radius[0])
+        return RandomTargets(self.hand, self.seed, self.stress, center=center, height=max(0.25, radius + 0.2))
+
+    def new_solver(self) -> HandSolver:
+        """A solver that has seen nothing yet."""
+        return HandSolver(self.hand, self.tree.arrays(), self.solver)

@@ -1,0 +1,168 @@
+"""Measures a case of `hhsim bench stress` block by block, each tick from the hand that it shows."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.brute_distance import brute_clearance
+from hhsim.failure import SAFE_DEPTH, not_finite, recorded_motion
+from hhsim.hand_motion import HandMotion, joined
+from hhsim.kernels.block import TickRecord
+from hhsim.kernels.tick_state import STATUS_HELD, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.log_histogram import LogHistogram
+from hhsim.metrics import Penetration, hand_clearance
+from hhsim.stress_case import StressCase
+from hhsim.stress_figures import KeptFailure, StressFigures
+from hhsim.stuck import way_out
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+DEEP = 1e-5
+"""The second depth [m] that ticks are counted over; the first is `SAFE_DEPTH`."""
+BRUTE_EVERY = 997
+"""Every how many ticks the depth is recomputed by brute force; a prime, so that it meets every place in a hold."""
+MOST_STUCK_CHECKED = 200
+"""Stuck ticks of a case that are looked into for a way out."""
+LEAST_FORCE = 1.0
+"""Forces [N] from here on are compared with the coupling's own."""
+FAR = 0.05
+"""Clearances from here on [m] are not compared with brute force."""
+
+
+def coupling_force(case: StressCase, haptic: HandMotion, record: TickRecord) -> Array:
+    """What the coupling itself pulls with at each tick [N], shape (T,).
+
+    The palm's force, its torque over the reach of the hand, and each joint's torque over the length of its phalanx.
+    The forces of `coupled` stay near it. `progressive` holds a joint's torque where the finger touches, and on a lever
+    that is shorter than the phalanx that takes more force.
+
+    Args:
+        case: For the hand and its stiffness.
+        haptic: Readings of a hand at every tick.
+        record: Of these ticks.
+    """
+    bend = np.clip(haptic.flexion, case.hand.flexion_min, case.hand.flexion_max) - record.flexion
+    joint = case.solver.stiffness.flexion * np.abs(bend) / case.hand.length
+    reach = float(case.hand.arrays().reach.max())
+    force, torque = (np.linalg.norm(part, axis=1) for part in (record.palm_wrench[:, :3], record.palm_wrench[:, 3:]))
+    whole: Array = force + torque / reach + joint.sum(axis=(1, 2))
+    return whole
+
+
+class StressMeasure:
+    """Figures of a case, block by block."""
+
+    def __init__(self, case: StressCase) -> None:
+        self._case = case
+        self._tree = case.tree.arrays()
+        self._leaves = np.array(case.tree.leaf_center), np.array(case.tree.leaf_radius)
+        self._cpu = LogHistogram()
+        self._deepest = np.zeros(3)
+        self._force = (-np.inf, np.nan)
+        self._force_ratio = 0.0
+        self._counts = dict.fromkeys(("penetrating", "deep", "not_finite", "stuck", "lag", "held", "touching"), 0)
+        self._candidates = 0
+        self._stuck_run = self._longest_stuck = 0
+        self._stuck_checked = self._unexplained = 0
+        self._brute_ticks, self._brute_difference = 0, 0.0
+        self._before: HandMotion | None = None
+        self.ticks = 0
+
+    def add(self, motion: HandMotion, record: TickRecord, depth: Penetration) -> dict[str, Mask]:
+        """Measure a block; returns which of its ticks failed, shape (T,), by the name of the failure."""
+        counts, case = self._counts, self._case
+        deepest = [depth.depth, depth.palm, depth.finger]
+        self._deepest = np.maximum(self._deepest, [float(np.max(values)) for values in deepest])
+        penetrating, lost = ~(depth.depth <= SAFE_DEPTH), not_finite(record)
+        counts["penetrating"] += int(penetrating.sum())
+        counts["deep"] += int((~(depth.depth <= DEEP)).sum())
+        counts["not_finite"] += int(lost.sum())
+        for name, bit in (("stuck", STATUS_STUCK), ("lag", STATUS_LAG), ("held", STATUS_HELD)):
+            counts[name] += int(((record.status & bit) > 0).sum())
+        counts["touching"] += int((record.work[:, WORK_TOUCHING] > 0).sum())
+        self._candidates = max(self._candidates, int(record.work[:, WORK_CANDIDATES].max()))
+        self._cpu.add(record.duration_cpu)
+        haptic = self._readings(motion)
+        size = np.linalg.norm(record.total, axis=1)
+        top = int(np.argmax(np.where(np.isfinite(size), size, -1.0)))
+        own = coupling_force(case, haptic, record)
+        if size[top] > self._force[0]:
+            self._force = float(size[top]), float(own[top])
+        pushed = size >= LEAST_FORCE
+        if pushed.any():
+            # A method that is not held back by its coupling can push where the coupling pulls at nothing.
+            with np.errstate(divide="ignore"):
+                self._force_ratio = max(self._force_ratio, float((size[pushed] / own[pushed]).max()))
+        self._brute(record)
+        unexplained = self._explain(haptic, record)
+        self.ticks += motion.ticks
+        return {"penetration": penetrating, "not finite": lost, "stuck": unexplained}
+
+    def _brute(self, record: TickRecord) -> None:
+        hand, palm = self._case.hand, self._case.hand.palm_tree
+        for tick in range(-self.ticks % BRUTE_EVERY, len(record.status), BRUTE_EVERY):
+            shown = record.joints[tick], record.position[tick], record.orientation[tick]
+            brute = brute_clearance(*self._leaves, hand.radius, palm.leaf_center, palm.leaf_radius, *shown)
+            joints, position, orientation = (values[None] for values in shown)
+            by_tree = hand_clearance(
+                self._tree, hand.radius, palm.leaf_center, palm.leaf_radius, joints, position, orientation, limit=FAR
+            )
+            difference = abs(min(brute, FAR) - float(np.minimum(by_tree[0], by_tree[1].min(axis=1))[0]))
+            self._brute_ticks += 1
+            self._brute_difference = max(self._brute_difference, difference)
+
+    def _readings(self, motion: HandMotion) -> HandMotion:
+        # As the solver holds them, across blocks too.
+        if self._before is None:
+            held = motion.held()
+        else:
+            held = joined([self._before, motion]).held().part(1, motion.ticks + 1)
+        self._before = held.part(motion.ticks - 1, motion.ticks).copy()
+        return held
+
+    def _explain(self, haptic: HandMotion, record: TickRecord) -> Mask:
+        stuck = (record.status & STATUS_STUCK) > 0
+        unexplained = np.zeros(len(stuck), dtype=bool)
+        shown = recorded_motion(record)
+        for tick, is_stuck in enumerate(stuck):
+            self._stuck_run = self._stuck_run + 1 if is_stuck else 0
+            self._longest_stuck = max(self._longest_stuck, self._stuck_run)
+            if is_stuck and self._stuck_checked < MOST_STUCK_CHECKED:
+                self._stuck_checked += 1
+                case = self._case
+                goal, here = haptic.part(tick, tick + 1), shown.part(tick, tick + 1)
+                unexplained[tick] = way_out(case.hand, case.tree, case.solver, here, goal) > 0.0
+        self._unexplained += int(unexplained.sum())
+        return unexplained
+
+    def figures(self, failures: tuple[KeptFailure, ...]) -> StressFigures:
+        """Everything so far."""
+        case, counts = self._case, self._counts
+        return StressFigures(
+            object=case.object,
+            method=case.solver.method,
+            level=case.tree.depth,
+            spheres=case.tree.leaf_count,
+            seed=case.seed,
+            ticks=self.ticks,
+            penetration=float(self._deepest[0]),
+            penetration_palm=float(self._deepest[1]),
+            penetration_finger=float(self._deepest[2]),
+            penetrating=counts["penetrating"],
+            penetrating_deep=counts["deep"],
+            not_finite=counts["not_finite"],
+            stuck=counts["stuck"],
+            unexplained=self._unexplained,
+            longest_stuck=self._longest_stuck,
+            lag=counts["lag"],
+            held=counts["held"],
+            touching=counts["touching"],
+            candidates_max=self._candidates,
+            force_max=max(self._force[0], 0.0),
+            coupling_force=self._force[1],
+            force_ratio=self._force_ratio,
+            brute_ticks=self._brute_ticks,
+            brute_difference=self._brute_difference,
+            cpu=self._cpu,
+            failures=failures,
+        )
