@@ -6,20 +6,15 @@ the same line open, which the guardian needs; only one of them reads.
 
 import contextlib
 import errno
-import fcntl
 import os
 import select
-import struct
 import termios
 import time
 
 from hhsim.errors import InputError
+from hhsim.live.byte_link import MOST_READ, ByteLink, ready
 from hhsim.live.glove_device import DeviceError
 
-MOST_READ = 16_384
-"""Bytes taken at once, so that a glove that floods cannot hold up a tick."""
-MOST_UNSENT = 26
-"""Bytes on their way [about 2 ms at 115,200 baud]; with more, a command would come late and is not sent."""
 RETRY_NS = 50_000_000
 """Between two attempts to open the line again [ns]."""
 SPEEDS = {
@@ -28,7 +23,7 @@ SPEEDS = {
 """Baud rates of this system."""
 
 
-class SerialLink:
+class SerialLink(ByteLink):
     """A serial line, 8 bits, no parity, one stop bit, raw.
 
     Args:
@@ -36,27 +31,27 @@ class SerialLink:
         baud: bits per second.
         name: of the device in messages.
 
-    Attributes:
-        connection: counts how often the line was opened.
-
     Raises:
         InputError: a baud rate that this system does not know.
     """
+
+    MOST_UNSENT = 26
+    """About 2 ms at 115,200 baud: a command behind more would come late."""
+    NOT_OPEN, ENDED = "not open", "the line was closed"
 
     def __init__(self, path: str, baud: int, name: str) -> None:
         """Nothing is opened yet."""
         if baud not in SPEEDS:
             raise InputError(f"{name}: {baud} baud; expected one of {', '.join(map(str, sorted(SPEEDS)))}")
-        self.path, self.name, self.connection = path, name, 0
+        super().__init__(name)
+        self.path = path
         self._speed = SPEEDS[baud]
         self._file = -1
-        self._rest = b""
         self._last_try = -RETRY_NS
 
-    @property
-    def connected(self) -> bool:
-        """Whether the line is open, as far as is known."""
-        return self._file >= 0
+    def descriptor(self) -> int:
+        """See `ByteLink.descriptor`."""
+        return self._file
 
     def connect(self, timeout: float) -> None:
         """Open the line.
@@ -95,64 +90,15 @@ class SerialLink:
             return False
         return True
 
-    def receive(self) -> bytes | None:
-        """What has arrived; None where nothing has.
-
-        Raises:
-            DeviceError: the line is gone.
-        """
-        if self._file < 0:
-            raise DeviceError(f"{self.name}: not open")
-        try:
-            data = os.read(self._file, MOST_READ)
-        except (BlockingIOError, InterruptedError):
-            return None
-        except OSError as error:
-            raise self._gone(error.strerror or str(error)) from None
-        if not data:
-            raise self._gone("the line was closed")
-        return data
-
-    def send(self, data: bytes, *, urgent: bool = False) -> bool:
-        """Send all of it or nothing, without waiting.
-
-        Args:
-            data: to send.
-            urgent: also to a glove that is slow to take what it was sent.
-
-        Returns:
-            False where the glove takes no more now.
-
-        Raises:
-            DeviceError: the line is gone.
-        """
-        if self._file < 0:
-            raise DeviceError(f"{self.name}: not open")
-        try:
-            if self._rest:
-                # What was sent by half must be ended, or the glove would take the next for the rest of it.
-                self._rest = self._rest[os.write(self._file, self._rest) :]
-                if self._rest:
-                    return False
-            if not urgent and self._unsent() > MOST_UNSENT:
-                return False
-            self._rest = data[os.write(self._file, data) :]
-        except (BlockingIOError, InterruptedError):
-            return False
-        except OSError as error:
-            raise self._gone(error.strerror or str(error)) from None
-        return True
-
     def check(self) -> None:
         """Look whether the line is still there, without reading from it.
 
         Raises:
             DeviceError: the line is gone.
         """
-        if self._file < 0:
-            raise DeviceError(f"{self.name}: not open")
-        if self._ready(0, 0.0):
-            raise self._gone("the line was closed")
+        self._require_open()
+        if ready(self._file, 0, 0.0):
+            raise self._gone(self.ENDED)
 
     def send_within(self, data: bytes, timeout: float) -> bool:
         """Send all of it before anything that still waits, on this line or one opened anew; never raises.
@@ -186,16 +132,20 @@ class SerialLink:
                 left = deadline - time.monotonic()
                 if left <= 0.0:
                     return False
-                self._ready(select.POLLOUT, left)
+                ready(self._file, select.POLLOUT, left)
         return True
-
-    def wait(self, timeout: float) -> None:
-        """Wait until something has arrived, or for so long [s]."""
-        if self._file >= 0:
-            self._ready(select.POLLIN, timeout)
 
     def close(self) -> None:
         """Let go of the line; never raises."""
+        self._let_go()
+
+    def _read(self) -> bytes:
+        return os.read(self._file, MOST_READ)
+
+    def _write(self, data: bytes) -> int:
+        return os.write(self._file, data)
+
+    def _let_go(self) -> None:
         if self._file >= 0:
             with contextlib.suppress(OSError):
                 os.close(self._file)
@@ -213,17 +163,3 @@ class SerialLink:
         termios.tcsetattr(self._file, termios.TCSANOW, mode)
         self._rest = b""
         self.connection += 1
-
-    def _gone(self, reason: str) -> DeviceError:
-        self.close()
-        return DeviceError(f"{self.name}: gone: {reason}")
-
-    def _unsent(self) -> int:
-        answer = fcntl.ioctl(self._file, termios.TIOCOUTQ, bytes(4))
-        return int(struct.unpack("i", answer)[0])
-
-    def _ready(self, event: int, timeout: float) -> bool:
-        """Wait for an event, or the end of the line, for so long [s]; True where there is one."""
-        poll = select.poll()
-        poll.register(self._file, event)
-        return bool(poll.poll(max(0.0, 1e3 * timeout)))

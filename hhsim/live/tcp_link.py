@@ -2,20 +2,14 @@
 
 import contextlib
 import errno
-import fcntl
 import select
 import socket
-import struct
-import termios
 import time
 from typing import Any
 
+from hhsim.live.byte_link import MOST_READ, ByteLink, ready
 from hhsim.live.glove_device import DeviceError
 
-MOST_READ = 16_384
-"""Bytes taken at once, so that a peer that floods cannot hold up a tick; the rest waits its turn."""
-MOST_UNSENT = 1024
-"""Bytes on their way that the peer has not taken; with more, it is too slow and is sent no more."""
 RETRY = 0.05
 """Between two attempts to connect again [s]."""
 GIVE_UP = 2.0
@@ -28,34 +22,32 @@ ACKNOWLEDGED = 5000
 WAITING = (errno.EINPROGRESS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EALREADY, errno.EINTR)
 
 
-class TcpLink:
+class TcpLink(ByteLink):
     """A connection to a server.
 
     Args:
         host: name or address.
         port: TCP port.
-        name: of the device in messages, as "dexmo at 127.0.0.1:55555".
-
-    Attributes:
-        connection: counts the connections made.
+        name: of the device in messages.
     """
+
+    MOST_UNSENT = 1024
+    NOT_OPEN, ENDED = "not connected", "its server closed the connection"
 
     def __init__(self, host: str, port: int, name: str) -> None:
         """Nothing is connected yet."""
-        self.host, self.port, self.name = host, port, name
+        super().__init__(name)
+        self.host, self.port = host, port
         self._socket: socket.socket | None = None
         self._begun: socket.socket | None = None
         self._retired: socket.socket | None = None
         self._retired_at = 0.0
         self._begun_at = self._last_try = -GIVE_UP
         self._address: tuple[int, Any] | None = None
-        self._rest = b""
-        self.connection = 0
 
-    @property
-    def connected(self) -> bool:
-        """Whether there is a connection, as far as is known."""
-        return self._socket is not None
+    def descriptor(self) -> int:
+        """See `ByteLink.descriptor`."""
+        return -1 if self._socket is None else self._socket.fileno()
 
     def connect(self, timeout: float) -> None:
         """Connect, and wait for it.
@@ -105,7 +97,7 @@ class TcpLink:
                 self._abandon()
                 return False
         begun = self._begun
-        if not _ready(begun, select.POLLOUT, 0.0):
+        if not ready(begun.fileno(), select.POLLOUT, 0.0):
             if now - self._begun_at > GIVE_UP:
                 self._abandon()
             return False
@@ -123,47 +115,7 @@ class TcpLink:
             DeviceError: the peer is gone.
         """
         self._drain_retired()
-        if self._socket is None:
-            raise DeviceError(f"{self.name}: not connected")
-        try:
-            data = self._socket.recv(MOST_READ)
-        except (BlockingIOError, InterruptedError):
-            return None
-        except OSError as error:
-            raise self._gone(error.strerror or str(error)) from None
-        if not data:
-            raise self._gone("its server closed the connection")
-        return data
-
-    def send(self, data: bytes, *, urgent: bool = False) -> bool:
-        """Send all of it or nothing, without waiting.
-
-        Args:
-            data: to send.
-            urgent: also to a peer that is slow to take what it was sent.
-
-        Returns:
-            False where the peer takes no more now.
-
-        Raises:
-            DeviceError: the peer is gone.
-        """
-        if self._socket is None:
-            raise DeviceError(f"{self.name}: not connected")
-        try:
-            if self._rest:
-                # What was sent by half must be ended, or the peer would take the next for the rest of it.
-                self._rest = self._rest[self._socket.send(self._rest) :]
-                if self._rest:
-                    return False
-            if not urgent and self._unsent() > MOST_UNSENT:
-                return False
-            self._rest = data[self._socket.send(data) :]
-        except (BlockingIOError, InterruptedError):
-            return False
-        except OSError as error:
-            raise self._gone(error.strerror or str(error)) from None
-        return True
+        return super().receive()
 
     def send_within(self, data: bytes, timeout: float) -> bool:
         """Send all of it on this connection or else on a fresh one, which then is this one; never raises.
@@ -186,16 +138,10 @@ class TcpLink:
             fresh = _connected(family, address, max(0.0, deadline - time.monotonic()))
         except OSError:
             return False
-        if self._socket is not None:
-            self._socket.close()
+        self._let_go()
         self._abandon()
         self._attach(fresh)
         return self._send_until(data, deadline)
-
-    def wait(self, timeout: float) -> None:
-        """Wait until something has arrived, or for so long [s]."""
-        if self._socket is not None:
-            _ready(self._socket, select.POLLIN, timeout)
 
     def retire(self) -> None:
         """Let go without waiting; `reconnect` and `receive` see to it that the peer gets what it was sent."""
@@ -218,7 +164,7 @@ class TcpLink:
             # A socket closed over unread bytes resets the connection, and the peer may lose the last command.
             link.shutdown(socket.SHUT_WR)
             while (left := deadline - time.monotonic()) > 0.0:
-                if not _ready(link, select.POLLIN, left) or not link.recv(MOST_READ):
+                if not ready(link.fileno(), select.POLLIN, left) or not link.recv(MOST_READ):
                     break
         link.close()
 
@@ -228,16 +174,29 @@ class TcpLink:
                 left = deadline - time.monotonic()
                 if left <= 0.0 or self._socket is None:
                     return False
-                _ready(self._socket, select.POLLOUT, left)
+                ready(self._socket.fileno(), select.POLLOUT, left)
             while self._rest and self._socket is not None:
                 left = deadline - time.monotonic()
                 if left <= 0.0:
                     return False
-                _ready(self._socket, select.POLLOUT, left)
+                ready(self._socket.fileno(), select.POLLOUT, left)
                 self._rest = self._rest[self._socket.send(self._rest) :]
         except (DeviceError, OSError):
             return False
         return True
+
+    def _read(self) -> bytes:
+        assert self._socket is not None
+        return self._socket.recv(MOST_READ)
+
+    def _write(self, data: bytes) -> int:
+        assert self._socket is not None
+        return self._socket.send(data)
+
+    def _let_go(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket, self._rest = None, b""
 
     def _attach(self, link: socket.socket) -> None:
         link.setblocking(False)
@@ -268,17 +227,6 @@ class TcpLink:
             self._retired.close()
             self._retired = None
 
-    def _gone(self, reason: str) -> DeviceError:
-        if self._socket is not None:
-            self._socket.close()
-        self._socket, self._rest = None, b""
-        return DeviceError(f"{self.name}: gone: {reason}")
-
-    def _unsent(self) -> int:
-        assert self._socket is not None
-        answer = fcntl.ioctl(self._socket, termios.TIOCOUTQ, bytes(4))
-        return int(struct.unpack("i", answer)[0])
-
 
 def _connected(family: int, address: Any, timeout: float) -> socket.socket:
     link = socket.socket(family, socket.SOCK_STREAM)
@@ -303,9 +251,3 @@ def _is_itself(link: socket.socket) -> bool:
         return bool(link.getsockname() == link.getpeername())
     except OSError:
         return True
-
-
-def _ready(link: socket.socket, event: int, timeout: float) -> bool:
-    poll = select.poll()
-    poll.register(link, event)
-    return bool(poll.poll(max(0.0, 1e3 * timeout)))
