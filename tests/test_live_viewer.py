@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from rerun_files import PATIENCE, Recording, listening
+from short_grasp import short_grasp, short_scene
 
-from hhsim.hand import HandModel
 from hhsim.hand_pieces import piece_poses
 from hhsim.kernels.block import TickRecord
 from hhsim.kernels.tick_state import WORK_TOUCHING
@@ -25,31 +25,12 @@ from hhsim.live.session_memory import WARNING, SessionMemory
 from hhsim.live.session_writer import SessionWriter
 from hhsim.live.shared_memory import RingReader
 from hhsim.live.viewer import LiveViewer
-from hhsim.object_catalogue import load_object
 from hhsim.rerun_plots import LIVE_PLOTS
 from hhsim.rerun_target import parse_target
 from hhsim.result import load_result
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
 from hhsim.solver import HandSolver
 from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 from hhsim.view import view_result
-
-MOTION = """
-title = "short"
-palm_gap = 0.005
-depth = 0.015
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.05
-"""
 
 Records = np.ndarray[Any, Any]
 
@@ -57,9 +38,7 @@ Records = np.ndarray[Any, Any]
 @pytest.fixture(scope="module")
 def played() -> tuple[LiveSetup, Records]:
     """A session's setup, and the 200 ticks that a loop would publish."""
-    mesh = load_object("cylinder").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    scene = short_scene(short_grasp())
     options, ticks = SolverOptions(), scene.ticks
     haptic = {name: getattr(ticks, name) for name in ("position", "orientation", "flexion", "abduction")}
     record = HandSolver(scene.hand, scene.tree.arrays(), options).run(*haptic.values())

@@ -4,47 +4,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
 from hhsim.kernels.distance import sphere_round_cone_distance
-from hhsim.object_catalogue import load_object
-from hhsim.replay import replay
 from hhsim.replay_figure import arrow, draw_replay, main, phalanx_forces, shown_tick
-from hhsim.result import Result, load_result
+from hhsim.result import Result
 from hhsim.result_hand import hand_of
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-
-MOTION = """
-title = "short"
-palm_gap = 0.005
-depth = 0.015
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.05
-[[phase]]
-name = "release"
-duration = 0.05
-"""
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    mesh = load_object("cylinder").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
-    path = tmp_path_factory.mktemp("replay") / "short.h5"
-    replay(scene, SolverOptions(), path, description={"hand_file": None})
-    return load_result(path)
+    return short_result(tmp_path_factory.mktemp("replay") / "short.h5", short_grasp(release=0.05))
 
 
 def test_the_picture_is_of_the_end_of_the_hold(result: Result) -> None:

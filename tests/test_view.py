@@ -11,48 +11,23 @@ import h5py
 import numpy as np
 import pytest
 from rerun_files import SETTINGS, Recording, listening
+from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError, OutputError
 from hhsim.hand import FINGERS, HandModel
 from hhsim.hand_pieces import PHALANGES, piece_poses
-from hhsim.object_catalogue import load_object
-from hhsim.replay import replay
 from hhsim.rerun_plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
 from hhsim.rerun_scene import FORCE_LENGTH, NORMAL_LENGTH
 from hhsim.rerun_target import check_target, open_viewer, parse_target, viewer_program
 from hhsim.result import Result, load_result
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 from hhsim.view import view_result
-
-MOTION = """
-title = "short"
-palm_gap = 0.005
-depth = 0.015
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.03
-"""
 
 Array = np.ndarray[Any, Any]
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    mesh = load_object("cylinder").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
-    path = tmp_path_factory.mktemp("replay") / "short.h5"
-    replay(scene, SolverOptions(), path, description={"hand_file": None})
-    return load_result(path)
+    return short_result(tmp_path_factory.mktemp("replay") / "short.h5", short_grasp(hold=0.03))
 
 
 @pytest.fixture(scope="module")

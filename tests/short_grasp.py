@@ -1,0 +1,38 @@
+"""A short grasp of a simple object that several test modules replay, so that it is written down once."""
+
+from pathlib import Path
+from typing import Any
+
+from hhsim.hand import HandModel, Side
+from hhsim.object_catalogue import load_object
+from hhsim.replay import replay
+from hhsim.result import Result, load_result
+from hhsim.scene import Scene, make_scene
+from hhsim.script import Script, parse_script
+from hhsim.solver_options import SolverOptions
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+
+APPROACH, CLOSING = 0.05, 0.1
+"""Before the hold [s]."""
+
+
+def short_grasp(hold: float = 0.05, release: float = 0.0) -> Script:
+    """A hand that comes from 5 mm, closes and holds, so long [s]; with a release, it opens again."""
+    phases = {"approach": APPROACH, "grasp": CLOSING, "hold": hold, "release": release}
+    tables = [f'[[phase]]\nname = "{name}"\nduration = {seconds}\n' for name, seconds in phases.items() if seconds]
+    text = 'title = "short"\npalm_gap = 0.005\ndepth = 0.015\n' + "".join(tables)
+    return parse_script(text, name="short", where="short")
+
+
+def short_scene(script: Script, object_name: str = "cylinder", level: int = 2, side: Side = "right") -> Scene:
+    """A script with an object of the catalogue, by a tree of a level that is built in no time."""
+    mesh = load_object(object_name).mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=level))
+    return make_scene(mesh, tree, HandModel.default(side), script)
+
+
+def short_result(path: Path, script: Script | None = None, **options: Any) -> Result:
+    """The scene of a script, a short grasp if none is given, replayed into a file."""
+    scene = short_scene(script or short_grasp())
+    replay(scene, SolverOptions(**options), path, description={"hand_file": None})
+    return load_result(path)
