@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, MeshError
 from hhsim.result import Result
-from hhsim.solver_options import SAFE_METHODS
 from hhsim.stored_scene import WHOLE_SINCE, stored_mesh
 from hhsim.verify_balance import force_claims
 from hhsim.verify_claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
