@@ -74,7 +74,7 @@ def command(
 
     First our solver on programs taken from replays and random targets, every answer checked from the program alone;
     then every solver on the sets that are known to hurt; then all of them side by side on the same programs, each by
-    its best native call. More solvers: pip install 'hhsim[solvers]'. Exit code 1 where ours fails a program.
+    its best native call. More solvers: pip install 'hhsim[solvers]'. The exit code is 1 where ours fails a program.
 
     \b
     Examples:

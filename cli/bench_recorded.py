@@ -47,13 +47,7 @@ HEADINGS = (
 @names("--method", "methods", "Methods. Default: coupled,progressive.")
 @options.rate
 @options.samples
-@click.option(
-    "--place-object",
-    type=click.Choice(["auto", "recorded"]),
-    default="auto",
-    show_default=True,
-    help="auto: the object is where the closing fingers of a recording meet it; recorded: where the recording says.",
-)
+@options.place_object("auto")
 @click.option(
     "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
 )

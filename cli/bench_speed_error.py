@@ -28,7 +28,9 @@ from .name_list import counts, names
     "QP solvers beside ours, on a stretch of each object's first motion. Default: all that are installed.",
 )
 @click.option("--quick", is_flag=True, help="About a minute: the bunny, grasp and slide, levels 3 to 5, our QP solver.")
-@click.option("--repetitions", type=click.IntRange(1), default=3, show_default=True, metavar="N", help="Of every run.")
+@click.option(
+    "--repetitions", type=click.IntRange(1), default=3, show_default=True, metavar="N", help="Repetitions of every run."
+)
 @options.rate
 @click.option(
     "--plot",

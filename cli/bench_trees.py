@@ -51,8 +51,8 @@ def command(
 
     All objects get one longest extent; cube, prism, cylinder and cup are the shapes that other programs were measured
     on, which stand in the same table. Errors are measured by coal, apart from the builders, and come out the same in
-    every run. Exit code 1 where a certified tree protrudes farther than its limit, has a gap or no proof. The default
-    takes about ten minutes, nearly all of them for the medial axes of 4,096 spheres.
+    every run. The exit code is 1 where a certified tree protrudes farther than its limit, has a gap or no proof. The
+    default takes about ten minutes, nearly all of them for the medial axes of 4,096 spheres.
 
     \b
     Examples:

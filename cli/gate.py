@@ -32,7 +32,7 @@ STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 @click.option(
     "--base-python",
     type=click.Path(path_type=Path),
-    metavar="PATH",
+    metavar="PYTHON",
     help="A python that has the base's hhsim, run in turn with this one: the only fair comparison of times.",
 )
 @click.option(

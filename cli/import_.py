@@ -114,12 +114,12 @@ if TYPE_CHECKING:
     "--hand-file",
     type=click.Path(path_type=Path),
     metavar="TOML",
-    help="Hand whose joint limits bound the angles. Default: the usual one.",
+    help="Hand whose joint limits bound the angles (hhsim/hand.py has an example). Default: the usual one.",
 )
 @click.option("--keep-angles", is_flag=True, help="Keep joint angles beyond the hand's limits.")
-@click.option("--name", metavar="TEXT", help="Name of the motion. Default: of the file.")
+@click.option("--name", metavar="TEXT", help="Name of the motion. Default: that of the file.")
 @click.option("--source", metavar="TEXT", help="Who or what recorded it, kept in the trajectory.")
-@click.option("--licence", metavar="TEXT", help="Under which it may be used, kept in the trajectory.")
+@click.option("--licence", metavar="TEXT", help="Licence that it may be used under, kept in the trajectory.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw what came in and what went out.")
 @options.out
 @options.json

@@ -58,7 +58,7 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     "--port",
     type=click.IntRange(1, 65535),
     metavar="PORT",
-    help="Its port. Default: 55555 for dexmo, 65432 for opengloves, 24170 for udp.",
+    help="Port of the glove's server. Default: 55555 for dexmo, 65432 for opengloves, 24170 for udp.",
 )
 @click.option(
     "--serial",
@@ -130,7 +130,12 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     show_default=True,
     help="Where the packets of --pose udp come from.",
 )
-@click.option("--pose-port", type=click.IntRange(1, 65535), metavar="PORT", help="Where they arrive. Default: 24172.")
+@click.option(
+    "--pose-port",
+    type=click.IntRange(1, 65535),
+    metavar="PORT",
+    help="Port that these packets arrive at. Default: 24172.",
+)
 @click.option(
     "--stiffness",
     callback=read_stiffness,
@@ -162,7 +167,7 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     "--duration",
     type=click.FloatRange(0.0, min_open=True),
     metavar="S",
-    help="End by itself [s]. Default: when told to; with --device replay, at the end of the motion.",
+    help="End by itself after so long [s]. Default: when told to; with --device replay, at the end of the motion.",
 )
 @click.option(
     "--record",

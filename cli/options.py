@@ -1,6 +1,8 @@
 """Options that several commands share, so that they are spelled and explained alike."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -79,6 +81,20 @@ samples = click.option(
     show_default=True,
     help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
 )
+
+
+def place_object(default: str) -> Callable[[Any], Any]:
+    """The option that says where the object of a recording is, with the default of the command."""
+    return click.option(
+        "--place-object",
+        type=click.Choice(["recorded", "auto"]),
+        default=default,
+        show_default=True,
+        help="recorded: the object is where the recording says; auto: where the closing fingers of the recorded hand "
+        "meet it.",
+    )
+
+
 unit = click.option(
     "--unit",
     type=click.Choice(["m", "cm", "mm", "inch"]),

@@ -55,14 +55,7 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
 @options.fingers
 @options.rate
 @options.samples
-@click.option(
-    "--place-object",
-    type=click.Choice(["recorded", "auto"]),
-    default="recorded",
-    show_default=True,
-    help="recorded: the object is where the recording says; auto: where the closing fingers meet it, for a recording "
-    "of a bare hand.",
-)
+@options.place_object("recorded")
 @click.option(
     "--hand",
     type=click.Choice(["right", "left"]),
@@ -165,7 +158,8 @@ def command(
     replay and keeps the ticks so far.
 
     OBJECT may also be a result or a recorded live session: its ticks are run again with the options that it holds, and
-    every array is compared bit for bit; exit code 1 where one differs. As TRAJECTORY, such a file is the motion in it.
+    every array is compared bit for bit; the exit code is 1 where one differs. As TRAJECTORY, such a file is the motion
+    in it.
 
     \b
     Examples:

@@ -3,7 +3,7 @@
 import importlib
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,8 @@ Run = Callable[..., Any]
 
 reference: Callable[[], str] = importlib.import_module("hhsim.cli.reference").reference
 COMMANDS: dict[str, Any] = {found.path: found for found in importlib.import_module("hhsim.cli.reference").commands()}
-HELP_OPTION = "-h,--helpShowthismessageandexit."
+HELP_OPTION = r"(-h,)?--helpShowthismessageandexit\."
+"""As a command prints it; which names it has is settled by the first context that click makes of it in a process."""
 
 
 def squashed(text: str) -> str:
@@ -33,15 +34,11 @@ def section(path: str) -> str:
     return re.sub(r"(?m)^- `([^`]+)`: ", r"\1 ", text)
 
 
-def options_of(found: Any) -> list[click.Option]:
-    return [parameter for parameter in found.command.params if isinstance(parameter, click.Option)]
-
-
 @pytest.mark.parametrize("path", COMMANDS)
 def test_a_section_says_what_help_prints(run: Run, path: str) -> None:
     answer = run(*path.split()[1:], "--help")
     assert (answer.code, answer.err) == (0, "")
-    printed = squashed(answer.out).removeprefix("Usage:").replace(HELP_OPTION, "")
+    printed = re.sub(HELP_OPTION, "", squashed(answer.out).removeprefix("Usage:"))
     assert squashed(section(path)) == re.sub(r"Options:(?=$|Commands:|Suites:)", "", printed)
 
 
@@ -63,6 +60,96 @@ def test_the_examples_come_last_and_can_be_run(path: str) -> None:
     assert lines[0].strip().startswith(path)
     for line in lines:
         parse(line.strip().split("  ")[0])
+
+
+def options_of(path: str) -> list[click.Option]:
+    return [parameter for parameter in COMMANDS[path].command.params if isinstance(parameter, click.Option)]
+
+
+@pytest.mark.parametrize("path", COMMANDS)
+def test_the_texts_of_options_are_sentences_without_marks_and_say_what_a_value_is(path: str) -> None:
+    for option in options_of(path):
+        text, name = option.help or "", f"{path} {option.opts[0]}"
+        assert text.endswith("."), name
+        assert not re.search(r"`|\s\s|\[default", text), name
+        said = option.get_help_record(COMMANDS[path].context)
+        assert said is not None
+        # INTEGER RANGE, FLOAT or PATH say nothing of what the value means.
+        assert not re.search(r" (INTEGER|FLOAT|PATH|FILENAME)( RANGE)?$", said[0]), name
+        if isinstance(option.type, click.Choice) and {"auto", "paper", "coupled"} & set(option.type.choices):
+            assert all(re.search(rf"\b{choice}\b", text) for choice in option.type.choices), name
+
+
+ALIKE = (
+    "--out",
+    "--json",
+    "--quiet",
+    "--seed",
+    "--unit",
+    "--thickness",
+    "--budget",
+    "--fingers",
+    "--samples",
+    "--place-object",
+)
+"""Options that mean the same wherever they are; others of one name differ as the commands do."""
+
+
+@pytest.mark.parametrize("name", ALIKE)
+def test_what_means_the_same_is_explained_alike(name: str) -> None:
+    found = [option for path in COMMANDS for option in options_of(path) if option.opts[0] == name]
+    assert len(found) > 1
+    assert len({(option.help, option.metavar, tuple(option.opts)) for option in found}) == 1
+
+
+def library_defaults() -> Iterator[tuple[str, str, str]]:
+    """Command, option and what the library takes where the option is not given, as the help should spell it."""
+    from hhsim import bench_paper, bench_threads, bench_trees, qp_harvest, solver_options, speed_error
+    from hhsim.gate_suite import default_suite
+    from hhsim.live import devices, live_setup, opengloves_glove, pose_sources
+
+    usual, paper, coupling = (
+        solver_options.SolverOptions(),
+        solver_options.SolverOptions(method="paper"),
+        solver_options.Stiffness(),
+    )
+    for name in ("margin", "linearisations"):
+        scale = 1e3 if name == "margin" else 1
+        numbers = [f"{scale * getattr(options, name):g}" for options in (usual, paper)]
+        yield "hhsim replay", f"--{name}", f"{numbers[0]}; {numbers[1]} with --method paper"
+    yield "hhsim replay", "--force", f"{usual.force}; {paper.force} with --method paper"
+    yield "hhsim replay", "--stiffness", f"{coupling.translation:g},{coupling.rotation:g},{coupling.flexion:g}"
+    yield "hhsim replay", "--penalty-stiffness", f"{coupling.penalty:.0f}"
+    yield "hhsim replay", "--tolerance", f"{usual.tolerance:g}".replace("e-0", "e-")
+    yield "hhsim replay", "--frustum-ends", usual.frustum_ends
+    assert usual.budget is None and usual.fingers == solver_options.FINGERS
+    suites = (
+        ("paper", bench_paper.PaperOptions(), ("methods", "instances", "repetitions")),
+        ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "levels")),
+        ("trees", bench_trees.TreesOptions(), ("objects", "methods", "spheres")),
+        ("threads", bench_threads.ThreadsOptions(), ("objects", "cases", "methods", "threads")),
+    )
+    for suite, run, fields in suites:
+        for field in fields:
+            value = getattr(run, field)
+            values = value if isinstance(value, tuple) else (value,)
+            one = field if field in ("spheres", "threads", "instances", "repetitions") else field.removesuffix("s")
+            yield f"hhsim bench {suite}", f"--{one}", ",".join(map(str, values))
+    yield "hhsim bench qp", "--object", ",".join(qp_harvest.OBJECTS)
+    yield "hhsim bench qp", "--motion", ",".join(qp_harvest.MOTIONS)
+    yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().processes}"
+    ports = ", ".join(f"{port} for {kind}" for kind, port in devices.USUAL_PORT.items())
+    yield "hhsim live glove", "--port", ports
+    yield "hhsim live glove", "--pose-port", str(pose_sources.USUAL_POSE_PORT)
+    yield "hhsim live glove", "--full-scale", f"{opengloves_glove.FULL_SCALE:g}"
+    yield "hhsim live glove", "--stiffness", f"{live_setup.OutputLimits().stiffness[0]:g}"
+
+
+def test_the_defaults_that_are_told_are_those_of_the_library() -> None:
+    for path, name, value in library_defaults():
+        (option,) = (option for option in options_of(path) if name in option.opts)
+        assert option.help is not None
+        assert option.help.endswith(f"Default: {value}."), (path, name, option.help)
 
 
 @pytest.mark.parametrize(
