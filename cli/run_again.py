@@ -11,15 +11,15 @@ from .console import announce_compilation, print_json, print_notes, print_table,
 if TYPE_CHECKING:
     from hhsim.run_again import ArrayComparison
 
-RESULT_SUFFIXES = (".h5", ".hdf5")
-"""No mesh has these, no suite and no baseline."""
 TAKEN = ("object_", "as_json", "quiet")
 """Parameters of `hhsim replay` that mean something here."""
 
 
 def names_a_result(name: str | Path) -> bool:
     """Whether an argument is a result, and not an object, a suite or a baseline."""
-    return Path(name).suffix.lower() in RESULT_SUFFIXES
+    from hhsim.result_schema import SUFFIXES
+
+    return Path(name).suffix.lower() in SUFFIXES
 
 
 def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> int:

@@ -97,9 +97,12 @@ ALIKE = (
 
 @pytest.mark.parametrize("name", ALIKE)
 def test_what_means_the_same_is_explained_alike(name: str) -> None:
-    found = [option for path in COMMANDS for option in options_of(path) if option.opts[0] == name]
+    found = {path: option for path in COMMANDS for option in options_of(path) if option.opts[0] == name}
+    if name == "--out":
+        # A report is a page and its pictures, and may be named by their folder.
+        found.pop("hhsim report", None)
     assert len(found) > 1
-    assert len({(option.help, option.metavar, tuple(option.opts)) for option in found}) == 1
+    assert len({(option.help, option.metavar, tuple(option.opts)) for option in found.values()}) == 1
 
 
 def library_defaults() -> Iterator[tuple[str, str, str]]:
