@@ -42,8 +42,9 @@ def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
     """Check every claim of a result with independent code.
 
     RESULT is a file that hhsim replay or hhsim live wrote. Joints, depths, forces, optimality, times and the summary
-    are computed anew from the stored hands; the true mesh is asked through the collision library coal, which
-    pip install 'hhsim[verify]' brings. The exit code is 1 where a claim is false.
+    are computed anew from the stored hands; of a session also its periods, its latency and what the fingers were told.
+    The true mesh is asked through the collision library coal, which pip install 'hhsim[verify]' brings. The exit code
+    is 1 where a claim is false.
 
     \b
     Examples:
