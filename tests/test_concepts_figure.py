@@ -5,19 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from short_grasp import short_result
 
 from hhsim.concepts_figure import coil, draw_concepts, show
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
-from hhsim.object_catalogue import load_object
-from hhsim.replay import replay
-from hhsim.result import Result, load_result
+from hhsim.result import Result
 from hhsim.result_hand import hand_of
-from hhsim.scene import make_scene
 from hhsim.script import parse_script
 from hhsim.section import cut_balls
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
 MOTION = """
 title = "short"
@@ -36,12 +31,8 @@ duration = 0.05
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    mesh = load_object("cylinder").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
     path = tmp_path_factory.mktemp("replay") / "short.h5"
-    replay(scene, SolverOptions(), path, description={"hand_file": None})
-    return load_result(path)
+    return short_result(path, parse_script(MOTION, name="short", where="short"))
 
 
 def test_the_section_is_of_the_finger_that_presses_in_its_plane(result: Result) -> None:

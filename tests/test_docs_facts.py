@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 from markdown_pages import Page
+from short_grasp import short_scene
 from verify_document import documented_faults
 
 from hhsim import metrics
 from hhsim.hand import FINGERS, HandModel
 from hhsim.kernels import tick_state
 from hhsim.mesh import Mesh
-from hhsim.object_catalogue import load_object
 from hhsim.replay import replay
 from hhsim.result import Result, load_result
 from hhsim.result_schema import TICK_COLUMNS
-from hhsim.scene import make_scene
 from hhsim.script import parse_script
 from hhsim.shapes import cube
 from hhsim.solver_options import DEFAULTS, METHODS, PAPER_DEFAULTS, SolverOptions, Stiffness
@@ -52,9 +51,7 @@ duration = 0.03
 
 
 def run(path: Path, stiffness: Stiffness | None = None) -> ReplaySummary:
-    mesh = load_object("cube").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    scene = short_scene(parse_script(MOTION, name="short", where="short"), "cube")
     return replay(scene, SolverOptions(stiffness=stiffness or Stiffness()), path, description={"hand_file": None})
 
 
