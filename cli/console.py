@@ -3,7 +3,6 @@
 import io
 import json
 import math
-import mmap
 import os
 import sys
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
@@ -74,13 +73,12 @@ def announce_compilation(*, quiet: bool) -> None:
     import click
     from numba.core import event
 
-    # Memory that processes share which are forked from this one: it is told once, whoever compiles first.
-    told = mmap.mmap(-1, 1)
+    told: list[str] = []
 
     def tell(listener: object, details: object) -> None:
-        if not told[0]:
-            told[0] = 1
-            print("hhsim: compiling the kernels: this happens once, and again after an upgrade", file=sys.stderr)
+        if not told:
+            told.append("hhsim: compiling the kernels: this happens once, and again after an upgrade")
+            print(told[0], file=sys.stderr)
 
     listener = type("FirstCompilation", (event.Listener,), {"on_start": tell, "on_end": lambda *_: None})()
     event.register("numba:compile", listener)
