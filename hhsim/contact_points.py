@@ -8,12 +8,16 @@ from numpy.typing import ArrayLike, NDArray
 from hhsim.kernels.touching import touching_pairs
 from hhsim.kernels.tree import TreeArrays
 from hhsim.placed_hand import HandShape, PlacedHand
+from hhsim.workers import Workers, ranges, usual_threads
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 ROOM = 64
 """Room for the pairs of a tick at first; more is made where it is too little."""
+
+TICKS_A_THREAD = 500
+"""Fewer are done before a second thread has begun."""
 
 
 class ContactPoints(NamedTuple):
@@ -53,6 +57,19 @@ def touching_points(
     """
     ticks = np.arange(len(placed.joints)) if chosen is None else np.asarray(chosen, np.int64)
     counted = np.ones(5, np.bool_) if fingers is None else np.asarray(fingers, np.bool_)
+    threads = usual_threads() if len(ticks) > TICKS_A_THREAD else 1
+
+    def found(first: int, end: int) -> ContactPoints:
+        return _touching(tree, shape, placed, touch, np.ascontiguousarray(ticks[first:end]), counted)
+
+    with Workers(threads) as workers:
+        parts = workers.each(found, ranges(len(ticks), threads))
+    return parts[0] if len(parts) == 1 else ContactPoints(*(np.concatenate(columns) for columns in zip(*parts)))
+
+
+def _touching(
+    tree: TreeArrays, shape: HandShape, placed: PlacedHand, touch: float, ticks: IntArray, counted: NDArray[np.bool_]
+) -> ContactPoints:
     room = max(ROOM, 4 * len(ticks))
     count = -1
     while count < 0:
@@ -60,7 +77,7 @@ def touching_points(
         tick, body = np.empty(room, np.int64), np.empty(room, np.int64)
         point, normal = np.empty((room, 3)), np.empty((room, 3))
         count = touching_pairs(
-            *(shape.phalanx_radius, shape.palm_center, shape.palm_radius, tree, np.ascontiguousarray(ticks)),
+            *(shape.phalanx_radius, shape.palm_center, shape.palm_radius, tree, ticks),
             *(placed.joints, placed.position, placed.orientation, counted, float(touch)),
             *(tick, body, point, normal),
         )

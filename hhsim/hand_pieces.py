@@ -59,64 +59,61 @@ def piece_poses(
         flexion: [rad], shape (T, 5, 3).
         abduction: [rad], shape (T, 5).
     """
-    origin, palm, spread = (np.asarray(values, np.float64) for values in (position, orientation, abduction))
-    bend = np.cumsum(np.asarray(flexion, np.float64), axis=2)
-    ticks = len(origin)
+    origin, palm = np.asarray(position, np.float64).T, np.asarray(orientation, np.float64).T
+    # Ticks last: all that is done here is done along them, and a viewer takes a piece's poses from one stretch.
+    bend = np.cumsum(np.transpose(np.asarray(flexion, np.float64), (1, 2, 0)), axis=1)
     sign = 1.0 if hand.side == "right" else -1.0
-    half_spread, half_bend = 0.5 * sign * spread[:, :, None], -0.5 * bend
-    # A turn about the finger's back, then one about the axis that it flexes about.
-    chain = np.stack(
-        [
-            np.cos(half_spread) * np.cos(half_bend),
-            np.cos(half_spread) * np.sin(half_bend),
-            np.sin(half_spread) * np.sin(half_bend),
-            np.sin(half_spread) * np.cos(half_bend),
-        ],
-        axis=-1,
-    )
+    half_spread, half_bend = 0.5 * sign * np.asarray(abduction, np.float64).T, -0.5 * bend
     frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)
-    base = np.array([_quaternion(frame) for frame in frames])
-    quaternion = np.empty((ticks, PALM_BODY + 1, 4))
-    fingers = _product(_product(palm[:, None, None], base[None, :, None]), chain)
-    quaternion[:, :PALM_BODY] = fingers.reshape(ticks, PALM_BODY, 4)
-    quaternion[:, PALM_BODY] = palm
+    base = np.array([_quaternion(frame) for frame in frames]).T[:, :, None]
+    # A turn about the finger's back, then one about the axis that it flexes about.
+    w, x, y, z = (part[:, None] for part in _about_z(_product(palm[:, None], base), half_spread))
+    cos, sin = np.cos(half_bend), np.sin(half_bend)
+    w, x, y, z = w * cos - x * sin, x * cos + w * sin, y * cos + z * sin, z * cos - y * sin
+    ticks = origin.shape[1]
+    quaternion = np.empty((PALM_BODY + 1, ticks, 4))
+    fingers = quaternion[:PALM_BODY].reshape(len(FINGERS), PHALANX_COUNT, ticks, 4)
+    for i, part in enumerate((w, x, y, z)):
+        fingers[..., i] = part
+    quaternion[PALM_BODY] = palm.T
 
-    translation = np.empty((ticks, PALM_BODY + 1, 3))
-    joint = translation[:, :PALM_BODY].reshape(ticks, len(FINGERS), PHALANX_COUNT, 3)
-    w, x, y, z = np.moveaxis(fingers, -1, 0)
-    direction = np.stack([2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)], axis=-1)
-    joint[:, :, 0] = origin[:, None] + np.einsum("tij,fj->tfi", _matrix(palm), hand.base)
-    for k in range(1, PHALANX_COUNT):
-        joint[:, :, k] = joint[:, :, k - 1] + hand.length[:, k - 1, None] * direction[:, :, k - 1]
-    translation[:, :PALM_BODY] = joint.reshape(ticks, PALM_BODY, 3)
-    translation[:, PALM_BODY] = origin
-    return PiecePoses(translation, quaternion)
+    translation = np.empty((PALM_BODY + 1, ticks, 3))
+    joint = translation[:PALM_BODY].reshape(len(FINGERS), PHALANX_COUNT, ticks, 3)
+    direction = (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x))
+    for i, rows in enumerate(_matrix(palm)):
+        joint[:, 0, :, i] = origin[i] + hand.base @ rows
+        for k in range(1, PHALANX_COUNT):
+            joint[:, k, :, i] = joint[:, k - 1, :, i] + hand.length[:, k - 1, None] * direction[i][:, k - 1]
+    translation[PALM_BODY] = origin.T
+    return PiecePoses(translation.transpose(1, 0, 2), quaternion.transpose(1, 0, 2))
 
 
-def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Hamilton product of quaternions (w, x, y, z), with numpy's broadcasting."""
-    aw, ax, ay, az = np.moveaxis(a, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
+def _product(a: FloatArray, b: FloatArray) -> tuple[FloatArray, ...]:
+    """Hamilton product of quaternions (w, x, y, z), each component an array; with numpy's broadcasting."""
+    (aw, ax, ay, az), (bw, bx, by, bz) = a, b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
     )
+
+
+def _about_z(quaternion: tuple[FloatArray, ...], half: FloatArray) -> tuple[FloatArray, ...]:
+    """The product of quaternions and turns about z, given by half of their angles."""
+    (w, x, y, z), cos, sin = quaternion, np.cos(half), np.sin(half)
+    return w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin
 
 
 def _matrix(quaternion: FloatArray) -> FloatArray:
-    """Rotation matrices, shape (T, 3, 3), of unit quaternions, shape (T, 4)."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    """Rotation matrices, shape (3, 3, T), of unit quaternions, shape (4, T)."""
+    w, x, y, z = quaternion
     rows = [
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
         [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
         [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
     ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return np.array(rows)
 
 
 def _quaternion(rotation: FloatArray) -> FloatArray:

@@ -80,14 +80,20 @@ LIVE_PLOTS = (FORCE, GLOVE, DEPTH, TIME, LOOP, CONTACTS)
 
 def force_values(phalanx: FloatArray, total: FloatArray) -> FloatArray:
     """Of `FORCE` [N], from phalanx forces (T, 5, 3, 3) and total (T, 3)."""
-    finger = phalanx.sum(axis=2)
-    sizes = [np.linalg.norm(part, axis=-1) for part in (total[:, None], finger, palm_force(phalanx, total)[:, None])]
-    return np.concatenate(sizes, axis=1)
+    finger = np.einsum("tfpi->tfi", phalanx)
+    return np.concatenate(
+        [sizes(part) for part in (total[:, None], finger, palm_force(phalanx, total)[:, None])], axis=1
+    )
 
 
 def palm_force(phalanx: FloatArray, total: FloatArray) -> FloatArray:
     """The contact force on the palm [N], shape (T, 3): what the phalanges do not carry of the total."""
-    return np.asarray(total - phalanx.sum(axis=(1, 2)))
+    return np.asarray(total - np.einsum("tfpi->ti", phalanx))
+
+
+def sizes(vectors: FloatArray) -> FloatArray:
+    """Of many vectors, shape (…, 3), several times as fast as numpy's norm."""
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
 
 
 def depth_values(depth: FloatArray, finger: FloatArray, palm: FloatArray) -> FloatArray:

@@ -33,7 +33,7 @@ from hhsim.kernels.tree import TreeArrays
 from hhsim.mesh import Mesh
 from hhsim.metrics import FORCE_FLOOR
 from hhsim.placed_hand import HandShape, PlacedHand, hand_shape
-from hhsim.rerun_plots import Plot, palm_force
+from hhsim.rerun_plots import Plot, palm_force, sizes
 from hhsim.shown_ticks import ShownTicks
 from hhsim.sphere_tree import SphereTree
 from hhsim.surface import Surface, mesh_surface
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     import rerun as rr
 
 FloatArray = NDArray[np.float64]
+Times = Sequence["rr.TimeColumn"]
 
 APPLICATION = "hhsim"
 
@@ -170,18 +171,21 @@ class RerunScene:
 
         if len(ticks.tick) == 0:
             return
+        # Made once: every entity has the same.
+        times = [rr.TimeColumn("tick", sequence=ticks.tick), rr.TimeColumn("time", duration=ticks.time)]
         for whose, hand in (("graphic", ticks.graphic), ("haptic", ticks.haptic)):
             poses = piece_poses(self.scene.hand, *hand)
-            quaternion = np.roll(poses.quaternion, -1, axis=2).astype(np.float32)
-            translation = poses.translation.astype(np.float32)
             for k, name in enumerate(PIECES):
-                columns = rr.Transform3D.columns(translation=translation[:, k], quaternion=quaternion[:, k])
-                self._columns(f"world/{whose}/{name}", ticks, columns)
-        contacts = self._log_contacts(ticks)
-        self._log_forces(ticks, contacts)
+                quaternion = np.empty((len(ticks.tick), 4), np.float32)
+                quaternion[:, :3], quaternion[:, 3] = poses.quaternion[:, k, 1:], poses.quaternion[:, k, 0]
+                translation = poses.translation[:, k].astype(np.float32)
+                columns = rr.Transform3D.columns(translation=translation, quaternion=quaternion)
+                self._columns(f"world/{whose}/{name}", times, columns)
+        contacts = self._log_contacts(ticks, times)
+        self._log_forces(ticks, times, contacts)
         for plot, values in ticks.plots.items():
             columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values).ravel())
-            self._columns(plot.path, ticks, columns.partition(np.full(len(values), len(plot.series))))
+            self._columns(plot.path, times, columns.partition(np.full(len(values), len(plot.series))))
 
     def log_states(self, lane: str, tick: Sequence[int], time: Sequence[float], states: Sequence[str]) -> None:
         """Send when a lane of the state timeline changed to which state; "" for none."""
@@ -200,7 +204,7 @@ class RerunScene:
         columns = rr.TextLog.columns(text=[text], level=[level])
         self.stream.send_columns("log", [rr.TimeColumn("time", duration=[time])], columns, strict=True)
 
-    def _log_contacts(self, ticks: ShownTicks) -> ContactPoints:
+    def _log_contacts(self, ticks: ShownTicks, times: Times) -> ContactPoints:
         import rerun as rr
 
         scene = self.scene
@@ -215,37 +219,34 @@ class RerunScene:
         )
         lengths = np.bincount(contacts.tick, minlength=len(ticks.tick))
         points = rr.Points3D.columns(positions=contacts.point.astype(np.float32))
-        self._columns("world/contacts/points", ticks, points.partition(lengths))
+        self._columns("world/contacts/points", times, points.partition(lengths))
         normals = rr.Arrows3D.columns(
             origins=contacts.point.astype(np.float32), vectors=(NORMAL_LENGTH * contacts.normal).astype(np.float32)
         )
-        self._columns("world/contacts/normals", ticks, normals.partition(lengths))
+        self._columns("world/contacts/normals", times, normals.partition(lengths))
         return contacts
 
-    def _log_forces(self, ticks: ShownTicks, contacts: ContactPoints) -> None:
+    def _log_forces(self, ticks: ShownTicks, times: Times, contacts: ContactPoints) -> None:
         import rerun as rr
 
         count = len(ticks.tick)
         force = np.concatenate(
             [ticks.phalanx.reshape(count, 15, 3), palm_force(ticks.phalanx, ticks.total)[:, None]], axis=1
         )
-        size = np.linalg.norm(force, axis=2)
+        size = sizes(force)
         felt = size >= FORCE_FLOOR
         start = force_places(ticks, contacts, force, self.scene.hand.radius)
         arrows = rr.Arrows3D.columns(
             origins=start[felt].astype(np.float32),
             vectors=(FORCE_LENGTH * force[felt] / np.sqrt(size[felt])[:, None]).astype(np.float32),
         )
-        self._columns("world/forces", ticks, arrows.partition(felt.sum(axis=1)))
+        self._columns("world/forces", times, arrows.partition(felt.sum(axis=1)))
 
     def _fixed(self, path: str, what: Any) -> None:
         self.stream.log(path, what, static=True, strict=True)
 
-    def _columns(self, path: str, ticks: ShownTicks, columns: Any) -> None:
-        import rerun as rr
-
-        indexes = [rr.TimeColumn("tick", sequence=ticks.tick), rr.TimeColumn("time", duration=ticks.time)]
-        self.stream.send_columns(path, indexes=indexes, columns=columns, strict=True)
+    def _columns(self, path: str, times: Times, columns: Any) -> None:
+        self.stream.send_columns(path, indexes=times, columns=columns, strict=True)
 
 
 def force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, radius: FloatArray) -> FloatArray:
@@ -254,7 +255,7 @@ def force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, 
     middle = np.empty((count, 16, 3))
     middle[:, :15] = 0.5 * (ticks.joints[:, :, :3] + ticks.joints[:, :, 1:]).reshape(count, 15, 3)
     thickness = 0.5 * (radius[:, :3] + radius[:, 1:]).reshape(15)
-    size = np.linalg.norm(force[:, :15], axis=2)
+    size = sizes(force[:, :15])
     unit = force[:, :15] / np.maximum(size, 1e-12)[:, :, None]
     middle[:, :15] -= thickness[:, None] * unit
     middle[:, 15] = ticks.graphic.position

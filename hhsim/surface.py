@@ -119,15 +119,24 @@ def mesh_surface(mesh: Mesh, color: FloatArray, crease: float = 55.0) -> Surface
     area = np.cross(b - a, c - a)
     unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)
     corners = mesh.faces.ravel()
-    face = np.arange(len(corners)) // 3
-    normals = np.empty((len(corners), 3))
+    # Every corner beside every corner of the same vertex, those of a vertex one after another.
     order = np.argsort(corners, kind="stable")
-    for around in np.split(order, np.flatnonzero(np.diff(corners[order])) + 1):
-        smooth = unit[face[around]] @ unit[face[around]].T > np.cos(np.radians(crease))
-        normals[around] = smooth @ area[face[around]]
+    _, first, count = np.unique(corners[order], return_index=True, return_counts=True)
+    start, size = np.repeat(first, count), np.repeat(count, count)
+    corner, other = np.repeat(order, size), order[np.repeat(start, size) + _count_up(size)]
+    smooth = np.einsum("ni,ni->n", unit[corner // 3], unit[other // 3]) > np.cos(np.radians(crease))
+    normals = np.empty((len(corners), 3))
+    for axis in range(3):
+        normals[:, axis] = np.bincount(corner[smooth], area[other[smooth] // 3, axis], minlength=len(corners))
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     faces = np.arange(len(corners)).reshape(-1, 3)
     return Surface(mesh.vertices[corners], normals, np.tile(color, (len(corners), 1)), faces)
+
+
+def _count_up(lengths: NDArray[np.int64]) -> NDArray[np.int64]:
+    """0, 1, … up to each length, one after another."""
+    ends = np.cumsum(lengths)
+    return np.asarray(np.arange(lengths.sum()) - np.repeat(ends - lengths, lengths))
 
 
 def with_nail(distal: Surface, joints: FloatArray, back: FloatArray) -> Surface:

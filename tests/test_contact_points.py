@@ -51,6 +51,19 @@ def test_the_points_are_those_of_each_tick(
         np.testing.assert_allclose(ours[np.lexsort(ours.T)], expected[np.lexsort(expected.T)], atol=1e-15)
 
 
+def test_threads_change_nothing(
+    hand: HandModel,
+    tree: SphereTree,
+    placed: PlacedHand,
+    found: ContactPoints,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hhsim.contact_points.TICKS_A_THREAD", 1)
+    monkeypatch.setattr("hhsim.contact_points.usual_threads", lambda: 5)
+    for ours, expected in zip(touching_points(tree.arrays(), hand_shape(hand), placed, TOUCH), found):
+        np.testing.assert_array_equal(ours, expected)
+
+
 def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
     hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
 ) -> None:

@@ -9,6 +9,7 @@ import pytest
 from hhsim.hand import HandModel
 from hhsim.kernels.distance import sphere_round_cone_distance
 from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.object_catalogue import load_object
 from hhsim.shapes import cube, sphere
 from hhsim.surface import NAIL, SKIN, SPHERE, arrow_surface, hand_surface, joined, mesh_surface, painted
 from hhsim.surface import round_cone_surface as cone
@@ -43,6 +44,20 @@ def test_a_sharp_edge_stays_sharp() -> None:
     facing = np.cross(b - a, c - a)
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
     np.testing.assert_allclose(surface.normals.reshape(-1, 3, 3), np.repeat(facing[:, None], 3, axis=1), atol=1e-12)
+
+
+def test_a_corner_is_smooth_over_the_faces_of_its_vertex_that_lie_flat_enough() -> None:
+    mesh = load_object("cup").mesh
+    a, b, c = mesh.triangles.transpose(1, 0, 2)
+    area = np.cross(b - a, c - a)
+    unit = area / np.linalg.norm(area, axis=1, keepdims=True)
+    surface = mesh_surface(mesh, SKIN, crease=40.0)
+    np.testing.assert_array_equal(surface.points.reshape(-1, 3, 3), mesh.triangles)
+    for corner in range(0, mesh.faces.size, 7):
+        around = np.flatnonzero((mesh.faces == mesh.faces.flat[corner]).any(axis=1))
+        flat = around[unit[around] @ unit[corner // 3] > np.cos(np.radians(40.0))]
+        expected = area[flat].sum(axis=0)
+        np.testing.assert_allclose(surface.normals[corner], expected / np.linalg.norm(expected), atol=1e-12)
 
 
 def test_joined_surfaces_keep_their_triangles() -> None:
