@@ -27,33 +27,20 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
 
 def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     """Label, figure and unit of every line."""
-    from hhsim.live.safety_words import WORDS
+    from hhsim.live.session_lines import session_rows
+    from hhsim.live.session_summary import session_figures
 
     tally, counters = outcome.tally, outcome.counters
     everything = max(outcome.ticks + outcome.missed, 1)
+    counted = session_rows(session_figures(tally, outcome.missed, math.nan, {}))
+    told = {"ticks", "missed", "penetration_max"}
     rows: list[Row] = [
         ("ticks", f"{outcome.ticks:,}", ""),
         ("missed ticks", f"{outcome.missed:,}", ""),
         ("missed ticks, of all periods", f"{100.0 * outcome.missed / everything:.3f}", "%"),
-    ]
-    for label, values in (
-        ("wake-up after the deadline", tally.wakeup),
-        ("sample in to command out", tally.latency),
-        ("the solver's tick, wall", tally.duration),
-    ):
-        rows += [(f"{label}, p{p:g}", _number(1e-3 * values.percentile(p), 1), "µs") for p in (50, 99, 99.9)]
-    rows += [
-        ("ticks with candidate pairs", f"{tally.in_contact:,}", ""),
-        ("candidate pairs, most", f"{tally.candidates_max:,}", ""),
-        ("force, most", _number(tally.force_max, 2), "N"),
-        ("ticks that resist a finger", f"{tally.stiff:,}", ""),
-        *((f"ticks with free fingers: {WORDS[why]}", f"{n:,}", "") for why, n in tally.free_for.items() if n),
-        ("stuck ticks", f"{tally.stuck:,}", ""),
-        ("ticks with lag", f"{tally.lagging:,}", ""),
+        *((row.label, row.shown, row.unit) for row in counted if row.name not in told),
         ("frames of the glove", f"{counters.frames:,}", ""),
         ("samples of the hand", f"{counters.samples:,}", ""),
-        ("samples used", f"{tally.new_samples:,}", ""),
-        ("samples that a newer one replaced", f"{tally.superseded:,}", ""),
         ("samples rejected, malformed, for others, lost", _several(counters), ""),
         ("commands sent, not taken", f"{counters.commands:,}, {counters.commands_refused:,}", ""),
     ]

@@ -17,6 +17,7 @@ COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
     "view": "Look at a result in the rerun viewer.",
+    "report": "Make one HTML page of results: figures, curves, worst ticks.",
     "verify": "Check every claim of a result with independent code.",
     "objects": "List the objects that come with hhsim.",
     "trajectories": "List the trajectories that come with hhsim.",

@@ -22,8 +22,8 @@ from hhsim.metrics import FORCE_FLOOR
 from hhsim.rendering import Camera, Layer, blend, frame, look_from, save_figure, shade
 from hhsim.result import Result, load_result
 from hhsim.result_hand import hand_of
-from hhsim.summary import HOLD
 from hhsim.surface import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
+from hhsim.tick_figures import HOLD
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

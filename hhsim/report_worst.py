@@ -8,7 +8,7 @@ import numpy as np
 from hhsim import metrics
 from hhsim.result import Result
 from hhsim.result_schema import LIVE_TICK
-from hhsim.summary import HOLD
+from hhsim.tick_figures import HOLD
 
 WorstKind = Literal["slowest", "deepest", "force-step", "lag"]
 

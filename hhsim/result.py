@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
+from hhsim.info import UNKNOWN
 from hhsim.result_schema import (
     FORMAT,
     LIVE,
@@ -68,6 +69,10 @@ class Result:
     """The arrays of `STATIC_COLUMNS` by name, as far as the schema has them."""
     live: Mapping[str, Any] | None = field(default=None, repr=False)
     """What a live session says of itself, the attributes of /live; None for a replay."""
+    git_revision: str = UNKNOWN
+    """Commit of the hhsim that wrote it."""
+    git_dirty: bool | str = UNKNOWN
+    """Whether its files had changed since."""
     _loaded: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     def __getitem__(self, name: str) -> Array:
@@ -164,6 +169,8 @@ def load_result(path: str | Path) -> Result:
             summary=_attributes(file["summary"]),
             static={column.name: _frozen(file[column.name][...]) for column in static},
             live=_attributes(file[LIVE]) if LIVE in file else None,
+            git_revision=str(attributes.get("git_revision", UNKNOWN)),
+            git_dirty=_git_dirty(attributes.get("git_dirty", UNKNOWN)),
         )
 
 
@@ -243,6 +250,10 @@ def fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:
 def spelled(shape: tuple[int, ...]) -> str:
     """A shape as messages show it."""
     return f"({', '.join('any' if size == -1 else str(size) for size in shape)})"
+
+
+def _git_dirty(value: Any) -> bool | str:
+    return value if isinstance(value, str) else bool(value)
 
 
 def _frozen(array: Array) -> Array:

@@ -80,7 +80,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ),
     # Runs and their files.
     (
-        *("replay", "interrupt", "summary", "tracking_reference", "tremor_hold", "warm_up"),
+        *("replay", "interrupt", "summary", "summary_lines", "tick_figures", "tracking_reference", "tremor_hold"),
+        "warm_up",
         *("result", "result_writer", "tick_columns", "stored_scene", "run_again"),
     ),
     # Looking at them.
@@ -121,6 +122,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     (
         *("envelope", "report_columns", "report_figures", "report_series", "report_histogram", "report_speed_error"),
         *("clear_view", "report_pictures", "report_worst"),
+    ),
+    (
+        *("report", "report_page", "report_html", "report_style", "report_album", "report_run", "report_ticks"),
+        *("report_sections", "report_worst_section", "report_bench", "report_facts", "report_command"),
+        *("report_compare", "report_verdict"),
     ),
 )
 """Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""

@@ -1,0 +1,275 @@
+"""`hhsim report`: one page of HTML that says all of one result, or sets several side by side, and its pictures.
+
+The page holds its pictures and its style, asks no server for anything, and needs no script. The same files give the
+same bytes.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from hhsim import bench_file
+from hhsim.destination import check_destination
+from hhsim.errors import InputError, OutputError
+from hhsim.report_album import Album
+from hhsim.report_bench import bench_section
+from hhsim.report_compare import Comparison, compare
+from hhsim.report_histogram import histogram_figure
+from hhsim.report_html import Html, paragraph, section
+from hhsim.report_page import GENERATOR, report_page, title_of
+from hhsim.report_pictures import overview_picture
+from hhsim.report_run import ReportRun, report_runs
+from hhsim.report_sections import (
+    difference_section,
+    figures_section,
+    machine_section,
+    origin_section,
+    phase_section,
+    run_section,
+    session_section,
+)
+from hhsim.report_series import series_figure
+from hhsim.report_speed_error import speed_error_figure
+from hhsim.report_worst_section import worst_section
+from hhsim.result import load_result
+from hhsim.whole_file import write_whole_file
+
+Progress = Callable[[str, int, int], None]
+Sections = list[tuple[str, str, Html]]
+
+PAGE = "report.html"
+"""Name of the page in a folder of its own."""
+HEAD_BYTES = 2048
+"""Of a page that is there already: its head is in them."""
+FIGURES = (
+    ("time", "Over time", series_figure),
+    ("ticks", "How long a tick takes", histogram_figure),
+    ("speed-error", "Speed against error", speed_error_figure),
+)
+"""Anchor, heading and maker of the figures that show all results together."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report that is not written yet.
+
+    Attributes:
+        title: of the page.
+        html: the page.
+        pictures: PNGs by the name that each file gets.
+        runs: what was computed of each result.
+        comparisons: of each but the first one with the first one.
+    """
+
+    title: str
+    html: str
+    pictures: dict[str, bytes]
+    runs: tuple[ReportRun, ...]
+    comparisons: tuple[Comparison, ...]
+
+    def told(self) -> list[str]:
+        """The verdicts, a line each."""
+        lines = [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
+        compared = zip(self.runs[1:], self.comparisons)
+        return lines + [f"{run.label} beside {self.runs[0].label}: {found.sentence()}" for run, found in compared]
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {
+            "title": self.title,
+            "results": [
+                {
+                    "result": str(run.result.path),
+                    "label": run.label,
+                    "verdict": run.verdict.word,
+                    "missed": list(run.verdict.missed),
+                    "figures": {row.name: row.value for row in run.rows},
+                }
+                for run in self.runs
+            ],
+            "comparisons": [
+                {
+                    "result": str(run.result.path),
+                    "comparable": found.comparable,
+                    "scene": list(found.scene),
+                    "how": list(found.how),
+                    "around": list(found.around),
+                }
+                for run, found in zip(self.runs[1:], self.comparisons)
+            ],
+        }
+
+
+@dataclass(frozen=True)
+class ReportFiles:
+    """Where a report is.
+
+    Attributes:
+        page: the HTML.
+        pictures: the PNG files.
+    """
+
+    page: Path
+    pictures: tuple[Path, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {"report": str(self.page), "pictures": [str(path) for path in self.pictures]}
+
+
+def make_report(paths: Sequence[Path], *, progress: Progress | None = None) -> Report:
+    """Read results and tables of `hhsim bench`, and make the page of them.
+
+    Args:
+        paths: Files, in the order of the page; results are compared with the first of them.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Raises:
+        InputError: no file, or one that is neither a result nor a table of hhsim bench.
+    """
+    if not paths:
+        raise InputError("a report needs at least one result")
+    tables = {path: bench_file.load_table(path) for path in paths if _is_table(path)}
+    results = [load_result(path) for path in paths if path not in tables]
+    steps = _Steps(progress, 3 + len(FIGURES))
+    steps("reading")
+    runs = report_runs(results)
+    comparisons = [compare(results[0], other) for other in results[1:]]
+    album = Album()
+    sections = _result_sections(runs, comparisons, album, steps) if runs else []
+    for i, (path, found) in enumerate(tables.items()):
+        sections.append(_part(f"bench-{i + 1}", f"hhsim bench {found.suite}", bench_section(found, path.name)))
+    title = title_of(runs, [found.suite for found in tables.values()])
+    html = report_page(title, runs, comparisons, sections)
+    return Report(title, html, album.pictures, tuple(runs), tuple(comparisons))
+
+
+def check_report_destination(destination: Path) -> Path:
+    """Look, before the work, for what would keep a report from being written.
+
+    Args:
+        destination: A page, NAME.html, or a folder, which is made where it is missing.
+
+    Returns:
+        Where the page goes.
+
+    Raises:
+        OutputError: as `hhsim.destination.check_destination`; or a file is there that hhsim report did not write.
+    """
+    if destination.suffix.lower() in (".html", ".htm"):
+        page = destination
+        check_destination(page)
+    elif destination.is_dir():
+        page = destination / PAGE
+        check_destination(page)
+    else:
+        page = destination / PAGE
+        check_destination(destination)
+        if destination.exists():
+            raise OutputError(f"{destination} is a file: name a folder, or a page such as {destination}.html")
+    if page.exists() and f'content="{GENERATOR} ' not in _head(page):
+        raise OutputError(
+            f"{page} exists and is no page of hhsim report, so it is not replaced: name another with --out"
+        )
+    return page
+
+
+def write_report(report: Report, destination: Path) -> ReportFiles:
+    """Write the page and its pictures, each in one step, the page last.
+
+    Args:
+        report: The report.
+        destination: As for `check_report_destination`. Of NAME.html the pictures are NAME-….png beside it.
+
+    Raises:
+        OutputError: as `check_report_destination`; or a picture's name is taken, and no page of a report is there that
+            it could belong to; or a full disk.
+    """
+    page = check_report_destination(destination)
+    stem = "" if page.name == PAGE else f"{page.stem}-"
+    files = {page.with_name(f"{stem}{name}.png"): png for name, png in report.pictures.items()}
+    taken = [path for path in files if path.exists()]
+    if taken and not page.exists():
+        raise OutputError(f"{taken[0]} exists, and no report that it belongs to: name another place with --out")
+    _make_folder(page.parent)
+    for path, png in files.items():
+        write_whole_file(path, png)
+    write_whole_file(page, report.html.encode())
+    return ReportFiles(page, tuple(files))
+
+
+def _result_sections(
+    runs: Sequence[ReportRun], comparisons: Sequence[Comparison], album: Album, steps: "_Steps"
+) -> Sections:
+    results = [run.result for run in runs]
+    steps("the hand")
+    overviews = Html("".join(_overview(run, album) for run in runs))
+    sections = [_part("run", "What was run", run_section(runs, overviews))]
+    sections.append(_part("figures", "Figures", figures_section(runs, comparisons)))
+    if comparisons:
+        sections.append(_part("differences", "What differs", difference_section(runs, comparisons)))
+    if any(result.live is not None for result in results):
+        sections.append(_part("session", "The session", session_section(runs)))
+    for name, heading, make in FIGURES:
+        steps(heading.lower())
+        shown = make(results, [run.label for run in runs])
+        sections.append(_part(name, heading, album.shown(shown)))
+    sections.append(_part("phases", "Phases", phase_section(runs)))
+    steps("worst ticks")
+    sections.append(_part("worst", "Worst ticks", worst_section(runs, album)))
+    sections.append(_part("machine", "What it ran on", machine_section(runs)))
+    sections.append(_part("origin", "Where it comes from", origin_section(runs)))
+    return sections
+
+
+def _overview(run: ReportRun, album: Album) -> Html:
+    try:
+        shown = overview_picture(run.result)
+    except InputError as error:
+        return paragraph(f"No picture of the hand: {error}")
+    return album.shown(shown, run.prefix)
+
+
+def _part(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:
+    return name, heading, section(name, heading, markup)
+
+
+def _is_table(path: Path) -> bool:
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("format") == bench_file.FORMAT)
+    except OSError:
+        # Whatever is wrong with it, the reader of results has the words for it.
+        return False
+
+
+def _head(page: Path) -> str:
+    try:
+        with page.open("rb") as file:
+            return file.read(HEAD_BYTES).decode("utf-8", "replace")
+    except OSError as error:
+        raise OutputError(f"cannot replace {page}: {error.strerror or error}; name another with --out") from error
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"cannot make the folder {folder}: {error.strerror or error}; name another with --out"
+        ) from error
+
+
+class _Steps:
+    """Tells how far the work is."""
+
+    def __init__(self, progress: Progress | None, count: int) -> None:
+        self._progress, self._count, self._done = progress, count, 0
+
+    def __call__(self, what: str) -> None:
+        if self._progress is not None:
+            self._progress(what, min(self._done, self._count), self._count)
+        self._done += 1

@@ -1,0 +1,21 @@
+"""The pictures of a report: each on the page, and as a file beside it."""
+
+from hhsim.report_figures import ReportFigure
+from hhsim.report_html import Html, figure, picture
+
+
+class Album:
+    """Keeps what it shows."""
+
+    pictures: dict[str, bytes]
+    """PNGs by name, in the order of the page."""
+
+    def __init__(self) -> None:
+        """Nothing is shown yet."""
+        self.pictures = {}
+
+    def shown(self, what: ReportFigure, prefix: str = "") -> Html:
+        """A figure of the page; `prefix` goes before its name."""
+        name = prefix + what.name
+        self.pictures[name] = what.png
+        return figure(name, picture(what.png, what.alt, what.width_px, what.height_px), what.title, what.caption)

@@ -1,0 +1,129 @@
+"""Results side by side: what differs in what was fed in and in how it was run, and which figures are better."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hhsim.gate_inputs import differences, new_options, run_inputs
+from hhsim.gate_timing import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
+from hhsim.result import Result
+from hhsim.summary_lines import LINES, SummaryRow
+
+HOW = ("level", "max_error")
+"""Options of a replay that say how it was run and not what was fed in."""
+TIME_NOISE = {"tick_cpu_p50": 0.10, "tick_wall_p50": 0.10, "tick_cpu_p99": 0.50}
+"""Share by which times of one run each may differ and say nothing: identical code differs by several percent from
+process to process in the median, and by tens of percent at p99."""
+NO_WORD = ("tick_cpu_max", "tick_wall_over_1ms")
+"""Times that single ticks decide about: a pause of the machine, not the method."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One result beside the first one.
+
+    Attributes:
+        scene: what differs in object, hand or motion; figures can only be compared where nothing does.
+        how: what differs in the way it was run: method, options, tree.
+        around: what differs besides: machine, versions, schema.
+        same_machine: whether times can be compared at all.
+    """
+
+    scene: tuple[str, ...]
+    how: tuple[str, ...]
+    around: tuple[str, ...]
+    same_machine: bool
+
+    @property
+    def comparable(self) -> bool:
+        """Whether both were fed with the same."""
+        return not self.scene
+
+    def sentence(self) -> str:
+        """Whether the figures can be compared, in one sentence."""
+        if not self.comparable:
+            return f"Not comparable: not the same scene ({'; '.join(self.scene)})."
+        times = "" if self.same_machine else "; times cannot, since they are of different machines"
+        return f"The same object, hand and motion: figures can be compared{times}."
+
+
+@dataclass(frozen=True)
+class ComparedFigure:
+    """One figure of a result beside that of the first.
+
+    Attributes:
+        ratio: to the first one's; NaN where that is 0 or one of them is undefined.
+        word: one of the gate's words, or "" where more is neither better nor worse.
+    """
+
+    ratio: float
+    word: str
+
+
+def compare(base: Result, head: Result) -> Comparison:
+    """Tell two results apart."""
+    one, other = run_inputs(base), run_inputs(head)
+    every = differences(one, other)
+    # The way it was run is taken from the first: what still differs is the scene.
+    alike = replace(
+        other,
+        schema=one.schema,
+        spheres=one.spheres,
+        tree=one.tree,
+        solver=one.solver,
+        options={**other.options, **{name: one.options[name] for name in HOW}},
+    )
+    scene = differences(one, alike)
+    about_schema = [text for text in every if text.startswith("result schema")]
+    how = [text for text in every if text not in scene and text not in about_schema]
+    how += [f"option that only one has: {name}" for name in new_options(one, other)]
+    around = [*about_schema, *_around(base, head)]
+    return Comparison(tuple(scene), tuple(how), tuple(around), base.machine == head.machine)
+
+
+def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> ComparedFigure:
+    """Set a figure beside the first result's."""
+    line = LINES[head.name]
+    known = math.isfinite(base.value) and math.isfinite(head.value)
+    ratio = head.value / base.value if known and base.value != 0.0 else math.nan
+    is_time = head.name.startswith("tick_")
+    if not (known and line.less_is_better) or head.name in NO_WORD or not comparison.comparable:
+        return ComparedFigure(ratio, "")
+    if is_time and not comparison.same_machine:
+        return ComparedFigure(ratio, NOT_COMPARABLE)
+    if head.shown == base.shown:
+        return ComparedFigure(ratio, SAME)
+    noise = TIME_NOISE.get(head.name, 0.0)
+    if 1.0 / (1.0 + noise) <= ratio <= 1.0 + noise:
+        return ComparedFigure(ratio, WITHIN)
+    return ComparedFigure(ratio, WORSE if head.value > base.value else BETTER)
+
+
+def _around(base: Result, head: Result) -> list[str]:
+    found = [
+        f"{name}: {_told(base.machine.get(name))} and {_told(head.machine.get(name))}"
+        for name in sorted(base.machine.keys() | head.machine.keys())
+        if base.machine.get(name) != head.machine.get(name)
+    ]
+    found += [
+        f"{name}: {_told(base.packages.get(name))} and {_told(head.packages.get(name))}"
+        for name in sorted(base.packages.keys() | head.packages.keys())
+        if base.packages.get(name) != head.packages.get(name)
+    ]
+    if base.hhsim_version != head.hhsim_version:
+        found.append(f"hhsim: {base.hhsim_version} and {head.hhsim_version}")
+    if (base.git_revision, base.git_dirty) != (head.git_revision, head.git_dirty):
+        found.append(f"commit: {commit(base)} and {commit(head)}")
+    if base.complete != head.complete:
+        found.append(f"complete: {_told(base.complete)} and {_told(head.complete)}")
+    return found
+
+
+def commit(result: Result) -> str:
+    """The commit of the hhsim that wrote a result, in short, and whether its files had changed."""
+    changed = ", with changes that are not committed" if result.git_dirty is True else ""
+    return f"{result.git_revision[:12]}{changed}"
+
+
+def _told(value: Any) -> str:
+    return "none" if value is None else "yes" if value is True else "no" if value is False else str(value)

@@ -1,0 +1,170 @@
+"""What was run, on what, and where it comes from: facts of a result for the tables of a report."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hhsim.errors import InputError
+from hhsim.report_compare import commit
+from hhsim.report_ticks import fingers_of, tick_rate
+from hhsim.result import Result
+from hhsim.result_schema import SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.solver_options import FINGERS
+from hhsim.stored_scene import PARTS, WHOLE_SINCE
+
+NONE = "—"
+"""Where a result does not say."""
+READ_AT_ONCE = 1 << 20
+"""Bytes."""
+
+
+def run_facts(result: Result) -> dict[str, str]:
+    """What was run: object, motion, hand, method."""
+    scene, static = result.scene, result.static
+    solver: Mapping[str, Any] = scene.get("solver", {})
+    low, high = static["object/vertices"].min(axis=0), static["object/vertices"].max(axis=0)
+    extent = " × ".join(f"{1e3 * side:.0f}" for side in high - low)
+    level = static["object/tree/level"]
+    depth = int(level.max(initial=0))
+    hand = scene.get("hand", {})
+    fingers = fingers_of(result)
+    facts = {
+        "object": object_name(result),
+        "object, extent": f"{extent} mm, {len(static['object/faces']):,} triangles",
+        "repairs of its mesh": "; ".join(scene.get("object_repairs") or []) or "none",
+        "sphere tree": f"level {depth}, {int((level == depth).sum()):,} leaf spheres",
+        "motion": motion_name(result),
+        "its source": str(scene.get("motion_source") or NONE),
+        "ticks": f"{result.ticks:,} at {tick_rate(result):,g} Hz, {result.ticks / tick_rate(result):,.2f} s",
+        "hand": _hand(hand),
+        "fingers": "all five" if len(fingers) == len(FINGERS) else ", ".join(fingers) or "none",
+        "method": str(solver.get("method", NONE)),
+        "QP solver": str(solver.get("qp", NONE)),
+        "forces": {"kkt": "multipliers of the program (kkt)", "paper": "Eq. 14 of the paper"}.get(
+            str(solver.get("force")), NONE
+        ),
+        "linearisations of a tick, most": f"{solver.get('linearisations', NONE)}",
+        "margin": f"{1e3 * solver['margin']:g} mm" if "margin" in solver else NONE,
+        "coupling": _coupling(solver.get("stiffness", {})),
+        "not modelled": ", ".join(scene.get("modelled", {}).get("not_modelled", [])) or NONE,
+    }
+    if result.live is not None:
+        facts |= _session(result.live)
+    return facts
+
+
+def machine_facts(result: Result) -> dict[str, str]:
+    """What it ran on."""
+    told = {str(name): str(value) for name, value in result.machine.items()}
+    packages = ", ".join(f"{name} {version}" for name, version in sorted(result.packages.items()))
+    return {
+        "processor": told.get("cpu", NONE),
+        "cores": told.get("cores", NONE),
+        "system": told.get("system", NONE),
+        "Python": told.get("python", NONE),
+        "threads of a tick": str(result.scene.get("solver", {}).get("threads", NONE)),
+        "hhsim": result.hhsim_version,
+        "commit": commit(result),
+        "packages": packages or NONE,
+    }
+
+
+def origin_facts(result: Result) -> dict[str, str]:
+    """Where the figures come from: the file, its state and its checksums."""
+    stated: Mapping[str, Any] = result.scene.get("checksums", {})
+    return {
+        "file": result.path.name,
+        "SHA-256 of the file": file_digest(result.path),
+        "written": result.created_utc,
+        "complete": "yes" if result.complete else "no: the run was stopped, its ticks so far are sound",
+        "schema": f"{result.schema_version} of {SCHEMA_VERSION}",
+        "object's mesh as it was read": str(result.scene.get("object_mesh") or NONE),
+        **{f"SHA-256 of {what}": str(stated.get(part) or NONE) for part, what in PARTS.items()},
+        "the file lacks": lacking(result) or "nothing",
+    }
+
+
+def option_facts(result: Result) -> dict[str, str]:
+    """Every option of the solver, as it stands in the file."""
+    solver = result.scene.get("solver", {})
+    return {name: json.dumps(value, ensure_ascii=False) for name, value in sorted(solver.items())}
+
+
+def object_name(result: Result) -> str:
+    """What people call the object; a file without its folder."""
+    scene = result.scene
+    return str(scene.get("object_name") or Path(str(scene.get("object") or "object")).name)
+
+
+def motion_name(result: Result) -> str:
+    """What people call the motion."""
+    scene = result.scene
+    return str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
+
+
+def method_name(result: Result) -> str:
+    """The method."""
+    return str(result.scene.get("solver", {}).get("method", "method"))
+
+
+def lacking(result: Result) -> str:
+    """What a file of an older schema does not hold, or ""."""
+    columns = [column.name for column in (*TICK_COLUMNS, *STATIC_COLUMNS) if column.since > result.schema_version]
+    if not columns:
+        return ""
+    again = "" if result.schema_version >= WHOLE_SINCE else "; it cannot be run again"
+    return f"schema {result.schema_version} has no {', '.join(columns)}{again}"
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal digits.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as file:
+            while block := file.read(READ_AT_ONCE):
+                digest.update(block)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
+    return digest.hexdigest()
+
+
+def _hand(hand: Mapping[str, Any]) -> str:
+    if not hand:
+        return NONE
+    told = str(hand.get("side", ""))
+    return f"{told}, {1e3 * hand['length']:.0f} mm long" if "length" in hand else told
+
+
+def _coupling(stiffness: Mapping[str, Any]) -> str:
+    names = (("translation", "N/m"), ("rotation", "N·m/rad"), ("flexion", "N·m/rad"))
+    told = [f"{name} {stiffness[name]:g} {unit}" for name, unit in names if name in stiffness]
+    return ", ".join(told) or NONE
+
+
+def _session(live: Mapping[str, Any]) -> dict[str, str]:
+    from hhsim.live.real_time import described
+
+    device = _json(live.get("device"))
+    mode = _json(live.get("real_time"))
+    return {
+        "glove": str(device.get("name") or device.get("kind") or NONE),
+        "palm's pose from": str(live.get("pose") or NONE),
+        "glove was told": "nothing (dry run)" if live.get("dry_run") else "where to stop and how hard",
+        "real time": described(mode) if mode else NONE,
+        "refused by the system": "; ".join(mode.get("refused", [])) or "nothing",
+        "ended": str(live.get("ended") or "the recording was cut short"),
+    }
+
+
+def _json(text: Any) -> dict[str, Any]:
+    try:
+        found = json.loads(text or "{}")
+    except (TypeError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,147 @@
+"""HTML built from typed pieces: whatever is not markup of this module is escaped, in one place."""
+
+import base64
+import html
+import re
+from collections.abc import Iterable, Sequence
+from typing import TypeAlias
+
+VOID = ("br", "img", "meta")
+"""Elements without content."""
+NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
+"""What no HTML document may hold, not even as a reference."""
+
+
+class Html(str):
+    """Markup that is shown as it is."""
+
+    __slots__ = ()
+
+
+Attribute: TypeAlias = str | int | bool | None
+
+
+def escaped(text: str) -> Html:
+    """Text as markup; markup as it is."""
+    if isinstance(text, Html):
+        return text
+    return Html(html.escape(NO_TEXT.sub("\N{REPLACEMENT CHARACTER}", text)))
+
+
+def joined(parts: Iterable[str]) -> Html:
+    """Pieces one after the other."""
+    return Html("".join(escaped(part) for part in parts))
+
+
+def element(tag: str, *content: str, **attributes: Attribute) -> Html:
+    """One element.
+
+    Args:
+        tag: Of it.
+        content: Text, which is escaped, or markup.
+        attributes: By name, a trailing or inner "_" for what Python has no letter for (`class_`, `aria_label`); True
+            for one without a value; None and False leave it out.
+    """
+    told = "".join(
+        f" {name.rstrip('_').replace('_', '-')}" + ("" if value is True else f'="{escaped(str(value))}"')
+        for name, value in attributes.items()
+        if value is not None and value is not False
+    )
+    if tag in VOID:
+        return Html(f"<{tag}{told}>")
+    return Html(f"<{tag}{told}>{joined(content)}</{tag}>")
+
+
+def paragraph(*content: str, **attributes: Attribute) -> Html:
+    """A paragraph."""
+    return element("p", *content, **attributes)
+
+
+def section(name: str, title: str, *content: str) -> Html:
+    """A part of the page with a heading and an anchor."""
+    return element("section", element("h2", title), *content, id=name, aria_label=title)
+
+
+def listed(items: Iterable[str], **attributes: Attribute) -> Html:
+    """A list with bullets."""
+    return element("ul", *(element("li", item) for item in items), **attributes)
+
+
+def code(text: str) -> Html:
+    """A command or a name as it is typed."""
+    return element("code", text)
+
+
+def commands(lines: Iterable[str]) -> Html:
+    """Commands to be copied, a line each."""
+    return element("pre", element("code", "\n".join(lines)), tabindex=0)
+
+
+def table(
+    caption: str,
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    numbers: Iterable[int] = (),
+) -> Html:
+    """A table that scrolls in a box of its own where it is wider than the page; the first cell heads its row.
+
+    Args:
+        caption: What it holds.
+        headings: Of the columns.
+        rows: Cells, as many as headings.
+        numbers: Columns that are aligned right.
+    """
+    right = set(numbers)
+
+    def align(column: int) -> str | None:
+        return "number" if column in right else None
+
+    head = [element("th", heading, scope="col", class_=align(i)) for i, heading in enumerate(headings)]
+    body = []
+    for row in rows:
+        first, *others = row
+        cells = [element("th", first, scope="row", class_=align(0))]
+        cells += [element("td", cell, class_=align(i)) for i, cell in enumerate(others, 1)]
+        body.append(element("tr", *cells))
+    content = (
+        element("caption", caption),
+        element("thead", element("tr", *head)),
+        element("tbody", *body),
+    )
+    return element("div", element("table", *content), class_="scroll", role="region", aria_label=caption, tabindex=0)
+
+
+def picture(png: bytes, alt: str, width: int, height: int) -> Html:
+    """A PNG that is part of the page."""
+    data = f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
+    return element("img", src=data, alt=alt, width=width, height=height)
+
+
+def figure(name: str, image: str, title: str, caption: str) -> Html:
+    """A picture with what it shows below it."""
+    return element("figure", image, element("figcaption", element("strong", title), " ", caption), id=name)
+
+
+def page(title: str, style: str, generator: str, *body: str) -> str:
+    """A whole document that asks nobody for anything.
+
+    Args:
+        title: Of the window.
+        style: CSS.
+        generator: The program that made it.
+        body: Its elements.
+    """
+    # Were there a link to something outside by mistake, a browser would not follow it.
+    policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+    head = (
+        element("meta", charset="utf-8"),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", http_equiv="Content-Security-Policy", content=policy),
+        element("meta", name="generator", content=generator),
+        element("meta", name="color-scheme", content="light dark"),
+        element("title", title),
+        element("style", Html(style)),
+    )
+    whole = element("html", element("head", *head), Html("\n"), element("body", *body), lang="en")
+    return f"<!DOCTYPE html>\n{whole}\n"

@@ -1,0 +1,69 @@
+"""One result of a report, with all that is computed of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hhsim.live.session_lines import session_rows
+from hhsim.report_facts import method_name, motion_name, object_name
+from hhsim.report_ticks import PhaseFigures, figure_rows, phase_figures, report_ticks
+from hhsim.report_verdict import Verdict, verdict
+from hhsim.result import Result
+from hhsim.summary_lines import SummaryRow
+
+
+@dataclass(frozen=True)
+class ReportRun:
+    """One result.
+
+    Attributes:
+        result: the file.
+        label: its name in the report.
+        prefix: of the names of its pictures and anchors.
+        rows: the table that replay prints; empty where the file lacks what it needs.
+        session: the table of a live session; empty for a replay, and where the recording was cut short.
+        phases: a line each.
+        verdict: by the gate's default limits.
+    """
+
+    result: Result
+    label: str
+    prefix: str
+    rows: tuple[SummaryRow, ...]
+    session: tuple[SummaryRow, ...]
+    phases: tuple[PhaseFigures, ...]
+    verdict: Verdict
+
+    @property
+    def name(self) -> str:
+        """Object, motion and method."""
+        return f"{object_name(self.result)}, {motion_name(self.result)}, {method_name(self.result)}"
+
+
+def report_runs(results: Sequence[Result]) -> list[ReportRun]:
+    """Compute what a report says of each result; more than one are labelled by letters.
+
+    Raises:
+        InputError: a file cannot be read.
+    """
+    return [_run(result, i, len(results)) for i, result in enumerate(results)]
+
+
+def letter(number: int) -> str:
+    """A, B, … Z, AA, AB, … for 0, 1, …"""
+    rest, last = divmod(number, 26)
+    return (letter(rest - 1) if rest else "") + chr(ord("A") + last)
+
+
+def _run(result: Result, number: int, count: int) -> ReportRun:
+    ticks = report_ticks(result)
+    rows = figure_rows(result, ticks)
+    alone = count == 1
+    return ReportRun(
+        result=result,
+        label=method_name(result) if alone else f"{letter(number)}: {method_name(result)}",
+        prefix="" if alone else f"{letter(number).lower()}-",
+        rows=rows,
+        session=() if result.live is None else session_rows(result.summary),
+        phases=tuple(phase_figures(result, ticks)),
+        verdict=verdict(result, rows),
+    )

@@ -1,0 +1,224 @@
+"""The parts of a report that are tables: what was run, figures, differences, phases, session, machine, origin."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import InputError
+from hhsim.gate_timing import BETTER, WORSE
+from hhsim.report_command import command_of, looking_again
+from hhsim.report_compare import Comparison, compared
+from hhsim.report_facts import NONE, machine_facts, option_facts, origin_facts, run_facts
+from hhsim.report_html import Html, commands, element, joined, listed, paragraph, table
+from hhsim.report_run import ReportRun
+from hhsim.result import Result
+from hhsim.summary_lines import LINES, SummaryRow
+
+MOST_EVENTS = 60
+"""Lines of a session's log that are shown."""
+EVENT_LEVELS = ("information", "warning", "fault")
+PHASE_HEADINGS = (
+    "phase",
+    "ticks",
+    "time [s]",
+    "CPU p50 [µs]",
+    "CPU p99 [µs]",
+    "deepest [µm]",
+    "force, mean [N]",
+    "force change, mean [%]",
+    "pairs, most",
+    "stuck",
+    "lagging",
+)
+
+
+def run_section(runs: Sequence[ReportRun], overview: Html) -> Html:
+    """What was run, and the commands that do so again."""
+    lines = [command_of(run.result) for run in runs]
+    told = [line for line in lines if line]
+    made = [
+        paragraph("Made by" if len(told) == len(lines) else "Made, as far as a command made it, by", ":"),
+        commands(told),
+    ]
+    again = [line for run in runs for line in looking_again(run.result)]
+    return joined(
+        [
+            overview,
+            facts_table("What was run", runs, run_facts),
+            *(made if told else [paragraph("It was made by a program that calls the library: there is no command.")]),
+            paragraph("To look at every tick, to check every claim, to run the same ticks again:"),
+            commands(again),
+        ]
+    )
+
+
+def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result], Mapping[str, str]]) -> Html:
+    """Facts of each result in a column of its own; those that are not the same are marked."""
+    columns = [facts(run.result) for run in runs]
+    names = list(dict.fromkeys(name for column in columns for name in column))
+    rows = []
+    for name in names:
+        cells = [column.get(name, NONE) for column in columns]
+        mark = "≠ " if len(set(cells)) > 1 else ""
+        rows.append((mark + name, *cells))
+    several = len(runs) > 1
+    headings = ("", *(run.label for run in runs)) if several else ("", "")
+    return table(f"{caption}; ≠ marks what is not the same" if several else caption, headings, rows)
+
+
+def figures_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
+    """The table that replay prints, beside the paper's figures; with others, beside the first result's."""
+    without = [run.label for run in runs if not run.rows]
+    notes = [paragraph(f"No table of {label}: its file lacks what the table is made from.") for label in without]
+    first = runs[0]
+    if len(runs) == 1:
+        rows = [(row.label, row.shown, row.unit, row.paper) for row in first.rows]
+        if not rows:
+            return joined(notes)
+        whole = first.result.complete and first.result.live is None
+        source = "as its replay printed them" if whole else "computed from the ticks in the file"
+        caption = f"Figures, {source}; the paper's are of its own machine (an Intel Core i7-8700) and scenes"
+        return joined([table(caption, ("figure", "hhsim", "unit", "paper"), rows, numbers=(1, 3)), *notes])
+    return joined([_side_by_side(runs, comparisons), *notes])
+
+
+def difference_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
+    """What differs between each result and the first one, and which figures that makes better or worse."""
+    parts: list[str] = []
+    for run, comparison in zip(runs[1:], comparisons):
+        words = _words(runs[0], run, comparison)
+        items = [comparison.sentence()]
+        items += [f"Run otherwise: {text}." for text in comparison.how] or ["Run in the same way."]
+        items += [f"Around it: {text}." for text in comparison.around]
+        for word in (BETTER, WORSE):
+            names = [label for label, said in words.items() if said == word]
+            if names:
+                items.append(f"{word.capitalize()} than {runs[0].label}: {'; '.join(names)}.")
+        parts += [element("h3", f"{run.label} against {runs[0].label}"), listed(items)]
+    return joined(parts)
+
+
+def phase_section(runs: Sequence[ReportRun]) -> Html:
+    """A table of phases for each result."""
+    parts = []
+    for run in runs:
+        rows = [
+            (
+                phase.name,
+                f"{phase.first:,} to {phase.last:,}",
+                f"{phase.seconds:,.3f}",
+                *(_number(value, 1) for value in (phase.cpu_p50, phase.cpu_p99)),
+                *(_number(value, 3) for value in (phase.depth, phase.force, phase.variation)),
+                *(f"{value:,}" for value in (phase.candidates, phase.stuck, phase.lagging)),
+            )
+            for phase in run.phases
+        ]
+        caption = "Phases of the motion; CPU time is that of ticks in contact"
+        caption = caption if len(runs) == 1 else f"{run.label}: {caption[0].lower()}{caption[1:]}"
+        numbers = range(1, len(PHASE_HEADINGS))
+        parts.append(table(caption, PHASE_HEADINGS, rows, numbers=numbers) if rows else paragraph("No tick."))
+    return joined(parts)
+
+
+def session_section(runs: Sequence[ReportRun]) -> Html:
+    """Figures and log of each live session."""
+    parts: list[str] = []
+    for run in runs:
+        if run.result.live is None:
+            continue
+        if len(runs) > 1:
+            parts.append(element("h3", run.label))
+        if run.session:
+            rows = [(row.label, row.shown, row.unit) for row in run.session]
+            parts.append(table("Figures of the session", ("figure", "hhsim", "unit"), rows, numbers=(1,)))
+        else:
+            parts.append(paragraph("The recording was cut short: it has no table of the session."))
+        parts.append(_log(run.result))
+    return joined(parts)
+
+
+def machine_section(runs: Sequence[ReportRun]) -> Html:
+    """What it ran on."""
+    return facts_table("Machine and versions", runs, machine_facts)
+
+
+def origin_section(runs: Sequence[ReportRun]) -> Html:
+    """Files, checksums, and every option of the solver."""
+    return joined(
+        [
+            facts_table("Files and checksums", runs, origin_facts),
+            facts_table("Every option of the solver, SI units", runs, option_facts),
+        ]
+    )
+
+
+def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
+    names = [name for name in LINES if any(_row(run, name) is not None for run in runs)]
+    headings = ["figure", "unit", runs[0].label]
+    for run in runs[1:]:
+        headings += [run.label, f"to {runs[0].label}"]
+    rows = []
+    for name in names:
+        found = [_row(run, name) for run in runs]
+        first = next(row for row in found if row is not None)
+        cells = [first.label, first.unit, found[0].shown if found[0] else NONE]
+        for row, comparison in zip(found[1:], comparisons):
+            cells.append(row.shown if row else NONE)
+            cells.append(_against(found[0], row, comparison))
+        rows.append((*cells, first.paper))
+    caption = (
+        "Figures side by side; to the right of each its ratio to the first result's and, where both were fed with the "
+        "same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
+    )
+    numbers = [2, *range(3, len(headings), 2), len(headings)]
+    return table(caption, (*headings, "paper"), rows, numbers=numbers)
+
+
+def _row(run: ReportRun, name: str) -> SummaryRow | None:
+    return next((row for row in run.rows if row.name == name), None)
+
+
+def _against(base: SummaryRow | None, head: SummaryRow | None, comparison: Comparison) -> str:
+    if base is None or head is None:
+        return ""
+    found = compared(base, head, comparison)
+    ratio = "" if math.isnan(found.ratio) else f"{found.ratio:.3g} ×"
+    return " ".join(part for part in (ratio, found.word) if part)
+
+
+def _words(base: ReportRun, head: ReportRun, comparison: Comparison) -> dict[str, str]:
+    found = {}
+    for row in head.rows:
+        other = _row(base, row.name)
+        if other is not None:
+            found[row.label] = compared(other, row, comparison).word
+    return found
+
+
+def _log(result: Result) -> Html:
+    try:
+        levels = np.asarray(result["live/event/level"])
+        times, texts = result["live/event/time"], result["live/event/text"]
+    except InputError:
+        return Html("")
+    chosen = np.flatnonzero(levels > 0)[:MOST_EVENTS]
+    if not len(chosen):
+        return paragraph("Its log holds no warning and no fault.")
+    begin = int(result["live/tick/deadline"][0]) if result.ticks else int(times[0])
+    rows = [
+        (f"{1e-9 * (int(times[i]) - begin):,.3f}", EVENT_LEVELS[min(int(levels[i]), 2)], _text(texts[i]))
+        for i in chosen
+    ]
+    more = int((levels > 0).sum()) - len(chosen)
+    caption = "Warnings and faults of its log" + (f"; {more:,} more are in the file" if more else "")
+    return table(caption, ("time [s]", "level", "what happened"), rows, numbers=(0,))
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def _number(value: float, digits: int) -> str:
+    return NONE if math.isnan(value) else f"{value:,.{digits}f}"

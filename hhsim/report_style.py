@@ -1,0 +1,81 @@
+"""The style sheet of a report: screen, phone, dark and paper.
+
+Contrasts are those of WCAG 2.1, AA, in both colour schemes (a test computes them from the properties of `:root`).
+"""
+
+STYLE = """
+:root {
+  --paper: #ffffff; --ink: #1b1f24; --soft: #57606a; --line: #d0d7de; --band: #f6f8fa;
+  --link: #0b57d0; --good: #116329; --bad: #a40e26; --note: #7a4b00;
+}
+@media (prefers-color-scheme: dark) {
+  :root {
+    --paper: #14171c; --ink: #e6e9ee; --soft: #a6b0bb; --line: #3a424c; --band: #1d2228;
+    --link: #8ab4f8; --good: #6fd08c; --bad: #ff9aa2; --note: #f0c36d;
+  }
+}
+* { box-sizing: border-box; }
+html { -webkit-text-size-adjust: 100%; text-size-adjust: 100%; }
+body {
+  margin: 0 auto; padding: 1.5rem 1.25rem 3rem; max-width: 62rem;
+  color: var(--ink); background: var(--paper);
+  font: 1rem/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", sans-serif;
+  overflow-wrap: break-word;
+}
+h1 { font-size: 1.7rem; line-height: 1.2; margin: 0 0 .25rem; }
+h2 { font-size: 1.25rem; line-height: 1.3; margin: 2.5rem 0 .75rem; border-bottom: 1px solid var(--line); }
+h3 { font-size: 1.05rem; margin: 1.75rem 0 .5rem; }
+h4 { font-size: 1rem; margin: 0 0 .5rem; }
+p { margin: .5rem 0; max-width: 48rem; }
+a { color: var(--link); }
+.soft { color: var(--soft); }
+.verdict { border-left: .35rem solid var(--soft); padding: .5rem .9rem; background: var(--band); max-width: none; }
+.verdict strong { text-transform: uppercase; letter-spacing: .03em; margin-right: .35rem; }
+.good { border-color: var(--good); } .good strong { color: var(--good); }
+.bad { border-color: var(--bad); } .bad strong { color: var(--bad); }
+.note { border-color: var(--note); } .note strong { color: var(--note); }
+nav ul { list-style: none; display: flex; flex-wrap: wrap; gap: .25rem 1.1rem; margin: 1rem 0 0; padding: 0; }
+.scroll { overflow-x: auto; margin: .75rem 0; max-width: 100%; }
+.scroll:focus-visible, pre:focus-visible { outline: 2px solid var(--link); outline-offset: 2px; }
+table { border-collapse: collapse; font-size: .9rem; line-height: 1.4; }
+caption { text-align: left; color: var(--soft); padding: 0 0 .35rem; }
+th, td { text-align: left; vertical-align: top; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid var(--line); }
+thead th { color: var(--soft); font-weight: 600; border-bottom-width: 2px; }
+tbody th { font-weight: 400; min-width: 9rem; }
+td { overflow-wrap: anywhere; min-width: 3.5rem; }
+.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+pre, code { font: .86rem/1.45 ui-monospace, "SF Mono", Menlo, Consolas, "Liberation Mono", monospace; }
+pre { background: var(--band); padding: .6rem .8rem; overflow-x: auto; margin: .5rem 0; }
+figure { margin: 1rem 0; }
+figure img { display: block; max-width: 100%; height: auto; background: #ffffff; }
+figcaption { font-size: .9rem; color: var(--soft); margin-top: .4rem; max-width: 48rem; }
+figcaption strong { color: var(--ink); }
+.pair {
+  display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 19rem), 1fr)); gap: 0 1.5rem;
+  align-items: start;
+}
+article { border-top: 1px solid var(--line); padding-top: .9rem; margin-top: 1.25rem; }
+footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft); font-size: .9rem; }
+@media (max-width: 30rem) {
+  body { padding: 1rem .9rem 2rem; }
+  h1 { font-size: 1.4rem; }
+}
+@media print {
+  @page { size: A4; margin: 16mm 15mm 18mm; }
+  :root { --paper: #ffffff; --ink: #000000; --soft: #444444; --line: #bbbbbb; --band: #f4f4f4; --link: #000000;
+    --good: #116329; --bad: #a40e26; --note: #7a4b00; }
+  body { max-width: none; padding: 0; font-size: 10pt; }
+  h1 { font-size: 17pt; } h2 { font-size: 13pt; margin-top: 7mm; } h3 { font-size: 11pt; }
+  table { font-size: 8.5pt; } figcaption, caption, footer { font-size: 9pt; }
+  pre, code { font-size: 8.5pt; white-space: pre-wrap; overflow-wrap: anywhere; }
+  nav { display: none; }
+  h2, h3, h4, caption { break-after: avoid; }
+  figure, article, tr, .verdict { break-inside: avoid; }
+  thead { display: table-header-group; }
+  .scroll { overflow: visible; }
+  p, figcaption { orphans: 3; widows: 3; }
+  figure img { max-height: 225mm; width: auto; }
+  a[href^="http"]::after { content: " (" attr(href) ")"; }
+}
+"""
+"""CSS."""

@@ -1,0 +1,84 @@
+"""The verdict of a report: a word and a few sentences that stand at its top."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hhsim.gate_suite import default_suite
+from hhsim.result import Result
+from hhsim.summary_lines import LINES, SummaryRow, shown
+
+OK, MISSED, SHORT, EMPTY = "within limits", "limits missed", "cut short", "no ticks"
+"""The words. A run that is cut short and misses limits is one that misses limits."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Of one result.
+
+    Attributes:
+        word: one of the words.
+        sentences: what it rests on, the limits that were missed last.
+        missed: names of the figures that are over their limits.
+        judged: how many have a limit, and a value here.
+    """
+
+    word: str
+    sentences: tuple[str, ...]
+    missed: tuple[str, ...] = ()
+    judged: int = 0
+
+
+def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
+    """Judge a result by the limits that `hhsim gate` has where a project sets none.
+
+    A figure that is undefined, or that the file lacks, is not judged.
+    """
+    if result.ticks == 0:
+        return Verdict(EMPTY, ("The file holds no tick.",))
+    figures = {row.name: row for row in rows}
+    limits = {
+        name: limit
+        for name, limit in default_suite().limits.items()
+        if name in figures and math.isfinite(figures[name].value)
+    }
+    missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
+    said = [] if result.complete else [f"The run was stopped after {result.ticks:,} ticks; what follows is of these."]
+    said += [_contact(figures), _speed(result, figures)]
+    if missed:
+        told = "; ".join(_over(figures[name], limits[name]) for name in missed)
+        said.append(f"Over the limits that hhsim gate has by default: {told}.")
+    elif limits:
+        said.append(
+            f"All {len(limits)} figures that hhsim gate has a default limit for, and that are defined here, hold it."
+        )
+    word = MISSED if missed else OK if result.complete else SHORT
+    return Verdict(word, tuple(sentence for sentence in said if sentence), missed, len(limits))
+
+
+def _contact(figures: dict[str, SummaryRow]) -> str:
+    near, depth = figures.get("candidates_max"), figures.get("penetration_max")
+    if depth is None:
+        return ""
+    if near is not None and near.value == 0:
+        return "The hand never comes near the object."
+    if depth.shown == shown(0.0, LINES["penetration_max"]):
+        return "The shown hand stays out of the object's spheres in every tick."
+    return f"The shown hand is up to {depth.shown} {depth.unit} inside the object's spheres."
+
+
+def _speed(result: Result, figures: dict[str, SummaryRow]) -> str:
+    p50, p99, over = (figures.get(name) for name in ("tick_cpu_p50", "tick_cpu_p99", "tick_wall_over_1ms"))
+    if p50 is None or p99 is None or math.isnan(p50.value):
+        return ""
+    told = f"A tick in contact takes {p50.shown} {p50.unit} of CPU time in the median, {p99.shown} {p99.unit} at p99"
+    if over is None or math.isnan(over.value):
+        return f"{told}."
+    count = round(0.01 * over.value * result.ticks)
+    return f"{told}; {count or 'none'} of {result.ticks:,} ticks took more than 1 ms by the wall clock."
+
+
+def _over(row: SummaryRow, limit: float) -> str:
+    line = LINES[row.name]
+    unit = f" {row.unit}" if row.unit else ""
+    return f"{row.label} {row.shown}{unit} (limit {limit / line.scale:g})"

@@ -1,0 +1,94 @@
+"""The part of a report on the worst ticks: the hand at that moment, the tick's figures, and how to see it."""
+
+import math
+import shlex
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import InputError
+from hhsim.report_album import Album
+from hhsim.report_html import Html, code, element, joined, paragraph, table
+from hhsim.report_pictures import hand_picture
+from hhsim.report_run import ReportRun
+from hhsim.report_worst import WorstTick, worst_ticks
+from hhsim.result import Result
+from hhsim.result_schema import TICK_COLUMNS
+from hhsim.status_words import status_words
+
+TOLD = {
+    "duration/total_cpu": ("CPU time", "µs", 1e-3, 1),
+    "duration/total": ("wall time", "µs", 1e-3, 1),
+    "duration/detect": ("of it detection", "µs", 1e-3, 1),
+    "duration/palm": ("of it palm or whole hand", "µs", 1e-3, 1),
+    "duration/fingers": ("of it fingers", "µs", 1e-3, 1),
+    "duration/force": ("of it forces", "µs", 1e-3, 1),
+    "contacts/candidates": ("candidate pairs", "", 1.0, 0),
+    "contacts/touching": ("touching pairs", "", 1.0, 0),
+    "penetration_depth": ("penetration", "µm", 1e6, 3),
+    "force_variation_rate": ("force change", "%", 1.0, 3),
+    "lag": ("lag", "mm", 1e3, 3),
+    "work/linearisations": ("linearisations", "", 1.0, 0),
+    "work/qp_iterations": ("QP iterations", "", 1.0, 0),
+    "work/pair_tests": ("exact distances", "", 1.0, 0),
+}
+"""Datasets of a tick: what people call them, the unit, the scale to it, and digits."""
+
+
+def worst_section(runs: Sequence[ReportRun], album: Album) -> Html:
+    """The worst ticks of each result, one card a tick."""
+    parts: list[str] = []
+    for run in runs:
+        if len(runs) > 1:
+            parts.append(element("h3", run.label))
+        found: dict[int, list[WorstTick]] = {}
+        for worst in worst_ticks(run.result):
+            found.setdefault(worst.tick, []).append(worst)
+        if not found:
+            parts.append(paragraph("No tick."))
+        for tick, worsts in found.items():
+            parts.append(_card(run, tick, worsts, "h3" if len(runs) == 1 else "h4", album))
+    return joined(parts)
+
+
+def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
+    """Label, figure and unit of what a file says of a tick."""
+    stored = {column.name for column in TICK_COLUMNS if column.since <= result.schema_version}
+    names = [name for name in TOLD if name in stored]
+    values = result.at(tick, [*names, "time", "status", "force/total"])
+    rows = [
+        ("time", f"{float(values['time']):,.3f}", "s"),
+        ("phase", phase_at(result, tick), ""),
+        ("how it ended", status_words(int(values["status"])), ""),
+    ]
+    for name in names:
+        label, unit, scale, digits = TOLD[name]
+        rows.append((label, _number(scale * float(values[name]), digits), unit))
+        if name == "penetration_depth":
+            rows.append(("force", _number(float(np.linalg.norm(values["force/total"])), 3), "N"))
+    return rows
+
+
+def phase_at(result: Result, tick: int) -> str:
+    """Name of the phase that a tick is in; "—" where it is in none."""
+    return next((phase.name for phase in result.phases if phase.first_tick <= tick <= phase.last_tick), "—")
+
+
+def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], heading: str, album: Album) -> Html:
+    try:
+        image = album.shown(hand_picture(run.result, tick), run.prefix)
+    except InputError as error:
+        image = paragraph(f"No picture: {error}")
+    title = f"Tick {tick:,}: {', '.join(worst.kind for worst in worsts)}"
+    facts = table(f"Tick {tick:,} in figures", ("", "hhsim", "unit"), tick_facts(run.result, tick), numbers=(1,))
+    how = paragraph(
+        code(f"hhsim view {shlex.quote(run.result.path.name)}"), f" shows it, at {tick:,} on the timeline “tick”."
+    )
+    body = element("div", element("div", image), element("div", facts, how), class_="pair")
+    said = (paragraph(worst.sentence) for worst in worsts)
+    return element("article", element(heading, title), *said, body)
+
+
+def _number(value: Any, digits: int) -> str:
+    return "—" if math.isnan(value) else f"{value:,.{digits}f}"

@@ -1,0 +1,422 @@
+"""A report: what it says is what the files hold, for whole and for broken ones, alone and side by side."""
+
+import base64
+import itertools
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from report_reader import Page, read_page
+
+from hhsim.bench_file import Column, write_table
+from hhsim.errors import InputError, OutputError
+from hhsim.hand import HandModel
+from hhsim.object_catalogue import load_object
+from hhsim.replay import replay
+from hhsim.report import FIGURES, check_report_destination, make_report, write_report
+from hhsim.report_figures import ReportFigure
+from hhsim.report_html import NO_TEXT
+from hhsim.report_ticks import figure_rows, report_ticks
+from hhsim.result import load_result
+from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.scene import make_scene
+from hhsim.script import parse_script
+from hhsim.solver_options import SolverOptions
+from hhsim.summary import ReplaySummary
+from hhsim.summary_lines import LINES, stored_rows
+from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.verify_metrics import ELSEWHERE
+
+MOTION = """
+title = "short"
+palm_gap = 0.005
+depth = 0.015
+[[phase]]
+name = "approach"
+duration = 0.05
+[[phase]]
+name = "grasp"
+duration = 0.1
+[[phase]]
+name = "hold"
+duration = 0.15
+[[phase]]
+name = "release"
+duration = 0.05
+"""
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
+)
+Change = Callable[[h5py.File], object]
+
+
+def run_method(folder: Path, method: str) -> tuple[Path, ReplaySummary]:
+    mesh = load_object("cylinder").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
+    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    path = folder / f"{method}.h5"
+    description = {
+        "object": "cylinder",
+        "trajectory": "short.toml",
+        "object_mesh": mesh.sha256,
+        "level": 2,
+        "hand_file": None,
+    }
+    return path, replay(scene, SolverOptions(method=method), path, description=description)
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ReplaySummary]:
+    return run_method(tmp_path_factory.mktemp("results"), "coupled")
+
+
+@pytest.fixture(scope="module")
+def coupled(replayed: tuple[Path, ReplaySummary]) -> Path:
+    return replayed[0]
+
+
+@pytest.fixture(scope="module")
+def progressive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run_method(tmp_path_factory.mktemp("results"), "progressive")[0]
+
+
+@pytest.fixture
+def dots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of one pixel: what is tested is the page."""
+
+    def dot(name: str) -> ReportFigure:
+        return ReportFigure(name, f"the {name}", f"Caption of {name}.", f"alt of {name}", PIXEL, 1, 1)
+
+    makers = tuple((name, heading, lambda *_, name=name: dot(name)) for name, heading, _ in FIGURES)
+    monkeypatch.setattr("hhsim.report.FIGURES", makers)
+    monkeypatch.setattr("hhsim.report.overview_picture", lambda result: dot("overview"))
+    monkeypatch.setattr("hhsim.report_worst_section.hand_picture", lambda result, tick: dot(f"tick-{tick}"))
+
+
+def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
+    """A copy of a result that was changed by hand."""
+    copy = folder / (name or path.name)
+    shutil.copy(path, copy)
+    with h5py.File(copy, "r+") as file:
+        change(file)
+    return copy
+
+
+def page_of(*paths: Path) -> Page:
+    return read_page(make_report(paths).html)
+
+
+def test_the_table_is_the_one_that_replay_printed(replayed: tuple[Path, ReplaySummary], dots: None) -> None:
+    path, summary = replayed
+    found = page_of(path).rows("Figures")
+    assert found[0] == ["figure", "hhsim", "unit", "paper"]
+    assert found[1:] == [[row.label, row.shown, row.unit, row.paper] for row in summary.rows]
+    assert len(found) > 20
+
+
+def test_a_run_that_was_cut_short_has_its_table_from_its_ticks(coupled: Path, tmp_path: Path) -> None:
+    def cut(file: h5py.File) -> None:
+        file.attrs["complete"] = 0
+        for name in list(file["summary"].attrs):
+            del file["summary"].attrs[name]
+
+    whole = {row.name: row for row in stored_rows(load_result(coupled).summary, 1000.0)}
+    short = load_result(changed(coupled, tmp_path, cut))
+    rows = {row.name: row for row in figure_rows(short, report_ticks(short))}
+    # These are of runs of their own.
+    assert whole.keys() - rows.keys() == ELSEWHERE.keys() & whole.keys()
+    for name in rows.keys() & whole.keys():
+        np.testing.assert_allclose(rows[name].value, whole[name].value, rtol=1e-12, err_msg=name)
+    assert rows["candidates_max"].value > 0
+
+
+def test_the_page_is_in_order(coupled: Path, progressive: Path, dots: None) -> None:
+    for paths in ((coupled,), (coupled, progressive)):
+        report = make_report(paths)
+        page = read_page(report.html)
+        ids = [str(e.attributes["id"]) for e in page.elements if "id" in e.attributes]
+        assert len(ids) == len(set(ids))
+        links = [str(a.attributes["href"]) for a in page.all("a")]
+        assert len(links) >= 7
+        assert all(link.startswith("#") and link[1:] in ids for link in links)
+        assert [e.attributes["id"] for e in page.all("section")] == [link[1:] for link in links]
+        levels = [int(e.tag[1]) for e in page.elements if e.tag in ("h1", "h2", "h3", "h4")]
+        assert levels[0] == 1
+        assert levels.count(1) == 1
+        assert all(later <= earlier + 1 for earlier, later in itertools.pairwise(levels))
+        assert {"header", "main", "footer", "nav"} <= {e.tag for e in page.elements}
+        assert len(page.all("caption")) == len(page.all("table"))
+        for image in page.all("img"):
+            assert image.attributes["alt"]
+        shown = [
+            base64.b64decode(str(i.attributes["src"]).removeprefix("data:image/png;base64,")) for i in page.all("img")
+        ]
+        assert shown == list(report.pictures.values())
+        assert len(shown) >= len(FIGURES) + 2 * len(paths)
+        assert not re.search(r"https?:|<script|url\(|src=\"(?!data:)", report.html)
+
+
+def test_the_same_results_give_the_same_bytes(coupled: Path, progressive: Path, tmp_path: Path) -> None:
+    first = make_report((coupled, progressive))
+    elsewhere = [Path(shutil.copy(path, tmp_path / path.name)) for path in (coupled, progressive)]
+    second = make_report(elsewhere)
+    assert first.html == second.html
+    assert first.pictures == second.pictures
+    assert all(png.startswith(b"\x89PNG") for png in first.pictures.values())
+    names = set(first.pictures)
+    assert {"a-overview", "b-overview"} <= names
+    assert len(read_page(first.html).all("article")) >= 4
+
+
+def test_worst_ticks_are_told_with_their_figures(coupled: Path, dots: None) -> None:
+    result, page = load_result(coupled), page_of(coupled)
+    slowest = int(np.argmax(result["duration/total_cpu"]))
+    card = next(e for e in page.all("article") if f"Tick {slowest:,}:" in e.text)
+    assert "slowest" in card.text
+    assert "hhsim view coupled.h5" in card.text
+    rows = {row[0]: row[1] for row in page.rows(f"Tick {slowest:,} in figures")}
+    assert rows["CPU time"] == f"{1e-3 * result['duration/total_cpu'][slowest]:,.1f}"
+    assert rows["candidate pairs"] == f"{result['contacts/candidates'][slowest]:,}"
+    assert rows["phase"] == next(p.name for p in result.phases if p.first_tick <= slowest <= p.last_tick)
+
+
+def test_phases_add_up_to_the_run(coupled: Path, dots: None) -> None:
+    result, rows = load_result(coupled), page_of(coupled).rows("Phases")
+    assert [row[0] for row in rows[1:]] == [phase.name for phase in result.phases]
+    depth = [float(row[5].replace(",", "")) for row in rows[1:]]
+    assert max(depth) == round(1e6 * result["penetration_depth"].max(), 3)
+    hold = next(row for row in rows if row[0] == "hold")
+    mean = np.linalg.norm(result["force/total"][result.phase("hold")], axis=1).mean()
+    assert hold[6] == f"{mean:.3f}"
+    assert hold[2] == "0.150"
+
+
+def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dots: None) -> None:
+    def deep(file: h5py.File) -> None:
+        file["summary"].attrs["penetration_max"] = 8.25e-3
+        file["summary"].attrs["stuck_ticks"] = 3
+
+    good = make_report((coupled,))
+    assert good.runs[0].verdict.word == "within limits"
+    assert "stays out of the object's spheres" in good.told()[0]
+    bad = make_report((changed(coupled, tmp_path, deep),))
+    assert bad.runs[0].verdict.missed == ("penetration_max", "stuck_ticks")
+    assert "penetration, max 8,250.000 µm (limit 1); stuck ticks 3 (limit 0)" in bad.told()[0]
+    assert "limits missed" in next(
+        e.text for e in read_page(bad.html).all("p") if "verdict" in str(e.attributes.get("class"))
+    )
+
+
+def test_two_methods_on_one_scene_are_compared(coupled: Path, progressive: Path, dots: None) -> None:
+    report = make_report((coupled, progressive))
+    (comparison,) = report.comparisons
+    assert comparison.comparable
+    assert comparison.how == ("method: coupled and progressive",)
+    rows = read_page(report.html).rows("Figures side by side")
+    assert rows[0] == ["figure", "unit", "A: coupled", "B: progressive", "to A: coupled", "paper"]
+    one, two = load_result(coupled).summary, load_result(progressive).summary
+    by_label = {row[0]: row for row in rows[1:]}
+    for name, line in LINES.items():
+        if name in one and line.less_is_better and not name.startswith("tick_"):
+            ratio, word = two[name] / one[name] if one[name] else np.nan, by_label[line.label][4].split(" × ")[-1]
+            if by_label[line.label][2] == by_label[line.label][3]:
+                assert word == "same"
+            elif word:
+                assert word == ("worse" if two[name] > one[name] else "better"), name
+                assert np.isnan(ratio) or f"{ratio:.3g} ×" in by_label[line.label][4]
+    assert by_label["force in the hold, mean"][4].endswith("×"), "more force is neither better nor worse"
+    marks = [row[0] for row in read_page(report.html).rows("What was run; ≠")]
+    assert "≠ method" in marks
+    assert "object" in marks
+
+
+def test_a_result_beside_itself_is_the_same(coupled: Path, tmp_path: Path, dots: None) -> None:
+    report = make_report((coupled, changed(coupled, tmp_path, lambda file: None, "other.h5")))
+    (found,) = report.comparisons
+    assert (found.scene, found.how, found.around, found.same_machine) == ((), (), (), True)
+    words = {row[4].split(" × ")[-1] for row in read_page(report.html).rows("Figures side by side")[1:]}
+    assert words <= {"same", "", "1 ×"}
+    assert "same" in words
+
+
+def test_another_scene_or_another_machine_is_not_compared(coupled: Path, tmp_path: Path, dots: None) -> None:
+    def moved(file: h5py.File) -> None:
+        file["tick/haptic/position"][17, 0] += 1e-5
+
+    def foreign(file: h5py.File) -> None:
+        machine = json.loads(file.attrs["machine"])
+        file.attrs["machine"] = json.dumps({**machine, "cpu": "another one"})
+        for name in ("tick_cpu_p50", "tick_cpu_p99"):
+            file["summary"].attrs[name] *= 3.0
+
+    report = make_report((coupled, changed(coupled, tmp_path, moved)))
+    assert report.comparisons[0].scene == ("trajectory",)
+    assert "Not comparable: not the same scene (trajectory)." in report.told()[2]
+    rows = read_page(report.html).rows("Figures side by side")[1:]
+    assert not any(word in row[4] for row in rows for word in ("better", "worse", "same"))
+    report = make_report((coupled, changed(coupled, tmp_path, foreign)))
+    assert report.comparisons[0].comparable
+    by_label = {row[0]: row[4] for row in read_page(report.html).rows("Figures side by side")}
+    assert by_label["tick in contact, CPU, p50"] == "3 × not comparable"
+    assert by_label["penetration, max"] == "same"
+    assert any(text.startswith("cpu: ") for text in report.comparisons[0].around)
+
+
+def older(schema: int) -> Change:
+    def change(file: h5py.File) -> None:
+        file.attrs["schema_version"] = schema
+        for column in TICK_COLUMNS:
+            if column.since > schema:
+                del file[f"tick/{column.name}"]
+        for column in STATIC_COLUMNS:
+            if column.since > schema and column.name in file:
+                del file[column.name]
+        if schema < 2:
+            for name in ("lag_ticks", "lag_max", "bodies_near", "rows_max", "work_mean"):
+                del file["summary"].attrs[name]
+
+    return change
+
+
+@pytest.mark.parametrize("schema", [1, 2])
+def test_an_older_file_says_what_it_lacks(coupled: Path, tmp_path: Path, dots: None, schema: int) -> None:
+    page = page_of(changed(coupled, tmp_path, older(schema)))
+    facts = {row[0]: row[1] for row in page.rows("Files and checksums")}
+    assert "object/orientation" in facts["the file lacks"]
+    assert ("work/units" in facts["the file lacks"]) == (schema < 2)
+    assert "cannot be run again" in facts["the file lacks"]
+    labels = [row[0] for row in page.rows("Figures")]
+    assert "penetration, max" in labels
+    assert ("lag, max" in labels) == (schema > 1)
+    # Of a file that cannot be run again no command says that it can.
+    assert not any("hhsim verify coupled.h5" in code.text for code in page.all("pre"))
+
+
+def emptied(file: h5py.File, ticks: int) -> None:
+    file.attrs["complete"] = 0
+    for name in list(file["summary"].attrs):
+        del file["summary"].attrs[name]
+    for column in TICK_COLUMNS:
+        file[f"tick/{column.name}"].resize(ticks, axis=0)
+
+
+@pytest.mark.parametrize("ticks", [0, 1, 2, 60])
+def test_a_run_of_hardly_a_tick_has_a_page(coupled: Path, tmp_path: Path, ticks: int) -> None:
+    report = make_report((changed(coupled, tmp_path, lambda file: emptied(file, ticks)),))
+    page = read_page(report.html)
+    assert report.runs[0].verdict.word == ("no ticks" if ticks == 0 else "cut short")
+    facts = {row[0]: row[1] for row in page.rows("What was run")}
+    assert facts["ticks"].startswith(f"{ticks} at 1,000 Hz")
+    assert {row[0]: row[1] for row in page.rows("Files and checksums")}["complete"].startswith("no")
+    if ticks:
+        assert [row[0] for row in page.rows("Phases")[1:]] == ["approach", "grasp"][: 1 + (ticks > 50)]
+
+
+def test_what_is_not_finite_is_no_figure(coupled: Path, tmp_path: Path) -> None:
+    def broken(file: h5py.File) -> None:
+        emptied(file, 300)
+        for name in ("force/total", "force/phalanx", "penetration_depth", "force_variation_rate", "graphic/position"):
+            file[f"tick/{name}"][100:110] = np.nan
+        file["tick/force/total"][120] = np.inf
+
+    report = make_report((changed(coupled, tmp_path, broken),))
+    read_page(report.html)
+    rows = {row.name: row for row in report.runs[0].rows}
+    assert np.isfinite(rows["penetration_max"].value)
+    assert "NaN" not in report.html.replace("not NaN", "")
+
+
+def test_a_motion_without_phases_is_one_line(coupled: Path, tmp_path: Path, dots: None) -> None:
+    def plain(file: h5py.File) -> None:
+        del file["phase"]
+        group = file.create_group("phase")
+        group.create_dataset("name", data=[], dtype=h5py.string_dtype())
+        for name in ("first_tick", "last_tick"):
+            group.create_dataset(name, data=np.zeros(0, "<i8"))
+
+    rows = page_of(changed(coupled, tmp_path, plain)).rows("Phases")
+    assert [row[0] for row in rows[1:]] == ["all ticks"]
+    assert rows[1][1] == "0 to 349"
+
+
+def test_names_that_are_markup_are_shown_as_they_are(coupled: Path, tmp_path: Path, dots: None) -> None:
+    nasty = '"><script>alert(1)</script>&\x00'
+
+    def change(file: h5py.File) -> None:
+        scene = json.loads(file.attrs["scene"])
+        scene |= {"object": nasty, "object_name": nasty, "motion": nasty, "object_repairs": [nasty]}
+        file.attrs["scene"] = json.dumps(scene)
+
+    page = page_of(changed(coupled, tmp_path, change, "a'b&c.h5"))
+    shown = NO_TEXT.sub("\N{REPLACEMENT CHARACTER}", nasty)
+    assert not page.all("script")
+    assert page.one("title").text.startswith(shown)
+    assert {row[0]: row[1] for row in page.rows("What was run")}["object"] == shown
+    assert any("""hhsim view 'a'"'"'b&c.h5'""" in code.text for code in page.all("code"))
+
+
+def test_a_report_is_a_folder_or_a_page(coupled: Path, tmp_path: Path, dots: None) -> None:
+    report = make_report((coupled,))
+    files = write_report(report, tmp_path / "folder")
+    assert files.page == tmp_path / "folder" / "report.html"
+    assert sorted(path.name for path in (tmp_path / "folder").iterdir()) == sorted(
+        ["report.html", *(f"{name}.png" for name in report.pictures)]
+    )
+    assert files.page.read_text(encoding="utf-8") == report.html
+    again = write_report(report, tmp_path / "folder")
+    assert again == files
+    page = write_report(report, tmp_path / "page.html")
+    assert page.pictures[0].name == "page-overview.png"
+    assert page.pictures[0].read_bytes() == PIXEL
+
+
+def test_what_hhsim_did_not_write_is_not_replaced(coupled: Path, tmp_path: Path, dots: None) -> None:
+    mine = tmp_path / "mine.html"
+    mine.write_text("<p>mine</p>")
+    with pytest.raises(OutputError, match="no page of hhsim report"):
+        check_report_destination(mine)
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(OutputError, match="file is a file: name a folder"):
+        check_report_destination(tmp_path / "file")
+    with pytest.raises(OutputError, match="there is no folder"):
+        check_report_destination(tmp_path / "nowhere" / "page.html")
+    picture = tmp_path / "overview.png"
+    picture.write_bytes(b"mine")
+    with pytest.raises(OutputError, match=r"overview\.png exists, and no report"):
+        write_report(make_report((coupled,)), tmp_path)
+    assert picture.read_bytes() == b"mine"
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_table_of_hhsim_bench_is_a_part_of_its_own(coupled: Path, tmp_path: Path, dots: None) -> None:
+    path = tmp_path / "bench.h5"
+    columns = (Column("method", "method <name>"), Column("time", "time of a tick", "s"), Column("ok", "passed"))
+    rows: list[dict[str, Any]] = [
+        {"method": "coupled", "time": 1.25e-5, "ok": True},
+        {"method": "paper", "time": None, "ok": False},
+    ]
+    write_table(path, "speed-error", columns, rows, {"seed": 3})
+    page = page_of(path, coupled)
+    assert page.rows("2 rows of hhsim bench speed-error") == [
+        ["method <name>", "time of a tick [s]", "passed"],
+        ["coupled", "1.25e-05", "yes"],
+        ["paper", "—", "no"],
+    ]
+    assert page.one("h1").text == "cylinder, short, coupled; hhsim bench speed-error"
+    assert read_page(make_report((path,)).html).one("h1").text == "hhsim bench speed-error"
+
+
+def test_what_is_no_result_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no file"):
+        make_report((tmp_path / "none.h5",))
+    (tmp_path / "text.h5").write_text("text")
+    with pytest.raises(InputError, match="no HDF5 file"):
+        make_report((tmp_path / "text.h5",))
+    with pytest.raises(InputError, match="at least one"):
+        make_report(())
