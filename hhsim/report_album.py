@@ -18,4 +18,6 @@ class Album:
         """A figure of the page; `prefix` goes before its name."""
         name = prefix + what.name
         self.pictures[name] = what.png
-        return figure(f"figure-{name}", picture(what.png, what.alt, what.width_px, what.height_px), what.title, what.caption)
+        return figure(
+            f"figure-{name}", picture(what.png, what.alt, what.width_px, what.height_px), what.title, what.caption
+        )

@@ -25,7 +25,8 @@ from hhsim.report_figures import (
 )
 from hhsim.report_worst import WorstTick, worst_ticks
 from hhsim.result import Result
-from hhsim.summary import HOLD, PAPER_RATE
+from hhsim.summary_lines import PAPER_RATE
+from hhsim.tick_figures import HOLD
 from hhsim.trajectory import TickPhase
 
 if TYPE_CHECKING:

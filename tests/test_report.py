@@ -307,7 +307,7 @@ def emptied(file: h5py.File, ticks: int) -> None:
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 2, 60])
-def test_a_run_of_hardly_a_tick_has_a_page(coupled: Path, tmp_path: Path, ticks: int) -> None:
+def test_a_run_of_hardly_a_tick_has_a_page(coupled: Path, tmp_path: Path, dots: None, ticks: int) -> None:
     report = make_report((changed(coupled, tmp_path, lambda file: emptied(file, ticks)),))
     page = read_page(report.html)
     assert report.runs[0].verdict.word == ("no ticks" if ticks == 0 else "cut short")
