@@ -18,7 +18,7 @@ from hhsim.report_album import Album
 from hhsim.report_bench import bench_section
 from hhsim.report_compare import Comparison, compare
 from hhsim.report_histogram import histogram_figure
-from hhsim.report_html import Html, paragraph, section
+from hhsim.report_html import Html, element, paragraph, section
 from hhsim.report_page import GENERATOR, report_page, title_of
 from hhsim.report_pictures import overview_picture
 from hhsim.report_run import ReportRun, report_runs
@@ -206,7 +206,7 @@ def _result_sections(
 ) -> Sections:
     results = [run.result for run in runs]
     steps("the hand")
-    overviews = Html("".join(_overview(run, album) for run in runs))
+    overviews = element("div", *(_overview(run, album) for run in runs), class_="pair")
     sections = [_part("run", "What was run", run_section(runs, overviews))]
     sections.append(_part("figures", "Figures", figures_section(runs, comparisons)))
     if comparisons:

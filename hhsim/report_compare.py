@@ -7,7 +7,7 @@ from typing import Any
 from hhsim.gate_inputs import differences, new_options, run_inputs
 from hhsim.gate_timing import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.result import Result
-from hhsim.summary_lines import LINES, SummaryRow
+from hhsim.summary_lines import LINES, SummaryRow, shown
 
 HOW = ("level", "max_error")
 """Options of a replay that say how it was run and not what was fed in."""
@@ -52,7 +52,7 @@ class ComparedFigure:
     """One figure of a result beside that of the first.
 
     Attributes:
-        ratio: to the first one's; NaN where that is 0 or one of them is undefined.
+        ratio: to the first one's; NaN where that is shown as 0, or one of them is undefined.
         word: one of the gate's words, or "" where more is neither better nor worse.
     """
 
@@ -85,7 +85,8 @@ def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> Comp
     """Set a figure beside the first result's."""
     line = LINES[head.name]
     known = math.isfinite(base.value) and math.isfinite(head.value)
-    ratio = head.value / base.value if known and base.value != 0.0 else math.nan
+    # Of what is shown as nothing there is no ratio worth telling: it is rounding, or would be infinite.
+    ratio = head.value / base.value if known and base.shown != shown(0.0, line) else math.nan
     is_time = head.name.startswith("tick_")
     if not (known and line.less_is_better) or head.name in NO_WORD or not comparison.comparable:
         return ComparedFigure(ratio, "")

@@ -85,5 +85,5 @@ def _verdict(run: ReportRun, *, alone: bool) -> Html:
 
 
 def _compared(run: ReportRun, comparison: Comparison) -> Html:
-    how = f" Run with another {', '.join(comparison.how)}." if comparison.how else ""
+    how = f" They differ in {'; '.join(comparison.how)}." if comparison.how else ""
     return paragraph(element("b", f"{run.label} beside the first: "), comparison.sentence(), how)

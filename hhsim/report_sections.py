@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import InputError
-from hhsim.gate_timing import BETTER, WORSE
+from hhsim.gate_timing import BETTER, SAME, WORSE
 from hhsim.report_command import command_of, looking_again
 from hhsim.report_compare import Comparison, compared
 from hhsim.report_facts import NONE, machine_facts, option_facts, origin_facts, run_facts
@@ -64,7 +64,7 @@ def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result
         mark = "≠ " if len(set(cells)) > 1 else ""
         rows.append((mark + name, *cells))
     several = len(runs) > 1
-    headings = ("", *(run.label for run in runs)) if several else ("", "")
+    headings = ("what", *(run.label for run in runs)) if several else ("what", "value")
     return table(f"{caption}; ≠ marks what is not the same" if several else caption, headings, rows)
 
 
@@ -184,7 +184,7 @@ def _against(base: SummaryRow | None, head: SummaryRow | None, comparison: Compa
     if base is None or head is None:
         return ""
     found = compared(base, head, comparison)
-    ratio = "" if math.isnan(found.ratio) else f"{found.ratio:.3g} ×"
+    ratio = "" if math.isnan(found.ratio) or found.word == SAME else f"{found.ratio:.3g} ×"
     return " ".join(part for part in (ratio, found.word) if part)
 
 

@@ -81,7 +81,7 @@ def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], heading: str, 
     except InputError as error:
         image = paragraph(f"No picture: {error}")
     title = f"Tick {tick:,}: {', '.join(worst.kind for worst in worsts)}"
-    facts = table(f"Tick {tick:,} in figures", ("", "hhsim", "unit"), tick_facts(run.result, tick), numbers=(1,))
+    facts = table(f"Tick {tick:,} in figures", ("figure", "hhsim", "unit"), tick_facts(run.result, tick), numbers=(1,))
     how = paragraph(
         code(f"hhsim view {shlex.quote(run.result.path.name)}"), f" shows it, at {tick:,} on the timeline “tick”."
     )

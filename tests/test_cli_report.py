@@ -1,0 +1,116 @@
+"""`hhsim report` as users meet it, and the commands that its page tells them."""
+
+import importlib
+import importlib.metadata
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from hhsim.report_command import command_of, looking_again
+from hhsim.result import load_result
+
+Run = Callable[..., Any]
+
+SHORT = """
+title = "short"
+[[phase]]
+name = "approach"
+duration = 0.05
+[[phase]]
+name = "grasp"
+duration = 0.05
+"""
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> str:
+    (tmp_path / "short.toml").write_text(SHORT)
+    return "short.toml"
+
+
+def test_a_report_is_made_and_told(run: Run, tmp_path: Path, short: str) -> None:
+    for method in ("coupled", "paper"):
+        answer = run("replay", "cube", short, "--level", "2", "--method", method, "--out", f"{method}.h5", "--quiet")
+        assert answer.code == 0, answer.err
+    answer = run("report", "coupled.h5")
+    assert answer.code == 0, answer.err
+    (folder,) = (tmp_path / "results").iterdir()
+    assert folder.name.endswith("-coupled-report")
+    pictures = sorted(path.name for path in folder.glob("*.png"))
+    assert f"the report is in results/{folder.name}/report.html, with {len(pictures)} pictures beside it" in answer.out
+    assert "overview.png" in pictures
+    answer = run("report", "coupled.h5", "paper.h5", "--out", "both.html", "--json")
+    document = json.loads(answer.out)
+    assert document["report"] == "both.html"
+    assert [row["label"] for row in document["results"]] == ["A: coupled", "B: paper"]
+    assert document["comparisons"][0]["comparable"] is True
+    assert any(text.startswith("method:") for text in document["comparisons"][0]["how"])
+    assert document["results"][0]["figures"]["penetration_max"] == 0.0
+    assert all((tmp_path / path).is_file() for path in document["pictures"])
+    quiet = run("report", "coupled.h5", "--out", "again", "--quiet")
+    assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
+    assert (tmp_path / "again" / "report.html").read_bytes() == (folder / "report.html").read_bytes()
+
+
+def test_what_cannot_be_reported_is_one_line(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "mine.html").write_text("mine")
+    (tmp_path / "text.h5").write_text("text")
+    for arguments, says in (
+        (("none.h5",), "there is no file none.h5"),
+        (("text.h5",), "text.h5 is no HDF5 file"),
+        (("text.h5", "--out", "mine.html"), "mine.html exists and is no page of hhsim report"),
+        (("text.h5", "--out", "nowhere/page.html"), "there is no folder"),
+        ((), "Missing argument 'RESULT...'"),
+    ):
+        answer = run("report", *arguments)
+        assert answer.code == 2, arguments
+        assert answer.out == ""
+        assert says in answer.err
+        assert answer.err.count("\n") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.html", "text.h5"] or not list(
+        (tmp_path / "results").iterdir()
+    )
+
+
+def parameters(command: str) -> dict[str, Any]:
+    """What a command line says to click."""
+    (point,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
+    group = importlib.import_module(point.module).hhsim
+    program, name, *arguments = shlex.split(command)
+    assert program == "hhsim"
+    command_ = group.get_command(click.Context(group), name)
+    return dict(command_.make_context(name, arguments).params)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        "",
+        "--method progressive --level 2 --rate 500 --fingers index,thumb --hand left --seed 7",
+        "--method paper --level 2 --force kkt --linearisations 2 --margin 0.7 --frustum-ends flat",
+        "--method penalty --level 2 --stiffness 900,4,0.25 --penalty-stiffness 50000 --tremor 0.1,0.2",
+        "--level 2 --budget 100000 --tolerance 1e-7 --threads 2",
+    ],
+)
+def test_the_command_that_made_a_result_is_told(run: Run, tmp_path: Path, short: str, options: str) -> None:
+    typed = f"hhsim replay cube {short} {options} --out x.h5 --quiet"
+    answer = run(*shlex.split(typed)[1:])
+    assert answer.code == 0, answer.err
+    result = load_result(tmp_path / "x.h5")
+    told, meant = parameters(command_of(result)), parameters(typed)
+    # What a method chooses itself, and where the output goes, need no telling; the level of the tree is told always.
+    usual = {"out": None, "quiet": False, "level": result.scene["level"]}
+    assert {**told, **usual} == {**meant, **usual}
+    assert looking_again(result) == ["hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
+
+
+def test_a_result_of_the_library_has_no_command(run: Run, tmp_path: Path, short: str) -> None:
+    assert run("replay", "cube", short, "--level", "2", "--out", "x.h5", "--quiet").code == 0
+    result = load_result(tmp_path / "x.h5")
+    result.scene.pop("trajectory")
+    assert command_of(result) == ""
