@@ -82,7 +82,11 @@ def report_ticks(result: Result) -> ReportTicks:
     off: list[Array] = []
     for block in result.blocks((*names, *palms), BLOCK_TICKS):
         for name in names:
-            parts[name].append(block[name])
+            values = block[name]
+            if values.dtype.kind == "f":
+                # What is infinite is no figure either.
+                values = np.where(np.isfinite(values), values, np.nan)
+            parts[name].append(values)
         off.append(1e3 * np.linalg.norm(block[palms[0]] - block[palms[1]], axis=1))
     if not off:
         return ReportTicks({name: result[name] for name in names}, np.zeros(0))

@@ -326,7 +326,7 @@ def test_a_run_of_hardly_a_tick_has_a_page(coupled: Path, tmp_path: Path, dots: 
         assert [row[0] for row in page.rows("Phases")[1:]] == ["approach", "grasp"][: 1 + (ticks > 50)]
 
 
-def test_what_is_not_finite_is_no_figure(coupled: Path, tmp_path: Path) -> None:
+def test_what_is_not_finite_is_no_figure(coupled: Path, tmp_path: Path, dots: None) -> None:
     def broken(file: h5py.File) -> None:
         emptied(file, 300)
         for name in ("force/total", "force/phalanx", "penetration_depth", "force_variation_rate", "graphic/position"):
