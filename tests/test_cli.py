@@ -89,7 +89,7 @@ def test_a_long_option_is_spelled_with_hyphens() -> None:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["relpay"], "hhsim: error: unknown command 'relpay': did you mean replay?"),
+        (["relpay"], "hhsim: error: unknown command 'relpay': did you mean replay or report?"),
         (["info", "--jsn"], "hhsim: error: No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)"),
         (["build-tree", "bunyn"], "hhsim: error: unknown object 'bunyn': did you mean bunny?"),
         (["build-tree", "none.stl"], "hhsim: error: none.stl: no such mesh file"),
@@ -115,7 +115,7 @@ def test_a_mistake_is_told_in_one_line(run: Run, arguments: list[str], line: str
 def test_machines_get_an_error_as_a_document(run: Run) -> None:
     answer = run("relpay", "--json")
     assert answer.code == 2
-    assert json.loads(answer.out) == {"error": "unknown command 'relpay': did you mean replay?"}
+    assert json.loads(answer.out) == {"error": "unknown command 'relpay': did you mean replay or report?"}
     assert answer.err.startswith("hhsim: error: ")
 
 
@@ -218,7 +218,7 @@ def test_a_reader_that_leaves_before_an_error_is_told_is_no_crash() -> None:
     told = process.stderr.read()
     process.stderr.close()
     assert process.wait() == 128 + signal.SIGPIPE
-    assert told == "hhsim: error: unknown command 'relpay': did you mean replay?\n"
+    assert told == "hhsim: error: unknown command 'relpay': did you mean replay or report?\n"
 
 
 def test_an_encoding_without_our_letters_is_no_crash() -> None:
@@ -355,7 +355,7 @@ def test_completion_scripts_call_hhsim(run: Run, shell: str) -> None:
 
 @pytest.mark.parametrize(
     ("words", "offered"),
-    [("hhsim rep", "replay"), ("hhsim build-tree te", "teapot"), ("hhsim build-tree cube --bran", "--branching")],
+    [("hhsim repl", "replay"), ("hhsim build-tree te", "teapot"), ("hhsim build-tree cube --bran", "--branching")],
 )
 def test_the_shell_is_offered_commands_names_and_options(words: str, offered: str) -> None:
     environment = os.environ | {
