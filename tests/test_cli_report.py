@@ -1,18 +1,21 @@
 """`hhsim report` as users meet it, and the commands that its page tells them."""
 
+import base64
 import importlib
 import importlib.metadata
 import json
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 import pytest
+from report_reader import Page, read_page
 
+from hhsim.errors import InputError
 from hhsim.report_command import command_of, looking_again
-from hhsim.result import load_result
+from hhsim.result import Result, load_result
 
 Run = Callable[..., Any]
 
@@ -33,17 +36,40 @@ def short(tmp_path: Path) -> str:
     return "short.toml"
 
 
+def no_picture(result: Result) -> NoReturn:
+    raise InputError("none is drawn here")
+
+
+def figures_of(page: Page) -> list[str]:
+    """Names of the figures of a page, in its order."""
+    return [str(figure.attributes["id"]).removeprefix("figure-") for figure in page.all("figure")]
+
+
 def test_a_report_is_made_and_told(run: Run, tmp_path: Path, short: str) -> None:
-    for method in ("coupled", "paper"):
-        answer = run("replay", "cube", short, "--level", "2", "--method", method, "--out", f"{method}.h5", "--quiet")
-        assert answer.code == 0, answer.err
+    assert run("replay", "cube", short, "--level", "2", "--out", "coupled.h5", "--quiet").code == 0
     answer = run("report", "coupled.h5")
     assert answer.code == 0, answer.err
     (folder,) = (tmp_path / "results").iterdir()
     assert folder.name.endswith("-coupled-report")
     pictures = sorted(path.name for path in folder.glob("*.png"))
     assert f"the report is in results/{folder.name}/report.html, with {len(pictures)} pictures beside it" in answer.out
-    assert "overview.png" in pictures
+    assert "hand.png" in pictures
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
+    page = read_page((folder / "report.html").read_text(encoding="utf-8"))
+    assert [base64.b64decode(str(image.attributes["src"]).partition(",")[2]) for image in page.all("img")] == [
+        (folder / f"{figure}.png").read_bytes() for figure in figures_of(page)
+    ]
+
+
+def test_several_results_are_told_to_machines(
+    run: Run, tmp_path: Path, short: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # What is drawn is tested elsewhere, and takes most of the time.
+    monkeypatch.setattr("hhsim.report_worst_section.worst_ticks", lambda result: [])
+    monkeypatch.setattr("hhsim.report.overview_picture", no_picture)
+    for method in ("coupled", "paper"):
+        answer = run("replay", "cube", short, "--level", "2", "--method", method, "--out", f"{method}.h5", "--quiet")
+        assert answer.code == 0, answer.err
     answer = run("report", "coupled.h5", "paper.h5", "--out", "both.html", "--json")
     document = json.loads(answer.out)
     assert document["report"] == "both.html"
@@ -52,9 +78,9 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path, short: str) -> None
     assert any(text.startswith("method:") for text in document["comparisons"][0]["how"])
     assert document["results"][0]["figures"]["penetration_max"] == 0.0
     assert all((tmp_path / path).is_file() for path in document["pictures"])
-    quiet = run("report", "coupled.h5", "--out", "again", "--quiet")
+    quiet = run("report", "paper.h5", "--out", "again", "--quiet")
     assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
-    assert (tmp_path / "again" / "report.html").read_bytes() == (folder / "report.html").read_bytes()
+    assert (tmp_path / "again" / "report.html").is_file()
 
 
 def test_what_cannot_be_reported_is_one_line(run: Run, tmp_path: Path) -> None:
