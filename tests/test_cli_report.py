@@ -109,8 +109,8 @@ def parameters(command: str) -> dict[str, Any]:
     group = importlib.import_module(point.module).hhsim
     program, name, *arguments = shlex.split(command)
     assert program == "hhsim"
-    command_ = group.get_command(click.Context(group), name)
-    return dict(command_.make_context(name, arguments).params)
+    context = click.Context(group, info_name="hhsim", **group.context_settings)
+    return dict(group.get_command(context, name).make_context(name, arguments, context).params)
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def _check_command(call: list[str], complete: bool) -> None:
     """Walk down the groups; then the options must exist, and values of closed sets be members."""
     words = [word for word in call if word != "…"]
     command: click.Command = HHSIM
-    context = click.Context(command, info_name="hhsim")
+    context = click.Context(command, info_name="hhsim", **command.context_settings)
     while isinstance(command, click.Group) and words and not words[0].startswith("-"):
         name = words.pop(0)
         if PLACEHOLDER.fullmatch(name):
