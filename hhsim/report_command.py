@@ -5,8 +5,9 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
+from hhsim.hand import FINGERS
 from hhsim.result import Result
-from hhsim.solver_options import DEFAULTS, FINGERS, PAPER_DEFAULTS, SolverOptions, Stiffness
+from hhsim.solver_options import DEFAULTS, PAPER_DEFAULTS, SolverOptions, Stiffness
 from hhsim.stored_scene import WHOLE_SINCE
 
 RATE = 1000.0

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
+from hhsim.hand import FINGERS
 from hhsim.report_compare import commit
 from hhsim.report_ticks import fingers_of, tick_rate
 from hhsim.result import Result
 from hhsim.result_schema import SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS
-from hhsim.solver_options import FINGERS
 from hhsim.stored_scene import PARTS, WHOLE_SINCE
 
 NONE = "—"

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim import metrics
+from hhsim.hand import FINGERS
 from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
 from hhsim.result import Result
 from hhsim.result_schema import TICK_COLUMNS
-from hhsim.solver_options import FINGERS
 from hhsim.summary_lines import PAPER_RATE, SummaryRow, stored_rows, summary_rows
 from hhsim.tick_figures import FIGURE_SERIES, tick_figures
 

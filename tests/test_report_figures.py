@@ -2,7 +2,7 @@
 
 import io
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace as changed
 from pathlib import Path
 
@@ -74,7 +74,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_pictures, "RENDER_DPI", 50)
 
 
-def edited(result: Result, path: Path, edits: dict[str, Callable[[NDArray[np.generic]], object]]) -> Result:
+def edited(result: Result, path: Path, edits: Mapping[str, Callable[[NDArray[np.generic]], object]]) -> Result:
     """A copy of a result in which some datasets of /tick are others."""
     shutil.copy(result.path, path)
     with h5py.File(path, "r+") as file:
