@@ -107,7 +107,7 @@ def test_what_means_the_same_is_explained_alike(name: str) -> None:
 
 def library_defaults() -> Iterator[tuple[str, str, str]]:
     """Command, option and what the library takes where the option is not given, as the help should spell it."""
-    from hhsim import bench_paper, bench_threads, bench_trees, qp_harvest, solver_options, speed_error
+    from hhsim import bench_paper, bench_threads, bench_trees, hand, qp_harvest, solver_options, speed_error
     from hhsim.gate_suite import default_suite
     from hhsim.live import devices, live_setup, opengloves_glove, pose_sources
 
@@ -125,7 +125,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     yield "hhsim replay", "--penalty-stiffness", f"{coupling.penalty:.0f}"
     yield "hhsim replay", "--tolerance", f"{usual.tolerance:g}".replace("e-0", "e-")
     yield "hhsim replay", "--frustum-ends", usual.frustum_ends
-    assert usual.budget is None and usual.fingers == solver_options.FINGERS
+    assert usual.budget is None and usual.fingers == hand.FINGERS
     suites = (
         ("paper", bench_paper.PaperOptions(), ("methods", "instances", "repetitions")),
         ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "levels")),
