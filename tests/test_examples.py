@@ -7,10 +7,12 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from hhsim.result import load_result
+from hhsim import SolverOptions, load_result, replay_scene
 from hhsim.sphere_tree import SphereTree
 from hhsim.stored_scene import stored_mesh
 
@@ -63,6 +65,18 @@ def test_the_library_in_twenty_lines(examples: Path, tmp_path: Path) -> None:
             f"the hold takes {result.summary['force_hold_mean']:.2f} N; all of it is in {result.path.name}"
             in answer.stdout
         )
+
+
+def test_a_loop_of_ones_own_is_what_a_replay_runs(examples: Path, tmp_path: Path) -> None:
+    (block,) = re.findall(r"(?ms)^```python\n(.*?)^```", (examples / "README.md").read_text(encoding="utf-8"))
+    forces: list[Any] = []
+    names: dict[str, Any] = {"keep": forces.append}
+    exec(f"{block}    keep((joints.copy(), force.copy()))\n", names)
+    replay_scene(names["scene"], SolverOptions(), tmp_path / "touch.h5")
+    result = load_result(tmp_path / "touch.h5")
+    assert np.array_equal(np.array([joints for joints, _ in forces]), result["graphic/joints"])
+    assert np.array_equal(np.array([force for _, force in forces]), result["force/total"])
+    assert np.abs(result["force/total"]).max() > 0.1
 
 
 def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, environment: dict[str, str]) -> None:
