@@ -155,6 +155,8 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], told: Progress) -> tupl
     # A hand at rest is the same hand over and over.
     rounded = np.round(posed.joints.reshape(len(judge.chosen), -1), 10)
     different = np.unique(rounded, axis=0, return_index=True)[1]
+    # A hand that is nowhere has no distance; that it is nowhere is another claim's matter.
+    different = different[np.isfinite(rounded[different]).all(axis=1)]
     least = np.full(len(judge.chosen), np.inf)
     used = np.append(np.repeat(judge.fingers, 3), True)
     for done, i in enumerate(np.sort(different)):

@@ -5,12 +5,15 @@ turns `distal` away from `dorsal`; every joint turns all that lies beyond it. Th
 and use sines and cosines in the finger's plane; here the rotations themselves are chained.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.result import Result
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -76,12 +79,15 @@ def configurations(result: Result, whose: str) -> Configurations:
 
 
 def pose(hand: OwnHand, at: Configurations) -> Posed:
-    """Where the hand is."""
+    """Where the hand is; NaN in every part of one that is nowhere: a number that is none, a quaternion of no length."""
     from scipy.spatial.transform import Rotation
 
     ticks = len(at.position)
+    nowhere = ~np.all([np.isfinite(values).reshape(ticks, -1).all(axis=1) for values in at], axis=0)
+    at = Configurations(*(np.where(nowhere.reshape(-1, *(1,) * (values.ndim - 1)), 0.0, values) for values in at))
     joints, axes = np.empty((ticks, 5, 4, 3)), np.empty((ticks, 5, 3))
-    turned = Rotation.from_quat(at.orientation[:, [1, 2, 3, 0]])
+    turned, unturned = _rotations(at.orientation)
+    nowhere |= unturned
     for f in range(5):
         axis = np.cross(hand.dorsal[f], hand.distal[f])
         here = turned * Rotation.from_rotvec(hand.sign * at.abduction[:, f, None] * hand.dorsal[f])
@@ -91,12 +97,27 @@ def pose(hand: OwnHand, at: Configurations) -> Posed:
             here = here * Rotation.from_rotvec(at.flexion[:, f, k, None] * axis)
             joints[:, f, k + 1] = joints[:, f, k] + hand.length[f, k] * here.apply(hand.distal[f])
     palm = np.einsum("tij,pj->tpi", turned.as_matrix(), hand.palm_center) + at.position[:, None]
-    return Posed(joints, axes, palm, at.position)
+    posed = Posed(joints, axes, palm, at.position.copy())
+    for values in posed:
+        values[nowhere] = np.nan
+    return posed
 
 
 def turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Rotation vectors [rad], world, shape (T, 3), that take the first orientation to the second, both w x y z."""
+    """Rotation vectors [rad], world, shape (T, 3), that take the first orientation to the second, both w x y z.
+
+    NaN where one of them is no orientation.
+    """
+    (there, neither), (here, nor) = _rotations(second), _rotations(first)
+    turn = np.array((there * here.inv()).as_rotvec(), np.float64)
+    turn[neither | nor] = np.nan
+    return turn
+
+
+def _rotations(quaternion: FloatArray) -> "tuple[Rotation, NDArray[np.bool_]]":
+    """Rotations of quaternions w x y z (T, 4), and which are none, shape (T,), for which no turn stands."""
     from scipy.spatial.transform import Rotation
 
-    there, here = (Rotation.from_quat(values[:, [1, 2, 3, 0]]) for values in (second, first))
-    return np.asarray((there * here.inv()).as_rotvec(), np.float64)
+    # scipy refuses all of them for one that has no length.
+    none = ~(np.linalg.norm(quaternion, axis=1) > 0.0)
+    return Rotation.from_quat(np.where(none[:, None], [1.0, 0.0, 0.0, 0.0], quaternion)[:, [1, 2, 3, 0]]), none

@@ -1,0 +1,63 @@
+"""The referee and hands that are nowhere: every fault is a false claim, and none ends it with a traceback."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from short_grasp import short_result
+
+from hhsim.result import Result, load_result
+from hhsim.verify import verify
+from hhsim.verify_hand import configurations, own_hand, pose, turn_between
+
+pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
+
+HOLD = 180
+"""A tick of the hold."""
+
+
+@pytest.fixture(scope="module")
+def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return short_result(tmp_path_factory.mktemp("honest") / "short.h5")
+
+
+def no_orientation(file: h5py.File) -> None:
+    file["tick/graphic/orientation"][HOLD] = 0.0
+
+
+def no_number(file: h5py.File) -> None:
+    file["tick/graphic/orientation"][HOLD] = np.nan
+
+
+def no_angle(file: h5py.File) -> None:
+    file["tick/graphic/flexion"][HOLD, 1, 1] = np.nan
+
+
+@pytest.mark.parametrize("plant", [no_orientation, no_number, no_angle])
+def test_a_hand_that_is_nowhere_is_a_false_claim(
+    honest: Result, plant: Callable[[h5py.File], None], tmp_path: Path
+) -> None:
+    path = Path(shutil.copy(honest.path, tmp_path / "planted.h5"))
+    with h5py.File(path, "r+") as file:
+        plant(file)
+    found = verify(load_result(path), every=20)
+    false = {claim.name: claim.tick for claim in found.claims if claim.failed}
+    assert false.get("kinematics") == HOLD
+    assert ("unit quaternions" in false) == (plant is not no_angle)
+
+
+def test_one_hand_that_is_nowhere_changes_no_other(honest: Result) -> None:
+    hand, at = own_hand(honest), configurations(honest, "graphic")
+    damaged = at._replace(orientation=at.orientation.copy())
+    damaged.orientation[3] = 0.0
+    sound, posed = pose(hand, at), pose(hand, damaged)
+    others = np.arange(honest.ticks) != 3
+    for whole, part in zip(sound, posed):
+        assert np.isnan(part[3]).all()
+        np.testing.assert_array_equal(whole[others], part[others])
+    turn = turn_between(at.orientation, damaged.orientation)
+    assert np.isnan(turn[3]).all()
+    np.testing.assert_allclose(turn[others], 0.0, atol=1e-15)
