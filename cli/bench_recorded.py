@@ -48,9 +48,7 @@ HEADINGS = (
 @options.rate
 @options.samples
 @options.place_object("auto")
-@click.option(
-    "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
-)
+@options.tree_level
 @click.option(
     "--ticks", type=click.IntRange(1), metavar="N", help="Run only the N ticks around the grasp of each recording."
 )

@@ -32,12 +32,7 @@ from .name_list import counts, names
     "--repetitions", type=click.IntRange(1), default=3, show_default=True, metavar="N", help="Repetitions of every run."
 )
 @options.rate
-@click.option(
-    "--plot",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Where the picture goes. Default: beside the table, as .png.",
-)
+@options.picture
 @options.seed
 @options.out
 @options.json
@@ -72,10 +67,10 @@ def command(
     """
     from hhsim.bench_file import check_table_destination, csv_path, write_table
     from hhsim.destination import dated_destination
-    from hhsim.errors import OutputError
+    from hhsim.picture_file import picture_beside
     from hhsim.qp import ACTIVE_SET
     from hhsim.speed_error import SpeedErrorOptions, measure
-    from hhsim.speed_error_figure import check_picture, draw_speed_error
+    from hhsim.speed_error_figure import draw_speed_error
     from hhsim.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
 
     others = None if backends is None else tuple(name for name in backends if name != ACTIVE_SET)
@@ -97,10 +92,7 @@ def command(
     )
     destination = out or dated_destination("bench-speed-error")
     check_table_destination(destination)
-    picture = plot or destination.with_suffix(".png")
-    if plot is None and picture.exists() and not destination.exists():
-        raise OutputError(f"{picture} exists and is not of hhsim bench: name another file with --plot or --out")
-    check_picture(picture)
+    picture = picture_beside(destination, plot)
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         runs = measure(run, report)

@@ -77,9 +77,7 @@ HEADINGS = (
     show_default=True,
     help="What --step bounds: the palm's way, that of every point of the hand, or nothing, so that the hand jumps.",
 )
-@click.option(
-    "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
-)
+@options.tree_level
 @options.linearisations
 @options.margin
 @click.option(

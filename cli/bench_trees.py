@@ -25,12 +25,7 @@ from .name_list import counts, names
     help="Scale every object to this longest extent [mm].",
 )
 @click.option("--time-limits", is_flag=True, help="A missed limit of the CPU time is a miss too.")
-@click.option(
-    "--plot",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Where the picture goes. Default: beside the table, as .png.",
-)
+@options.picture
 @options.seed
 @options.out
 @options.json
@@ -63,8 +58,7 @@ def command(
     from hhsim.bench_file import check_table_destination, csv_path, write_table
     from hhsim.bench_trees import COLUMNS, TreesOptions, measure, missed_bars
     from hhsim.destination import dated_destination
-    from hhsim.errors import OutputError
-    from hhsim.speed_error_figure import check_picture
+    from hhsim.picture_file import picture_beside
     from hhsim.trees_figure import draw_trees
 
     named = {"objects": objects, "methods": methods, "spheres": spheres}
@@ -72,14 +66,9 @@ def command(
         TreesOptions(size=1e-3 * size, seed=seed),
         **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]
     )
-    if plot is not None:
-        check_picture(plot)
     destination = out or dated_destination("bench-trees")
     check_table_destination(destination)
-    picture = plot or destination.with_suffix(".png")
-    if plot is None and picture.exists() and not destination.exists():
-        raise OutputError(f"{picture} exists and is not of hhsim bench: name another file with --plot or --out")
-    check_picture(picture)
+    picture = picture_beside(destination, plot)
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         rows = measure(run, report)

@@ -129,7 +129,7 @@ def command(
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
     from hhsim.destination import check_destination, dated_destination
-    from hhsim.speed_error_figure import check_picture
+    from hhsim.picture_file import check_picture
     from hhsim.tree_builder import TreeOptions, cache_path, cached_sphere_tree
     from hhsim.tree_figure import draw_tree
     from hhsim.workers import usual_threads

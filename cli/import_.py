@@ -172,9 +172,9 @@ def command(
     from hhsim.dexmo_regression import format_calibration
     from hhsim.errors import InputError, OutputError
     from hhsim.import_report import COLUMNS, make_report
+    from hhsim.picture_file import check_picture
     from hhsim.recording_file import calibration_of, read_recording
     from hhsim.recording_repair import RepairOptions, repair
-    from hhsim.speed_error_figure import check_picture
     from hhsim.trajectory_file import check_trajectory_destination, save_trajectory
     from hhsim.whole_file import write_whole_file
 

@@ -81,6 +81,15 @@ samples = click.option(
     show_default=True,
     help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
 )
+tree_level = click.option(
+    "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
+)
+picture = click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Where the picture goes. Default: beside the table, as .png.",
+)
 
 
 def place_object(default: str) -> Callable[[Any], Any]:

@@ -28,7 +28,8 @@ from hhsim.trajectory import HandSide, Trajectory
 from hhsim.trajectory_file import load_trajectory
 
 DEPTHS = (0.0, 0.1)
-KEYS = ("title", "stresses", "recording", "touch")
+KEYS = ("title", "stresses", "recording", "touch", "notice", "package")
+"""The last two say where a recording is from, and are for its reader alone."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,7 @@ def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, whe
         TrajectoryError: no TOML, a value that no demonstration has, or no recording.
     """
     table = parse_toml(text, where, TrajectoryError)
+    check_keys(where, table, KEYS, TrajectoryError)
     texts = {
         key: checked_text(where, key, table.get(key, ""), TrajectoryError) for key in ("title", "stresses", "recording")
     }

@@ -11,7 +11,7 @@ A unit that the file's mapping or the user stated is not guessed again: there th
 """
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,6 @@ from hhsim.sample_flags import SampleFlag, mark
 from hhsim.trajectory import Phase
 
 Array = NDArray[np.float64]
-
-TimeUnit = Literal["s", "ms", "us", "ns"]
-LengthUnit = Literal["m", "cm", "mm", "inch"]
-AngleUnit = Literal["rad", "deg"]
 
 TIME_UNITS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 LENGTH_UNITS: dict[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.0254}

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.destination import check_destination
-from hhsim.errors import InputError
+from hhsim.picture_file import check_picture
 from hhsim.rendering import save_figure
 from hhsim.speed_error_table import ALL, chosen
 
@@ -79,21 +78,6 @@ PEERS: dict[str, tuple[Peer, ...]] = {
     "sphere": (Peer("MuJoCo, ball", 13.0, 0.60, 0.03),),
 }
 """By object. Ratios carry over to other machines, times do not."""
-
-
-def check_picture(path: Path) -> None:
-    """Look, before the work, for what would keep the picture from being written.
-
-    Raises:
-        OutputError: As `hhsim.destination.check_destination`.
-        InputError: matplotlib has no such picture format.
-    """
-    from matplotlib.backend_bases import FigureCanvasBase
-
-    check_destination(path)
-    kinds = sorted(FigureCanvasBase.filetypes)
-    if path.suffix.lower().removeprefix(".") not in kinds:
-        raise InputError(f"{path} is no picture by its ending: expected .{', .'.join(kinds)}")
 
 
 def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:

@@ -19,7 +19,6 @@ SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", ".csv")
 IMPORTED_SUFFIXES = (".npz", ".json", ".lz", ".bvh")
 """Of recordings that are imported on the way in."""
-DEFAULT_TRAJECTORY = "grasp"
 ORDER = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence", "never")
 """Those for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
 

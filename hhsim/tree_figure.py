@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh import Mesh
+from hhsim.picture_file import check_picture
 from hhsim.rendering import Camera, Layer, blend, frame, lit, look_from, save_figure, see_balls, shade
-from hhsim.speed_error_figure import check_picture
 from hhsim.sphere_tree import SphereTree
 from hhsim.surface import mesh_surface
 

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hhsim.bench_trees import largest_error
+from hhsim.picture_file import check_picture
 from hhsim.rendering import save_figure
-from hhsim.speed_error_figure import check_picture
 from hhsim.tree_references import BARS, EXTENT, TOOLKIT
 
 if TYPE_CHECKING:

@@ -112,6 +112,7 @@ def test_a_demonstration_of_ones_own(tmp_path: Path, repository: Path) -> None:
         ("recording = ''", "no recording; expected the name"),
         ("recording = 'none.h5'", "no recording none.h5 beside it"),
         ("recording = 'tap.h5'", "no .touch."),
+        ("recording = 'tap.h5'\nstreses = 'x'", "unknown key 'streses': did you mean stresses"),
         ("recording = 'tap.h5'\ntouch = { finger = 'toe', depth = 0.01 }", "unknown finger 'toe'"),
         ("recording = 'tap.h5'\ntouch = { finger = 'index', depht = 0.01 }", "unknown key 'depht': did you mean depth"),
         ("recording = 'tap.h5'\ntouch = { finger = 'index', depth = 1.5 }", "expected a number up to 0.1 m"),

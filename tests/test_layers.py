@@ -15,7 +15,17 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("__init__", "errors"),
     ("kernels",),
-    ("destination", "info", "whole_file", "sealed_file", "workers", "result_schema", "log_histogram", "toml_document"),
+    (
+        "destination",
+        "info",
+        "whole_file",
+        "sealed_file",
+        "workers",
+        "result_schema",
+        "log_histogram",
+        "toml_document",
+        "picture_file",
+    ),
     # The model: what is simulated.
     (
         *(

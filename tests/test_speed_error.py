@@ -9,6 +9,7 @@ import pytest
 
 from hhsim.errors import HhsimError, InputError, UnknownNameError
 from hhsim.kernels.block import TickRecord
+from hhsim.picture_file import check_picture
 from hhsim.qp import ACTIVE_SET, available_backends
 from hhsim.run_errors import RunErrors
 from hhsim.solver import HandSolver
@@ -23,7 +24,7 @@ from hhsim.speed_error import (
     configurations,
     measure,
 )
-from hhsim.speed_error_figure import PEERS, check_picture, draw_speed_error
+from hhsim.speed_error_figure import PEERS, draw_speed_error
 from hhsim.speed_error_table import ALL, COLUMNS, COUNTED, WORST, chosen, remarks, table_rows
 
 SMALL = SpeedErrorOptions(
