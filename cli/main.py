@@ -43,6 +43,7 @@ BROKEN_PIPE = 141
     lines=COMMANDS,
     module=lambda name: KEYWORDS.get(name, name.replace("-", "_")),
     invoke_without_command=True,
+    subcommand_metavar="[COMMAND] [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(__version__, message="hhsim %(version)s")

@@ -1,9 +1,7 @@
-"""Whether `hhsim` would take a line as its help, the README and the docs show it, without running it."""
+"""Whether `hhsim` would take a line as its help shows it, without running it."""
 
 import importlib
 import shlex
-from collections.abc import Iterator
-from pathlib import Path
 from unittest.mock import patch
 
 import click
@@ -35,15 +33,3 @@ def parse(line: str) -> None:
             command.make_context(context.info_name, rest, context.parent)
         except click.exceptions.Exit as done:
             assert done.exit_code == 0, line
-
-
-def shown_lines(page: Path) -> Iterator[str]:
-    """The command lines in the blocks `console` and `sh` of a Markdown page that call hhsim, continued lines joined."""
-    for block in page.read_text(encoding="utf-8").split("```")[1::2]:
-        language, _, text = block.partition("\n")
-        if language not in ("console", "sh"):
-            continue
-        for line in text.replace("\\\n", " ").splitlines():
-            line = line.removeprefix("$ ").strip()
-            if line.startswith("hhsim "):
-                yield line

@@ -4,12 +4,11 @@ import importlib
 import inspect
 import re
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import click
 import pytest
-from command_lines import parse, shown_lines
+from command_lines import parse
 
 from hhsim.errors import HhsimError
 
@@ -173,10 +172,3 @@ def test_a_line_that_hhsim_refuses_is_refused_here(line: str, told: str) -> None
         parse(line)
     said = error.value.format_message() if isinstance(error.value, click.ClickException) else str(error.value)
     assert told in said
-
-
-def test_the_lines_of_the_page_can_be_run(repository: Path) -> None:
-    lines = list(shown_lines(repository / "docs" / "cli.md"))
-    assert len(lines) > 60
-    for line in lines:
-        parse(line)

@@ -3,7 +3,6 @@
 import importlib.util
 import os
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from own_command import hhsim_command
 
 from hhsim import SolverOptions, load_result, replay_scene
 from hhsim.sphere_tree import SphereTree
@@ -32,11 +32,7 @@ def examples(repository: Path) -> Path:
 @pytest.fixture
 def environment(tmp_path: Path) -> dict[str, str]:
     """With commands that are this hhsim and this python, whatever is on the PATH."""
-    code = "from hhsim.cli.main import main; main()"
-    command = tmp_path / "hhsim"
-    command.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -P -c {shlex.quote(code)} "$@"\n')
-    command.chmod(0o755)
-    return {**os.environ, "HHSIM": str(command), "PYTHON": sys.executable, "NO_COLOR": "1"}
+    return {**os.environ, "HHSIM": str(hhsim_command(tmp_path)), "PYTHON": sys.executable, "NO_COLOR": "1"}
 
 
 def test_every_example_is_told_of_and_run_by_a_test(repository: Path, examples: Path) -> None:

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import pytest
 from gate_scene import SUITE, write_suite
+from own_command import hhsim_command
 
 from hhsim.errors import InputError
 from hhsim.gate import GateReport, gate_suite
@@ -40,15 +41,6 @@ def replaced(old: str, new: str) -> Callable[[str], str]:
 @pytest.fixture(scope="module")
 def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_suite(tmp_path_factory.mktemp("suite"))
-
-
-def entry_point(folder: Path) -> Path:
-    """A command that is this hhsim, whatever is installed on the PATH."""
-    main = folder / "hhsim"
-    code = "from hhsim.cli.main import main; main()"
-    main.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -P -c {shlex.quote(code)} "$@"\n')
-    main.chmod(0o755)
-    return main
 
 
 def judged(suite: Path, head: Side, base: Side | None = None) -> GateReport:
@@ -169,7 +161,7 @@ def test_a_recorded_baseline_with_times_is_the_same_again(run: Run, suite: Path,
 
 def test_the_shell_example_gates_base_and_head(suite: Path, repository: Path, tmp_path: Path) -> None:
     script = repository / "examples" / "gate.sh"
-    named = {"HHSIM": entry_point(tmp_path), "BASE_PYTHON": this_python(), "REPORTS": tmp_path / "reports"}
+    named = {"HHSIM": hhsim_command(tmp_path), "BASE_PYTHON": this_python(), "REPORTS": tmp_path / "reports"}
     environment = {**os.environ, **{name: str(path) for name, path in named.items()}}
     answer = subprocess.run([str(script)], cwd=suite.parent, env=environment, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stdout + answer.stderr
@@ -183,7 +175,7 @@ def test_the_shell_example_says_no(suite: Path, repository: Path, tmp_path: Path
     folder = tmp_path / "strict"
     folder.mkdir()
     write_suite(folder).write_text(SUITE + "[scene.limits]\ntracking_palm = 1e-9\n")
-    environment = {**os.environ, "HHSIM": str(entry_point(tmp_path))}
+    environment = {**os.environ, "HHSIM": str(hhsim_command(tmp_path))}
     environment.pop("BASE_PYTHON", None)
     script = repository / "examples" / "gate.sh"
     answer = subprocess.run([str(script)], cwd=folder, env=environment, capture_output=True, text=True)
