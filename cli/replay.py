@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hhsim.script import Script
     from hhsim.solver_options import SolverOptions, Stiffness
     from hhsim.trajectory import Trajectory
+    from hhsim.view_ahead import ViewAhead
 
 
 def complete_trajectory(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -180,7 +181,6 @@ def command(
     from hhsim.result import check_result_destination
     from hhsim.scene import make_scene, side_of
     from hhsim.trajectory import Trajectory
-    from hhsim.view_ahead import ViewAhead
 
     changed = {
         "force": force,
@@ -203,7 +203,7 @@ def command(
     print_notes(mesh.warnings, prefix="warning")
     with ExitStack() as stack:
         # Before the thread of the progress bar: a process with threads is no good to fork.
-        viewer = stack.enter_context(ViewAhead(rerun)) if rerun is not None else None
+        viewer = stack.enter_context(_view_ahead(rerun)) if rerun is not None else None
         report = stack.enter_context(progress(quiet=quiet))
         model = _hand(hand or side_of(motion), hand_file)
         unit_length = tree_file.length_unit(object_, unit, size) if tree_path else 1.0
@@ -250,6 +250,13 @@ def command(
                 print(f"note: {note}")
         print(f"every tick is in {summary.path}")
     return 0
+
+
+def _view_ahead(target: "RerunTarget") -> "ViewAhead":
+    # Imported only where it is wanted: it is slow to import.
+    from hhsim.view_ahead import ViewAhead
+
+    return ViewAhead(target)
 
 
 def _solver_options(

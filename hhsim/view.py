@@ -115,13 +115,10 @@ def view_result(
     return Viewed(result.ticks, -(-result.ticks // every), target)
 
 
-def import_viewer() -> None:
-    """Import what `view_result` will need, which takes a third of a second."""
+def get_ready() -> None:
+    """Import and load what `view_result` will need, which takes a third of a second; it then begins at once."""
     import rerun.blueprint  # noqa: F401
 
-
-def load_kernels() -> None:
-    """Load, or compile, the kernel that `view_result` will need."""
     none, sphere = np.zeros(1, np.int64), np.zeros(1)
     tree = TreeArrays(sphere, sphere, sphere, sphere, none, none, 0)
     nowhere = PlacedHand(np.zeros((0, 5, 4, 3)), np.zeros((0, 3)), np.zeros((0, 4)))

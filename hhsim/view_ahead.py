@@ -19,7 +19,8 @@ from typing import Any, Literal, Self
 from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.rerun_target import RerunTarget
 from hhsim.result import load_result
-from hhsim.view import Viewed, import_viewer, load_kernels, view_result
+from hhsim.view import Viewed, get_ready, view_result
+from hhsim.warm_up import start_numba
 
 Progress = Callable[[str, int, int], None]
 Word = Literal["ready", "progress", "viewed", "refused"]
@@ -52,8 +53,8 @@ class ViewAhead:
         self._ready = False
         self._channel: Connection[Any, Any] | None = None
         if can_fork():
-            # Before the fork: numba's own start is then made once, not in each of the processes.
-            load_kernels()
+            # Before the fork, so that it is made once and not in each of the processes.
+            start_numba()
             fork = get_context("fork")
             self._channel, theirs = fork.Pipe()
             self._process = fork.Process(target=_serve, args=(theirs, self._channel, target), daemon=True)
@@ -145,7 +146,7 @@ def _serve(channel: "Connection[Any, Any]", parents: "Connection[Any, Any]", tar
         channel.send(("progress", (what, done, total)))
 
     try:
-        import_viewer()
+        get_ready()
         channel.send(("ready", None))
         path = channel.recv()
         channel.send(("viewed", view_result(load_result(path), target, progress=progress)))
