@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from hhsim.bench_file import Column
 from hhsim.failure import SAFE_DEPTH
-from hhsim.log_histogram import LogHistogram
+from hhsim.log_histogram import CpuTimes, LogHistogram
 from hhsim.metrics import statistics
 from hhsim.solver_options import SAFE_METHODS
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedFigures:
+class RecordedFigures(CpuTimes):
     """What a run gave; lengths [m], times [s], variation [%], counts of ticks.
 
     `variation_tick` and `variation_sample` are means over the ticks with a force before them. The CPU times are those
@@ -47,21 +47,6 @@ class RecordedFigures:
     lag: float = 0.0
     started_inside: bool = False
     cpu: LogHistogram = field(default_factory=LogHistogram, repr=False, compare=False)
-
-    @property
-    def cpu_p50(self) -> float:
-        """CPU time of a tick in contact, median [s]."""
-        return 1e-9 * self.cpu.percentile(50.0)
-
-    @property
-    def cpu_p99(self) -> float:
-        """CPU time of a tick in contact, 99th percentile [s]."""
-        return 1e-9 * self.cpu.percentile(99.0)
-
-    @property
-    def cpu_max(self) -> float:
-        """CPU time of a tick in contact, largest [s]."""
-        return 1e-9 * self.cpu.largest
 
     @property
     def safe(self) -> bool:

@@ -6,7 +6,7 @@ from typing import Any
 
 from hhsim.bench_file import Column
 from hhsim.failure import SAFE_DEPTH
-from hhsim.log_histogram import LogHistogram
+from hhsim.log_histogram import CpuTimes, LogHistogram
 from hhsim.solver_options import SAFE_METHODS
 
 
@@ -28,7 +28,7 @@ class KeptFailure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StressFigures:
+class StressFigures(CpuTimes):
     """What a case gave; lengths [m], forces [N], times [s], counts of ticks.
 
     `coupling_force` is the coupling's own at the tick of the largest force, palm and joints together, and `force_ratio`
@@ -63,21 +63,6 @@ class StressFigures:
     brute_difference: float
     cpu: LogHistogram = field(repr=False, compare=False)
     failures: tuple[KeptFailure, ...] = ()
-
-    @property
-    def cpu_p50(self) -> float:
-        """CPU time of a tick, median [s]."""
-        return 1e-9 * self.cpu.percentile(50.0)
-
-    @property
-    def cpu_p99(self) -> float:
-        """CPU time of a tick, 99th percentile [s]."""
-        return 1e-9 * self.cpu.percentile(99.0)
-
-    @property
-    def cpu_max(self) -> float:
-        """CPU time of a tick, largest [s]."""
-        return 1e-9 * self.cpu.largest
 
     @property
     def safe(self) -> bool:

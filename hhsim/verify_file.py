@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.tick_state import (
+    STATUS_HELD,
     UNITS_LINEARISATION,
     UNITS_NODE_TEST,
     UNITS_PAIR_TEST,
@@ -13,6 +14,7 @@ from hhsim.kernels.tick_state import (
     UNITS_ROW,
 )
 from hhsim.result import Result
+from hhsim.solver_options import SAFE_METHODS
 from hhsim.stored_scene import PARTS, checksums
 from hhsim.verify_claim import HOLDS, NOT_CLAIMED, Claim, all_true, judged
 
@@ -24,7 +26,6 @@ COVER = 1e-9
 """A point of the mesh this far outside of all leaves [m] is covered: less than any figure is stated to."""
 NEIGHBOURS = 24
 KNOWN_STATUS = 63
-STATUS_LAG, STATUS_HELD = 2, 4
 DURATIONS = ("detect", "palm", "fingers", "force", "total")
 
 
@@ -135,7 +136,7 @@ def _durations(result: Result) -> Claim:
 
 def _work(result: Result) -> list[Claim]:
     """The weighted work against its parts; only how many rows each program but the largest had is not stored."""
-    if result.scene["solver"]["method"] not in ("coupled", "progressive"):
+    if result.scene["solver"]["method"] not in SAFE_METHODS:
         return []
     work = {name: np.asarray(result[f"work/{name}"], np.int64) for name in ("node_tests", "pair_tests", "units")}
     steps, rows = np.asarray(result["work/linearisations"]), np.asarray(result["work/rows"])

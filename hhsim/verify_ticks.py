@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.result import Result
+from hhsim.solver_options import SAFE_METHODS
 from hhsim.verify_contacts import PALM, Pairs, near_pairs
 from hhsim.verify_file import follows, leaves
 from hhsim.verify_hand import Configurations, Posed, configurations, own_hand, pose, turn_between
@@ -71,7 +72,7 @@ class JudgedTicks:
     @property
     def safe(self) -> bool:
         """Whether the method promises that nothing penetrates."""
-        return self.options["method"] in ("coupled", "progressive")
+        return self.options["method"] in SAFE_METHODS
 
     @property
     def touch(self) -> float:
