@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.verify_claim import NOT_JUDGED, Claim, all_true, judged
-from hhsim.verify_rows import SessionRows
+from hhsim.verify_rows import QUIET, SessionRows
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -73,8 +73,9 @@ def _stopping(rows: SessionRows) -> BoolArray:
     """Only a session's last tick stops, and where it ended in its time or was told to, it does."""
     stopping = rows.safety & STOPPING > 0
     wrong = stopping & (rows.numbers < len(stopping) - 1)
-    if rows.result.complete and rows.live["ended"] in ("duration", "stopped") and not rows.failed_solver():
-        wrong[-1] |= not stopping[-1]
+    if rows.result.complete and rows.live["ended"] in ("duration", "stopped"):
+        # Unless the last tick of all is not in the file.
+        wrong[-1] |= not (stopping[-1] or rows.solver_failed(rows.woke[-1:], rows.woke[-1:] + QUIET)[0])
     return np.asarray(wrong)
 
 
@@ -95,6 +96,7 @@ def _stiffness(rows: SessionRows) -> Claim:
     force = np.linalg.norm(np.asarray(rows.result["force/phalanx"]), axis=3).sum(axis=2)
     least = float(output["contact_force"])
     before = np.concatenate([np.zeros((1, 5)), rows.stiffness[:-1]])
+    before[_freed_unseen(rows)] = 0.0
     # After a gap nobody knows what was told before it.
     most = np.where(rows.follows[:, None], before + output["stiffness_rise"] * period, np.inf)
     if rows.result["live/tick/record"][0] == 0:
@@ -110,22 +112,26 @@ def _stiffness(rows: SessionRows) -> Claim:
     return judged("stiffness", says, off.max(axis=1), ROUNDING, "1", WHY_ROUNDING, ticks=rows.numbers)
 
 
+def _freed_unseen(rows: SessionRows) -> BoolArray:
+    """Ticks right after one that is not in the file, since its solver failed: that one freed the fingers."""
+    return np.asarray(rows.follows & ~np.append(False, rows.closed[:-1]))
+
+
 def _good_ticks(rows: SessionRows) -> NDArray[np.int64]:
     """Ticks without a reason since the fingers were last freed, this one included; after a gap as many as can be."""
     freed = rows.safety != 0
-    # A tick that is not in the file, since its solver failed, freed them as well.
-    freed_before = rows.follows & ~np.append(False, rows.closed[:-1])
-    last = np.where(freed, rows.numbers, np.where(freed_before, rows.numbers - 1, -1))
+    last = np.where(freed, rows.numbers, np.where(_freed_unseen(rows), rows.numbers - 1, -1))
     since = rows.numbers - np.maximum.accumulate(last)
-    return np.where(_after_gap(rows) & ~freed, np.iinfo(np.int32).max, since)
+    return np.where(_after_gap(rows), np.iinfo(np.int32).max, since)
 
 
 def _after_gap(rows: SessionRows) -> BoolArray:
-    """Ticks between a gap in the records and the next tick with a reason: their ramp began nobody knows when."""
+    """Ticks between a gap in the records and when the fingers were next freed: their ramp began nobody knows when."""
     gap = ~rows.follows
     gap[0] = rows.result["live/tick/record"][0] > 0
     last_gap = np.maximum.accumulate(np.where(gap, rows.numbers, -1))
-    last_freed = np.maximum.accumulate(np.where(rows.safety != 0, rows.numbers, -1))
+    freed = (rows.safety != 0) | _freed_unseen(rows)
+    last_freed = np.maximum.accumulate(np.where(freed, rows.numbers, -1))
     return np.asarray(last_gap > last_freed)
 
 

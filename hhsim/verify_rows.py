@@ -26,6 +26,8 @@ MOST_READ = 64
 
 SOLVER_FAILED = "the solver failed"
 """How a line of the log begins that tells of a tick without a hand."""
+QUIET = 1_000_000_000
+"""For so long [ns] the log does not tell the same again."""
 LOOP_DIED = "the loop failed or was killed"
 """Why a session ended that was not brought to its end."""
 
@@ -118,9 +120,16 @@ class SessionRows:
         before = np.concatenate([[-1], self.used[:-1]])
         return np.asarray(self.closed & (self.used >= 0) & (self.newest - before < MOST_READ))
 
-    def failed_solver(self) -> bool:
-        """Whether the log tells of a solver that failed, or may have: such a tick is not in the file."""
-        return int(self.live["lost_events"]) > 0 or any(text.startswith(SOLVER_FAILED) for text in self.log)
+    def solver_failed(self, begin: IntArray, end: IntArray) -> BoolArray:
+        """Whether the log tells of a failed solver between stamps [ns] (N,), or so shortly before that it says no more.
+
+        Such a tick is not in the file. Where lines of the log were lost, one may have told of it.
+        """
+        if int(self.live["lost_events"]) > 0:
+            return np.ones(len(begin), bool)
+        stamps = np.asarray(self.result["live/event/time"], np.int64)
+        told = stamps[np.array([text.startswith(SOLVER_FAILED) for text in self.log], bool)]
+        return np.asarray(((told > begin[:, None] - QUIET) & (told < end[:, None])).any(axis=1))
 
     @cached_property
     def log(self) -> list[str]:

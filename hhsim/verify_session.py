@@ -63,8 +63,8 @@ def _missed(rows: SessionRows) -> Claim:
     """A period has a tick or is missed; only a tick whose solver failed is neither, and that is in the log."""
     gone = np.diff(rows.period, prepend=-1) - 1 - rows.missed
     wrong = (rows.missed < 0) | (gone < 0)
-    if not rows.failed_solver():
-        wrong |= rows.follows & (gone > 0)
+    odd = np.flatnonzero(rows.follows & (gone > 0))
+    wrong[odd] |= ~rows.solver_failed(rows.woke[odd - 1], rows.woke[odd])
     says = "every period without a tick is counted as missed"
     return all_true("missed periods", says, wrong, ticks=rows.numbers)
 

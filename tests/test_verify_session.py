@@ -4,11 +4,14 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from live_rings import FACTS, ended
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
 from verify_document import documented_faults
@@ -22,7 +25,7 @@ from hhsim.live.live_records import Safety
 from hhsim.live.live_setup import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.pose_sources import FixedPose
 from hhsim.live.recorder import Recorder
-from hhsim.live.safety_gate import WORDS
+from hhsim.live.safety_gate import QUIET_NS, WORDS
 from hhsim.live.session_memory import SessionMemory
 from hhsim.live.session_writer import SessionWriter
 from hhsim.live.shared_memory import RingReader
@@ -50,7 +53,8 @@ SCRIPT = [
     Moment(0.2),
     *HOLDING,
     Moment(FIST, work_ns=12 * PERIOD),
-    *HOLDING,
+    # Longer than the log is silent about a mishap that it has told of.
+    *HOLDING * 14,
 ]
 HOLD = 130
 """A tick in which all fingers but the index finger, which touches nothing, are held at their full stiffness."""
@@ -59,6 +63,8 @@ STALE = 80 + 60 + 4 + 60 + 35
 OVERSLEPT = 100
 """The tick after this one comes three periods late."""
 OUTPUT = OutputLimits(ramp=0.02)
+FAILED = 170
+"""A tick whose solver fails: there is no row of it, and the ramp begins anew."""
 LIVE_CLAIMS = (
     *("time", "records", "deadlines", "missed periods", "wake-up", "latency", "samples", "newest sample"),
     *("fingers of the sample", "reasons", "free fingers", "stiffness", "command bounds", "set points"),
@@ -74,7 +80,8 @@ class Scripted:
         self.setup: LiveSetup = make_setup(**{**given, "record": record, **changes})
         self.memory = SessionMemory.create()
         clock = FakeClock()
-        glove = ScriptedGlove(clock, SCRIPT, {OVERSLEPT: lambda: clock.oversleep.append(int(3.4 * PERIOD))})
+        mishaps = {OVERSLEPT: lambda: clock.oversleep.append(int(3.4 * PERIOD)), FAILED: self.fail_once}
+        glove = ScriptedGlove(clock, SCRIPT, mishaps)
         pose = FixedPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
         self.loop = LiveLoop(self.setup, self.memory, glove, pose, clock=clock)
         self.reason = self.loop.run()
@@ -82,6 +89,17 @@ class Scripted:
         ticks = self.memory.ticks.records
         ticks["duration"], ticks["duration_total"], ticks["duration_cpu"] = 1000, 120_000, 100_000
         ticks["latency_ns"][ticks["latency_ns"] >= 0] += 50_000
+
+    def fail_once(self) -> None:
+        """The solver raises in the tick that is under way: it is not in the file."""
+        solver: Any = self.loop.solver
+        sound = solver.tick
+
+        def failing_tick(*_: Any) -> int:
+            solver.tick = sound
+            raise ArithmeticError("planted")
+
+        solver.tick = failing_tick
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +121,7 @@ def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
     for why in (Safety.STALE_INPUT, Safety.NOT_FINITE, Safety.DEVICE_LOST, Safety.OVERRUN_STREAK, Safety.STOPPING):
         assert (safety & int(why)).any(), why
     assert missed[OVERSLEPT + 1] == 3 and missed.max() >= 10
+    assert (np.diff(session["live/tick/period"]) - 1 - missed[1:]).tolist().count(1) == 1, "no tick failed"
     assert session["live/tick/command_stiffness"][HOLD, 2:].min() == pytest.approx(0.3), "nothing is held"
     assert session["force/total"][HOLD].any()
     assert any(b"jumped by" in line for line in session["live/event/text"])
@@ -185,6 +204,12 @@ def shifted_set_point(file: h5py.File) -> None:
 
 def uncounted_miss(file: h5py.File) -> None:
     file["live/tick/missed"][OVERSLEPT + 1] -= 1
+
+
+def unsaid_failure(file: h5py.File) -> None:
+    """A period has neither a tick nor a miss, and the log no longer tells why."""
+    text = file["live/event/text"]
+    text[...] = [b"" if line.startswith(b"the solver failed") else line for line in text[...]]
 
 
 def invented_miss(file: h5py.File) -> None:
@@ -279,6 +304,7 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     leaping_set_point: "command bounds",
     shifted_set_point: "set points",
     uncounted_miss: "missed periods",
+    unsaid_failure: "missed periods",
     invented_miss: "missed periods",
     moved_deadline: "deadlines",
     wrong_time: "time",
@@ -381,9 +407,41 @@ def test_the_referee_and_the_loop_mean_the_same_bits_and_words() -> None:
     assert verify_command.DEVICE_LOST == Safety.DEVICE_LOST
     assert (verify_command.HELD, verify_command.FULL) == (STATUS_HELD, STATUS_FULL)
     assert WORDS[Safety.SOLVER_FAILED][1] == verify_rows.SOLVER_FAILED
-    assert recorder.LOOP_DIED == verify_rows.LOOP_DIED
+    assert (recorder.LOOP_DIED, QUIET_NS) == (verify_rows.LOOP_DIED, verify_rows.QUIET)
     assert (live_loop.MOST_SAMPLES, glove_watch.MOST_ANGLE) == (verify_rows.MOST_READ, verify_rows.MOST_ANGLE)
     assert glove_watch.NAMES == verify_session.FINGER_NAMES
+
+
+@given(
+    st.lists(st.tuples(st.booleans(), st.integers(0, 4), st.sampled_from(["", "", "", "unseen", "gap"])), min_size=1),
+    st.booleans(),
+)
+def test_ramp_and_streak_are_those_of_a_loop_that_counts(ticks: list[tuple[bool, int, str]], begins_late: bool) -> None:
+    """Against plain counting, tick by tick: None is what nobody knows after a gap."""
+    kinds = ["gap" if begins_late else "", *(kind for _, _, kind in ticks[1:])]
+    after = np.array([i > 0 and kind != "gap" for i, kind in enumerate(kinds)])
+    rows: Any = SimpleNamespace(
+        numbers=np.arange(len(ticks)),
+        follows=after,
+        closed=np.append([kind == "" for kind in kinds[1:]], False).astype(bool),
+        safety=np.array([int(freed) for freed, _, _ in ticks]),
+        missed=np.array([missed for _, missed, _ in ticks]),
+        period_ns=PERIOD,
+        result={"live/tick/record": [int(begins_late)], "duration/total": np.zeros(len(ticks), np.int64)},
+    )
+    good: int | None = 0
+    streak, goods, streaks = 0, [], []
+    for (freed, missed, _), kind in zip(ticks, kinds):
+        if kind:
+            # Least: what was missed before is not known.
+            good, streak = (None if kind == "gap" else 0), 0
+        streak = streak + missed if missed else 0
+        good = 0 if freed else None if good is None else good + 1
+        goods.append(np.iinfo(np.int32).max if good is None else good)
+        streaks.append(streak)
+    assert verify_command._good_ticks(rows).tolist() == goods
+    for most in (1, 3, 10):
+        assert verify_command._overrun(rows, most).tolist() == [streak >= most for streak in streaks]
 
 
 def test_the_bend_of_the_referee_is_that_of_the_output() -> None:
