@@ -2,6 +2,7 @@
 
 import importlib
 import shlex
+from typing import Any
 from unittest.mock import patch
 
 import click
@@ -9,8 +10,11 @@ import click
 hhsim: click.Group = importlib.import_module("hhsim.cli.main").hhsim
 
 
-def parse(line: str) -> None:
+def parse(line: str) -> dict[str, Any]:
     """Parse a line such as `hhsim replay cube pinch --level 3  # a remark`; files need not exist, nor a viewer.
+
+    Returns:
+        The command's parameters by name; none of a line that asks for help.
 
     Raises:
         click.ClickException, HhsimError: as the command line would tell: no such command, option or choice, a value
@@ -30,6 +34,7 @@ def parse(line: str) -> None:
         command = found
     with patch("hhsim.rerun_target.check_target"):
         try:
-            command.make_context(context.info_name, rest, context.parent)
+            return command.make_context(context.info_name, rest, context.parent).params
         except click.exceptions.Exit as done:
             assert done.exit_code == 0, line
+            return {}

@@ -172,3 +172,14 @@ def test_a_line_that_hhsim_refuses_is_refused_here(line: str, told: str) -> None
         parse(line)
     said = error.value.format_message() if isinstance(error.value, click.ClickException) else str(error.value)
     assert told in said
+
+
+def test_lists_take_commas_or_the_option_again() -> None:
+    suite = "hhsim bench speed-error"
+    assert parse(suite)["methods"] is None and parse(suite)["levels"] is None
+    for words in ("--method paper,coupled", "--method paper --method coupled", "--method 'paper, coupled,paper'"):
+        assert parse(f"{suite} {words}")["methods"] == ("paper", "coupled")
+    assert parse(f"{suite} --level 4,3 --level 4 --level 5")["levels"] == (4, 3, 5)
+    for words, told in (("--method paper,", "'paper,', expected names with commas"), ("--level 3,x", "expected whole")):
+        with pytest.raises(click.BadParameter, match=told):
+            parse(f"{suite} {words}")
