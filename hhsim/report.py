@@ -18,7 +18,7 @@ from hhsim.report_album import Album
 from hhsim.report_bench import bench_section
 from hhsim.report_compare import Comparison, compare
 from hhsim.report_histogram import histogram_figure
-from hhsim.report_html import Html, element, paragraph, section
+from hhsim.report_html import Html, joined, paragraph, section
 from hhsim.report_page import GENERATOR, report_page, title_of
 from hhsim.report_pictures import overview_picture
 from hhsim.report_run import ReportRun, report_runs
@@ -206,7 +206,7 @@ def _result_sections(
 ) -> Sections:
     results = [run.result for run in runs]
     steps("the hand")
-    overviews = element("div", *(_overview(run, album) for run in runs), class_="pair")
+    overviews = joined(_overview(run, album, "" if len(runs) == 1 else run.label) for run in runs)
     sections = [_part("run", "What was run", run_section(runs, overviews))]
     sections.append(_part("figures", "Figures", figures_section(runs, comparisons)))
     if comparisons:
@@ -225,12 +225,12 @@ def _result_sections(
     return sections
 
 
-def _overview(run: ReportRun, album: Album) -> Html:
+def _overview(run: ReportRun, album: Album, label: str) -> Html:
     try:
         shown = overview_picture(run.result)
     except InputError as error:
-        return paragraph(f"No picture of the hand: {error}")
-    return album.shown(shown, run.prefix)
+        return paragraph(f"{label}: " if label else "", f"No picture of the hand: {error}")
+    return album.shown(shown, run.prefix, label)
 
 
 def _part(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:

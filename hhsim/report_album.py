@@ -14,10 +14,9 @@ class Album:
         """Nothing is shown yet."""
         self.pictures = {}
 
-    def shown(self, what: ReportFigure, prefix: str = "") -> Html:
-        """A figure of the page; `prefix` goes before its name."""
+    def shown(self, what: ReportFigure, prefix: str = "", label: str = "") -> Html:
+        """A figure of the page; `prefix` goes before its name, `label` before its title."""
         name = prefix + what.name
         self.pictures[name] = what.png
-        return figure(
-            f"figure-{name}", picture(what.png, what.alt, what.width_px, what.height_px), what.title, what.caption
-        )
+        image = picture(what.png, what.alt, what.width_px, what.height_px)
+        return figure(f"figure-{name}", image, f"{label}: {what.title}" if label else what.title, what.caption)

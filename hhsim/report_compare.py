@@ -52,7 +52,7 @@ class ComparedFigure:
     """One figure of a result beside that of the first.
 
     Attributes:
-        ratio: to the first one's; NaN where that is shown as 0, or one of them is undefined.
+        ratio: to the first one's; NaN where one of them is undefined, or shown as 0.
         word: one of the gate's words, or "" where more is neither better nor worse.
     """
 
@@ -86,7 +86,7 @@ def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> Comp
     line = LINES[head.name]
     known = math.isfinite(base.value) and math.isfinite(head.value)
     # Of what is shown as nothing there is no ratio worth telling: it is rounding, or would be infinite.
-    ratio = head.value / base.value if known and base.shown != shown(0.0, line) else math.nan
+    ratio = head.value / base.value if known and shown(0.0, line) not in (base.shown, head.shown) else math.nan
     is_time = head.name.startswith("tick_")
     if not (known and line.less_is_better) or head.name in NO_WORD or not comparison.comparable:
         return ComparedFigure(ratio, "")

@@ -34,6 +34,11 @@ class ReportRun:
     verdict: Verdict
 
     @property
+    def letter(self) -> str:
+        """The letter of its label."""
+        return self.label.partition(":")[0]
+
+    @property
     def name(self) -> str:
         """Object, motion and method."""
         return f"{object_name(self.result)}, {motion_name(self.result)}, {method_name(self.result)}"

@@ -16,6 +16,8 @@ from hhsim.report_run import ReportRun
 from hhsim.result import Result
 from hhsim.summary_lines import LINES, SummaryRow
 
+MOST_PHASES = 100
+"""Phases that are shown of a result."""
 MOST_EVENTS = 60
 """Lines of a session's log that are shown."""
 EVENT_LEVELS = ("information", "warning", "fault")
@@ -95,7 +97,7 @@ def difference_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparis
         for word in (BETTER, WORSE):
             names = [label for label, said in words.items() if said == word]
             if names:
-                items.append(f"{word.capitalize()} than {runs[0].label}: {'; '.join(names)}.")
+                items.append(f"{word.capitalize()} than {runs[0].letter}: {'; '.join(names)}.")
         parts += [element("h3", f"{run.label} against {runs[0].label}"), listed(items)]
     return joined(parts)
 
@@ -113,10 +115,12 @@ def phase_section(runs: Sequence[ReportRun]) -> Html:
                 *(_number(value, 3) for value in (phase.depth, phase.force, phase.variation)),
                 *(f"{value:,}" for value in (phase.candidates, phase.stuck, phase.lagging)),
             )
-            for phase in run.phases
+            for phase in run.phases[:MOST_PHASES]
         ]
+        more = len(run.phases) - len(rows)
         caption = "Phases of the motion; CPU time is that of ticks in contact"
         caption = caption if len(runs) == 1 else f"{run.label}: {caption[0].lower()}{caption[1:]}"
+        caption += f"; {more:,} more are in the file" if more else ""
         numbers = range(1, len(PHASE_HEADINGS))
         parts.append(table(caption, PHASE_HEADINGS, rows, numbers=numbers) if rows else paragraph("No tick."))
     return joined(parts)
@@ -158,7 +162,7 @@ def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) 
     names = [name for name in LINES if any(_row(run, name) is not None for run in runs)]
     headings = ["figure", "unit", runs[0].label]
     for run in runs[1:]:
-        headings += [run.label, f"to {runs[0].label}"]
+        headings += [run.label, f"to {runs[0].letter}"]
     rows = []
     for name in names:
         found = [_row(run, name) for run in runs]

@@ -43,7 +43,8 @@ th, td { text-align: left; vertical-align: top; padding: .25rem .9rem .25rem 0; 
 thead th { color: var(--soft); font-weight: 600; border-bottom-width: 2px; }
 tbody th { font-weight: 400; min-width: 9rem; }
 td { overflow-wrap: anywhere; min-width: 3.5rem; }
-.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.number { text-align: right; font-variant-numeric: tabular-nums; }
+td.number { white-space: nowrap; }
 pre, code { font: .86rem/1.45 ui-monospace, "SF Mono", Menlo, Consolas, "Liberation Mono", monospace; }
 pre { background: var(--band); padding: .6rem .8rem; overflow-x: auto; margin: .5rem 0; }
 figure { margin: 1rem 0; }
@@ -54,7 +55,7 @@ figcaption strong { color: var(--ink); }
   display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 19rem), 1fr)); gap: 0 1.5rem;
   align-items: start;
 }
-article { border-top: 1px solid var(--line); padding-top: .9rem; margin-top: 1.25rem; }
+article + article { border-top: 1px solid var(--line); padding-top: .9rem; margin-top: 1.25rem; }
 footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft); font-size: .9rem; }
 @media (max-width: 30rem) {
   body { padding: 1rem .9rem 2rem; }
@@ -72,7 +73,7 @@ footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft)
   h2, h3, h4, caption { break-after: avoid; }
   figure, article, tr, .verdict { break-inside: avoid; }
   thead { display: table-header-group; }
-  .scroll { overflow: visible; }
+  .scroll { overflow: visible; break-inside: avoid; }
   p, figcaption { orphans: 3; widows: 3; }
   figure img { max-height: 225mm; width: auto; }
   a[href^="http"]::after { content: " (" attr(href) ")"; }

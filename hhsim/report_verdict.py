@@ -74,8 +74,9 @@ def _speed(result: Result, figures: dict[str, SummaryRow]) -> str:
     told = f"A tick in contact takes {p50.shown} {p50.unit} of CPU time in the median, {p99.shown} {p99.unit} at p99"
     if over is None or math.isnan(over.value):
         return f"{told}."
-    count = round(0.01 * over.value * result.ticks)
-    return f"{told}; {count or 'none'} of {result.ticks:,} ticks took more than 1 ms by the wall clock."
+    late = round(0.01 * over.value * result.ticks)
+    count = f"{late:,}" if late else "none"
+    return f"{told}; {count} of {result.ticks:,} ticks took more than 1 ms by the wall clock."
 
 
 def _over(row: SummaryRow, limit: float) -> str:

@@ -17,6 +17,8 @@ from hhsim.result import Result
 from hhsim.result_schema import TICK_COLUMNS
 from hhsim.status_words import status_words
 
+KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
+"""Why a tick was chosen, in words."""
 TOLD = {
     "duration/total_cpu": ("CPU time", "µs", 1e-3, 1),
     "duration/total": ("wall time", "µs", 1e-3, 1),
@@ -80,7 +82,7 @@ def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], heading: str, 
         image = album.shown(hand_picture(run.result, tick), run.prefix)
     except InputError as error:
         image = paragraph(f"No picture: {error}")
-    title = f"Tick {tick:,}: {', '.join(worst.kind for worst in worsts)}"
+    title = f"Tick {tick:,}: {', '.join(KINDS[worst.kind] for worst in worsts)}"
     facts = table(f"Tick {tick:,} in figures", ("figure", "hhsim", "unit"), tick_facts(run.result, tick), numbers=(1,))
     how = paragraph(
         code(f"hhsim view {shlex.quote(run.result.path.name)}"), f" shows it, at {tick:,} on the timeline “tick”."
