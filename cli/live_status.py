@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from hhsim.live.live_tally import LiveTally
     from hhsim.live.palm_keys import PalmKeys
 
-FINGERS = ("thumb", "index", "middle", "ring", "little")
 PANEL_SECONDS = 0.25
 LINE_SECONDS = 5.0
 NONE = "—"
@@ -115,6 +114,7 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
         recording: where it goes, "" for nowhere.
         now_ns: CLOCK_MONOTONIC [ns].
     """
+    from hhsim.hand import FINGERS
     from hhsim.live.safety_words import why_free
 
     if status["ticks"] == 0:

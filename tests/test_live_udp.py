@@ -17,12 +17,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_peers import PATIENCE, Reader, free_ports
+from numpy.typing import NDArray
 
 from hhsim.dexmo_regression import BEND, DexmoRegression
 from hhsim.live import udp_packet
 from hhsim.live.devices import DeviceConfig, open_device
+from hhsim.live.fake_peer import PeerRecord
 from hhsim.live.fake_peer_process import FakePeerProcess
-from hhsim.live.fake_udp import answer_times
 from hhsim.live.glove_device import Capability, DeviceError, FingerCommand
 from hhsim.live.packet_order import PacketOrder
 from hhsim.live.pose_sources import PoseConfig, make_pose_source
@@ -33,6 +34,23 @@ from hhsim.live.udp_port import UdpPort
 BRIDGE = Path(__file__).resolve().parent.parent / "examples" / "udp_bridge.py"
 KINDS = st.sampled_from(list(Kind))
 U32 = st.integers(0, 2**32 - 1)
+
+
+def answer_times(record: PeerRecord) -> NDArray[np.float64]:
+    """From a frame sent to the first command that answers it, both as the glove saw them [s], oldest frame first.
+
+    Frames behind which a newer one came before the next command have no answer of their own.
+    """
+    answers = record.command[:, 12] if len(record.command) else np.zeros(0)
+    numbers, first = np.unique(answers, return_index=True)
+    # A frame of an earlier session may have had the same number: the newest one before the command counts.
+    found = []
+    for number, place in zip(numbers, first):
+        came = record.command_ns[place]
+        sent = record.sent_ns[(record.sent[:, 5] == number) & (record.sent_ns <= came)]
+        if sent.size:
+            found.append(1e-9 * (came - sent[-1]))
+    return np.array(found)
 
 
 def test_the_bytes_are_those_of_the_table() -> None:

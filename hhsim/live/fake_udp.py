@@ -12,30 +12,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.dexmo_regression import BEND, DexmoRegression
-from hhsim.live.fake_peer import FakePeer, PeerLog, PeerRecord
+from hhsim.live.fake_peer import FakePeer, PeerLog
 from hhsim.live.udp_packet import NONE_YET, Kind, PacketError, decode_packet, encode_packet
 
 KINDS = {"bends": Kind.BENDS, "channels": Kind.CHANNELS, "joints": Kind.JOINTS}
-
-
-def answer_times(record: PeerRecord) -> NDArray[np.float64]:
-    """From a frame sent to the first command that answers it, both as the glove saw them [s], oldest frame first.
-
-    Frames behind which a newer one came before the next command have no answer of their own.
-    """
-    answers = record.command[:, 12] if len(record.command) else np.zeros(0)
-    numbers, first = np.unique(answers, return_index=True)
-    # A frame of an earlier session may have had the same number: the newest one before the command counts.
-    found = []
-    for number, place in zip(numbers, first):
-        came = record.command_ns[place]
-        sent = record.sent_ns[(record.sent[:, 5] == number) & (record.sent_ns <= came)]
-        if sent.size:
-            found.append(1e-9 * (came - sent[-1]))
-    return np.array(found)
 
 
 class FakeUdpGlove:
