@@ -2,7 +2,8 @@
 
 `hhsim replay` is run in pairs, with --rerun FILE.rrd and without, in turn, as whole commands. Compared are their wall
 time, the CPU time of all their processes, and the CPU time of a tick, as the command's own table has it. Then
-`hhsim view` writes the same result to a file once more, timed by itself. Needs a quiet machine with two processors.
+`hhsim view` writes the same result to a file once more, timed by itself. With --live, sessions of a simulated glove are
+compared instead, with a viewer and without: how punctual the loop is. Needs a quiet machine with two processors.
 """
 
 import argparse
@@ -12,7 +13,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,9 @@ LIMIT = 0.10
 """Share by which looking may slow the whole command."""
 WRITE_LIMIT = 1.0
 """Longest that 10,000 ticks may take to be written [s], rerun's import included."""
+
+LIVE_FIGURES = ("missed", "wakeup_p50", "wakeup_p99", "latency_p99", "tick_p50", "tick_p99")
+"""Of a live session: share of the periods without a tick; then times [s]."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,18 @@ def viewer_cost(without: Sequence[Command], with_: Sequence[Command], written: S
     )
 
 
+def live_medians(sessions: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Medians of `LIVE_FIGURES` over sessions, each the document that `hhsim live glove --json` prints.
+
+    Raises:
+        InputError: no session, or one without a tick.
+    """
+    if not sessions or any(session["ticks"] == 0 for session in sessions):
+        raise InputError("there is no session, or one without a tick: nothing to compare")
+    shares = [{**session, "missed": session["missed"] / (session["missed"] + session["ticks"])} for session in sessions]
+    return {name: statistics.median(session[name] for session in shares) for name in LIVE_FIGURES}
+
+
 def main(arguments: Sequence[str]) -> int:
     """Run the command; returns 1 where a bar was missed."""
     parser = argparse.ArgumentParser(prog="python -m hhsim.viewer_cost", description=(__doc__ or "").split("\n\n")[0])
@@ -127,6 +143,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("trajectory", nargs="?", default="grasp", help="grasp")
     parser.add_argument("--pairs", type=int, default=PAIRS, metavar="N", help=f"of commands at each rate; {PAIRS}")
     parser.add_argument("--rate", type=float, nargs="+", default=RATES, metavar="HZ", help="ticks a second; 1000 3000")
+    parser.add_argument("--live", type=float, metavar="S", help="compare live sessions of so many seconds instead")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args(arguments)
     if options.pairs < 1:
@@ -134,6 +151,9 @@ def main(arguments: Sequence[str]) -> int:
     found = []
     try:
         with tempfile.TemporaryDirectory(prefix="hhsim-viewer-") as place:
+            if options.live is not None:
+                _tell_live(*_measure_live(Path(place), options.object, options.live, options.pairs), options.json)
+                return 0
             for rate in options.rate:
                 scene = [options.object, options.trajectory, "--rate", f"{rate:g}"]
                 found.append(_measure(Path(place), scene, options.pairs))
@@ -166,6 +186,29 @@ def _measure(folder: Path, scene: Sequence[str], pairs: int) -> ViewerCost:
         written.append(said["seconds"])
         print(f"{pair + 1} of {pairs}: {without[-1].wall:.3f} s, {with_[-1].wall:.3f} s with a viewer", file=sys.stderr)
     return viewer_cost(without, with_, written)
+
+
+def _measure_live(folder: Path, object_: str, seconds: float, pairs: int) -> tuple[dict[str, float], dict[str, float]]:
+    session = ["live", "glove", object_, "--device", "sim", "--no-record", "--duration", f"{seconds:g}", "--json"]
+    shown = [*session, "--rerun", str(folder / "live.rrd")]
+    without: list[Any] = []
+    with_: list[Any] = []
+    for pair in range(pairs):
+        sides = [(session, without), (shown, with_)]
+        for arguments, sessions in sides if base_first(pair) else reversed(sides):
+            sessions.append(_timed(arguments, folder)[2])
+        print(f"{pair + 1} of {pairs}", file=sys.stderr)
+    return live_medians(without), live_medians(with_)
+
+
+def _tell_live(without: Mapping[str, float], with_: Mapping[str, float], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps({"without": without, "with": with_}, indent=1))
+        return
+    print("medians of the sessions, without a viewer and with one:")
+    for name in LIVE_FIGURES:
+        scale, unit = (100.0, "%") if name == "missed" else (1e6, "µs")
+        print(f"  {name} {scale * without[name]:.2f} {unit}, {scale * with_[name]:.2f} {unit}")
 
 
 def _timed(arguments: Sequence[str], folder: Path) -> tuple[float, float, Any]:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hhsim.errors import InputError
-from hhsim.viewer_cost import Command, main, viewer_cost
+from hhsim.viewer_cost import LIVE_FIGURES, Command, live_medians, main, viewer_cost
 
 
 def commands(*walls: float, cpu: float = 1.0, tick: float = 1e-5, ticks: int = 10_000) -> list[Command]:
@@ -52,3 +52,14 @@ def test_what_are_no_pairs_is_refused() -> None:
 def test_a_scene_that_there_is_not_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="unknown object 'cubee'"):
         main(["cubee", "--pairs", "1"])
+
+
+def test_sessions_are_compared_by_their_medians() -> None:
+    times = dict.fromkeys(LIVE_FIGURES[1:], 0.0)
+    sessions = [{**times, "ticks": 990, "missed": 10, "wakeup_p99": 3e-4}, {**times, "ticks": 1, "missed": 1}]
+    found = live_medians([*sessions, {**times, "ticks": 500, "missed": 0, "wakeup_p99": 1e-4}])
+    assert tuple(found) == LIVE_FIGURES
+    assert (found["missed"], found["wakeup_p99"], found["tick_p50"]) == (0.01, 1e-4, 0.0)
+    for nothing in ([], [{**times, "ticks": 0, "missed": 5}]):
+        with pytest.raises(InputError, match="nothing to compare"):
+            live_medians(nothing)
