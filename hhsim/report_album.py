@@ -18,5 +18,5 @@ class Album:
         """A figure of the page; `prefix` goes before its name, `label` before its title."""
         name = prefix + what.name
         self.pictures[name] = what.png
-        image = picture(what.png, what.alt, what.width_px, what.height_px)
+        image = picture(what.png, what.alt, what.width_px, what.height_px, what.phone_png)
         return figure(f"figure-{name}", image, f"{label}: {what.title}" if label else what.title, what.caption)

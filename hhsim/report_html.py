@@ -6,8 +6,10 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import TypeAlias
 
-VOID = ("br", "img", "meta")
+VOID = ("br", "img", "meta", "source")
 """Elements without content."""
+PHONE = "screen and (max-width: 34rem)"
+"""Media query of the screens that get narrow pictures."""
 NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
 """What no HTML document may hold, not even as a reference."""
 
@@ -112,10 +114,25 @@ def table(
     return element("div", element("table", *content), class_="scroll", role="region", aria_label=caption, tabindex=0)
 
 
-def picture(png: bytes, alt: str, width: int, height: int) -> Html:
-    """A PNG that is part of the page."""
-    data = f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
-    return element("img", src=data, alt=alt, width=width, height=height)
+def picture(png: bytes, alt: str, width: int, height: int, phone: bytes | None = None) -> Html:
+    """A PNG that is part of the page.
+
+    Args:
+        png: the picture.
+        alt: what it says, for those who do not see it.
+        width, height: its pixels.
+        phone: another PNG that takes its place on a narrow screen.
+    """
+    image = element("img", src=_data(png), alt=alt, width=width, height=height)
+    if phone is None:
+        return image
+    columns, rows = (int.from_bytes(phone[at : at + 4]) for at in (16, 20))
+    other = element("source", media=PHONE, srcset=_data(phone), width=columns, height=rows)
+    return element("picture", other, image)
+
+
+def _data(png: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
 
 
 def figure(name: str, image: str, title: str, caption: str) -> Html:

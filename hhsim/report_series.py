@@ -291,6 +291,8 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
 
 def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) -> None:
     """Point at a worst tick."""
+    from matplotlib.patheffects import withStroke
+
     for run in runs:
         for worst in run.worst:
             if worst.kind == kind:
@@ -300,6 +302,7 @@ def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) 
                 axes.annotate(
                     word, (place, height(run, worst.tick)), (-5.0 if late else 5.0, 1.0), textcoords="offset points",
                     ha="right" if late else "left", va="bottom", color=INK, zorder=6,
+                    path_effects=[withStroke(linewidth=2.5, foreground="white")],
                 )  # fmt: skip
 
 
