@@ -200,6 +200,8 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
         away = along[:2] / max(float(np.linalg.norm(along[:2])), 1e-9)
         head = np.array([0.5 * columns + scale * tip[0], 0.5 * rows - scale * tip[1]])
         first = head + np.array([20.0 * away[0], -12.0 * away[1]]) / pixel
+        edge = np.array([22.0, 9.0]) / pixel
+        first = np.clip(first, edge, np.array([columns, rows]) - edge)
         place = first.copy()
         while any((np.abs(place - other) < (40.0 / pixel, 15.0 / pixel)).all() for other in placed):
             place[1] += 3.0 / pixel

@@ -4,7 +4,7 @@ The page holds its pictures and its style, asks no server for anything, and need
 same bytes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,9 @@ from hhsim.report_album import Album
 from hhsim.report_bench import bench_section
 from hhsim.report_compare import Comparison, compare
 from hhsim.report_histogram import histogram_figure
-from hhsim.report_html import Html, joined, paragraph, section
+from hhsim.report_html import Html, element, paragraph, section
 from hhsim.report_page import GENERATOR, report_page, title_of
-from hhsim.report_pictures import overview_picture
+from hhsim.report_pictures import held_picture, overview_picture, overview_view
 from hhsim.report_run import ReportRun, report_runs
 from hhsim.report_sections import (
     difference_section,
@@ -206,7 +206,7 @@ def _result_sections(
 ) -> Sections:
     results = [run.result for run in runs]
     steps("the hand")
-    overviews = joined(_overview(run, album, "" if len(runs) == 1 else run.label) for run in runs)
+    overviews = element("div", *_overviews(runs, album), class_=None if len(runs) == 1 else "pair")
     sections = [_part("run", "What was run", run_section(runs, overviews))]
     sections.append(_part("figures", "Figures", figures_section(runs, comparisons)))
     if comparisons:
@@ -225,12 +225,21 @@ def _result_sections(
     return sections
 
 
-def _overview(run: ReportRun, album: Album, label: str) -> Html:
-    try:
-        shown = overview_picture(run.result)
-    except InputError as error:
-        return paragraph(f"{label}: " if label else "", f"No picture of the hand: {error}")
-    return album.shown(shown, run.prefix, label)
+def _overviews(runs: Sequence[ReportRun], album: Album) -> Iterator[Html]:
+    """The hand of one result in two halves; of several the half that says more, all from the same side."""
+    several, view = len(runs) > 1, None
+    for run in runs:
+        label = run.label if several else ""
+        try:
+            if several:
+                view = view or overview_view(run.result)
+                shown = held_picture(run.result, view)
+            else:
+                shown = overview_picture(run.result)
+        except InputError as error:
+            yield paragraph(f"{label}: " if label else "", f"No picture of the hand: {error}")
+        else:
+            yield album.shown(shown, run.prefix, label)
 
 
 def _part(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:

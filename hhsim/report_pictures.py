@@ -34,6 +34,8 @@ OVERVIEW, HEADING = (3.5, 3.2), 0.24
 """Of each half of the overview, and room for its title [inches]."""
 RENDER_DPI = 170
 """Of what is rendered; text is finer."""
+MARGIN = 0.06
+"""Of the picture, left free on each side: numbers stand beyond the tips of the arrows."""
 DOT = "#212126"
 BAR = 0.02
 """Of the bar that shows the scale [m]."""
@@ -96,6 +98,30 @@ def overview_picture(result: Result) -> ReportFigure:
     return drawn_figure("hand", "The hand on the object", caption, moment.sentence, draw, height, 2.0 * height)
 
 
+def held_picture(result: Result, view: View | None = None) -> ReportFigure:
+    """Of the same tick as the overview the second half alone, as large as fits beside that of another result.
+
+    Args:
+        result: what was run.
+        view: of the viewer; None for that of the overview.
+
+    Raises:
+        InputError: the result holds no tick, or its hand cannot be told (`hhsim.result_hand.hand_of`).
+    """
+    tick = shown_tick(result)
+    figure = hand_picture(result, tick, view)
+    return replace(figure, name="hand", title=f"Tick {tick:,}, {_where(result, tick)}")
+
+
+def overview_view(result: Result) -> View:
+    """From where the overview looks.
+
+    Raises:
+        InputError: the result holds no tick, or its hand cannot be told (`hhsim.result_hand.hand_of`).
+    """
+    return _moment(result, shown_tick(result), None).view
+
+
 def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = None) -> ReportFigure:
     """The hand at one tick, with contact points and forces.
 
@@ -108,7 +134,7 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
     Raises:
         InputError: there is no such tick, or the result's hand cannot be told (`hhsim.result_hand.hand_of`).
     """
-    usual = _moment(result, shown_tick(result), None).view
+    usual = overview_view(result) if view is None else None
     moment = _moment(result, tick, None if view is None else View(*view), usual)
     with new_figure(*PICTURE) as figure:
         camera = _camera(moment, PICTURE)
@@ -162,8 +188,10 @@ def _near(body: Surface, hands: FloatArray) -> Surface:
 def _camera(moment: Moment, size: tuple[float, float]) -> Camera:
     """For a picture of so many inches."""
     body = moment.body.points[np.unique(moment.body.faces)]
-    points = np.concatenate([moment.graphic.points, moment.haptic.points, body])
-    return frame(points, look_from(moment.view.towards), (round(size[1] * RENDER_DPI), round(size[0] * RENDER_DPI)))
+    tips = np.array([force.contact + arrow(force) for force in moment.forces]).reshape(-1, 3)
+    points = np.concatenate([moment.graphic.points, moment.haptic.points, body, tips])
+    shape = (round(size[1] * RENDER_DPI), round(size[0] * RENDER_DPI))
+    return frame(points, look_from(moment.view.towards), shape, MARGIN)
 
 
 def _seen_through(moment: Moment, camera: Camera) -> FloatArray:

@@ -72,6 +72,7 @@ footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft)
   nav { display: none; }
   h2, h3, h4, caption { break-after: avoid; }
   figure, article, tr, .verdict { break-inside: avoid; }
+  .pair { grid-template-columns: 1fr 1fr; }
   thead { display: table-header-group; break-after: avoid; }
   .scroll { overflow: visible; break-inside: avoid; }
   p, figcaption { orphans: 3; widows: 3; }
