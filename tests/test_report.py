@@ -15,6 +15,7 @@ import pytest
 from report_reader import Page, read_page
 
 from hhsim.bench_file import Column, write_table
+from hhsim.clear_view import View
 from hhsim.errors import InputError, OutputError
 from hhsim.hand import HandModel
 from hhsim.object_catalogue import load_object
@@ -96,6 +97,8 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
     makers = tuple((name, heading, lambda *_, name=name: dot(name)) for name, heading, _ in FIGURES)
     monkeypatch.setattr("hhsim.report.FIGURES", makers)
     monkeypatch.setattr("hhsim.report.overview_picture", lambda result: dot("overview"))
+    monkeypatch.setattr("hhsim.report.overview_view", lambda result: View(0.0, 0.0))
+    monkeypatch.setattr("hhsim.report.held_picture", lambda result, view: dot("overview"))
     monkeypatch.setattr("hhsim.report_worst_section.hand_picture", lambda result, tick: dot(f"tick-{tick}"))
 
 
@@ -169,7 +172,8 @@ def test_the_same_results_give_the_same_bytes(coupled: Path, progressive: Path, 
     assert first.html == second.html
     assert list(first.pictures) == list(second.pictures)
     assert {"a-overview", "b-overview"} <= first.pictures.keys()
-    assert len(read_page(first.html).all("article")) >= 4
+    # The slowest tick, a matter of chance, may be one of the others too.
+    assert len(read_page(first.html).all("article")) >= 2
 
 
 def test_worst_ticks_are_told_with_their_figures(coupled: Path, dots: None) -> None:
