@@ -10,6 +10,8 @@ VOID = ("br", "img", "meta", "source")
 """Elements without content."""
 PHONE = "screen and (max-width: 34rem)"
 """Media query of the screens that get narrow pictures."""
+LONGEST_WORD = 32
+"""Letters of a word that is not broken in a table."""
 NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
 """What no HTML document may hold, not even as a reference."""
 
@@ -104,7 +106,10 @@ def table(
     for row in rows:
         first, *others = row
         cells = [element("th", first, scope="row", class_=align(0))]
-        cells += [element("td", cell, class_=align(i)) for i, cell in enumerate(others, 1)]
+        cells += [
+            element("td", cell, class_=align(i) or ("long" if is_long(cell) else None))
+            for i, cell in enumerate(others, 1)
+        ]
         body.append(element("tr", *cells))
     content = (
         element("caption", caption),
@@ -112,6 +117,11 @@ def table(
         element("tbody", *body),
     )
     return element("div", element("table", *content), class_="scroll", role="region", aria_label=caption, tabindex=0)
+
+
+def is_long(cell: str) -> bool:
+    """Whether a word of a cell, such as a checksum, has to be broken to fit a page."""
+    return max(map(len, cell.split()), default=0) > LONGEST_WORD
 
 
 def picture(png: bytes, alt: str, width: int, height: int, phone: bytes | None = None) -> Html:

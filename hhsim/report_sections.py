@@ -176,7 +176,7 @@ def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) 
         "Figures side by side; to the right of each its ratio to the first result's and, where both were fed with the "
         "same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
     )
-    numbers = [2, *range(3, len(headings), 2), len(headings)]
+    numbers = range(2, len(headings) + 1)
     return table(caption, (*headings, "paper"), rows, numbers=numbers)
 
 

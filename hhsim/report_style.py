@@ -42,7 +42,7 @@ caption { text-align: left; color: var(--soft); padding: 0 0 .35rem; }
 th, td { text-align: left; vertical-align: top; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid var(--line); }
 thead th { color: var(--soft); font-weight: 600; border-bottom-width: 2px; }
 tbody th { font-weight: 400; min-width: 9rem; }
-td { overflow-wrap: anywhere; min-width: 3.5rem; }
+td.long { overflow-wrap: anywhere; min-width: 12rem; }
 .number { text-align: right; font-variant-numeric: tabular-nums; }
 td.number { white-space: nowrap; }
 pre, code { font: .86rem/1.45 ui-monospace, "SF Mono", Menlo, Consolas, "Liberation Mono", monospace; }
@@ -75,6 +75,9 @@ footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft)
   .pair { grid-template-columns: 1fr 1fr; }
   thead { display: table-header-group; break-after: avoid; }
   .scroll { overflow: visible; break-inside: avoid; }
+  td.long { min-width: 0; }
+  article th, article td { padding-top: .5pt; padding-bottom: .5pt; }
+  article figure { margin: 0; }
   p, figcaption { orphans: 3; widows: 3; }
   figure img { max-height: 225mm; width: auto; }
   a[href^="http"]::after { content: " (" attr(href) ")"; }

@@ -36,6 +36,11 @@ def test_a_table_holds_the_cells_that_it_is_given(rows: list[list[str]], caption
     assert all(cell.attributes.get("class") == "number" for cell in found.all("td"))
 
 
+def test_a_checksum_may_be_broken_and_a_word_is_not() -> None:
+    cells = read_page(table("sums", ("one", "two", "three"), [("x", "0" * 64, "deformation of the object")])).all("td")
+    assert [cell.attributes.get("class") for cell in cells] == ["long", None]
+
+
 def test_markup_is_not_escaped_twice() -> None:
     inner = element("b", NASTY)
     assert isinstance(inner, Html)
