@@ -21,6 +21,15 @@ def _read_fingers(context: click.Context, parameter: click.Parameter, value: str
     return tuple(name for name in FINGERS if name in names)
 
 
+def _check_picture(context: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
+    """Refuse a picture that cannot be written before anything is made, the folder of the results too."""
+    if value is not None:
+        from hhsim.picture_file import check_picture
+
+        check_picture(value)
+    return value
+
+
 out = click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -87,6 +96,7 @@ tree_level = click.option(
 picture = click.option(
     "--plot",
     type=click.Path(path_type=Path),
+    callback=_check_picture,
     metavar="FILE",
     help="Where the picture goes. Default: beside the table, as .png.",
 )
