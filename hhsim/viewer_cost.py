@@ -22,8 +22,8 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.gate_run import MAIN, run_python, this_python
 from hhsim.gate_timing import base_first
 
-RATES = (1000.0, 3000.0)
-"""Of the default runs [Hz]: 3,334 and 10,000 ticks of the grasp."""
+RATES = (1000.0, 3334.0)
+"""Of the default runs [Hz]: 3,000 and 10,000 ticks of the grasp."""
 PAIRS = 12
 LIMIT = 0.10
 """Share by which looking may slow the whole command."""
@@ -142,7 +142,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("object", nargs="?", default="bunny", help="bunny")
     parser.add_argument("trajectory", nargs="?", default="grasp", help="grasp")
     parser.add_argument("--pairs", type=int, default=PAIRS, metavar="N", help=f"of commands at each rate; {PAIRS}")
-    parser.add_argument("--rate", type=float, nargs="+", default=RATES, metavar="HZ", help="ticks a second; 1000 3000")
+    parser.add_argument("--rate", type=float, nargs="+", default=RATES, metavar="HZ", help="ticks a second; 1000 3334")
     parser.add_argument("--live", type=float, metavar="S", help="compare live sessions of so many seconds instead")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args(arguments)
