@@ -1,13 +1,19 @@
-"""A real browser without a window, driven over WebDriver with nothing but the standard library."""
+"""A real browser without a window, driven over WebDriver with nothing but the standard library.
+
+`python tests/browser.py REPORT.html docs/report.png` takes the picture of the docs: a report on a screen and a phone.
+"""
 
 import base64
 import contextlib
+import io
 import json
 import os
 import re
 import shutil
 import socket
 import subprocess
+import sys
+import tempfile
 import time
 import urllib.error
 import urllib.request
@@ -140,3 +146,28 @@ def browser(profile: Path) -> Iterator[Browser]:
     finally:
         driver.terminate()
         driver.wait(30)
+
+
+SHOWN = ((1100, 0), (360, 0), (360, 1))
+"""Widths of the windows in the picture of the docs, and which stretch of the page each shows."""
+ROWS, GAP = 1560, 24
+
+
+def take_picture(page: Path, picture: Path) -> None:
+    """Set a page on a screen and two stretches of it on a phone side by side."""
+    from PIL import Image
+
+    whole = Image.new("RGB", (sum(width for width, _ in SHOWN) + GAP * (len(SHOWN) + 1), ROWS + 2 * GAP), "#8c959f")
+    left = GAP
+    with tempfile.TemporaryDirectory() as profile, browser(Path(profile)) as window:
+        for width, stretch in SHOWN:
+            window.open(page, width)
+            shot = Image.open(io.BytesIO(window.screenshot()))
+            top = stretch and int(window.run("return document.querySelector('#time').getBoundingClientRect().top"))
+            whole.paste(shot.crop((0, top, width, top + ROWS)), (left, GAP))
+            left += width + GAP
+    whole.quantize(256).save(picture, optimize=True)
+
+
+if __name__ == "__main__":
+    take_picture(Path(sys.argv[1]).resolve(), Path(sys.argv[2]))
