@@ -273,6 +273,8 @@ def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
 
 
 def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
+    from matplotlib.patheffects import withStroke
+
     gridded(axes)
     for number, run in enumerate(runs):
         _curve(axes, run, run.columns.variation, *run_style(number), width=0.7)
@@ -286,6 +288,7 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
         axes.annotate(
             f"the paper's holds: {PAPER_VARIATION} %", (0.0, PAPER_VARIATION), (3.0, 2.0),
             xycoords=("axes fraction", "data"), textcoords="offset points", va="bottom", color=SOFT,
+            path_effects=[withStroke(linewidth=2.5, foreground="white")],
         )  # fmt: skip
 
 
