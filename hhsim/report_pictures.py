@@ -20,6 +20,7 @@ from hhsim.rerun_scene import force_places
 from hhsim.result import Result
 from hhsim.shown_ticks import ShownTicks, shown_ticks
 from hhsim.surface import Surface, hand_surface, joined, mesh_surface, painted
+from hhsim.tick_figures import HOLD
 from hhsim.view import shown_scene
 
 if TYPE_CHECKING:
@@ -65,12 +66,12 @@ class Moment:
 
 
 def overview_picture(result: Result) -> ReportFigure:
-    """The hand on the object at the end of the first hold, or at the last tick where nothing is held.
+    """The hand on the object at `overview_tick`.
 
     Raises:
         InputError: the result holds no tick, or its hand cannot be told (`hhsim.result_hand.hand_of`).
     """
-    tick = shown_tick(result)
+    tick = overview_tick(result)
     moment = _moment(result, tick, None)
     camera = _camera(moment, OVERVIEW)
     panels = {
@@ -98,6 +99,19 @@ def overview_picture(result: Result) -> ReportFigure:
     return drawn_figure("hand", "The hand on the object", caption, moment.sentence, draw, height, 2.0 * height)
 
 
+def overview_tick(result: Result) -> int:
+    """The last tick of the first hold; where nothing is held the first one of the largest force, or the last of all.
+
+    Raises:
+        InputError: the result holds no tick.
+    """
+    if result.ticks and not any(phase.name == HOLD for phase in result.phases):
+        size = np.nan_to_num(np.linalg.norm(result["force/total"], axis=1))
+        if size.max() >= FORCE_FLOOR:
+            return int(np.argmax(size))
+    return shown_tick(result)
+
+
 def held_picture(result: Result, view: View | None = None) -> ReportFigure:
     """Of the same tick as the overview the second half alone, as large as fits beside that of another result.
 
@@ -108,7 +122,7 @@ def held_picture(result: Result, view: View | None = None) -> ReportFigure:
     Raises:
         InputError: the result holds no tick, or its hand cannot be told (`hhsim.result_hand.hand_of`).
     """
-    tick = shown_tick(result)
+    tick = overview_tick(result)
     figure = hand_picture(result, tick, view)
     return replace(figure, name="hand", title=f"Tick {tick:,}, {_where(result, tick)}")
 
@@ -119,7 +133,7 @@ def overview_view(result: Result) -> View:
     Raises:
         InputError: the result holds no tick, or its hand cannot be told (`hhsim.result_hand.hand_of`).
     """
-    return _moment(result, shown_tick(result), None).view
+    return _moment(result, overview_tick(result), None).view
 
 
 def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = None) -> ReportFigure:

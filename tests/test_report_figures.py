@@ -25,7 +25,7 @@ from hhsim.object_catalogue import load_object
 from hhsim.replay import replay
 from hhsim.report_figures import ReportFigure, time_text
 from hhsim.report_histogram import histogram_figure
-from hhsim.report_pictures import hand_picture, overview_picture
+from hhsim.report_pictures import hand_picture, overview_picture, overview_tick
 from hhsim.report_series import series_figure
 from hhsim.report_speed_error import speed_error_figure
 from hhsim.report_worst import worst_ticks
@@ -257,6 +257,13 @@ def test_the_overview_shows_forces_in_one_half_only(result: Result) -> None:
     assert not red[:, :700].any()
     assert red[:, 700:].sum() > 100
     assert "hold" in figure.caption
+
+
+def test_the_overview_is_of_the_hold_or_of_the_largest_force(result: Result) -> None:
+    assert overview_tick(result) == 199
+    free = changed(result, phases=())
+    assert overview_tick(free) == int(np.argmax(np.linalg.norm(result["force/total"], axis=1)))
+    assert overview_tick(changed(first_ticks(result, 5), phases=())) == 4
 
 
 def test_a_tick_that_is_not_there_is_one_clear_line(result: Result) -> None:
