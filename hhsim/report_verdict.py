@@ -8,7 +8,7 @@ from hhsim.gate_suite import default_suite
 from hhsim.result import Result
 from hhsim.summary_lines import LINES, SummaryRow, shown
 
-OK, MISSED, SHORT, EMPTY = "within limits", "limits missed", "cut short", "no ticks"
+OK, MISSED, SHORT, LATE, EMPTY = "within limits", "limits missed", "cut short", "ticks missed", "no ticks"
 """The words. A run that is cut short and misses limits is one that misses limits."""
 
 
@@ -45,6 +45,10 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
     said = [] if result.complete else [f"The run was stopped after {result.ticks:,} ticks; what follows is of these."]
     said += [_contact(figures), _speed(result, figures)]
+    # A tick that never was is in no figure of the ticks.
+    late = int(result.summary.get("missed", 0))
+    if late:
+        said.append(f"{late:,} periods of the session had no tick at all, beside the {result.ticks:,} that had one.")
     if missed:
         told = "; ".join(_over(figures[name], limits[name]) for name in missed)
         said.append(f"Over the limits that hhsim gate has by default: {told}.")
@@ -52,7 +56,7 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
         said.append(
             f"All {len(limits)} figures that hhsim gate has a default limit for, and that are defined here, hold it."
         )
-    word = MISSED if missed else OK if result.complete else SHORT
+    word = MISSED if missed else SHORT if not result.complete else LATE if late else OK
     return Verdict(word, tuple(sentence for sentence in said if sentence), missed, len(limits))
 
 

@@ -220,6 +220,17 @@ def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dot
     )
 
 
+def test_periods_without_a_tick_are_told_at_the_top(coupled: Path, tmp_path: Path, dots: None) -> None:
+    def late(file: h5py.File) -> None:
+        for name in ("force_step", "tracking_excess", "force_variation_hold", "force_ripple_hold"):
+            file["summary"].attrs[name] = 0.0
+        file["summary"].attrs["missed"] = 1606
+
+    (run,) = make_report((changed(coupled, tmp_path, late),)).runs
+    assert run.verdict.word == "ticks missed"
+    assert "1,606 periods of the session had no tick at all" in " ".join(run.verdict.sentences)
+
+
 def test_two_methods_on_one_scene_are_compared(coupled: Path, progressive: Path, dots: None) -> None:
     report = make_report((coupled, progressive))
     (comparison,) = report.comparisons
