@@ -100,7 +100,11 @@ class _Cover:
             if count == self.balls or split == _SPLITS:
                 break
             # No ball alone could cover one of the worst micro-triangles for less.
-            self.halve(self.cost > _SPLIT_FROM * self.worst)
+            chosen = self.cost > _SPLIT_FROM * self.worst
+            if len(chosen) + int(chosen.sum()) > max(FINE * self.balls, PLENTY):
+                # Where all cost about the same, as around a cylinder, halves of halves would fill the memory.
+                break
+            self.halve(chosen)
 
     def halve(self, chosen: NDArray[np.bool_]) -> None:
         """Halve micro-triangles; the halves stay with the balls that were the best two."""

@@ -49,6 +49,27 @@ def test_refinement_beats_the_greedy_start(monkeypatch: pytest.MonkeyPatch) -> N
     assert refined < 0.8 * greedy
 
 
+def test_micro_triangles_stay_within_their_number_where_all_cost_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Around a cylinder that is as even as its spheres, most micro-triangles are among the worst, and all would be halved.
+    vertices, faces = arrays(trimesh.creation.cylinder(0.03, 0.1, sections=256))
+    most, balls = 6, 500
+    monkeypatch.setattr(mesh_cover, "COARSE", 2)
+    monkeypatch.setattr(mesh_cover, "FINE", most)
+    monkeypatch.setattr(mesh_cover, "PLENTY", 0)
+    seen = []
+    halve = mesh_cover._Cover.halve
+
+    def counted(cover: mesh_cover._Cover, chosen: NDArray[np.bool_]) -> None:
+        halve(cover, chosen)
+        seen.append(len(cover.owner))
+
+    monkeypatch.setattr(mesh_cover._Cover, "halve", counted)
+    center, radius = build_cover(vertices, faces, balls)
+    assert uncovered_faces(vertices, faces, center, radius).size == 0
+    assert seen, "nothing was halved, so that nothing is shown"
+    assert max(seen) <= most * balls
+
+
 def test_one_ball_for_a_box_is_its_circumscribed_ball() -> None:
     center, radius = build_cover(*arrays(SHAPES["box"]), 1)
     assert radius[0] == pytest.approx(0.05 * np.sqrt(3.0), rel=0.02)
