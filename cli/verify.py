@@ -1,5 +1,6 @@
 """`hhsim verify`."""
 
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -69,11 +70,14 @@ def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
 def _print(path: Path, found: "Verification") -> None:
     print_table(COLUMNS, [_cells(claim) for claim in found.claims], title=str(path), numbers=NUMBERS)
     print_notes([f"{claim.name}: {claim.note}" for claim in found.claims if claim.note])
-    spheres, mesh = 1e6 * found.sphere_penetration, 1e6 * found.mesh_penetration
-    deep = f"deepest in the spheres {spheres:.3f} µm, in the mesh {mesh:.3f} µm"
+    deep = f"deepest in the spheres {_depth(found.sphere_penetration)}, in the mesh {_depth(found.mesh_penetration)}"
     false = [claim.name for claim in found.claims if claim.failed]
     verdict = f"FALSE: {', '.join(false)}" if false else "every claim that could be judged holds"
     print(f"{found.looked_at:,} of {found.ticks:,} ticks looked at; {deep}; {verdict}")
+
+
+def _depth(depth: float) -> str:
+    return "not judged" if math.isnan(depth) else f"{1e6 * depth:.3f} µm"
 
 
 def _cells(claim: "Claim") -> tuple[str, ...]:

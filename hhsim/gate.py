@@ -115,11 +115,15 @@ def gate_suite(
         recorded = {}
     against = [f"the baseline {baseline.source}"] if baseline else []
     against += [f"hhsim {base.version} of {base.python}"] if base else []
-    return GateReport(suite.source, " and ".join(against), tuple(rows), tuple(_notes(head, base)), recorded)
+    notes = _notes(head, base)
+    wanted = timed and not record_times and any(scene.timed for scene in suite.scenes)
+    if wanted and not any(row.kind == "time" for row in rows):
+        notes.append("no time was judged: that takes --base-python, or a baseline that was recorded with times")
+    return GateReport(suite.source, " and ".join(against), tuple(rows), tuple(notes), recorded)
 
 
 def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None) -> GateReport:
-    """Judge a result by the limits of the suite's `[limits]`, and its counters by another result or a baseline.
+    """Judge a result by the suite's limits of its method, and its counters by another result or a baseline.
 
     Times are not judged: those of two runs that were not run in turn say nothing.
 
@@ -139,7 +143,7 @@ def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None
             before = alike[0]
         else:
             unlike = f"no scene of {source} has the inputs of {result.path}"
-    rows = _judged(name, head, before, suite.limits, suite.slack)
+    rows = _judged(name, head, before, suite.limits_of(result.method), suite.slack)
     if unlike:
         rows.insert(0, unjudged(name, "inputs", unlike))
     stopped = f"the run of {result.path} was stopped: only its first {result.ticks:,} ticks are judged"

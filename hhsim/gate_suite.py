@@ -116,7 +116,7 @@ class GateSuite:
         limit: Share by which head may be slower than base, both run in one job.
         recorded_limit: The same against a recorded baseline.
         processes: Timed processes of each side and scene.
-        limits, slack: For results that are no scene of the suite.
+        limits, slack: For every scene that has none of its own, and for results.
     """
 
     scenes: tuple[GateScene, ...]
@@ -128,6 +128,15 @@ class GateSuite:
     processes: int = 5
     limits: Mapping[str, float] = field(default_factory=dict)
     slack: Mapping[str, float] = field(default_factory=dict)
+
+    def limits_of(self, method: str) -> Mapping[str, float]:
+        """Limits of a result, which is no scene of the suite.
+
+        They are those that all scenes of its method share, where there are such: a method that leaves the palm where
+        the user has it is not held to the energy of one that does not.
+        """
+        own = [scene.limits for scene in self.scenes if scene.method == method]
+        return own[0] if own and all(limits == own[0] for limits in own) else self.limits
 
 
 def load_suite(path: Path) -> GateSuite:

@@ -104,11 +104,6 @@ def motion_name(result: Result) -> str:
     return str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
 
 
-def method_name(result: Result) -> str:
-    """The method."""
-    return str(result.scene.get("solver", {}).get("method", "method"))
-
-
 def lacking(result: Result) -> str:
     """What a file of an older schema does not hold, or ""."""
     columns = [column.name for column in (*TICK_COLUMNS, *STATIC_COLUMNS) if column.since > result.schema_version]

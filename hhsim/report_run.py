@@ -4,11 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hhsim.live.session_lines import session_rows
-from hhsim.report_facts import method_name, motion_name, object_name
+from hhsim.report_facts import motion_name, object_name
 from hhsim.report_ticks import PhaseFigures, figure_rows, phase_figures, report_ticks
 from hhsim.report_verdict import Verdict, verdict
 from hhsim.result import Result
 from hhsim.summary_lines import SummaryRow
+
+UNNAMED = "method"
+"""Where a file does not say which method was run."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class ReportRun:
     @property
     def name(self) -> str:
         """Object, motion and method."""
-        return f"{object_name(self.result)}, {motion_name(self.result)}, {method_name(self.result)}"
+        return f"{object_name(self.result)}, {motion_name(self.result)}, {self.result.method or UNNAMED}"
 
 
 def report_runs(results: Sequence[Result]) -> list[ReportRun]:
@@ -65,7 +68,7 @@ def _run(result: Result, number: int, count: int) -> ReportRun:
     alone = count == 1
     return ReportRun(
         result=result,
-        label=method_name(result) if alone else f"{letter(number)}: {method_name(result)}",
+        label=result.method or UNNAMED if alone else f"{letter(number)}: {result.method or UNNAMED}",
         prefix="" if alone else f"{letter(number).lower()}-",
         rows=rows,
         session=() if result.live is None else session_rows(result.summary),

@@ -30,7 +30,7 @@ class Verdict:
 
 
 def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
-    """Judge a result by the limits that `hhsim gate` has where a project sets none.
+    """Judge a result by the limits that `hhsim gate` has for its method where a project sets none.
 
     A figure that is undefined, or that the file lacks, is not judged.
     """
@@ -39,7 +39,7 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     figures = {row.name: row for row in rows}
     limits = {
         name: limit
-        for name, limit in default_suite().limits.items()
+        for name, limit in default_suite().limits_of(result.method).items()
         if name in figures and math.isfinite(figures[name].value)
     }
     missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)

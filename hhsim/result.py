@@ -75,6 +75,11 @@ class Result:
     """Whether its files had changed since."""
     _loaded: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
+    @property
+    def method(self) -> str:
+        """The method that was run; "" where the file does not say."""
+        return str(self.scene.get("solver", {}).get("method", ""))
+
     def __getitem__(self, name: str) -> Array:
         if name not in self._loaded:
             since = {column.name: column.since for column in TICK_COLUMNS}.get(name, 1)

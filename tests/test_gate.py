@@ -339,6 +339,23 @@ def test_the_projects_own_suite_is_read_and_has_a_baseline_of_each_scene(reposit
     assert all(not scene.times for scene in baseline.scenes.values()), "counters are the same anywhere, times are not"
 
 
+def test_a_result_is_held_to_the_limits_that_the_scenes_of_its_method_share() -> None:
+    suite = default_suite()
+    assert suite.limits_of("coupled")["tracking_excess"] == suite.limits["tracking_excess"] == 1.0
+    assert suite.limits_of("progressive")["tracking_excess"] == 100.0
+    assert suite.limits_of("penalty") == suite.limits, "no scene of it"
+    another = DEFAULT_SUITE + '[[scene]]\nname = "b"\nobject = "cup"\ntrajectory = "grasp"\nmethod = "progressive"\n'
+    assert parse_suite(another, Path(), "two").limits_of("progressive") == suite.limits, "they do not agree"
+
+
+def test_a_progressive_result_is_not_held_to_the_energy_of_another_method(result: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        file["summary"].attrs["tracking_excess"] = 76.5
+    assert "tracking_excess" in missed(gate_result(load_result(result), default_suite(), None))
+    change_scene(result, lambda scene: scene["solver"].update(method="progressive"))
+    assert "tracking_excess" not in missed(gate_result(load_result(result), default_suite(), None))
+
+
 def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
     text = (
         f"{SUITE}[scene.limits]\nstuck_ticks = false\nlag_max = 1e-3\n[scene.counters]\nslack = 0.02\npair_tests = 0\n"

@@ -152,6 +152,12 @@ def test_a_recorded_baseline_with_times_is_the_same_again(run: Run, suite: Path,
     assert answer.code == 0, answer.out
     assert {row["verdict"] for row in rows if row["kind"] == "counter"} == {"same"}
     assert [row["kind"] for row in rows].count("time") == 1
+    scene = recorded["scenes"]["tiny"]
+    counters = {**recorded, "scenes": {"tiny": {**scene, "times": [], "references": []}}}
+    (tmp_path / "counters.json").write_text(json.dumps(counters))
+    answer = run("gate", str(suite), "--baseline", "counters.json")
+    assert answer.code == 0, answer.out
+    assert "no time was judged: that takes --base-python, or a baseline that was recorded with times" in answer.out
     recorded["reference_version"] += 1
     (tmp_path / "baseline.json").write_text(json.dumps(recorded))
     answer = run("gate", str(suite), "--baseline", "baseline.json", "--quiet")

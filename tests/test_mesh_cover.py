@@ -50,7 +50,7 @@ def test_refinement_beats_the_greedy_start(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_micro_triangles_stay_within_their_number_where_all_cost_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Around a cylinder that is as even as its spheres, most micro-triangles are among the worst, and all would be halved.
+    # Around a cylinder most micro-triangles are among the worst, and all of them would be halved, over and over.
     vertices, faces = arrays(trimesh.creation.cylinder(0.03, 0.1, sections=256))
     most, balls = 6, 500
     monkeypatch.setattr(mesh_cover, "COARSE", 2)
