@@ -3,6 +3,7 @@
 
 import math
 import os
+import signal
 import socket
 import struct
 import sys
@@ -20,6 +21,8 @@ def tell_fingers(bend, stiffness):  # stop each finger at this bend, this hard: 
 samples_to = ("127.0.0.1", int(sys.argv[1]) if len(sys.argv) > 1 else 24170)
 bridge = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 bridge.bind(("127.0.0.1", samples_to[1] + 1))  # commands arrive here
+for stop in (signal.SIGINT, signal.SIGTERM):  # by kill too, which would else let nobody go
+    signal.signal(stop, lambda *_: sys.exit())
 session, seq, told, free = int.from_bytes(os.urandom(4), "little"), 0, 0.0, True
 try:
     while True:
@@ -40,5 +43,5 @@ try:
         if not free and time.monotonic() > told + 0.1:  # nobody is there any more: let go
             tell_fingers([0] * 5, [0] * 5)
             free = True
-finally:  # the glove's calls failed, or Ctrl-C: let go too
+finally:  # the glove's calls failed, or the bridge is stopped: let go too
     tell_fingers([0] * 5, [0] * 5)

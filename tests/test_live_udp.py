@@ -339,7 +339,8 @@ def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_
     assert (spent > 0.0).all()
 
 
-def test_the_example_bridge_speaks_the_packet(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_the_example_bridge_speaks_the_packet(stop: signal.Signals) -> None:
     port = free_ports(socket.SOCK_DGRAM)
     words = [sys.executable, "-u", str(BRIDGE), str(port)]
     bridge = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
@@ -354,7 +355,8 @@ def test_the_example_bridge_speaks_the_packet(tmp_path: Path) -> None:
         assert device.send(FingerCommand(np.full(5, 0.25), np.full(5, 0.5)))
         assert bridge.stdout.readline().split() == ["0.25/0.50"] * 5
         assert bridge.stdout.readline().split() == ["0.00/0.00"] * 5, "nobody told it more for 100 ms"
-        bridge.send_signal(signal.SIGINT)
+        bridge.send_signal(stop)
+        assert bridge.wait(PATIENCE) == 0
         assert bridge.stdout.readline().split() == ["0.00/0.00"] * 5, "it lets go when it is stopped"
         device.close()
     finally:
