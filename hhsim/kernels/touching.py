@@ -14,6 +14,9 @@ from .jit import jit
 from .rotation import quaternion_to_matrix
 from .tree import STACK_SIZE, TreeArrays, gather_round_cone
 
+SURE = 1e-12
+"""Distances are computed to a small part of this [m]."""
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -37,7 +40,8 @@ def touching_pairs(
 ) -> int:
     """Pairs of a hand body and a leaf sphere no more than `touch` [m] apart, or inside each other.
 
-    A body whose place is not finite has none.
+    A body whose place is not finite has none. One that was away from every leaf by more than `touch` is not looked at
+    again before its ends have moved by what it was away more: nothing of the hull of two spheres moves further.
 
     Args:
         phalanx_radius: [m], shape (5, 4).
@@ -63,10 +67,13 @@ def touching_pairs(
     rotation = np.empty((3, 3))
     count = 0
     phalanges = FINGER_COUNT * PHALANX_COUNT
+    parts = phalanges + palm_center.shape[0]
+    free, seen = np.full(parts, -1.0), np.zeros((parts, 6))
     for tick in chosen:
         quaternion_to_matrix(orientation[tick], rotation)
-        for part in range(phalanges + palm_center.shape[0]):
+        for part in range(parts):
             ux = uy = uz = 0.0
+            dx = dy = dz = 0.0
             length = tan_slope = inverse_length = drop = 0.0
             if part < phalanges:
                 f, k = part // PHALANX_COUNT, part % PHALANX_COUNT
@@ -88,9 +95,15 @@ def touching_pairs(
                 radius = palm_radius[part - phalanges]
             if not math.isfinite(ax + ay + az + length):
                 continue
-            found, _, _ = gather_round_cone(
+            ends = (ax, ay, az, ax + dx, ay + dy, az + dz)
+            if _farthest_moved(ends, seen[part]) + SURE < free[part]:
+                continue
+            found, clearance, _ = gather_round_cone(
                 tree, ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop, touch, stack, index
             )
+            free[part] = clearance - touch if found == 0 else -1.0
+            for i in range(6):
+                seen[part, i] = ends[i]
             if count + found > tick_out.shape[0]:
                 return -1
             for i in range(found):
@@ -112,3 +125,11 @@ def touching_pairs(
                 normal_out[count, 2] = -inverse * qz
                 count += 1
     return count
+
+
+@jit
+def _farthest_moved(ends: tuple[float, float, float, float, float, float], seen: Array) -> float:
+    """How far the end of a body that moved most is from where it was seen [m]."""
+    first = (ends[0] - seen[0]) ** 2 + (ends[1] - seen[1]) ** 2 + (ends[2] - seen[2]) ** 2
+    last = (ends[3] - seen[3]) ** 2 + (ends[4] - seen[4]) ** 2 + (ends[5] - seen[5]) ** 2
+    return math.sqrt(max(first, last))
