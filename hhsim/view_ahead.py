@@ -14,13 +14,15 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.rerun_target import RerunTarget
 from hhsim.result import load_result
-from hhsim.view import Viewed, get_ready, view_result
 from hhsim.warm_up import start_numba
+
+if TYPE_CHECKING:
+    from hhsim.view import Viewed
 
 Progress = Callable[[str, int, int], None]
 Word = Literal["ready", "progress", "viewed", "refused"]
@@ -97,7 +99,7 @@ class ViewAhead:
             self._answer("ready", None)
             self._ready = True
 
-    def show(self, path: Path, progress: Progress | None = None) -> Viewed:
+    def show(self, path: Path, progress: Progress | None = None) -> "Viewed":
         """Show a result.
 
         Args:
@@ -109,6 +111,8 @@ class ViewAhead:
             HhsimError: the process beside ended before it was done.
         """
         if self._channel is None:
+            from hhsim.view import view_result
+
             return view_result(load_result(path), self._target, progress=progress)
         self.settle()
         # Where it has died, the answer says so.
@@ -146,6 +150,9 @@ def _serve(channel: "Connection[Any, Any]", parents: "Connection[Any, Any]", tar
         channel.send(("progress", (what, done, total)))
 
     try:
+        # Imported here, where it costs the replay no time.
+        from hhsim.view import get_ready, view_result
+
         get_ready()
         channel.send(("ready", None))
         path = channel.recv()
