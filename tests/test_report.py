@@ -13,11 +13,11 @@ import h5py
 import numpy as np
 import pytest
 from report_reader import Page, read_page
+from short_grasp import short_grasp, short_scene
 
 from hhsim.bench_file import Column, write_table
 from hhsim.clear_view import View
 from hhsim.errors import InputError, OutputError
-from hhsim.hand import HandModel
 from hhsim.object_catalogue import load_object
 from hhsim.replay import replay
 from hhsim.report import FIGURES, check_report_destination, make_report, write_report
@@ -26,31 +26,11 @@ from hhsim.report_html import NO_TEXT
 from hhsim.report_ticks import figure_rows, report_ticks
 from hhsim.result import load_result
 from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
 from hhsim.solver_options import SolverOptions
 from hhsim.summary import ReplaySummary
 from hhsim.summary_lines import LINES, stored_rows
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 from hhsim.verify_metrics import ELSEWHERE
 
-MOTION = """
-title = "short"
-palm_gap = 0.005
-depth = 0.015
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.15
-[[phase]]
-name = "release"
-duration = 0.05
-"""
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
 )
@@ -58,14 +38,12 @@ Change = Callable[[h5py.File], object]
 
 
 def run_method(folder: Path, method: str) -> tuple[Path, ReplaySummary]:
-    mesh = load_object("cylinder").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    scene = short_scene(short_grasp(hold=0.15, release=0.05))
     path = folder / f"{method}.h5"
     description = {
         "object": "cylinder",
         "trajectory": "short.toml",
-        "object_mesh": mesh.sha256,
+        "object_mesh": load_object("cylinder").mesh.sha256,
         "level": 2,
         "hand_file": None,
     }

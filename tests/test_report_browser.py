@@ -6,33 +6,13 @@ from pathlib import Path
 
 import pytest
 from browser import Browser, browser, missing, pdf_pages
+from short_grasp import short_result
 
 from hhsim import report_pictures
-from hhsim.hand import HandModel
-from hhsim.object_catalogue import load_object
-from hhsim.replay import replay
 from hhsim.report import make_report
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
 pytestmark = pytest.mark.skipif(missing() is not None, reason=missing() or "")
 
-MOTION = """
-title = "short"
-palm_gap = 0.005
-depth = 0.015
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.05
-"""
 PHONE, SCREEN = 360, 1280
 
 
@@ -46,15 +26,8 @@ def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report of two results side by side."""
     folder = tmp_path_factory.mktemp("report")
-    mesh = load_object("cylinder").mesh
-    scene = make_scene(
-        mesh,
-        cached_sphere_tree(mesh, TreeOptions(level=2)),
-        HandModel.default(),
-        parse_script(MOTION, name="short", where="short"),
-    )
     paths = [folder / "a-result-with-a-rather-long-name-that-goes-on.h5", folder / "other.h5"]
-    replay(scene, SolverOptions(), paths[0], description={"hand_file": None})
+    short_result(paths[0])
     shutil.copy(paths[0], paths[1])
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(report_pictures, "RENDER_DPI", 40)

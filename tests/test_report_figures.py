@@ -14,15 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
+from short_grasp import short_grasp, short_result
 
 from hhsim import report_columns, report_pictures, report_series
 from hhsim.clear_view import View, clear_view
 from hhsim.envelope import envelope
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
 from hhsim.metrics import tick_statistics
-from hhsim.object_catalogue import load_object
-from hhsim.replay import replay
 from hhsim.report_figures import ReportFigure, time_text
 from hhsim.report_histogram import histogram_figure
 from hhsim.report_pictures import hand_picture, overview_picture, overview_tick
@@ -30,29 +28,8 @@ from hhsim.report_series import series_figure
 from hhsim.report_speed_error import speed_error_figure
 from hhsim.report_worst import worst_ticks
 from hhsim.result import Result, load_result
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
-from hhsim.solver_options import SolverOptions
 from hhsim.surface import SKIN, round_cone_surface
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
 
-MOTION = """
-title = "short"
-palm_gap = 0.005
-depth = 0.015
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.05
-[[phase]]
-name = "release"
-duration = 0.05
-"""
 HELD = 180
 """A tick of the hold."""
 CHARTS: tuple[Callable[[list[Result]], ReportFigure], ...] = (series_figure, histogram_figure, speed_error_figure)
@@ -60,12 +37,7 @@ CHARTS: tuple[Callable[[list[Result]], ReportFigure], ...] = (series_figure, his
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    mesh = load_object("cylinder").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
-    path = tmp_path_factory.mktemp("report") / "short.h5"
-    replay(scene, SolverOptions(), path, description={"hand_file": None})
-    return load_result(path)
+    return short_result(tmp_path_factory.mktemp("report") / "short.h5", short_grasp(release=0.05))
 
 
 @pytest.fixture

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from short_grasp import short_grasp, short_scene
 from verify_document import documented_faults
 
 from hhsim.brute_distance import round_cone_distance
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
+from hhsim.hand import HandModel, Side
 from hhsim.object_catalogue import load_object, object_names
 from hhsim.replay import replay
 from hhsim.result import Result, load_result
 from hhsim.scene import make_scene
-from hhsim.script import parse_script
 from hhsim.solver_options import SolverOptions
 from hhsim.stored_scene import checksums
 from hhsim.stress import StressOptions, random_targets
@@ -41,31 +41,15 @@ pytest.importorskip("coal", reason="the referee measures with coal: pip install 
 ALL = os.environ.get("HHSIM_VERIFY_ALL") == "1"
 """All ten objects by both safe methods; without it, the two that differ most."""
 
-MOTION = """
-title = "short"
-palm_gap = 0.005
-depth = 0.015
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.09
-"""
 HOLD = 200
 """A tick of the hold."""
 
 
-def run(folder: Path, name: str = "cylinder", level: int = 2, side: str = "right", **options: Any) -> Result:
+def run(folder: Path, name: str = "cylinder", level: int = 2, side: Side = "right", **options: Any) -> Result:
     """A short grasp, described as the command line does."""
-    mesh, tree_options = load_object(name).mesh, TreeOptions(level=level)
-    hand = HandModel.default("left" if side == "left" else "right")
-    scene = make_scene(mesh, cached_sphere_tree(mesh, tree_options), hand, parse_script(MOTION, name="s", where="s"))
+    scene = short_scene(short_grasp(hold=0.09), name, level, side)
     path = folder / f"{name}.h5"
-    description = {"hand_file": None, "tree": None, "tree_options": asdict(tree_options)}
+    description = {"hand_file": None, "tree": None, "tree_options": asdict(TreeOptions(level=level))}
     replay(scene, SolverOptions(**options), path, description=description)
     return load_result(path)
 
