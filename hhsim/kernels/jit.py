@@ -5,10 +5,10 @@ yesterday's callee. The kernels of a module therefore lie in a folder named by a
 sources of all kernel modules that it imports, directly or not, of the numba version and of the CPU.
 """
 
+import ast
 import functools
 import hashlib
 import os
-import re
 import stat
 import tempfile
 from collections.abc import Callable
@@ -28,6 +28,9 @@ as_bool = cast(Callable[[bool], bool], np.bool_)
 """The same for a truth value."""
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+PACKAGE = __name__.rpartition(".")[0]
+"""Whose modules a digest covers."""
 
 SOURCES = Path(__file__).parent
 
@@ -61,11 +64,31 @@ def cache_root() -> Path:
     return fallback
 
 
+def source_of(module: str) -> Path | None:
+    """File of a module or package of the kernels by its dotted name; None for what is neither."""
+    if module != PACKAGE and not module.startswith(f"{PACKAGE}."):
+        return None
+    path = SOURCES.joinpath(*module.split(".")[PACKAGE.count(".") + 1 :])
+    found = (path.with_suffix(".py"), path / "__init__.py")
+    return next((file for file in found if file.is_file()), None)
+
+
 @functools.cache
-def _imports(module: str) -> tuple[str, ...]:
-    """Kernel modules that a kernel module imports; all of them do it by `from .name import …`."""
-    found = re.findall(r"^from \.(\w+) import ", (SOURCES / f"{module}.py").read_text(), re.MULTILINE)
-    return tuple(dict.fromkeys(found))
+def imported_kernels(module: str) -> tuple[str, ...]:
+    """Modules of the kernels that a module of them imports, in whatever form and wherever in the file."""
+    source = source_of(module)
+    if source is None:
+        return ()
+    package = module if source.name == "__init__.py" else module.rpartition(".")[0]
+    named: list[str] = []
+    for node in ast.walk(ast.parse(source.read_bytes())):
+        if isinstance(node, ast.Import):
+            named += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            named += [base, *(f"{base}.{alias.name}" for alias in node.names)]
+    return tuple(dict.fromkeys(name for name in named if source_of(name) is not None))
 
 
 @functools.cache
@@ -77,13 +100,15 @@ def module_digest(module: str) -> str:
         name = waiting.pop()
         if name not in closure:
             closure.add(name)
-            waiting.extend(_imports(name))
+            waiting.extend(imported_kernels(name))
     digest = hashlib.sha256(numba.__version__.encode())
     digest.update(str(numba.config.CPU_NAME or _host_cpu()).encode())
     digest.update(str(numba.config.BOUNDSCHECK).encode())
     for name in sorted(closure):
+        source = source_of(name)
+        assert source is not None, f"{name} is no module of {PACKAGE}"
         digest.update(name.encode())
-        digest.update((SOURCES / f"{name}.py").read_bytes())
+        digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 
 
@@ -101,12 +126,12 @@ _folders: set[Path] = set()
 
 
 def module_cache(module: str) -> Path:
-    """Folder of the compiled kernels of exactly this source of a module."""
-    return KERNEL_CACHE / f"{module}-{module_digest(module)}"
+    """Folder of the compiled kernels of exactly this source of a module, by its dotted name."""
+    return KERNEL_CACHE / f"{module.removeprefix(f'{PACKAGE}.')}-{module_digest(module)}"
 
 
 def _compile(function: F, **options: Any) -> F:
-    folder = module_cache(function.__module__.rpartition(".")[2])
+    folder = module_cache(function.__module__)
     _folders.add(folder)
     # Only while the decorator runs: other packages of the process keep their own cache folder.
     before = numba.config.CACHE_DIR
@@ -125,7 +150,7 @@ def cached_kernels() -> int:
 
 def is_cached() -> bool:
     """Whether compiled ticks of exactly these sources lie in the cache; if not, the first run compiles."""
-    folder = module_cache("tick")
+    folder = module_cache(f"{PACKAGE}.tick")
     return folder.is_dir() and any(folder.rglob("*.nbi"))
 
 
