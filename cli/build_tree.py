@@ -12,12 +12,12 @@ from .object_argument import complete_object, read_object
 from .tree_level import read_length
 
 if TYPE_CHECKING:
-    from hhsim.sphere_tree import SphereTree
+    from hhsim.trees.sphere_tree import SphereTree
 
 
 def complete_method(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[str]:
     """Names of the ways to build a tree that begin with what was typed."""
-    from hhsim.tree_methods import METHODS
+    from hhsim.trees.methods import METHODS
 
     return [name for name in METHODS if name.startswith(incomplete)]
 
@@ -128,11 +128,13 @@ def command(
       hhsim build-tree bowl.stl --unit mm --thickness 2
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
-    from hhsim.destination import check_destination, dated_destination
-    from hhsim.picture_file import check_picture
-    from hhsim.tree_builder import TreeOptions, cache_path, cached_sphere_tree
-    from hhsim.tree_figure import draw_tree
-    from hhsim.workers import usual_threads
+    from hhsim.render.tree_figure import draw_tree
+    from hhsim.system.output_path import check_destination, dated_destination
+    from hhsim.system.picture_path import check_picture
+    from hhsim.system.thread_pool import usual_threads
+    from hhsim.trees.builder import TreeOptions, cache_path, cached_sphere_tree
+    from hhsim.trees.file import save_tree
+    from hhsim.trees.sph_format import save_sph
 
     announce_compilation(quiet=quiet)
     tree_file.check_source(source, frame, source_unit)
@@ -160,9 +162,9 @@ def command(
             tree = found.tree
     seconds = time.perf_counter() - start
     if path.suffix == ".sph":
-        tree.save_sph(path)
+        save_sph(tree, path)
     else:
-        tree.save(path)
+        save_tree(tree, path)
     if plot is not None:
         draw_tree(plot, mesh, tree)
     faults = tree.check(mesh)
@@ -255,11 +257,12 @@ def _proved(tree: "SphereTree") -> str:
 def _check_replaceable(path: Path) -> None:
     """Keep a wrong `--out` from destroying a file that is no tree."""
     from hhsim.errors import InputError, OutputError
-    from hhsim.sphere_tree import SphereTree
+    from hhsim.trees.file import load_tree
+    from hhsim.trees.sph_format import load_sph
 
     if path.exists():
         try:
-            SphereTree.load_sph(path) if path.suffix == ".sph" else SphereTree.load(path)
+            load_sph(path) if path.suffix == ".sph" else load_tree(path)
         except InputError as error:
             raise OutputError(
                 f"{path} exists and is no sphere tree, so it is not replaced: name another file"

@@ -13,9 +13,9 @@ from .console import announce_compilation, print_json, print_notes, print_table,
 from .run_again import names_a_result
 
 if TYPE_CHECKING:
-    from hhsim.gate import GateReport
-    from hhsim.gate_baseline import Baseline
-    from hhsim.result import Result
+    from hhsim.gate.baseline import Baseline
+    from hhsim.gate.gate import GateReport
+    from hhsim.result.reader import Result
 
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 
@@ -80,9 +80,9 @@ def command(
       hhsim gate my-gate.toml --baseline gate-baseline.json --junit gate.xml
       hhsim gate results/after.h5 --baseline results/before.h5
     """
-    from hhsim.destination import check_destination
-    from hhsim.gate_report import markdown as as_markdown
-    from hhsim.whole_file import write_whole_file
+    from hhsim.gate.report import markdown as as_markdown
+    from hhsim.system.atomic_write import write_whole_file
+    from hhsim.system.output_path import check_destination
 
     summary = _step_summary() if step_summary else None
     for path in (write_baseline, markdown, junit):
@@ -103,7 +103,7 @@ def command(
         with summary.open("ab") as file:
             file.write(text)
     if junit is not None:
-        from hhsim.gate_report import junit as as_junit
+        from hhsim.gate.report import junit as as_junit
 
         write_whole_file(junit, as_junit(report))
     if write_baseline is not None and not report.recorded:
@@ -113,10 +113,10 @@ def command(
 
 
 def _judge_result(path: Path, baseline: Path | None) -> "GateReport":
-    from hhsim.gate import find_suite, gate_result
-    from hhsim.gate_baseline import load_baseline
-    from hhsim.gate_suite import SUITE_FILE
-    from hhsim.result import load_result
+    from hhsim.gate.baseline import load_baseline
+    from hhsim.gate.gate import find_suite, gate_result
+    from hhsim.gate.suite import SUITE_FILE
+    from hhsim.result.reader import load_result
 
     suite = find_suite(None, Path(SUITE_FILE))
     base: Result | Baseline | None = None
@@ -136,12 +136,12 @@ def _judge_suite(
 ) -> "GateReport":
     from dataclasses import replace
 
-    from hhsim.gate import find_suite, gate_suite
-    from hhsim.gate_baseline import load_baseline
-    from hhsim.gate_baseline import write_baseline as write
-    from hhsim.gate_run import find_side, this_python
-    from hhsim.gate_suite import SUITE_FILE
-    from hhsim.kernels.reference_work import REFERENCE_VERSION
+    from hhsim.gate.baseline import load_baseline
+    from hhsim.gate.baseline import write_baseline as write
+    from hhsim.gate.gate import find_suite, gate_suite
+    from hhsim.gate.run import find_side, this_python
+    from hhsim.gate.suite import SUITE_FILE
+    from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 
     suite = find_suite(target, Path(SUITE_FILE))
     if processes is not None:
@@ -173,7 +173,7 @@ def _step_summary() -> Path:
 
 
 def _tell(report: "GateReport", written: Path | None, *, as_json: bool, quiet: bool) -> None:
-    from hhsim.gate_report import HEADINGS, NUMBERS, cells, headline, reasons
+    from hhsim.gate.report import HEADINGS, NUMBERS, cells, headline, reasons
 
     if as_json:
         print_json({**report.to_json(), "baseline_written": str(written) if written else None})

@@ -11,8 +11,8 @@ from .console import print_json, print_notes, print_table
 from .number_list import number_list
 
 if TYPE_CHECKING:
-    from hhsim.recording_file import ReadOptions
-    from hhsim.recording_repair import JointLimits
+    from hhsim.recordings.format_detection import ReadOptions
+    from hhsim.recordings.repair import JointLimits
 
 
 @click.command()
@@ -27,13 +27,14 @@ if TYPE_CHECKING:
     "--columns",
     type=click.Path(path_type=Path),
     metavar="TOML",
-    help="What the columns of a CSV mean: units, signs, offsets, which joint (hhsim/column_map.py has an example).",
+    help="What the columns of a CSV mean: units, signs, offsets, which joint (hhsim/recordings/column_map.py has an "
+    "example).",
 )
 @click.option(
     "--calibration",
     type=click.Path(path_type=Path),
     metavar="TOML",
-    help="Calibration of a Dexmo glove (hhsim/dexmo_regression.py has an example).",
+    help="Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example).",
 )
 @click.option(
     "--open",
@@ -114,7 +115,7 @@ if TYPE_CHECKING:
     "--hand-file",
     type=click.Path(path_type=Path),
     metavar="TOML",
-    help="Hand whose joint limits bound the angles (hhsim/hand.py has an example). Default: the usual one.",
+    help="Hand whose joint limits bound the angles (hhsim/hand/model.py has an example). Default: the usual one.",
 )
 @click.option("--keep-angles", is_flag=True, help="Keep joint angles beyond the hand's limits.")
 @click.option("--name", metavar="TEXT", help="Name of the motion. Default: that of the file.")
@@ -168,15 +169,15 @@ def command(
       hhsim import session.csv --from 2 --to 7.5 --length-unit mm
       hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
     """
-    from hhsim.destination import check_destination, dated_destination
-    from hhsim.dexmo_regression import format_calibration
     from hhsim.errors import InputError, OutputError
-    from hhsim.import_report import COLUMNS, make_report
-    from hhsim.picture_file import check_picture
-    from hhsim.recording_file import calibration_of, read_recording
-    from hhsim.recording_repair import RepairOptions, repair
-    from hhsim.trajectory_file import check_trajectory_destination, save_trajectory
-    from hhsim.whole_file import write_whole_file
+    from hhsim.motion.file import check_trajectory_destination, save_trajectory
+    from hhsim.recordings.dexmo_regression import format_calibration
+    from hhsim.recordings.format_detection import calibration_of, read_recording
+    from hhsim.recordings.import_report import COLUMNS, make_report
+    from hhsim.recordings.repair import RepairOptions, repair
+    from hhsim.system.atomic_write import write_whole_file
+    from hhsim.system.output_path import check_destination, dated_destination
+    from hhsim.system.picture_path import check_picture
 
     destination = out or dated_destination(file.stem or "recording")
     if destination.exists() and destination.resolve() == file.resolve():
@@ -213,7 +214,7 @@ def command(
         write_whole_file(save_calibration, format_calibration(calibration_of(file, wanted)).encode())
     report = make_report(recording, repaired)
     if plot is not None:
-        from hhsim.recording_figure import draw_import
+        from hhsim.render.import_figure import draw_import
 
         draw_import(recording, repaired.trajectory, plot)
     if as_json:
@@ -241,8 +242,8 @@ def _read_options(
     up: str | None,
     length_unit: str | None,
 ) -> "ReadOptions":
-    from hhsim.column_map import read_column_map
-    from hhsim.recording_file import ReadOptions
+    from hhsim.recordings.column_map import read_column_map
+    from hhsim.recordings.format_detection import ReadOptions
 
     return ReadOptions(
         form=form,
@@ -262,8 +263,8 @@ def _dexmo(
     save: Path | None,
 ) -> dict[str, Any]:
     """The calibration of a Dexmo glove, as fields of ReadOptions."""
-    from hhsim.dexmo_regression import read_calibration
-    from hhsim.recording_dexmo import Poses
+    from hhsim.recordings.dexmo_reader import Poses
+    from hhsim.recordings.dexmo_regression import read_calibration
 
     fields: dict[str, Any] = {}
     if calibration is not None:
@@ -280,8 +281,8 @@ def _dexmo(
 
 def _limits(hand_file: Path | None, keep: bool) -> "dict[str, JointLimits | None] | dict[str, Any]":
     """The joint limits, as an argument of RepairOptions; nothing where the default holds."""
-    from hhsim.hand import HandModel
-    from hhsim.recording_repair import limits_of
+    from hhsim.hand.model import HandModel
+    from hhsim.recordings.repair import limits_of
 
     if keep:
         return {"limits": None}

@@ -18,7 +18,7 @@ def command(as_json: bool) -> None:
       hhsim info
       hhsim info --json
     """
-    from hhsim.info import collect
+    from hhsim.system.environment import collect
 
     info = collect()
     if as_json:

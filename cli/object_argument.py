@@ -6,12 +6,12 @@ import click
 from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
-    from hhsim.mesh import Mesh
+    from hhsim.mesh.mesh import Mesh
 
 
 def complete_object(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Offer the names of the catalogue, and files where what is typed looks like one."""
-    from hhsim.object_catalogue import object_names
+    from hhsim.mesh.catalogue import object_names
 
     names = [CompletionItem(name) for name in object_names() if name.startswith(incomplete)]
     return names or [CompletionItem(incomplete, type="file")]
@@ -30,9 +30,9 @@ def read_object(text: str, unit: str | None, size: float | None, thickness: floa
         The mesh [m], and the level of tree that suits it.
 
     Raises:
-        HhsimError: as `hhsim.object_catalogue.resolve_object`.
+        HhsimError: as `hhsim.mesh.catalogue.resolve_object`.
     """
-    from hhsim.object_catalogue import resolve_object
+    from hhsim.mesh.catalogue import resolve_object
 
     metres = [None if length is None else 1e-3 * length for length in (size, thickness)]
     return resolve_object(text, unit, *metres)

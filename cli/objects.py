@@ -19,7 +19,7 @@ def command(as_json: bool) -> None:
       hhsim objects
       hhsim objects --json
     """
-    from hhsim.object_catalogue import load_object, object_names
+    from hhsim.mesh.catalogue import load_object, object_names
 
     objects = [load_object(name) for name in object_names()]
     if as_json:

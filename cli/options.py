@@ -10,7 +10,7 @@ import click
 def _read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
     """Read names of fingers with commas between, in any order; they come back in the hand's."""
     from hhsim.errors import UnknownNameError
-    from hhsim.hand import FINGERS
+    from hhsim.hand.model import FINGERS
 
     if value is None:
         return None
@@ -24,7 +24,7 @@ def _read_fingers(context: click.Context, parameter: click.Parameter, value: str
 def _check_picture(context: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
     """Refuse a picture that cannot be written before anything is made, the folder of the results too."""
     if value is not None:
-        from hhsim.picture_file import check_picture
+        from hhsim.system.picture_path import check_picture
 
         check_picture(value)
     return value

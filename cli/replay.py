@@ -16,18 +16,18 @@ from .object_argument import complete_object, read_object
 from .run_again import names_a_result, run_again
 
 if TYPE_CHECKING:
-    from hhsim.demonstration import Demonstration
-    from hhsim.hand import HandModel
-    from hhsim.rerun_target import RerunTarget
-    from hhsim.script import Script
-    from hhsim.solver_options import SolverOptions, Stiffness
-    from hhsim.trajectory import Trajectory
-    from hhsim.view_ahead import ViewAhead
+    from hhsim.hand.model import HandModel
+    from hhsim.motion.trajectory import Trajectory
+    from hhsim.scene.demonstration import Demonstration
+    from hhsim.scene.script import Script
+    from hhsim.solver.options import SolverOptions, Stiffness
+    from hhsim.view.background_viewer import ViewAhead
+    from hhsim.view.sink import RerunTarget
 
 
 def complete_trajectory(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Offer the names of the catalogue, and files where what is typed looks like one."""
-    from hhsim.trajectory_catalogue import trajectory_names
+    from hhsim.scene.motion_catalogue import trajectory_names
 
     names = [CompletionItem(name) for name in trajectory_names() if name.startswith(incomplete)]
     return names or [CompletionItem(incomplete, type="file")]
@@ -66,7 +66,7 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
     "--hand-file",
     type=click.Path(path_type=Path),
     metavar="TOML",
-    help="Sizes and joint limits of the hand that differ from the default one (hhsim/hand.py has an example).",
+    help="Sizes and joint limits of the hand that differ from the default one (hhsim/hand/model.py has an example).",
 )
 @click.option(
     "--stiffness",
@@ -175,12 +175,12 @@ def command(
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=as_json, quiet=quiet)
-    from hhsim.destination import dated_destination
-    from hhsim.grasp_placement import place_at_grasp
-    from hhsim.replay import replay as run
-    from hhsim.result import check_result_destination
-    from hhsim.scene import make_scene, side_of
-    from hhsim.trajectory import Trajectory
+    from hhsim.motion.trajectory import Trajectory
+    from hhsim.replay.replay import replay as run
+    from hhsim.result.reader import check_result_destination
+    from hhsim.scene.recorded_grasp_pose import place_at_grasp
+    from hhsim.scene.scene import make_scene, side_of
+    from hhsim.system.output_path import dated_destination
 
     changed = {
         "force": force,
@@ -254,7 +254,7 @@ def command(
 
 def _view_ahead(target: "RerunTarget") -> "ViewAhead":
     # Imported only where it is wanted: it is slow to import.
-    from hhsim.view_ahead import ViewAhead
+    from hhsim.view.background_viewer import ViewAhead
 
     return ViewAhead(target)
 
@@ -265,8 +265,8 @@ def _solver_options(
     changed: "dict[str, Any]",
 ) -> "SolverOptions":
     from hhsim.errors import UnknownNameError
-    from hhsim.qp import ACTIVE_SET, available_backends
-    from hhsim.solver_options import SolverOptions
+    from hhsim.solver.options import SolverOptions
+    from hhsim.solver.qp import ACTIVE_SET, available_backends
 
     if qp != ACTIVE_SET and qp not in available_backends():
         raise UnknownNameError("QP solver", qp, available_backends())
@@ -274,7 +274,7 @@ def _solver_options(
 
 
 def _stiffness(numbers: tuple[float, ...] | None, penalty: float | None, method: str) -> "Stiffness | None":
-    from hhsim.solver_options import Stiffness
+    from hhsim.solver.options import Stiffness
 
     if penalty is not None and method != "penalty":
         raise click.UsageError(f"--penalty-stiffness is for --method penalty, not {method}")
@@ -287,9 +287,9 @@ def _stiffness(numbers: tuple[float, ...] | None, penalty: float | None, method:
 def _motion(
     trajectory: str, tremor: tuple[float, ...] | None, place_object: str
 ) -> "Script | Demonstration | Trajectory":
-    from hhsim.script import Script
-    from hhsim.trajectory import Trajectory
-    from hhsim.trajectory_catalogue import resolve_trajectory
+    from hhsim.motion.trajectory import Trajectory
+    from hhsim.scene.motion_catalogue import resolve_trajectory
+    from hhsim.scene.script import Script
 
     motion = resolve_trajectory(trajectory)
     if place_object == "auto" and not isinstance(motion, Trajectory):
@@ -307,9 +307,9 @@ def _mended(motion: "Script | Demonstration | Trajectory", trajectory: str) -> l
     """A remark on a recording that was imported on the way in, and what that changed."""
     import numpy as np
 
-    from hhsim.sample_flags import MENDED, marked
-    from hhsim.trajectory import Trajectory
-    from hhsim.trajectory_catalogue import IMPORTED_SUFFIXES
+    from hhsim.motion.sample_flags import MENDED, marked
+    from hhsim.motion.trajectory import Trajectory
+    from hhsim.scene.motion_catalogue import IMPORTED_SUFFIXES
 
     if not isinstance(motion, Trajectory) or motion.flags is None:
         return []
@@ -320,6 +320,6 @@ def _mended(motion: "Script | Demonstration | Trajectory", trajectory: str) -> l
 
 
 def _hand(side: Literal["right", "left"], file: Path | None) -> "HandModel":
-    from hhsim.hand import HandModel
+    from hhsim.hand.model import HandModel
 
     return HandModel.default(side) if file is None else HandModel.from_toml(file, side)

@@ -39,8 +39,8 @@ def command(results: tuple[Path, ...], out: Path | None, as_json: bool, quiet: b
       hhsim report session.h5 --out session-report
       hhsim report results/speed-error.h5 --json
     """
-    from hhsim.destination import dated_destination
-    from hhsim.report import check_report_destination, make_report, write_report
+    from hhsim.report.report import check_report_destination, make_report, write_report
+    from hhsim.system.output_path import dated_destination
 
     begin = time.perf_counter()
     announce_compilation(quiet=quiet)

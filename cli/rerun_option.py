@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from hhsim.rerun_target import RerunTarget
+    from hhsim.view.sink import RerunTarget
 
 
 def read_target(context: click.Context, parameter: click.Parameter, value: str | None) -> "RerunTarget | None":
     """Read `spawn`, FILE.rrd, `connect` or `connect=URL`, and look at once for what would keep it from working."""
     if value is None:
         return None
-    from hhsim.rerun_target import check_target, parse_target
+    from hhsim.view.sink import check_target, parse_target
 
     target = parse_target(value)
     check_target(target)

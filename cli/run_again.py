@@ -9,7 +9,7 @@ from click.core import ParameterSource
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.run_again import ArrayComparison
+    from hhsim.replay.repeat import ArrayComparison
 
 TAKEN = ("object_", "as_json", "quiet")
 """Parameters of `hhsim replay` that mean something here."""
@@ -17,7 +17,7 @@ TAKEN = ("object_", "as_json", "quiet")
 
 def names_a_result(name: str | Path) -> bool:
     """Whether an argument is a result, and not an object, a suite or a baseline."""
-    from hhsim.result_schema import SUFFIXES
+    from hhsim.result.schema import SUFFIXES
 
     return Path(name).suffix.lower() in SUFFIXES
 
@@ -31,8 +31,8 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
     """
     _refuse_changes(context, path)
     announce_compilation(quiet=quiet)
-    from hhsim.result import load_result
-    from hhsim.run_again import run_again as run
+    from hhsim.replay.repeat import run_again as run
+    from hhsim.result.reader import load_result
 
     with progress(quiet=quiet) as report:
         again = run(load_result(path), progress=report)

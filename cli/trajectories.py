@@ -22,7 +22,7 @@ def command(as_json: bool) -> None:
     """
     from dataclasses import asdict
 
-    from hhsim.trajectory_catalogue import describe, trajectory_names
+    from hhsim.scene.motion_catalogue import describe, trajectory_names
 
     descriptions = [describe(name) for name in trajectory_names()]
     if as_json:

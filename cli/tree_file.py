@@ -7,8 +7,8 @@ import click
 from click.core import ParameterSource
 
 if TYPE_CHECKING:
-    from hhsim.mesh import Mesh
-    from hhsim.tree_import import ImportedTree
+    from hhsim.mesh.mesh import Mesh
+    from hhsim.trees.foreign_tree import ImportedTree
 
     from .console import Report
 
@@ -65,9 +65,9 @@ def length_unit(object_: str, unit: str | None, size: float | None, source_unit:
         size: longest extent that the mesh file gets [mm].
         source_unit: of the .sph file; None is that of the mesh.
     """
-    from hhsim.mesh import METRES_PER_UNIT, Mesh
-    from hhsim.mesh_file import read_triangles
-    from hhsim.object_catalogue import names_a_file
+    from hhsim.mesh.catalogue import names_a_file
+    from hhsim.mesh.file import read_triangles
+    from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
 
     if source_unit is not None:
         return METRES_PER_UNIT[source_unit]
@@ -82,7 +82,7 @@ def imported_tree(
     path: Path, mesh: "Mesh", frame: str | None, unit_length: float, seed: int, report: "Report | None"
 ) -> "ImportedTree":
     """Read, mend and measure the tree of `--from`."""
-    from hhsim.tree_import import FRAMES, import_tree
+    from hhsim.trees.foreign_tree import FRAMES, import_tree
 
     (wanted,) = (name for name in FRAMES if name == (frame or "auto"))
     return import_tree(path, mesh, unit_length, wanted, seed, report)

@@ -9,8 +9,8 @@ import click
 from .console import Report
 
 if TYPE_CHECKING:
-    from hhsim.mesh import Mesh
-    from hhsim.sphere_tree import SphereTree
+    from hhsim.mesh.mesh import Mesh
+    from hhsim.trees.sphere_tree import SphereTree
 
 AUTO = 0
 """Stands for `--level auto`."""
@@ -76,11 +76,11 @@ def choose_tree(
     unit_length: float = 1.0,
 ) -> ChosenTree:
     """Build or load the tree that the options ask for; `unit_length` [m] is that of a .sph `file`."""
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-    from hhsim.tree_choice import coarsest_sphere_tree
+    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+    from hhsim.trees.level_choice import coarsest_sphere_tree
 
     if file is not None:
-        from hhsim.tree_import import load_tree_for
+        from hhsim.trees.foreign_tree import load_tree_for
 
         if wanted is not None or budget is not None:
             raise click.UsageError(f"--tree {file} has its own level: leave --level and --max-error out")

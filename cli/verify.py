@@ -11,8 +11,8 @@ from . import options
 from .console import print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.verify import Verification
-    from hhsim.verify_claim import Claim
+    from hhsim.verify.claim import Claim
+    from hhsim.verify.verify import Verification
 
 COLUMNS = (
     "claim",
@@ -53,8 +53,8 @@ def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
       hhsim verify grasp.h5 --every 1
       hhsim verify session.h5 --every 100 --json
     """
-    from hhsim.result import load_result
-    from hhsim.verify import verify
+    from hhsim.result.reader import load_result
+    from hhsim.verify.verify import verify
 
     begin = time.perf_counter()
     loaded = load_result(result)

@@ -11,7 +11,7 @@ from .console import announce_compilation, print_json, print_notes, progress
 from .rerun_option import METAVAR, read_target
 
 if TYPE_CHECKING:
-    from hhsim.rerun_target import RerunTarget
+    from hhsim.view.sink import RerunTarget
 
 
 @click.command()
@@ -49,8 +49,8 @@ def command(result: Path, target: "RerunTarget", every: int, spheres: bool, as_j
       hhsim view grasp.h5 --rerun grasp.rrd --spheres
       hhsim view session.h5 --every 10 --rerun connect=127.0.0.1:9876
     """
-    from hhsim.result import load_result
-    from hhsim.view import MANY_TICKS, view_result
+    from hhsim.result.reader import load_result
+    from hhsim.view.viewer import MANY_TICKS, view_result
 
     loaded = load_result(result)
     announce_compilation(quiet=quiet)

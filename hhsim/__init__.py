@@ -19,17 +19,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hhsim.errors import HhsimError
-    from hhsim.hand import HandModel
-    from hhsim.mesh import Mesh, load_mesh
-    from hhsim.named_scene import open_scene
-    from hhsim.replay import replay as replay_scene
-    from hhsim.result import Result, load_result
-    from hhsim.scene import Scene
-    from hhsim.solver import HandSolver
-    from hhsim.solver_options import SolverOptions, Stiffness
-    from hhsim.trajectory import Trajectory
-    from hhsim.trajectory_file import load_trajectory, save_trajectory
-    from hhsim.verify import verify as verify_result
+    from hhsim.hand.model import HandModel
+    from hhsim.mesh.mesh import Mesh, load_mesh
+    from hhsim.motion.file import load_trajectory, save_trajectory
+    from hhsim.motion.trajectory import Trajectory
+    from hhsim.replay.replay import replay as replay_scene
+    from hhsim.result.reader import Result, load_result
+    from hhsim.scene.open_scene import open_scene
+    from hhsim.scene.scene import Scene
+    from hhsim.solver.hand_solver import HandSolver
+    from hhsim.solver.options import SolverOptions, Stiffness
+    from hhsim.verify.verify import verify as verify_result
 
 __version__ = "0.1.0"
 __all__ = [
@@ -51,22 +51,22 @@ __all__ = [
     "verify_result",
 ]
 _PLACES = {
-    "HandModel": "hhsim.hand.HandModel",
-    "HandSolver": "hhsim.solver.HandSolver",
+    "HandModel": "hhsim.hand.model.HandModel",
+    "HandSolver": "hhsim.solver.hand_solver.HandSolver",
     "HhsimError": "hhsim.errors.HhsimError",
-    "Mesh": "hhsim.mesh.Mesh",
-    "Result": "hhsim.result.Result",
-    "Scene": "hhsim.scene.Scene",
-    "SolverOptions": "hhsim.solver_options.SolverOptions",
-    "Stiffness": "hhsim.solver_options.Stiffness",
-    "Trajectory": "hhsim.trajectory.Trajectory",
-    "load_mesh": "hhsim.mesh.load_mesh",
-    "load_result": "hhsim.result.load_result",
-    "load_trajectory": "hhsim.trajectory_file.load_trajectory",
-    "open_scene": "hhsim.named_scene.open_scene",
-    "replay_scene": "hhsim.replay.replay",
-    "save_trajectory": "hhsim.trajectory_file.save_trajectory",
-    "verify_result": "hhsim.verify.verify",
+    "Mesh": "hhsim.mesh.mesh.Mesh",
+    "Result": "hhsim.result.reader.Result",
+    "Scene": "hhsim.scene.scene.Scene",
+    "SolverOptions": "hhsim.solver.options.SolverOptions",
+    "Stiffness": "hhsim.solver.options.Stiffness",
+    "Trajectory": "hhsim.motion.trajectory.Trajectory",
+    "load_mesh": "hhsim.mesh.mesh.load_mesh",
+    "load_result": "hhsim.result.reader.load_result",
+    "load_trajectory": "hhsim.motion.file.load_trajectory",
+    "open_scene": "hhsim.scene.open_scene.open_scene",
+    "replay_scene": "hhsim.replay.replay.replay",
+    "save_trajectory": "hhsim.motion.file.save_trajectory",
+    "verify_result": "hhsim.verify.verify.verify",
 }
 """Where each of these names is at home."""
 

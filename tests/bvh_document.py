@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand import FINGERS, HandModel
-from hhsim.haptic_motion import rotation_matrix
-from hhsim.recorded_axes import world_matrix
-from hhsim.recording import Recording
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.motion.quaternion import rotation_matrix
+from hhsim.recordings.frames import world_matrix
+from hhsim.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 

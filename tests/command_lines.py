@@ -32,7 +32,7 @@ def parse(line: str) -> dict[str, Any]:
         assert found is not None
         context = click.Context(found, context, name)
         command = found
-    with patch("hhsim.rerun_target.check_target"):
+    with patch("hhsim.view.sink.check_target"):
         try:
             return command.make_context(context.info_name, rest, context.parent).params
         except click.exceptions.Exit as done:

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.glove_device import Capability, DeviceCounters, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.guardian import guard
-from hhsim.live.live_setup import read_setup
-from hhsim.live.loop_process import Ending, run_session
-from hhsim.live.pose_sources import make_pose_source
-from hhsim.live.session_memory import add_memory_options, attached
+from hhsim.live.device import Capability, DeviceCounters, FingerCommand, GloveDevice, GloveInfo
+from hhsim.live.ipc.config import read_setup
+from hhsim.live.ipc.session_memory import add_memory_options, attached
+from hhsim.live.loop.process import Ending, run_session
+from hhsim.live.loop.watchdog import guard
+from hhsim.live.pose.registry import make_pose_source
 
 FIST = 0.9
 CLOSING_SECONDS = 0.2

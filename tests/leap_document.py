@@ -4,9 +4,9 @@ from typing import Any, Literal
 
 from recording_samples import smooth_recording
 
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import rotation_matrix
-from hhsim.recorded_axes import world_matrix
+from hhsim.hand.model import HandModel
+from hhsim.motion.quaternion import rotation_matrix
+from hhsim.recordings.frames import world_matrix
 
 CLEAN = smooth_recording(30)
 HAND_KEYS = ["id", "type", "direction", "palmNormal", "wrist", "confidence"]

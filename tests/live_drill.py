@@ -10,19 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.fake_dexmo_process import FakeDexmo, Kind
-from hhsim.live.live_records import Safety, Stage
-from hhsim.live.live_scene import make_live_scene
-from hhsim.live.live_setup import LiveSetup, OutputLimits
-from hhsim.live.pose_sources import PoseConfig
+from hhsim.hand.model import HandModel
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.ipc.config import LiveSetup, OutputLimits
+from hhsim.live.ipc.records import Stage
+from hhsim.live.pose.config import PoseConfig
+from hhsim.live.session.scene import make_live_scene
+from hhsim.live.session.supervisor import LOOP, Supervisor
 from hhsim.live.shared_memory import RingReader
-from hhsim.live.supervisor import LOOP, Supervisor
-from hhsim.object_catalogue import load_object
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.warm_up import warm_up
+from hhsim.live.simulators.dexmo_process import FakeDexmo, Kind
+from hhsim.mesh.catalogue import load_object
+from hhsim.result.safety import Safety
+from hhsim.solver.compile import warm_up
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 IN_TIME = 50_000_000
 """Fingers are free so long after a fault where the loop runs in real time [ns]."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.glove_device import GLOVE_SAMPLE, DeviceError, GloveDevice
+from hhsim.live.device import GLOVE_SAMPLE, DeviceError, GloveDevice
 
 PATIENCE = 20.0
 """Longest wait of a test for something that comes at once on a quiet machine [s]."""

@@ -7,21 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
 
-from hhsim.hand import HandModel
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.glove_device import GLOVE_SAMPLE
-from hhsim.live.live_loop import loop_options
-from hhsim.live.live_records import LIVE_TICK, Stage
-from hhsim.live.live_setup import LiveSetup
-from hhsim.live.pose_sources import PoseConfig
-from hhsim.live.session_memory import SessionMemory
+from hhsim.hand.model import HandModel
+from hhsim.live.device import GLOVE_SAMPLE
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.loop.loop import loop_options
+from hhsim.live.pose.config import PoseConfig
 from hhsim.live.shared_memory import SharedRing
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
-from hhsim.shapes import sphere
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.workspace import tick_record
+from hhsim.mesh.generators import sphere
+from hhsim.scene.scene import make_scene
+from hhsim.scene.script import parse_script
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.workspace import tick_record
 
 Records = NDArray[Any]
 

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.glove_device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.live_setup import LiveSetup
-from hhsim.live.pose_sources import PoseConfig
-from hhsim.shapes import sphere
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import HandModel
+from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.pose.config import PoseConfig
+from hhsim.mesh.generators import sphere
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.recording import MOTION, Recording
+from hhsim.recordings.recording import MOTION, Recording
 
 Random = np.random.Generator
 Damage = Callable[[Recording, Random], Recording]

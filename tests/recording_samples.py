@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.haptic_motion import quaternion
-from hhsim.recording import Recording
+from hhsim.motion.quaternion import quaternion
+from hhsim.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 

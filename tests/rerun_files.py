@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.rerun_target import viewer_program
+from hhsim.view.sink import viewer_program
 
 Array = np.ndarray[Any, Any]
 SETTINGS = {**os.environ, "RERUN_APP_ONLY": "true"}

@@ -3,14 +3,14 @@
 from pathlib import Path
 from typing import Any
 
-from hhsim.hand import HandModel, Side
-from hhsim.object_catalogue import load_object
-from hhsim.replay import replay
-from hhsim.result import Result, load_result
-from hhsim.scene import Scene, make_scene
-from hhsim.script import Script, parse_script
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import HandModel, Side
+from hhsim.mesh.catalogue import load_object
+from hhsim.replay.replay import replay
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.script import Script, parse_script
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 APPROACH, CLOSING = 0.05, 0.1
 """Before the hold [s]."""

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand import HandModel
-from hhsim.kernels import tick as kernel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.contact import evaluate
-from hhsim.kernels.coupled import solve_coupled
-from hhsim.kernels.pose import update_kinematics
-from hhsim.kernels.progressive import solve_progressive
-from hhsim.kernels.tick_state import METHOD_COUPLED
-from hhsim.solver import HandSolver
-from hhsim.sphere_tree import SphereTree, enclosing_radius
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import evaluate
+from hhsim.kernels.hand.pose import update_kinematics
+from hhsim.kernels.tick import tick as kernel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.coupled import solve_coupled
+from hhsim.kernels.tick.progressive import solve_progressive
+from hhsim.kernels.tick.state import METHOD_COUPLED
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

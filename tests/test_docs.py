@@ -13,8 +13,8 @@ import click
 import pytest
 from markdown_pages import SPAN, Page, pages
 
-from hhsim.object_catalogue import object_names
-from hhsim.trajectory_catalogue import trajectory_names
+from hhsim.mesh.catalogue import object_names
+from hhsim.scene.motion_catalogue import trajectory_names
 
 (POINT,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
 HHSIM: click.Group = importlib.import_module(POINT.module).hhsim

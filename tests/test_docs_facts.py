@@ -13,20 +13,20 @@ from markdown_pages import Page
 from short_grasp import short_scene
 from verify_document import documented_faults
 
-from hhsim import metrics
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels import tick_state
-from hhsim.mesh import Mesh
-from hhsim.replay import replay
-from hhsim.result import Result, load_result
-from hhsim.result_schema import TICK_COLUMNS
-from hhsim.script import parse_script
-from hhsim.shapes import cube
-from hhsim.solver_options import DEFAULTS, METHODS, PAPER_DEFAULTS, SolverOptions, Stiffness
-from hhsim.summary import ReplaySummary
-from hhsim.tracking_reference import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.tremor_hold import ONSET, TREMOR
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.tick import state as tick_state
+from hhsim.mesh.generators import cube
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics import metrics
+from hhsim.replay.replay import replay
+from hhsim.replay.summary import ReplaySummary
+from hhsim.replay.tremor_hold import ONSET, TREMOR
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import TICK_COLUMNS
+from hhsim.scene.script import parse_script
+from hhsim.solver.options import DEFAULTS, METHODS, PAPER_DEFAULTS, SolverOptions, Stiffness
+from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")
@@ -90,7 +90,7 @@ def test_every_measure_and_dataset_is_documented() -> None:
         for name, function in inspect.getmembers(metrics, inspect.isfunction)
         if function.__module__ == metrics.__name__ and not name.startswith("_")
     }
-    named = {name.removeprefix("hhsim.metrics.") for row in table for name in spans(row[3])}
+    named = {name.removeprefix("hhsim.metrics.metrics.") for row in table for name in spans(row[3])}
     helpers = {"statistics", "phase_mask", "hand_clearance"}
     assert functions - helpers <= named
 

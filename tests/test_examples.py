@@ -13,8 +13,8 @@ import pytest
 from own_command import hhsim_command
 
 from hhsim import SolverOptions, load_result, replay_scene
-from hhsim.sphere_tree import SphereTree
-from hhsim.stored_scene import stored_mesh
+from hhsim.replay.stored_scene import stored_mesh
+from hhsim.trees.file import load_tree
 
 RUN_HERE = {"library.py", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
 RUN_ELSEWHERE = {
@@ -81,7 +81,7 @@ def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, envi
     folder = tmp_path / "mine"
     assert sorted(path.name for path in folder.iterdir()) == ["pawn-tree.h5", "pawn.h5", "pawn.stl"], answer.stderr
     assert "proved and checked: each level covers the whole mesh" in answer.stdout
-    result, tree = load_result(folder / "pawn.h5"), SphereTree.load(folder / "pawn-tree.h5")
+    result, tree = load_result(folder / "pawn.h5"), load_tree(folder / "pawn-tree.h5")
     # The pawn is 69 mm high, and has the spheres that were built for it.
     assert stored_mesh(result).extent == pytest.approx([0.044, 0.044, 0.069], abs=1e-5)
     assert result.scene["object_spheres"] == tree.leaf_count
@@ -96,7 +96,7 @@ def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, envi
 
 
 def test_the_mesh_of_the_example_is_closed_and_outward(examples: Path, tmp_path: Path) -> None:
-    from hhsim.mesh import load_mesh
+    from hhsim.mesh.mesh import load_mesh
 
     subprocess.run([sys.executable, "-I", str(examples / "custom_object.py"), "pawn.stl"], cwd=tmp_path, check=True)
     mesh = load_mesh(tmp_path / "pawn.stl", "mm", repair=False)

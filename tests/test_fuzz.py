@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball, cloud
 
-from hhsim.destination import free_name
-from hhsim.failure import (
+from hhsim.bench.robustness.delta_debugging import shrink
+from hhsim.bench.robustness.failure import (
     Provenance,
     Solver,
     failure_of,
@@ -29,15 +29,16 @@ from hhsim.failure import (
     recorded_penetration,
     rerun_failure,
 )
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.object_catalogue import load_object
-from hhsim.shrink import shrink
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions, Stiffness
-from hhsim.sphere_tree import SphereTree
-from hhsim.stress import RandomTargets, StressOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.mesh.catalogue import load_object
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.system.output_path import free_name
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.file import load_tree, save_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 
@@ -167,8 +168,8 @@ def _kept(scene: Scene, kind: str, tick: int, path: Path, solver: Solver, motion
     )
     command = keep_failure(path, shrunk, provenance)
     if not in_catalogue:
-        tree.save(tree_path)
-        arguments = f"Path({str(path)!r}), HandModel.default({scene.side!r}), SphereTree.load({str(tree_path)!r})"
+        save_tree(tree, tree_path)
+        arguments = f"Path({str(path)!r}), HandModel.default({scene.side!r}), load_tree({str(tree_path)!r})"
         command = f"rerun_failure({arguments})"
     return f"shrunk to {shrunk.motion.ticks} ticks; see it with: {command}"
 
@@ -206,7 +207,7 @@ def test_what_fails_is_saved_with_what_shows_it_again(name: str, tmp_path: Path)
     if name == "cube":
         assert f"hhsim replay cube {path} --method progressive --samples hold --level 2 --hand left" in str(told.value)
     else:
-        tree = SphereTree.load(tmp_path / "fuzz-progressive-penetration-tree.h5")
+        tree = load_tree(tmp_path / "fuzz-progressive-penetration-tree.h5")
     failing = rerun_failure(path, hand, tree, lambda: Slipping(hand, tree.arrays(), scene.solver))
     assert failing.failed.any()
     assert not rerun_failure(path, hand, tree).failed.any()

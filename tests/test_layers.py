@@ -1,145 +1,29 @@
-"""Who may import whom, held by reading every import statement of the sources."""
+"""The layout: who may import whom, held as one matrix; how large a package is; that tests lie as the library does."""
 
 import ast
 import sys
 import tomllib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter
 from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parent.parent
-
-LAYERS: tuple[tuple[str, ...], ...] = (
-    ("__init__", "errors"),
-    ("kernels",),
-    (
-        "destination",
-        "info",
-        "whole_file",
-        "sealed_file",
-        "workers",
-        "result_schema",
-        "log_histogram",
-        "toml_document",
-        "picture_file",
-    ),
-    # The model: what is simulated.
-    (
-        *(
-            "mesh",
-            "mesh_file",
-            "mesh_in_repair",
-            "mesh_overlaps",
-            "mesh_repair",
-            "mesh_holes",
-            "mesh_topology",
-            "surface_parts",
-            "surface_samples",
-        ),
-        *("winding_solid", "mesh_orientation", "solid_mesh", "sheet_slabs", "tet_grid"),
-        *("shapes", "cup", "rock", "shamrock", "object_catalogue", "object_sources"),
-        *(
-            "sphere_tree",
-            "tree_file",
-            "sph_format",
-            "tree_error",
-            "tree_builder",
-            "tree_choice",
-            "tree_import",
-            "tree_methods",
-            "tree_referee",
-            "mesh_cover",
-            "canonical_frame",
-            "ball_hierarchy",
-            "level_cover",
-            "fewest_balls",
-            "cover_check",
-            "enclosing_tree",
-            "octree_tree",
-            "medial_axis",
-            "medial_tree",
-        ),
-        *("hand", "hand_figure", "hand_pieces", "palm", "placed_hand", "surface", "rendering", "section"),
-        *("result_motion", "trajectory", "trajectory_checks", "trajectory_file", "trajectory_csv", "resample"),
-        *("sample_flags", "recording", "hand_change", "recorded_axes", "column_map", "csv_table"),
-        *(
-            "recording_csv",
-            "recording_npz",
-            "recording_leap",
-            "recording_bvh",
-            "bvh_text",
-            "recording_dexmo",
-            "dexmo_regression",
-            "lz_string",
-            "finger_fit",
-            "recording_file",
-        ),
-        *("recording_stamps", "recording_units", "recording_glitches", "recording_repair", "import_report"),
-        *("script", "disturbance", "closing", "closing_search", "slide", "synthesis"),
-        *("demonstration", "object_placement", "grasp_placement", "trajectory_catalogue", "named_scene"),
-        *("regions", "touch", "placement", "placed_closing", "paper_scenarios"),
-        *("hand_motion", "brute_distance", "stress", "scene", "haptic_motion", "hard_objects", "hard_postures"),
-    ),
-    # One tick of it, and what is measured.
-    (
-        *("qp", "contact_problem", "solver", "solver_options", "crew", "backend", "workspace"),
-        *("metrics", "mesh_penetration", "hand_referee", "hold_touches", "placement_search", "contact_points"),
-    ),
-    # Runs and their files.
-    (
-        *("replay", "interrupt", "summary", "summary_lines", "tick_figures", "tracking_reference", "tremor_hold"),
-        "warm_up",
-        *("result", "result_writer", "tick_columns", "stored_scene", "run_again"),
-    ),
-    # Looking at them.
-    ("result_hand", "shown_ticks", "rerun_plots", "rerun_scene", "rerun_blueprint", "rerun_target", "status_words"),
-    # The referee.
-    (
-        *("verify", "verify_claim", "verify_contacts", "verify_file"),
-        *("verify_coal", "verify_forces", "verify_hand", "verify_metrics", "verify_ticks"),
-        *("verify_posture", "verify_depth", "verify_balance"),
-        *("verify_rows", "verify_session", "verify_command", "verify_session_figures"),
-    ),
-    # A glove in the loop.
-    ("live",),
-    ("view", "view_ahead"),
-    # Many runs, side by side.
-    ("bench_file", "pareto", "run_errors", "speed_error", "speed_error_table"),
-    ("shrink", "stuck", "failure", "stress_case", "stress_figures", "stress_measure", "bench_stress"),
-    ("hard_case", "hard_judge", "hard_input_cases", "hard_contact_cases", "hard_invariance_cases"),
-    ("hard_endurance", "hard_cases", "bench_hard", "recorded_figures", "bench_recorded"),
-    ("bench_threads", "end_to_end", "tree_references", "bench_trees"),
-    ("paper_stage", "paper_run", "bench_paper", "paper_rows"),
-    ("qp_program", "qp_check", "qp_backends", "qp_tally", "qp_degenerate", "qp_sizes", "qp_harvest", "bench_qp"),
-    # Yes or no to a change.
-    ("gate_inputs", "gate_figures", "gate_suite", "gate_timing", "gate_reference", "gate_judge", "gate_baseline"),
-    ("gate_run", "gate", "gate_report", "gate_trials", "viewer_cost"),
-    # Pictures of them.
-    (
-        "replay_figure",
-        "concepts_figure",
-        "cost_figure",
-        "speed_error_figure",
-        "scene_pictures",
-        "paper_figures",
-        "recording_figure",
-    ),
-    ("trees_figure", "tree_figure"),
-    # A report of them.
-    (
-        *("envelope", "report_columns", "report_figures", "report_series", "report_histogram", "report_speed_error"),
-        *("clear_view", "report_pictures", "report_worst"),
-    ),
-    (
-        *("report", "report_page", "report_html", "report_style", "report_album", "report_run", "report_ticks"),
-        *("report_sections", "report_worst_section", "report_bench", "report_facts", "report_command"),
-        *("report_compare", "report_verdict"),
-    ),
+from tools.import_graph import (
+    PACKAGES,
+    REPOSITORY,
+    Import,
+    circles,
+    imports_of,
+    is_package,
+    library,
+    matrix,
+    modules,
+    package_of,
 )
-"""Modules of hhsim by layer, lowest first; a module imports from its own layer and from lower ones."""
+
+MOST_MODULES = 25
+"""Of one package: more is a drawer."""
 
 HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy"}
 """Packages that are imported where they are used: together they cost more than a second."""
@@ -147,135 +31,122 @@ HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotl
 KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "typing", "collections", "time", "platform"}
 JIT_FACTORY = {"jit", "jit_inline", "jit_vector"}
 
-
-@dataclass(frozen=True)
-class Import:
-    """One imported module by its absolute name; `at_import` unless it waits for a function to be called."""
-
-    name: str
-    line: int
-    at_import: bool
+LIBRARY = library()
+COMMAND_LINE = {name: path for name, path in modules().items() if name not in LIBRARY}
+KERNELS = {name: path for name, path in LIBRARY.items() if name.startswith("hhsim.kernels") and path.name != "jit.py"}
+FRONT = LIBRARY["hhsim"]
+"""It names what users import, of every package, and imports none of it until it is asked for."""
 
 
-def python_files(folder: str) -> list[Path]:
-    return sorted((REPOSITORY / folder).rglob("*.py"))
+def told(path: Path, imported: Import) -> str:
+    return f"{path.relative_to(REPOSITORY)}:{imported.line} imports {imported.name}"
 
 
-def module_name(path: Path) -> str:
-    """Dotted name under which a file of hhsim/ or cli/ is imported."""
-    parts = path.relative_to(REPOSITORY).with_suffix("").parts
-    parts = parts if parts[0] == "hhsim" else ("hhsim", *parts)
-    return ".".join(parts).removesuffix(".__init__")
+def test_the_packages_are_those_on_disk() -> None:
+    assert sorted(PACKAGES) == sorted(name for name in LIBRARY if is_package(name))
 
 
-def imports_of(path: Path) -> Iterator[Import]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    in_function = {
-        inner
-        for outer in ast.walk(tree)
-        if isinstance(outer, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        for inner in ast.walk(outer)
-        if inner is not outer
+def test_a_package_imports_only_from_those_before_it() -> None:
+    upward = [
+        line
+        for (importer, imported), lines in matrix().items()
+        if importer != "hhsim" and PACKAGES.index(imported) > PACKAGES.index(importer)
+        for line in lines
+    ]
+    assert upward == []
+    assert not [
+        told(FRONT, imported) for imported in imports_of(FRONT) if imported.at_import and "hhsim" in imported.name
+    ]
+
+
+def test_no_two_files_import_each_other() -> None:
+    assert circles() == []
+
+
+def test_nothing_below_imports_the_command_line_or_the_tools() -> None:
+    above = ("hhsim.cli", "tools")
+    found = [
+        told(path, imported)
+        for path in LIBRARY.values()
+        for imported in imports_of(path)
+        if imported.name.startswith(above)
+    ]
+    assert found == []
+
+
+def test_no_package_is_a_drawer() -> None:
+    sizes = Counter(package_of(name) for name in modules() if not is_package(name))
+    assert {package: size for package, size in sizes.items() if size > MOST_MODULES} == {}
+
+
+def test_tests_lie_as_the_library_does() -> None:
+    folders = {
+        path.parent.relative_to(REPOSITORY / "tests").as_posix() for path in (REPOSITORY / "tests").rglob("test_*.py")
     }
-    type_only = {
-        inner
-        for outer in ast.walk(tree)
-        if isinstance(outer, ast.If) and ast.unparse(outer.test) == "TYPE_CHECKING"
-        for inner in ast.walk(outer)
-    }
-    package = module_name(path).split(".")
-    if path.name != "__init__.py":
-        package = package[:-1]
-    for node in ast.walk(tree):
-        at_import = node not in in_function and node not in type_only
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield Import(alias.name, node.lineno, at_import)
-        elif isinstance(node, ast.ImportFrom):
-            start = package[: len(package) - node.level + 1] if node.level else []
-            base = ".".join([*start, *([node.module] if node.module else [])])
-            for alias in node.names:
-                inside = f"{base}.{alias.name}"
-                yield Import(inside if inside in OWN_MODULES else base, node.lineno, at_import)
+    packages = {package.replace(".", "/").removeprefix("hhsim").strip("/") or "." for package in PACKAGES}
+    packages |= {package_of(name).replace(".", "/").removeprefix("hhsim/") for name in COMMAND_LINE}
+    assert folders - packages - {"tools"} == set()
 
 
-OWN_MODULES = {module_name(path) for folder in ("hhsim", "cli") for path in python_files(folder)}
-LIBRARY = python_files("hhsim")
-KERNELS = [path for path in python_files("hhsim/kernels") if path.name != "jit.py"]
-
-
-def layer_of(module: str) -> int | None:
-    """Layer of a module of hhsim; None for one that is in no layer."""
-    short = module.split(".")[1] if "." in module else "__init__"
-    return next((number for number, names in enumerate(LAYERS) if short in names), None)
-
-
-def test_every_module_has_a_layer() -> None:
-    homeless = [module_name(path) for path in LIBRARY if layer_of(module_name(path)) is None]
-    assert homeless == [], "say in LAYERS where these belong"
-    names = [name for names in LAYERS for name in names]
-    on_disk = {path.stem for path in (REPOSITORY / "hhsim").glob("*.py")} | {"kernels", "live"}
-    assert sorted(names) == sorted(on_disk), "a layer names a module that is gone, or one twice"
-
-
-@pytest.mark.parametrize("path", LIBRARY, ids=module_name)
-def test_a_lower_layer_never_imports_a_higher_one(path: Path) -> None:
-    own = layer_of(module_name(path))
-    assert own is not None
-    for imported in imports_of(path):
-        # The package names what users import, of every layer, and imports none of it until it is asked for.
-        of_the_front = path == REPOSITORY / "hhsim" / "__init__.py" and not imported.at_import
-        if imported.name.split(".")[0] == "hhsim" and not of_the_front:
-            assert not imported.name.startswith("hhsim.cli"), f"{path}:{imported.line} imports the command line"
-            other = layer_of(imported.name)
-            assert other is not None, f"{path}:{imported.line} imports {imported.name}, which is no module"
-            assert other <= own, f"{path}:{imported.line} imports {imported.name} from a higher layer"
-
-
-@pytest.mark.parametrize("path", KERNELS, ids=module_name)
-def test_kernels_import_only_numpy_numba_and_kernels(path: Path) -> None:
-    for imported in imports_of(path):
-        allowed = imported.name.startswith("hhsim.kernels") or imported.name.split(".")[0] in KERNEL_IMPORTS
-        assert allowed, f"{path}:{imported.line} imports {imported.name}"
+def test_kernels_import_only_numpy_numba_and_kernels() -> None:
+    found = [
+        told(path, imported)
+        for path in KERNELS.values()
+        for imported in imports_of(path)
+        if not imported.name.startswith("hhsim.kernels") and imported.name.split(".")[0] not in KERNEL_IMPORTS
+    ]
+    assert found == []
 
 
 def test_the_jit_factory_imports_only_numpy_numba_and_the_standard_library() -> None:
-    for imported in imports_of(REPOSITORY / "hhsim" / "kernels" / "jit.py"):
+    for imported in imports_of(LIBRARY["hhsim.kernels.jit"]):
         top = imported.name.split(".")[0]
         assert top in ("numpy", "numba", "llvmlite") or top in sys.stdlib_module_names, imported
 
 
-@pytest.mark.parametrize("path", KERNELS, ids=module_name)
-def test_every_kernel_is_made_by_the_jit_factory(path: Path) -> None:
+def test_every_kernel_is_made_by_the_jit_factory() -> None:
     compilers = {"jit", "njit", "vectorize", "guvectorize", "cfunc", "stencil", "generated_jit"}
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        assert not isinstance(node, ast.Raise | ast.Try), f"{path}:{node.lineno}: kernels return status codes"
-        if isinstance(node, ast.FunctionDef):
-            decorators = {ast.unparse(decorator) for decorator in node.decorator_list}
-            assert decorators <= JIT_FACTORY | {"property"}, (
-                f"{path}:{node.lineno}: {node.name} is not made by the factory"
-            )
-        elif isinstance(node, ast.ImportFrom) and node.module == "numba":
-            assert compilers.isdisjoint(alias.name for alias in node.names), f"{path}:{node.lineno}"
-        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "numba":
-            assert node.attr not in compilers, f"{path}:{node.lineno}"
+    found = []
+    for path in KERNELS.values():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            where = f"{path.relative_to(REPOSITORY)}:{getattr(node, 'lineno', 0)}"
+            if isinstance(node, ast.Raise | ast.Try):
+                found.append(f"{where}: kernels return status codes")
+            elif isinstance(node, ast.FunctionDef):
+                decorators = {ast.unparse(decorator) for decorator in node.decorator_list}
+                if not decorators <= JIT_FACTORY | {"property"}:
+                    found.append(f"{where}: {node.name} is not made by the factory")
+            elif isinstance(node, ast.ImportFrom) and node.module == "numba":
+                if not compilers.isdisjoint(alias.name for alias in node.names):
+                    found.append(f"{where}: imports a compiler")
+            elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "numba" and node.attr in compilers:
+                found.append(f"{where}: calls numba.{node.attr}")
+    assert found == []
 
 
-@pytest.mark.parametrize("path", LIBRARY, ids=module_name)
-def test_the_library_imports_heavy_packages_where_it_uses_them(path: Path) -> None:
-    for imported in imports_of(path):
-        heavy = imported.name.split(".")[0] in HEAVY
-        assert not (heavy and imported.at_import), f"{path}:{imported.line} imports {imported.name} at module level"
+def test_the_library_imports_heavy_packages_where_it_uses_them() -> None:
+    found = [
+        told(path, imported)
+        for path in LIBRARY.values()
+        for imported in imports_of(path)
+        if imported.at_import and imported.name.split(".")[0] in HEAVY
+    ]
+    assert found == []
 
 
-@pytest.mark.parametrize("path", python_files("cli"), ids=module_name)
-def test_the_command_line_imports_nothing_slow_until_a_command_runs(path: Path) -> None:
+def test_the_command_line_imports_nothing_slow_until_a_command_runs() -> None:
     light = {"hhsim", "hhsim.errors"}
-    for imported in imports_of(path):
-        if imported.at_import and not imported.name.startswith("hhsim.cli"):
-            top = imported.name.split(".")[0]
-            allowed = imported.name in light or top == "click" or top in sys.stdlib_module_names
-            assert allowed, f"{path}:{imported.line} imports {imported.name} at module level"
+    found = [
+        told(path, imported)
+        for path in COMMAND_LINE.values()
+        for imported in imports_of(path)
+        if imported.at_import
+        and not imported.name.startswith("hhsim.cli")
+        and imported.name not in light
+        and imported.name.split(".")[0] != "click"
+        and imported.name.split(".")[0] not in sys.stdlib_module_names
+    ]
+    assert found == []
 
 
 def setuptools_table() -> dict[str, dict[str, list[str]]]:
@@ -286,8 +157,7 @@ def setuptools_table() -> dict[str, dict[str, list[str]]]:
 
 
 def test_the_declared_packages_are_those_on_disk() -> None:
-    on_disk = {"hhsim.cli", "hhsim.objects", "hhsim.trajectories"}
-    on_disk |= {module_name(path) for path in LIBRARY if path.name == "__init__.py"}
+    on_disk = {"hhsim.objects", "hhsim.trajectories"} | {name for name in modules() if is_package(name)}
     assert sorted(setuptools_table()["packages"]) == sorted(on_disk)
 
 

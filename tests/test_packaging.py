@@ -55,7 +55,7 @@ def test_the_wheel_holds_every_source_and_every_datum_and_nothing_else(
     expected = {
         *(path.relative_to(repository).as_posix() for path in (repository / "hhsim").rglob("*.py")),
         "hhsim/py.typed",
-        *(f"hhsim/cli/{path.name}" for path in (repository / "cli").glob("*.py")),
+        *(f"hhsim/{path.relative_to(repository).as_posix()}" for path in (repository / "cli").rglob("*.py")),
         *(
             f"{inside}/{path.name}"
             for folder, inside in DATA_FOLDERS.items()

@@ -1,6 +1,6 @@
 """How the shipped objects are made: by formula, or from a published package; for maintainers and for the tests.
 
-    python -m hhsim.object_sources objects/ bunny-1.0.1.tgz teapot-1.0.0.tgz
+    python -m tools.build_catalogue objects/ bunny-1.0.1.tgz teapot-1.0.0.tgz
 
 writes the ten .ply files and prints the content hash of each mesh, which its TOML file states.
 """
@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.mesh import Mesh
-from hhsim.mesh_file import ply_bytes
-from hhsim.mesh_repair import closed_surface
-from hhsim.object_catalogue import object_description, object_names
-from hhsim.shapes import GENERATORS
-from hhsim.surface_parts import finished_mesh
+from hhsim.mesh.catalogue import object_description, object_names
+from hhsim.mesh.file import ply_bytes
+from hhsim.mesh.generators import GENERATORS
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.repair import closed_surface
+from hhsim.mesh.surface_parts import finished_mesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""The picture of docs/concepts.md: `python -m hhsim.concepts_figure RESULT docs/concepts.png`.
+"""The picture of docs/concepts.md: `python -m tools.concepts_figure RESULT docs/concepts.png`.
 
 From one tick of a replay: the haptic hand inside the object; what collides, round cones and spheres; the graphic hand
 and its forces; the levels of the sphere tree; and a section through the finger that presses most, at full size. All of
@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.destination import check_destination
 from hhsim.errors import InputError
-from hhsim.hand import FINGERS
-from hhsim.mesh import Mesh
-from hhsim.metrics import FORCE_FLOOR
-from hhsim.rendering import Camera, Layer, blend, frame, lit, save_figure, see_balls, shade
-from hhsim.replay_figure import (
+from hhsim.hand.model import FINGERS
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, save_figure, see_balls, shade
+from hhsim.render.replay_figure import (
     GHOST,
     POSE,
     RED,
@@ -33,10 +32,11 @@ from hhsim.replay_figure import (
     shown_tick,
     view_rotation,
 )
-from hhsim.result import Result
-from hhsim.result_hand import hand_of
-from hhsim.section import Plane, Pose, cut_balls, cut_mesh, finger_plane, round_cone_outline
-from hhsim.surface import SKIN, SPHERE, hand_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import SKIN, SPHERE, hand_surface, joined, mesh_surface, painted
+from hhsim.replay.stored_hand import hand_of
+from hhsim.result.reader import Result
+from hhsim.system.output_path import check_destination
+from tools.cross_section import Plane, Pose, cut_balls, cut_mesh, finger_plane, round_cone_outline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""What a tick costs against the contacts it has: `python -m hhsim.cost_figure docs/cost.png`.
+"""What a tick costs against the contacts it has: `python -m tools.cost_figure docs/cost.png`.
 
 Five motions are replayed on the bunny at two levels of its sphere tree, with both methods and with three margins: a
 wider margin lets more pairs into the same program, up to more than a thousand. The replays take turns, and of each tick
@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
-from hhsim.hand import HandModel
-from hhsim.kernels.tick_state import WORK_CANDIDATES
-from hhsim.object_catalogue import load_object
-from hhsim.rendering import save_figure
-from hhsim.scene import Scene, make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.trajectory_catalogue import load_script
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.warm_up import warm_up
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.state import WORK_CANDIDATES
+from hhsim.mesh.catalogue import load_object
+from hhsim.render.rasterizer import save_figure
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.system.output_path import check_destination
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -261,7 +261,7 @@ def _draw_paper(left: "Axes", right: "Axes") -> None:
 def main(arguments: Sequence[str]) -> None:
     """Run the command."""
     if len(arguments) != 1:
-        raise SystemExit("usage: python -m hhsim.cost_figure PICTURE, for example docs/cost.png")
+        raise SystemExit("usage: python -m tools.cost_figure PICTURE, for example docs/cost.png")
     path = Path(arguments[0])
     try:
         check_destination(path)

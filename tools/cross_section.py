@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
-from hhsim.kernels.hand import forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.kinematics import forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
 
 FloatArray = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Try the gate's timing on this machine: `python -m hhsim.gate_trials`.
+"""Try the gate's timing on this machine: `python -m tools.gate_trials`.
 
 The gate's comparison is repeated on identical code, where every `worse` is a false alarm, and against a python whose
 hhsim does a stated share of work more in every tick, where everything else is a miss. That python takes one module from
@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.gate_run import Side, find_side, interleaved_times, this_python
-from hhsim.gate_suite import GateScene, default_suite
-from hhsim.gate_timing import BETTER, WORSE, TimeComparison, compare_times
+from hhsim.gate.run import Side, find_side, interleaved_times, this_python
+from hhsim.gate.suite import GateScene, default_suite
+from hhsim.gate.timing_test import BETTER, WORSE, TimeComparison, compare_times
 
-BLOCK = "hhsim.kernels.block"
+BLOCK = "hhsim.kernels.tick.block"
 OVERLAY = """\
 import importlib.util
 import sys
@@ -39,7 +39,7 @@ sys.meta_path.insert(0, Overlay())
 """
 """Runs before anything else in the python that is made, and brings in the changed module."""
 TIMED_LINE = "        status |= tick(hand, tree, options, state, qp)\n"
-"""The line of `hhsim.kernels.block` behind which the work is planted: between the two readings of the clock."""
+"""The line of `hhsim.kernels.tick.block` behind which the work is planted: between the two readings of the clock."""
 PLANTED_LINES = """\
         planted = float(i)
         for _ in range({rounds}):
@@ -125,7 +125,7 @@ def main(arguments: Sequence[str]) -> int:
     """Run the command; returns 1 where a verdict was wrong."""
     suite = default_suite()
     scenes = {scene.name: scene for scene in suite.scenes}
-    parser = argparse.ArgumentParser(prog="python -m hhsim.gate_trials", description=(__doc__ or "").split("\n\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m tools.gate_trials", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--identical", type=int, default=40, metavar="N", help="repetitions on identical code; 40")
     parser.add_argument("--planted", type=int, default=20, metavar="N", help="repetitions with more work; 20")
     parser.add_argument("--work", type=float, default=0.10, metavar="SHARE", help="how much more work; 0.10")

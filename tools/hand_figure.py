@@ -1,4 +1,4 @@
-"""A picture of the hand model: `python -m hhsim.hand_figure docs/hand.png`.
+"""A picture of the hand model: `python -m tools.hand_figure docs/hand.png`.
 
 The figure shows what the kernels collide with: each phalanx is the surface of its round cone, the palm is its mesh, and
 the second half shows the palm as the leaf spheres of its tree (paper, Fig. 4).
@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
-from hhsim.hand import DEFAULT_HAND_LENGTH, HandModel
-from hhsim.rendering import blend, frame, look_from, save_figure, shade
-from hhsim.surface import hand_surface
+from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
+from hhsim.render.rasterizer import blend, frame, look_from, save_figure, shade
+from hhsim.render.triangle_soup import hand_surface
+from hhsim.system.output_path import check_destination
 
 FloatArray = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def view(turn: float, tilt: float) -> FloatArray:
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        raise SystemExit("usage: python -m hhsim.hand_figure PICTURE, for example docs/hand.png")
+        raise SystemExit("usage: python -m tools.hand_figure PICTURE, for example docs/hand.png")
     try:
         draw_hand(sys.argv[1])
     except (InputError, OutputError) as error:

@@ -3,7 +3,7 @@
 A hand that stays out of spheres that cover the mesh stays out of the mesh, and where it touches them it hovers over the
 mesh by no more than the spheres protrude. Both are held against coal's distances, tick by tick.
 
-    python -m hhsim.end_to_end --object bunny,cube --level 3,4
+    python -m tools.tree_to_hand --object bunny,cube --level 3,4
 """
 
 import argparse
@@ -14,21 +14,21 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.bench.run_errors import placed_of
 from hhsim.errors import HhsimError, InputError
-from hhsim.hand import HandModel
-from hhsim.hand_referee import BODIES, HandReferee
-from hhsim.mesh import Mesh
-from hhsim.mesh_penetration import contact_points
-from hhsim.metrics import hand_clearance
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.placed_hand import HandShape, PlacedHand, hand_shape
-from hhsim.run_errors import placed_of
-from hhsim.scene import make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.trajectory_catalogue import load_script
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.warm_up import warm_up
+from hhsim.hand.forward_kinematics import HandShape, PlacedHand, hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.mesh_penetration import contact_points
+from hhsim.metrics.metrics import hand_clearance
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import make_scene
+from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.verify.mesh_distance import BODIES, HandReferee
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -146,7 +146,7 @@ def end_to_end(
 
 def sphere_distances(center: FloatArray, radius: FloatArray, shape: HandShape, placed: PlacedHand) -> FloatArray:
     """Least signed distance [m] of each body to spheres, one by one, shape (T, 16); bodies as in `HandReferee`."""
-    from hhsim.brute_distance import palm_spheres, round_cone_distance
+    from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 
     found = np.empty((len(placed.joints), BODIES))
     for tick in range(len(found)):
@@ -183,7 +183,7 @@ def main(arguments: Sequence[str], progress: Callable[[str], None] = lambda line
     """Run the command; returns 1 where a bar was missed."""
     import json
 
-    parser = argparse.ArgumentParser(prog="python -m hhsim.end_to_end", description=(__doc__ or "").split("\n\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m tools.tree_to_hand", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--object", default=",".join(object_names()), metavar="NAMES", help="default: all")
     parser.add_argument("--level", default="3,4", metavar="NUMBERS", help="default: 3,4")
     parser.add_argument("--leaves", type=int, metavar="N", help="most leaves of a tree; default: 8 to the level")

@@ -1,4 +1,4 @@
-"""What looking at a replay costs it: `python -m hhsim.viewer_cost`.
+"""What looking at a replay costs it: `python -m tools.viewer_cost`.
 
 `hhsim replay` is run in pairs, with --rerun FILE.rrd and without, in turn, as whole commands. Compared are their wall
 time, the CPU time of all their processes, and the CPU time of a tick, as the command's own table has it. Then
@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.gate_run import MAIN, run_python, this_python
-from hhsim.gate_timing import base_first
+from hhsim.gate.run import MAIN, run_python, this_python
+from hhsim.gate.timing_test import base_first
 
 RATES = (1000.0, 3334.0)
 """Of the default runs [Hz]: 3,000 and 10,000 ticks of the grasp."""
@@ -138,7 +138,7 @@ def live_medians(sessions: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command; returns 1 where a bar was missed."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.viewer_cost", description=(__doc__ or "").split("\n\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m tools.viewer_cost", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("object", nargs="?", default="bunny", help="bunny")
     parser.add_argument("trajectory", nargs="?", default="grasp", help="grasp")
     parser.add_argument("--pairs", type=int, default=PAIRS, metavar="N", help=f"of commands at each rate; {PAIRS}")

@@ -1,6 +1,6 @@
 """`hhsim bench`: one subcommand a suite, imported when it is run."""
 
-from .lazy_group import LazyGroup, show_help
+from ..lazy_group import LazyGroup, show_help
 
 SUITES = {
     "paper": "The paper's whole evaluation, Figs. 11 to 15: its figures beside ours, in one run.",
@@ -17,7 +17,7 @@ SUITES = {
 command = LazyGroup(
     "bench",
     SUITES,
-    module=lambda name: f"bench_{name.replace('-', '_')}",
+    module=lambda name: f"bench.{name.replace('-', '_')}",
     kind="suite",
     short_help="Measure the methods against each other: speed, error, stress.",
     invoke_without_command=True,

@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING
 import click
 from click.shell_completion import CompletionItem
 
-from . import options
-from .console import announce_compilation, print_json, print_table, progress
-from .name_list import names
+from .. import options
+from ..console import announce_compilation, print_json, print_table, progress
+from ..name_list import names
 
 if TYPE_CHECKING:
-    from hhsim.bench_hard import CaseResult
-    from hhsim.hard_case import Figure
+    from hhsim.bench.robustness.case import Figure
+    from hhsim.bench.robustness.hard import CaseResult
 
 SUITE = "hard"
 
 
 def complete_case(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Offer the names of the cases."""
-    from hhsim.hard_cases import hard_cases
+    from hhsim.bench.robustness.cases import hard_cases
 
     return [CompletionItem(case.name) for case in hard_cases() if case.name.startswith(incomplete)]
 
@@ -64,7 +64,7 @@ def command(
       hhsim bench hard fast-swipe narrow-handle --method coupled,paper
       hhsim bench hard endurance --ticks 600000 --out endurance.h5
     """
-    from hhsim.hard_cases import hard_cases
+    from hhsim.bench.robustness.cases import hard_cases
 
     chosen = hard_cases(cases, ticks)
     if only_list:
@@ -74,11 +74,11 @@ def command(
             print_table(("case", "what it is"), [(case.name, case.description) for case in chosen])
         return 0
 
-    from hhsim.bench_file import check_table_destination, write_table
-    from hhsim.bench_hard import COLUMNS, bench_hard, missed, table_rows
-    from hhsim.destination import dated_destination
+    from hhsim.bench.robustness.hard import COLUMNS, bench_hard, missed, table_rows
+    from hhsim.bench.table import check_table_destination, write_table
     from hhsim.errors import UnknownNameError
-    from hhsim.solver_options import METHODS
+    from hhsim.solver.options import METHODS
+    from hhsim.system.output_path import dated_destination
 
     for method in methods or ():
         if method not in METHODS:

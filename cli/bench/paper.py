@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import options
-from .console import announce_compilation, print_json, print_table, progress
-from .name_list import names
+from .. import options
+from ..console import announce_compilation, print_json, print_table, progress
+from ..name_list import names
 
 if TYPE_CHECKING:
-    from hhsim.paper_rows import PaperRow
+    from hhsim.bench.paper.table import PaperRow
 
 SCALES = {"s": (1e6, "µs"), "m": (1e6, "µm"), "%": (1.0, "%"), "1": (1.0, "")}
 
@@ -61,10 +61,10 @@ def command(
       hhsim bench paper --plot figures --out paper.h5
       hhsim bench paper --quick --method coupled
     """
-    from hhsim.bench_file import check_table_destination, csv_path, write_table
-    from hhsim.bench_paper import PaperOptions, measure
-    from hhsim.destination import dated_destination
-    from hhsim.paper_rows import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows, scene_rows
+    from hhsim.bench.paper.bench import PaperOptions, measure
+    from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows, scene_rows
+    from hhsim.bench.table import check_table_destination, csv_path, write_table
+    from hhsim.system.output_path import dated_destination
 
     named = {"methods": methods, "objects": objects, "instances": instances, "repetitions": repetitions}
     usual = PaperOptions.quick() if quick else PaperOptions()
@@ -74,7 +74,7 @@ def command(
     for path in (destination, scenes):
         check_table_destination(path)
     if plot is not None:
-        from hhsim.paper_figures import check_folder
+        from hhsim.render.paper_figures import check_folder
 
         check_folder(plot)
     announce_compilation(quiet=quiet)
@@ -85,7 +85,7 @@ def command(
         write_table(scenes, "paper", SCENE_COLUMNS, played, run.to_json())
         pictures: list[Path] = []
         if plot is not None:
-            from hhsim.paper_figures import draw_all
+            from hhsim.render.paper_figures import draw_all
 
             pictures = draw_all(plot, runs, report)
     failed = missed(rows)

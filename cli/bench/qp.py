@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import options
-from .console import announce_compilation, print_json, print_notes, print_table, progress
-from .name_list import names
+from .. import options
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..name_list import names
 
 if TYPE_CHECKING:
-    from hhsim.bench_qp import QpBench
+    from hhsim.bench.qp.bench import QpBench
 
 
 @click.command()
@@ -83,10 +83,10 @@ def command(
     """
     from dataclasses import asdict
 
-    from hhsim.bench_file import check_table_destination, write_table
-    from hhsim.bench_qp import COLUMNS, QpBenchOptions, bench_qp, check_names
-    from hhsim.destination import dated_destination
-    from hhsim.qp_harvest import MOTIONS, OBJECTS
+    from hhsim.bench.qp.bench import COLUMNS, QpBenchOptions, bench_qp, check_names
+    from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS
+    from hhsim.bench.table import check_table_destination, write_table
+    from hhsim.system.output_path import dated_destination
 
     chosen = QpBenchOptions(
         problems=problems,

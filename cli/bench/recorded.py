@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from . import options
-from .console import announce_compilation, print_json, print_table, progress
-from .name_list import names
-from .object_argument import complete_object, read_object
+from .. import options
+from ..console import announce_compilation, print_json, print_table, progress
+from ..name_list import names
+from ..object_argument import complete_object, read_object
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hhsim.recorded_figures import RecordedFigures
+    from hhsim.bench.robustness.recorded_metrics import RecordedFigures
 
 HEADINGS = (
     "recording",
@@ -90,13 +90,13 @@ def command(
       hhsim bench recorded recordings --object bunny,mug.stl --unit mm
       hhsim bench recorded grab.npz --method paper --samples hold --rate 500
     """
-    from hhsim.bench_file import check_table_destination, write_table
-    from hhsim.bench_recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
-    from hhsim.destination import dated_destination
-    from hhsim.object_catalogue import names_a_file
-    from hhsim.recorded_figures import COLUMNS, table_row, totals
-    from hhsim.solver_options import SolverOptions
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+    from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
+    from hhsim.bench.robustness.recorded_metrics import COLUMNS, table_row, totals
+    from hhsim.bench.table import check_table_destination, write_table
+    from hhsim.mesh.catalogue import names_a_file
+    from hhsim.solver.options import SolverOptions
+    from hhsim.system.output_path import dated_destination
+    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
     solvers = [SolverOptions(method=method) for method in methods or ("coupled", "progressive")]
     files = recording_files(recordings)[:limit]
@@ -142,7 +142,7 @@ def command(
 
 
 def _print(figures: "Sequence[RecordedFigures]") -> None:
-    from hhsim.recorded_figures import totals
+    from hhsim.bench.robustness.recorded_metrics import totals
 
     ran = [row for row in figures if not row.reason]
     if ran:

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from . import options
-from .console import announce_compilation, print_json, print_notes, print_table, progress
-from .name_list import counts, names
+from .. import options
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..name_list import counts, names
 
 
 @click.command()
@@ -65,13 +65,13 @@ def command(
       hhsim bench speed-error --object cup --motion grasp --level 4,5 --qp daqp
       hhsim bench speed-error --out tradeoff.h5 --plot tradeoff.png
     """
-    from hhsim.bench_file import check_table_destination, csv_path, write_table
-    from hhsim.destination import dated_destination
-    from hhsim.picture_file import picture_beside
-    from hhsim.qp import ACTIVE_SET
-    from hhsim.speed_error import SpeedErrorOptions, measure
-    from hhsim.speed_error_figure import draw_speed_error
-    from hhsim.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
+    from hhsim.bench.speed_error import SpeedErrorOptions, measure
+    from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
+    from hhsim.bench.table import check_table_destination, csv_path, write_table
+    from hhsim.render.speed_error_figure import draw_speed_error
+    from hhsim.solver.qp import ACTIVE_SET
+    from hhsim.system.output_path import dated_destination
+    from hhsim.system.picture_path import picture_beside
 
     others = None if backends is None else tuple(name for name in backends if name != ACTIVE_SET)
     named = {

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from . import options
-from .console import announce_compilation, print_json, print_table, progress
-from .name_list import names
-from .object_argument import complete_object, read_object
+from .. import options
+from ..console import announce_compilation, print_json, print_table, progress
+from ..name_list import names
+from ..object_argument import complete_object, read_object
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from hhsim.stress_figures import StressFigures
+    from hhsim.bench.robustness.stress_metrics import StressFigures
 
 HEADINGS = (
     "object",
@@ -127,16 +127,16 @@ def command(
       hhsim bench stress cup --method coupled --ticks 100000 --wild
       hhsim bench stress --method paper --keep failures
     """
-    from hhsim.bench_file import check_table_destination, write_table
-    from hhsim.bench_stress import run_stress
-    from hhsim.destination import RESULTS, dated_destination
-    from hhsim.hand import HandModel
-    from hhsim.object_catalogue import object_names
-    from hhsim.solver_options import METHODS, SAFE_METHODS, SolverOptions
-    from hhsim.stress import StressOptions
-    from hhsim.stress_case import StressCase
-    from hhsim.stress_figures import COLUMNS, table_row
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+    from hhsim.bench.robustness.random_targets import StressOptions
+    from hhsim.bench.robustness.stress import run_stress
+    from hhsim.bench.robustness.stress_case import StressCase
+    from hhsim.bench.robustness.stress_metrics import COLUMNS, table_row
+    from hhsim.bench.table import check_table_destination, write_table
+    from hhsim.hand.model import HandModel
+    from hhsim.mesh.catalogue import object_names
+    from hhsim.solver.options import METHODS, SAFE_METHODS, SolverOptions
+    from hhsim.system.output_path import RESULTS, dated_destination
+    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
     changed: dict[str, Any] = {"linearisations": linearisations, "margin": None if margin is None else 1e-3 * margin}
     changed = {name: value for name, value in changed.items() if value is not None}
@@ -195,8 +195,8 @@ def command(
 
 
 def _print(figures: "Sequence[StressFigures]") -> None:
-    from hhsim.solver_options import SAFE_METHODS
-    from hhsim.stress_figures import total
+    from hhsim.bench.robustness.stress_metrics import total
+    from hhsim.solver.options import SAFE_METHODS
 
     methods = list(dict.fromkeys(row.method for row in figures))
     totals = [total([row for row in figures if row.method == method]) for method in methods]

@@ -6,9 +6,9 @@ from typing import Any
 
 import click
 
-from . import options
-from .console import announce_compilation, print_json, print_notes, print_table, progress
-from .name_list import counts, names
+from .. import options
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..name_list import counts, names
 
 
 @click.command()
@@ -55,9 +55,9 @@ def command(
       hhsim bench threads --quick --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from hhsim.bench_file import check_table_destination, csv_path, write_table
-    from hhsim.bench_threads import COLUMNS, Load, ThreadsOptions, measure, remarks, when_threads_pay
-    from hhsim.destination import dated_destination
+    from hhsim.bench.table import check_table_destination, csv_path, write_table
+    from hhsim.bench.threads import COLUMNS, Load, ThreadsOptions, measure, remarks, when_threads_pay
+    from hhsim.system.output_path import dated_destination
 
     named = {"objects": objects, "cases": cases, "methods": methods, "threads": threads}
     run = replace(

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from . import options
-from .console import announce_compilation, print_json, print_notes, print_table, progress
-from .name_list import counts, names
+from .. import options
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..name_list import counts, names
 
 
 @click.command()
@@ -55,11 +55,11 @@ def command(
       hhsim bench trees --object bunny --spheres 64,128,256,512 --method certified,medial
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
-    from hhsim.bench_file import check_table_destination, csv_path, write_table
-    from hhsim.bench_trees import COLUMNS, TreesOptions, measure, missed_bars
-    from hhsim.destination import dated_destination
-    from hhsim.picture_file import picture_beside
-    from hhsim.trees_figure import draw_trees
+    from hhsim.bench.table import check_table_destination, csv_path, write_table
+    from hhsim.bench.trees import COLUMNS, TreesOptions, measure, missed_bars
+    from hhsim.render.tree_comparison_figure import draw_trees
+    from hhsim.system.output_path import dated_destination
+    from hhsim.system.picture_path import picture_beside
 
     named = {"objects": objects, "methods": methods, "spheres": spheres}
     run = replace(

@@ -1,6 +1,6 @@
 """`hhsim live`: one subcommand a kind of device, imported when it is run."""
 
-from .lazy_group import LazyGroup, show_help
+from ..lazy_group import LazyGroup, show_help
 
 COMMANDS = {"glove": "A data glove in the loop: its hand against an object, forces back to its fingers."}
 """Every command with its one line."""
@@ -8,7 +8,7 @@ COMMANDS = {"glove": "A data glove in the loop: its hand against an object, forc
 command = LazyGroup(
     "live",
     COMMANDS,
-    module=lambda name: f"live_{name}",
+    module=lambda name: f"live.{name}",
     kind="command",
     short_help="Put a glove in the loop at 1 kHz, safely, and record it.",
     invoke_without_command=True,

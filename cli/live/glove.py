@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from . import options, tree_level
-from .console import announce_compilation, print_json, print_notes, progress
-from .live_session import run_session
-from .live_summary import print_summary, summary_json
-from .number_list import number_list
-from .object_argument import complete_object, read_object
-from .replay import complete_trajectory
-from .rerun_option import METAVAR, read_target
+from .. import options, tree_level
+from ..console import announce_compilation, print_json, print_notes, progress
+from ..number_list import number_list
+from ..object_argument import complete_object, read_object
+from ..replay import complete_trajectory
+from ..rerun_option import METAVAR, read_target
+from .session import run_session
+from .summary import print_summary, summary_json
 
 if TYPE_CHECKING:
-    from hhsim.dexmo_regression import DexmoRegression
-    from hhsim.live.devices import DeviceConfig
+    from hhsim.live.devices.registry import DeviceConfig
+    from hhsim.recordings.dexmo_regression import DexmoRegression
 
 GLOVES = ("dexmo", "opengloves", "udp", "replay", "sim")
 POSES = ("keyboard", "fixed", "replay", "udp")
@@ -259,16 +259,16 @@ def command(
       hhsim live glove bunny --device udp --pose udp --rerun spawn
       hhsim live glove --device replay --trajectory session.h5 --duration 10
     """
-    from hhsim.destination import dated_destination
-    from hhsim.hand import HandModel
-    from hhsim.live.devices import DeviceConfig, open_device
-    from hhsim.live.live_scene import PLAYED, make_live_scene
-    from hhsim.live.live_setup import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits
-    from hhsim.live.pose_sources import PoseConfig
-    from hhsim.result import check_result_destination
-    from hhsim.solver_options import SolverOptions
-    from hhsim.trajectory_catalogue import resolve_trajectory
-    from hhsim.warm_up import warm_up
+    from hhsim.hand.model import HandModel
+    from hhsim.live.devices.registry import DeviceConfig, open_device
+    from hhsim.live.ipc.config import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits
+    from hhsim.live.pose.config import PoseConfig
+    from hhsim.live.session.scene import PLAYED, make_live_scene
+    from hhsim.result.reader import check_result_destination
+    from hhsim.scene.motion_catalogue import resolve_trajectory
+    from hhsim.solver.compile import warm_up
+    from hhsim.solver.options import SolverOptions
+    from hhsim.system.output_path import dated_destination
 
     if no_record and record is not None:
         raise click.UsageError(f"--no-record and --record {record} exclude each other")
@@ -361,10 +361,10 @@ def command(
 
 def _regression(glove: "DeviceConfig") -> "DexmoRegression":
     """What a bend of this glove is in angles."""
-    from hhsim.dexmo_regression import DexmoRegression
+    from hhsim.recordings.dexmo_regression import DexmoRegression
 
     if glove.kind != "dexmo" or not glove.calibration:
         return DexmoRegression.default()
-    from hhsim.live.dexmo_calibration import load_calibration
+    from hhsim.live.devices.calibration import load_calibration
 
     return load_calibration(Path(glove.calibration), glove.hand, glove.profile).regression

@@ -3,12 +3,12 @@
 import time
 from typing import TYPE_CHECKING
 
-from .live_status import LiveStatus
+from .status_line import LiveStatus
 from .terminal_keys import terminal_keys
 
 if TYPE_CHECKING:
-    from hhsim.live.live_setup import LiveSetup
-    from hhsim.live.supervisor import SessionOutcome
+    from hhsim.live.ipc.config import LiveSetup
+    from hhsim.live.session.supervisor import SessionOutcome
 
 POLL = 0.02
 """The session is looked after this often [s]."""
@@ -26,10 +26,10 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
         What became of it, and what went wrong: a line, or "".
     """
     from hhsim.errors import HhsimError
-    from hhsim.live.palm_keys import HELP, PalmKeys
-    from hhsim.live.pose_sources import write_keyboard_pose
-    from hhsim.live.stop_signals import stop_signals
-    from hhsim.live.supervisor import Supervisor
+    from hhsim.live.pose.keyboard import HELP, PalmKeys
+    from hhsim.live.pose.registry import write_keyboard_pose
+    from hhsim.live.session.stop_signals import stop_signals
+    from hhsim.live.session.supervisor import Supervisor
 
     by_keys = setup.pose.kind == "keyboard"
     palm = PalmKeys(setup.pose.position, setup.pose.orientation)

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hhsim.live.live_tally import LiveTally
-    from hhsim.live.palm_keys import PalmKeys
+    from hhsim.live.pose.keyboard import PalmKeys
+    from hhsim.live.session.statistics import LiveTally
 
 PANEL_SECONDS = 0.25
 LINE_SECONDS = 5.0
@@ -114,8 +114,8 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
         recording: where it goes, "" for nowhere.
         now_ns: CLOCK_MONOTONIC [ns].
     """
-    from hhsim.hand import FINGERS
-    from hhsim.live.safety_words import why_free
+    from hhsim.hand.model import FINGERS
+    from hhsim.result.safety import why_free
 
     if status["ticks"] == 0:
         return [("starting", "making the loop ready, and reaching for the glove")]

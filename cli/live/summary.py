@@ -4,10 +4,10 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from .console import print_table
+from ..console import print_table
 
 if TYPE_CHECKING:
-    from hhsim.live.supervisor import SessionOutcome
+    from hhsim.live.session.supervisor import SessionOutcome
 
 Row = tuple[str, str, str]
 
@@ -17,7 +17,7 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
     print_table(("", "hhsim", "unit"), summary_rows(outcome), title=title, numbers=("hhsim",))
     mode = outcome.facts.get("real_time")
     if mode:
-        from hhsim.live.real_time import described
+        from hhsim.live.loop.real_time import described
 
         print(f"real time: {described(mode)}")
     if outcome.record is not None and outcome.recorded:
@@ -27,8 +27,8 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
 
 def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     """Label, figure and unit of every line."""
-    from hhsim.live.session_lines import session_rows
-    from hhsim.live.session_summary import session_figures
+    from hhsim.live.session.summary import session_figures
+    from hhsim.live.session.summary_table import session_rows
 
     tally, counters = outcome.tally, outcome.counters
     everything = max(outcome.ticks + outcome.missed, 1)
@@ -56,7 +56,7 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
 
 def _deepest(outcome: "SessionOutcome") -> float | None:
     """Deepest penetration of the recorded ticks [m]; None where there is no whole recording."""
-    from hhsim.live.session_summary import recorded_figures
+    from hhsim.live.session.summary import recorded_figures
 
     if outcome.record_failed or not outcome.recorded:
         return None

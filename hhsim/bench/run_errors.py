@@ -9,20 +9,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import metrics
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.mesh_bvh import MeshBvh
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
-from hhsim.kernels.tree import TreeArrays
-from hhsim.mesh_penetration import contact_error, contact_points, mesh_clearance
-from hhsim.metrics import HandPoses
-from hhsim.placed_hand import PlacedHand, hand_shape, placed_hand
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.tracking_reference import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED, reference_excess
-from hhsim.trajectory import TickInput
-from hhsim.tremor_hold import is_frozen, tremor_variation
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, placed_hand
+from hhsim.hand.model import HandModel
+from hhsim.kernels.mesh.bvh import MeshBvh
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.metrics import metrics
+from hhsim.metrics.mesh_penetration import contact_error, contact_points, mesh_clearance
+from hhsim.metrics.metrics import HandPoses
+from hhsim.motion.trajectory import TickInput
+from hhsim.replay.tremor_hold import is_frozen, tremor_variation
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED, reference_excess
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -14,23 +14,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.bench.run_errors import ErrorScene, RunErrors, error_scene, run_errors
 from hhsim.errors import HhsimError, InputError, UnknownNameError
-from hhsim.hand import HandModel
-from hhsim.interrupt import interruptible_between
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.kernels.tick_state import WORK_CANDIDATES, WORK_UNITS
-from hhsim.kernels.tree import TreeArrays
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.qp import ACTIVE_SET, available_backends
-from hhsim.run_errors import ErrorScene, RunErrors, error_scene, run_errors
-from hhsim.scene import make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import METHODS, SolverOptions
-from hhsim.synthesis import synthesize
-from hhsim.trajectory_catalogue import load_script, script_names
-from hhsim.tree_builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
-from hhsim.warm_up import warm_up
+from hhsim.hand.model import HandModel
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_UNITS
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.scene.motion_catalogue import load_script, script_names
+from hhsim.scene.scene import make_scene
+from hhsim.scene.synthesis import synthesize
+from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import METHODS, SolverOptions
+from hhsim.solver.qp import ACTIVE_SET, available_backends
+from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.trees.builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import metrics
-from hhsim.bench_file import Column
-from hhsim.pareto import frontier
-from hhsim.qp import ACTIVE_SET
-from hhsim.run_errors import SAMPLES, RunErrors
-from hhsim.speed_error import Configuration, Run
+from hhsim.bench.pareto import frontier
+from hhsim.bench.run_errors import SAMPLES, RunErrors
+from hhsim.bench.speed_error import Configuration, Run
+from hhsim.bench.table import Column
+from hhsim.metrics import metrics
+from hhsim.solver.qp import ACTIVE_SET
 
 Row = dict[str, Any]
 

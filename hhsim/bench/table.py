@@ -17,10 +17,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import info
-from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
-from hhsim.whole_file import hdf5_image, write_whole_file
+from hhsim.system import environment as info
+from hhsim.system.atomic_write import hdf5_image, write_whole_file
+from hhsim.system.output_path import check_destination
 
 FORMAT = "hhsim-bench"
 SCHEMA_VERSION = 1
@@ -72,7 +72,8 @@ def check_table_destination(destination: Path) -> None:
     """Look, before the work, for what would keep a table from being written.
 
     Raises:
-        OutputError: As `hhsim.destination.check_destination`, for either of the two files; a name that does not end in
+        OutputError: As `hhsim.system.output_path.check_destination`, for either of the two files; a name that does not
+        end in
             .h5; or a file is there that is no table, which a slip of the pen must not destroy.
     """
     if destination.suffix != ".h5":

@@ -14,20 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench_file import Column
+from hhsim.bench.table import Column
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.crew import PARTS
-from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick_state import WORK_CANDIDATES
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.scene import Scene, make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import THREADED_METHODS, SolverOptions
-from hhsim.trajectory_catalogue import load_script
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.warm_up import warm_up
+from hhsim.hand.model import HandModel
+from hhsim.kernels.parallel.thread_team import PARTS
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import WORK_CANDIDATES
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import THREADED_METHODS, SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]

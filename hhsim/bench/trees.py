@@ -1,7 +1,7 @@
 """Builders of sphere trees side by side: error against spheres against CPU time.
 
-Each tree is measured by code that shares nothing with the builders (`hhsim.tree_referee`, which needs coal), or where
-that is not installed as every tree is (`hhsim.tree_error`). Errors are the same in every run; times are not.
+Each tree is measured by code that shares nothing with the builders (`hhsim.verify.tree_checks`, which needs coal), or
+where that is not installed as every tree is (`hhsim.trees.error`). Errors are the same in every run; times are not.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench_file import Column
-from hhsim.cup import cup
+from hhsim.bench.table import Column
 from hhsim.errors import HhsimError, InputError
-from hhsim.mesh import Mesh
-from hhsim.object_catalogue import load_object
-from hhsim.shapes import cube, cylinder, hexagonal_prism
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import MOST_LEVEL, TreeOptions, build_sphere_tree
-from hhsim.tree_references import BARS, EXTENT, LEAST_GAP, REFERENCES
+from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.cup import cup
+from hhsim.mesh.generators import cube, cylinder, hexagonal_prism
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.builder import MOST_LEVEL, TreeOptions, build_sphere_tree
+from hhsim.trees.published_results import BARS, EXTENT, LEAST_GAP, REFERENCES
+from hhsim.trees.sphere_tree import SphereTree
 
 Row = dict[str, Any]
 Progress = Callable[[str, int, int], None]
@@ -44,7 +44,7 @@ class TreesOptions:
 
     Attributes:
         objects: Names of the catalogue.
-        methods: Builders, of `hhsim.tree_methods.METHODS`.
+        methods: Builders, of `hhsim.trees.methods.METHODS`.
         spheres: Most leaves of the trees.
         size: Longest extent of the objects [m].
         seed: Of the samples that measure.
@@ -182,7 +182,7 @@ def _measured(mesh: Mesh, tree: SphereTree, options: TreesOptions) -> tuple[floa
     if find_spec("coal") is None:
         own = tree.errors[-1]
         return own.protrusion_max, own.protrusion_mean, own.gap_max, "hhsim"
-    from hhsim.tree_referee import referee
+    from hhsim.verify.tree_checks import referee
 
     verdict = referee(
         mesh, tree, [tree.depth], mesh_points=options.points, sphere_points=options.points, seed=options.seed

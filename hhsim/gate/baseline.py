@@ -7,11 +7,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hhsim import __version__, info
+from hhsim import __version__
 from hhsim.errors import InputError
-from hhsim.gate_figures import COUNTERS, ERRORS, RunFigures
-from hhsim.gate_inputs import inputs_from_json
-from hhsim.whole_file import write_whole_file
+from hhsim.gate.input_hash import inputs_from_json
+from hhsim.gate.metrics import COUNTERS, ERRORS, RunFigures
+from hhsim.system import environment as info
+from hhsim.system.atomic_write import write_whole_file
 
 FORMAT = "hhsim-gate-baseline"
 BASELINE_VERSION = 1

@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
-from hhsim.gate_baseline import Baseline, RecordedScene
-from hhsim.gate_figures import RunFigures, run_figures
-from hhsim.gate_inputs import differences
-from hhsim.gate_judge import (
+from hhsim.gate.baseline import Baseline, RecordedScene
+from hhsim.gate.input_hash import differences
+from hhsim.gate.metrics import RunFigures, run_figures
+from hhsim.gate.run import RunFailed, Side, interleaved_times, times_beside_reference
+from hhsim.gate.suite import GateScene, GateSuite, default_suite, load_suite
+from hhsim.gate.verdict import (
     GateRow,
     failed_run,
     judge_counters,
@@ -19,10 +21,8 @@ from hhsim.gate_judge import (
     overall,
     unjudged,
 )
-from hhsim.gate_run import RunFailed, Side, interleaved_times, times_beside_reference
-from hhsim.gate_suite import GateScene, GateSuite, default_suite, load_suite
-from hhsim.kernels.reference_work import REFERENCE_VERSION
-from hhsim.result import Result
+from hhsim.kernels.machine_calibration import REFERENCE_VERSION
+from hhsim.result.reader import Result
 
 Progress = Callable[[str, int, int], None]
 
@@ -262,7 +262,7 @@ def find_suite(path: Path | None, usual: Path) -> GateSuite:
     """The suite of a file, else that of the current folder, else the one that ships.
 
     Raises:
-        InputError: as `hhsim.gate_suite.load_suite`.
+        InputError: as `hhsim.gate.suite.load_suite`.
     """
     if path is not None:
         return load_suite(path)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.errors import InputError
-from hhsim.result import Result
+from hhsim.result.reader import Result
 
 TOLERANCE = 1e-7
 """Largest difference of a sum, weights from 1 to 2: 0.1 µm or µrad at a single tick, radius or centre."""

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.reference_work import REFERENCE_VERSION, ROWS, SPHERES, time_reference
+from hhsim.kernels.machine_calibration import REFERENCE_VERSION, ROWS, SPHERES, time_reference
 
 __all__ = ["REFERENCE_VERSION", "reference_p50"]
 

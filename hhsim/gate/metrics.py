@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import metrics
-from hhsim.gate_inputs import RunInputs, run_inputs
-from hhsim.hand import FINGERS
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
-from hhsim.metrics import HandPoses
-from hhsim.result import Result
-from hhsim.stored_scene import stored_tree
+from hhsim.gate.input_hash import RunInputs, run_inputs
+from hhsim.hand.model import FINGERS
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.metrics import metrics
+from hhsim.metrics.metrics import HandPoses
+from hhsim.replay.stored_scene import stored_tree
+from hhsim.result.reader import Result
 
 Array = NDArray[Any]
 

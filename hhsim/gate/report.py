@@ -5,8 +5,8 @@ import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
-from hhsim.gate import GateReport
-from hhsim.gate_judge import GateRow
+from hhsim.gate.gate import GateReport
+from hhsim.gate.verdict import GateRow
 
 HEADINGS = ("scene", "figure", "head", "base", "limit", "unit", "verdict", "")
 NUMBERS = ("head", "base", "limit")
@@ -74,7 +74,7 @@ def junit(report: GateReport) -> bytes:
         counts = {"tests": str(len(rows)), "failures": str(failures), "errors": str(errors)}
         suite = ElementTree.SubElement(root, "testsuite", {"name": scene, **counts})
         for row in rows:
-            case = ElementTree.SubElement(suite, "testcase", classname=f"hhsim.gate.{scene}", name=row.name)
+            case = ElementTree.SubElement(suite, "testcase", classname=f"hhsim.gate.gate.{scene}", name=row.name)
             said = " | ".join(cells(row)[1:7]) + (f" | {row.reason}" if row.reason else "")
             if not row.passed:
                 ElementTree.SubElement(case, "failure", message=row.reason or row.verdict).text = said

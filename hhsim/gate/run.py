@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.gate_figures import RunFigures, cpu_p50, run_figures
-from hhsim.gate_suite import GateScene
-from hhsim.gate_timing import base_first
-from hhsim.interrupt import interruptible_between
-from hhsim.result import Result, load_result
+from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
+from hhsim.gate.suite import GateScene
+from hhsim.gate.timing_test import base_first
+from hhsim.result.reader import Result, load_result
+from hhsim.system.deferred_sigint import interruptible_between
 
 T = TypeVar("T")
 Step = Callable[[str], None]
@@ -152,7 +152,7 @@ def times_beside_reference(
     Raises:
         RunFailed: a run did not end well.
     """
-    from hhsim.gate_reference import reference_p50
+    from hhsim.gate.machine_calibration import reference_p50
 
     times, references = [], []
     with interruptible_between() as check_interrupt:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
-from hhsim.gate_figures import COUNTERS, ERRORS
-from hhsim.solver_options import METHODS
-from hhsim.toml_document import check_keys, checked_table, parse_toml, read_toml_text
+from hhsim.gate.metrics import COUNTERS, ERRORS
+from hhsim.solver.options import METHODS
+from hhsim.system.toml_document import check_keys, checked_table, parse_toml, read_toml_text
 
 SUITE_FILE = "hhsim-gate.toml"
 """The suite of a project, in the folder where the gate is run."""
@@ -84,7 +84,7 @@ class GateScene:
         level: Of the sphere tree; None: the object's usual one.
         arguments: More arguments of `hhsim replay`.
         timed: Whether its time is judged.
-        limits: Largest value of each figure that has a limit, by the names of `hhsim.gate_figures.ERRORS`, SI or %.
+        limits: Largest value of each figure that has a limit, by the names of `hhsim.gate.metrics.ERRORS`, SI or %.
         slack: Of each counter, as a share of the baseline's value.
     """
 

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hhsim.gate_figures import COUNTERS, ERRORS, RunFigures
-from hhsim.gate_inputs import differences, new_options
-from hhsim.gate_timing import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
+from hhsim.gate.input_hash import differences, new_options
+from hhsim.gate.metrics import COUNTERS, ERRORS, RunFigures
+from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
 
 ROUNDING = 1e-9
 """Errors that differ by no larger share are the same."""

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand import HandModel
-from hhsim.kernels.hand import forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.kinematics import forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
 
 FloatArray = NDArray[np.float64]

@@ -40,14 +40,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.kernels.distance import cone_slope
-from hhsim.kernels.hand import HandArrays, forward_kinematics
+from hhsim.hand.palm_mesh import palm_mesh
+from hhsim.kernels.hand.kinematics import HandArrays, forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.mesh import Mesh
-from hhsim.palm import palm_mesh
-from hhsim.sphere_tree import SphereTree
-from hhsim.toml_document import parse_toml, read_toml_text
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree, proved_anew
+from hhsim.kernels.round_cone_distance import cone_slope
+from hhsim.mesh.mesh import Mesh
+from hhsim.system.toml_document import parse_toml, read_toml_text
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree, proved_anew
+from hhsim.trees.sphere_tree import SphereTree
 
 FloatArray = NDArray[np.float64]
 Side = Literal["right", "left"]

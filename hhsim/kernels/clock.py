@@ -8,7 +8,7 @@ import time
 import numpy as np
 from numba import types
 
-from .jit import JIT_ENABLED, as_int64, jit
+from hhsim.kernels.jit import JIT_ENABLED, as_int64, jit
 
 CLOCK_MONOTONIC = 1
 CLOCK_THREAD_CPU = 3

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit
+from hhsim.kernels.jit import jit
 
 Array = NDArray[np.float64]
 

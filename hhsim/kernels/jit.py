@@ -150,7 +150,7 @@ def cached_kernels() -> int:
 
 def is_cached() -> bool:
     """Whether compiled ticks of exactly these sources lie in the cache; if not, the first run compiles."""
-    folder = module_cache(f"{PACKAGE}.tick")
+    folder = module_cache(f"{PACKAGE}.tick.tick")
     return folder.is_dir() and any(folder.rglob("*.nbi"))
 
 

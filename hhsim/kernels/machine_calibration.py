@@ -7,8 +7,8 @@ imports no other kernel, so that no change of the solver is a change of the yard
 import numpy as np
 from numpy.typing import NDArray
 
-from .clock import thread_cpu_ns
-from .jit import jit
+from hhsim.kernels.clock import thread_cpu_ns
+from hhsim.kernels.jit import jit
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit, jit_inline, jit_vector
+from hhsim.kernels.jit import jit, jit_inline, jit_vector
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .distance import round_cone_parameter
-from .jit import jit
+from hhsim.kernels.jit import jit
+from hhsim.kernels.round_cone_distance import round_cone_parameter
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -1,6 +1,6 @@
 """Closest point of a triangle, with the feature it lies on; and the cut of a triangle across its longest edge."""
 
-from .jit import jit_inline
+from hhsim.kernels.jit import jit_inline
 
 FEATURE_FACE = 0
 FEATURE_VERTEX = 1

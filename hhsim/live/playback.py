@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.trajectory import Trajectory
+from hhsim.motion.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hhsim.errors import InputError, MeshError, UnknownNameError
 
 if TYPE_CHECKING:
-    from hhsim.mesh import Mesh
+    from hhsim.mesh.mesh import Mesh
 
 SUFFIX = ".toml"
 MESH_LEVEL = 4
@@ -76,8 +76,8 @@ def load_object(name: str) -> CatalogueObject:
         MeshError: The shipped mesh is not the one that its description states.
     """
     # Shell completion asks for names alone and must not wait for numpy.
-    from hhsim.mesh import METRES_PER_UNIT, Mesh
-    from hhsim.mesh_file import read_own_ply
+    from hhsim.mesh.file import read_own_ply
+    from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
 
     description = object_description(name)
     file = description["file"]
@@ -128,6 +128,6 @@ def resolve_object(
         return item.mesh, item.level
     if unit is not None and size is not None:
         raise InputError("unit and size exclude each other: size scales whatever the unit is")
-    from hhsim.mesh import load_mesh
+    from hhsim.mesh.mesh import load_mesh
 
     return load_mesh(word, unit or "m", size, thickness=thickness), MESH_LEVEL

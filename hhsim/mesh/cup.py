@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.mesh import Mesh
-from hhsim.surface_parts import band, circle, fan, finished_mesh
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.surface_parts import band, circle, fan, finished_mesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,12 +9,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.cup import cup
 from hhsim.errors import InputError
-from hhsim.mesh import Mesh
-from hhsim.rock import rock
-from hhsim.shamrock import shamrock
-from hhsim.surface_parts import band, circle, fan, finished_mesh, icosphere
+from hhsim.mesh.cup import cup
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.rock import rock
+from hhsim.mesh.shamrock import shamrock
+from hhsim.mesh.surface_parts import band, circle, fan, finished_mesh, icosphere
 
 __all__ = [
     "GENERATORS",

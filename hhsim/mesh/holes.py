@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.mesh_topology import boundary_loops
+from hhsim.mesh.topology import boundary_loops
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

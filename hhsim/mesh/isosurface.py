@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.kernels.solid_field import SolidField, inside, leave_inside, near
-from hhsim.mesh_topology import is_closed, part_labels, used_vertices
-from hhsim.tet_grid import HALVINGS, TetGrid
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.inside_field import SolidField, inside, leave_inside, near
+from hhsim.mesh.tet_grid import HALVINGS, TetGrid
+from hhsim.mesh.topology import is_closed, part_labels, used_vertices
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, MeshError
-from hhsim.mesh_file import read_triangles
+from hhsim.mesh.file import read_triangles
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -145,7 +145,7 @@ def load_mesh(
         MeshError: Unreadable, empty, not finite, of absurd size, or without an inside.
     """
     # The checks bring the compiler; who only reads the catalogue does without it.
-    from hhsim.winding_solid import solid_surface
+    from hhsim.mesh.solidify import solid_surface
 
     path = Path(path)
     if unit not in METRES_PER_UNIT:

@@ -7,9 +7,9 @@ meshes based on ray-casting" (2014): rays from both sides of each part; those th
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.kernels.solid_field import count_hits
-from hhsim.mesh_topology import alike_wound, face_areas, part_labels
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.inside_field import count_hits
+from hhsim.mesh.topology import alike_wound, face_areas, part_labels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
-from hhsim.mesh_holes import hole_caps
-from hhsim.mesh_in_repair import MeshInRepair, counted
-from hhsim.mesh_overlaps import resolve_overlaps, turn_outward
-from hhsim.mesh_topology import (
+from hhsim.mesh.holes import hole_caps
+from hhsim.mesh.repair_log import MeshInRepair, counted
+from hhsim.mesh.self_intersection import resolve_overlaps, turn_outward
+from hhsim.mesh.topology import (
     alike_wound,
     face_areas,
     merged_vertices,

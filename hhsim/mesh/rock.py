@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.mesh import Mesh
-from hhsim.surface_parts import finished_mesh, icosphere
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.surface_parts import finished_mesh, icosphere
 
 FloatArray = NDArray[np.float64]
 

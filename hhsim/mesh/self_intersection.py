@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
-from hhsim.kernels.winding import winding_numbers
-from hhsim.mesh_in_repair import MeshInRepair
-from hhsim.mesh_topology import in_fixed_order, is_closed, merged_vertices, part_labels, signed_volume
+from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.mesh.repair_log import MeshInRepair
+from hhsim.mesh.topology import in_fixed_order, is_closed, merged_vertices, part_labels, signed_volume
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
-from hhsim.kernels.fast_winding import fast_winding_numbers, winding_moments
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
-from hhsim.kernels.solid_field import SolidField
-from hhsim.mesh_in_repair import MeshInRepair, counted
-from hhsim.mesh_orientation import turned_outward
-from hhsim.mesh_repair import CAP_AREA, closed_surface, merge_and_clean
-from hhsim.mesh_topology import face_areas, in_fixed_order, is_closed, part_labels, undirected_edges, used_vertices
-from hhsim.sheet_slabs import slab_union
-from hhsim.solid_mesh import border_distances, is_inside, simplified, solid_mesh
-from hhsim.surface_samples import face_samples
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
+from hhsim.kernels.mesh.fast_winding_number import fast_winding_numbers, winding_moments
+from hhsim.kernels.mesh.inside_field import SolidField
+from hhsim.mesh.isosurface import border_distances, is_inside, simplified, solid_mesh
+from hhsim.mesh.orientation import turned_outward
+from hhsim.mesh.repair import CAP_AREA, closed_surface, merge_and_clean
+from hhsim.mesh.repair_log import MeshInRepair, counted
+from hhsim.mesh.surface_sampling import face_samples
+from hhsim.mesh.thin_sheets import slab_union
+from hhsim.mesh.topology import face_areas, in_fixed_order, is_closed, part_labels, undirected_edges, used_vertices
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

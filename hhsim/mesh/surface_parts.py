@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.mesh import Mesh
-from hhsim.mesh_topology import in_fixed_order, merged_vertices
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.topology import in_fixed_order, merged_vertices
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

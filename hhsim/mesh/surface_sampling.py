@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.mesh_topology import face_areas
+from hhsim.mesh.topology import face_areas
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.tet_grid import MOST_COORDINATE, Tets, fill_table, halve_tets, locate
+from hhsim.kernels.mesh.tet_grid import MOST_COORDINATE, Tets, fill_table, halve_tets, locate
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.mesh_bvh import face_normals
+from hhsim.kernels.mesh.bvh import face_normals
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

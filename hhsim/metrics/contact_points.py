@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.kernels.touching import touching_pairs
-from hhsim.kernels.tree import TreeArrays
-from hhsim.placed_hand import HandShape, PlacedHand
-from hhsim.workers import Workers, ranges, usual_threads
+from hhsim.hand.forward_kinematics import HandShape, PlacedHand
+from hhsim.kernels.contact.contact_points import touching_pairs
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.system.thread_pool import Workers, ranges, usual_threads
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.kernels.mesh_bvh import MeshBvh, mesh_signed_distance
-from hhsim.kernels.mesh_contact import hand_mesh_distances, touching_points
-from hhsim.kernels.tree import TreeArrays
-from hhsim.placed_hand import HandShape, PlacedHand, rotations
+from hhsim.hand.forward_kinematics import HandShape, PlacedHand, rotations
+from hhsim.kernels.contact.mesh_distance import hand_mesh_distances, touching_points
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.kernels.sphere_tree import TreeArrays
 
 FloatArray = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
-from hhsim.kernels.penetration import clearances
-from hhsim.kernels.tree import TreeArrays
+from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.sphere_tree import TreeArrays
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

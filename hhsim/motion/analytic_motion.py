@@ -6,8 +6,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
+from hhsim.hand.model import HandModel
+from hhsim.motion.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
+from hhsim.motion.tick_motion import HandMotion
 
 Array = NDArray[np.float64]
 
@@ -88,55 +89,3 @@ def random_targets(
     abduction = random.uniform(hand.abduction_min, hand.abduction_max, (count, 5))
     parts = (position, orientation, flexion, abduction)
     return HapticMotion(*(np.repeat(part, hold, axis=0)[:ticks] for part in parts))
-
-
-def quaternion(vector: ArrayLike) -> Array:
-    """Unit quaternions (w, x, y, z), shape (..., 4), of rotation vectors [rad], shape (..., 3)."""
-    turns = np.asarray(vector, np.float64)
-    half = 0.5 * np.linalg.norm(turns, axis=-1, keepdims=True)
-    # np.sinc(x) is sin(πx)/(πx), and whole at zero.
-    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * turns], axis=-1)
-
-
-def rotation_vector(quaternions: ArrayLike) -> Array:
-    """Rotation vectors [rad], shape (..., 3), the short way round, of unit quaternions (w, x, y, z), shape (..., 4)."""
-    q = np.asarray(quaternions, np.float64)
-    q = np.where(q[..., :1] < 0.0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    small = sine < 1e-12
-    scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, q[..., :1]) / np.where(small, 1.0, sine))
-    vector: Array = scale * q[..., 1:]
-    return vector
-
-
-def quaternion_product(first: ArrayLike, second: ArrayLike) -> Array:
-    """The rotation `second` and then `first`, shapes (..., 4)."""
-    aw, ax, ay, az = np.moveaxis(np.asarray(first, np.float64), -1, 0)
-    bw, bx, by, bz = np.moveaxis(np.asarray(second, np.float64), -1, 0)
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
-    )
-
-
-def conjugate(quaternions: ArrayLike) -> Array:
-    """The inverse of unit quaternions, shape (..., 4)."""
-    turned: Array = np.asarray(quaternions, np.float64) * [1.0, -1.0, -1.0, -1.0]
-    return turned
-
-
-def rotation_matrix(unit: ArrayLike) -> Array:
-    """Matrix, shape (3, 3), of one unit quaternion (w, x, y, z)."""
-    w, x, y, z = np.asarray(unit, np.float64)
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )

@@ -11,7 +11,7 @@ same motion bit for bit. Columns, in any order:
 | thumb_flex1, thumb_flex2, thumb_flex3, index_flex1, …, little_flex3 | rad | flexion, proximal to distal |
 | thumb_abd, index_abd, …, little_abd | rad | abduction, positive towards the thumb side |
 | phase (may be left out) | | phase that the sample belongs to, or empty |
-| flags (may be left out) | | sum of the bits of `hhsim.sample_flags.SampleFlag` |
+| flags (may be left out) | | sum of the bits of `hhsim.motion.sample_flags.SampleFlag` |
 
 Lines `# key: value` before the header carry name, source, licence, device and hand, object_position (x y z) and
 object_orientation (w x y z) as numbers with spaces between, and samples, the number of lines, so that a file that was
@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand import FINGERS
-from hhsim.trajectory import Phase, Trajectory
-from hhsim.trajectory_checks import as_numbers
+from hhsim.hand.model import FINGERS
+from hhsim.motion.trajectory import Phase, Trajectory
+from hhsim.motion.validation import as_numbers
 
 POSE_COLUMNS = ("time", "px", "py", "pz", "qw", "qx", "qy", "qz")
 FLEXION_COLUMNS = tuple(f"{finger}_flex{joint}" for finger in FINGERS for joint in (1, 2, 3))

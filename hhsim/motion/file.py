@@ -1,11 +1,11 @@
-"""Trajectory files: HDF5 (format `hhsim-trajectory`), in and out; `.csv` goes to `hhsim.trajectory_csv`.
+"""Trajectory files: HDF5 (format `hhsim-trajectory`), in and out; `.csv` goes to `hhsim.motion.csv_file`.
 
 schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device, hand. Datasets, each
 with `units` and `long_name`: time (T,), position (T, 3), orientation (T, 4), flexion (T, 5, 3), abduction (T, 5),
 object/position (3,), object/orientation (4,), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and, where
 somebody looked the samples over, flags (T,): bits whose meaning its attributes `flag_masks` and `flag_meanings` hold,
-as in the CF metadata conventions. Behind the HDF5 file stands its seal (`hhsim.sealed_file`); a file without one is
-read too.
+as in the CF metadata conventions. Behind the HDF5 file stands its seal (`hhsim.system.checksummed_file`); a file
+without one is read too.
 """
 
 from pathlib import Path
@@ -14,13 +14,13 @@ from typing import Any
 import h5py
 import numpy as np
 
-from hhsim.destination import check_destination
 from hhsim.errors import OutputError, TrajectoryError
-from hhsim.sample_flags import SampleFlag
-from hhsim.sealed_file import seal_holds, sealed
-from hhsim.trajectory import Phase, RawChannel, Trajectory
-from hhsim.trajectory_csv import format_csv, parse_csv
-from hhsim.whole_file import hdf5_image, write_whole_file
+from hhsim.motion.csv_file import format_csv, parse_csv
+from hhsim.motion.sample_flags import SampleFlag
+from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
+from hhsim.system.atomic_write import hdf5_image, write_whole_file
+from hhsim.system.checksummed_file import seal_holds, sealed
+from hhsim.system.output_path import check_destination
 
 FORMAT = "hhsim-trajectory"
 SCHEMA_VERSION = 1
@@ -71,7 +71,8 @@ def check_trajectory_destination(path: Path) -> None:
     """Look, before the work, for what would keep a trajectory from being written.
 
     Raises:
-        OutputError: as `hhsim.destination.check_destination`; another suffix; or a file is there that is no trajectory,
+        OutputError: as `hhsim.system.output_path.check_destination`; another suffix; or a file is there that is no
+        trajectory,
             such as a recording, which a slip of the pen must not destroy.
     """
     check_destination(path)

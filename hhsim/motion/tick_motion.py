@@ -1,6 +1,7 @@
 """A motion of the hand as plain arrays, tick by tick: what the solver takes, what a record holds, what can be cut up.
 
-Unlike a `hhsim.trajectory.Trajectory` it has no stamps and is not checked: it may hold what a broken device sends.
+Unlike a `hhsim.motion.trajectory.Trajectory` it has no stamps and is not checked: it may hold what a broken device
+sends.
 """
 
 from collections.abc import Iterable
@@ -9,9 +10,9 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.pose import is_finite_configuration
-from hhsim.resample import tick_times
-from hhsim.trajectory import MAX_ANGLE, MAX_POSITION, Trajectory
+from hhsim.kernels.hand.pose import is_finite_configuration
+from hhsim.motion.resample import tick_times
+from hhsim.motion.trajectory import MAX_ANGLE, MAX_POSITION, Trajectory
 
 Array = NDArray[np.float64]
 

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.resample import (
+from hhsim.motion.resample import (
     STAMP_TOLERANCE,
     interpolate_monotone,
     interpolate_orientation,
     newest_sample,
     tick_times,
 )
-from hhsim.trajectory_checks import (
+from hhsim.motion.validation import (
     as_numbers,
     check_finite,
     check_increasing,
@@ -129,7 +129,8 @@ class Trajectory:
         device: what measured it; "" for synthetic ones.
         raw: channels as the device gave them.
         hand: which hand moved; "" where nobody said, or where it fits both.
-        flags: bits of `hhsim.sample_flags.SampleFlag`, shape (T,), what was mended or is in doubt; None where nobody
+        flags: bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,), what was mended or is in doubt; None where
+        nobody
             looked.
 
     Raises:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.recording import MOST_SAMPLES, Finding, note
+from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
 
 Array = NDArray[np.float64]
 

@@ -5,9 +5,10 @@ in 3ds Max's biped finger0 to finger4), a side (right or left, a leading r or l 
 end), and an order from the palm outwards. Metacarpals are left out, but for the thumb, whose chain begins with its
 metacarpal as ours does. The wrist is the joint that the fingers hang from.
 
-Our palm is laid into the wrist and the knuckles as it lies in our own (`hhsim.finger_fit.palm_from_knuckles`), its
-origin where our knuckles meet the recorded ones. Angles as in `hhsim.finger_fit`. BVH states no unit: the length of the
-hand tells it. Its world has y up unless told otherwise.
+Our palm is laid into the wrist and the knuckles as it lies in our own
+(`hhsim.recordings.finger_ik.palm_from_knuckles`), its origin where our knuckles meet the recorded ones. Angles as in
+`hhsim.recordings.finger_ik`. BVH states no unit: the length of the hand tells it. Its world has y up unless told
+otherwise.
 """
 
 import re
@@ -16,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bvh_text import Bvh, Joint, read_bvh
 from hhsim.errors import TrajectoryError
-from hhsim.finger_fit import finger_angles, palm_from_knuckles, palm_origin
-from hhsim.hand import FINGERS
-from hhsim.recorded_axes import in_palm, to_our_world
-from hhsim.recording import Recording, note
-from hhsim.recording_units import LENGTH_UNITS
-from hhsim.trajectory import HandSide
+from hhsim.hand.model import FINGERS
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.bvh_parser import Bvh, Joint, read_bvh
+from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
+from hhsim.recordings.frames import in_palm, to_our_world
+from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.unit_detection import LENGTH_UNITS
 
 Array = NDArray[np.float64]
 

@@ -51,11 +51,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.recorded_axes import OURS, axes_matrix, world_matrix
-from hhsim.recording_units import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
-from hhsim.toml_document import check_keys, checked_number, checked_table, checked_text, parse_toml, read_toml_text
-from hhsim.trajectory import HandSide
-from hhsim.trajectory_csv import ABDUCTION_COLUMNS, COLUMNS, FLEXION_COLUMNS, PHASE
+from hhsim.motion.csv_file import ABDUCTION_COLUMNS, COLUMNS, FLEXION_COLUMNS, PHASE
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.frames import OURS, axes_matrix, world_matrix
+from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
+from hhsim.system.toml_document import (
+    check_keys,
+    checked_number,
+    checked_table,
+    checked_text,
+    parse_toml,
+    read_toml_text,
+)
 
 Array = NDArray[np.float64]
 

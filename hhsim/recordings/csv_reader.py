@@ -1,20 +1,20 @@
-"""Recordings from CSV: our own columns, or any others by a `hhsim.column_map.ColumnMap`."""
+"""Recordings from CSV: our own columns, or any others by a `hhsim.recordings.column_map.ColumnMap`."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.column_map import JOINT_NAMES, OWN_COLUMNS, ColumnMap, is_own_header
-from hhsim.csv_table import Table, read_table
 from hhsim.errors import TrajectoryError
-from hhsim.haptic_motion import quaternion, quaternion_product
-from hhsim.recorded_axes import OURS, to_our_palm, to_our_world, turned
-from hhsim.recording import Finding, Recording, note
-from hhsim.recording_units import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
-from hhsim.sample_flags import SampleFlag, mark
-from hhsim.trajectory import Phase, RawChannel
-from hhsim.trajectory_csv import FLAGS, SAMPLES, object_pose, phases_of
+from hhsim.motion.csv_file import FLAGS, SAMPLES, object_pose, phases_of
+from hhsim.motion.quaternion import quaternion, quaternion_product
+from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.trajectory import Phase, RawChannel
+from hhsim.recordings.column_map import JOINT_NAMES, OWN_COLUMNS, ColumnMap, is_own_header
+from hhsim.recordings.csv_table import Table, read_table
+from hhsim.recordings.frames import OURS, to_our_palm, to_our_world, turned
+from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
 
 Array = NDArray[np.float64]
 

@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.column_map import ColumnMap
-from hhsim.csv_table import Table
-from hhsim.dexmo_regression import CHANNELS, DexmoRegression, calibrated
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.recording import Finding, Recording, note
-from hhsim.recording_csv import mapped
-from hhsim.sample_flags import SampleFlag, mark
-from hhsim.trajectory import RawChannel
+from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.trajectory import RawChannel
+from hhsim.recordings.column_map import ColumnMap
+from hhsim.recordings.csv_reader import mapped
+from hhsim.recordings.csv_table import Table
+from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
+from hhsim.recordings.recording import Finding, Recording, note
 
 Array = NDArray[np.float64]
 

@@ -28,11 +28,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.column_map import JOINT_NAMES
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand import FINGERS
-from hhsim.recording_units import ANGLE_UNITS
-from hhsim.toml_document import check_keys, checked_number, checked_table, parse_toml, read_toml_text
+from hhsim.hand.model import FINGERS
+from hhsim.recordings.column_map import JOINT_NAMES
+from hhsim.recordings.unit_detection import ANGLE_UNITS
+from hhsim.system.toml_document import check_keys, checked_number, checked_table, parse_toml, read_toml_text
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ flexions are then angles in that plane. So the angles are those of our hand, wha
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, PALM_CENTER, default_fingers
-from hhsim.haptic_motion import conjugate, quaternion_product
-from hhsim.recorded_axes import quaternions_of, turned
-from hhsim.trajectory import HandSide
+from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, PALM_CENTER, default_fingers
+from hhsim.motion.quaternion import conjugate, quaternion_product
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.frames import quaternions_of, turned
 
 Array = NDArray[np.float64]
 

@@ -1,13 +1,13 @@
-"""A file of any known format as a `hhsim.recording.Recording`; the content decides which format it is.
+"""A file of any known format as a `hhsim.recordings.recording.Recording`; the content decides which format it is.
 
 | format | begins with | reader |
 |---|---|---|
-| hhsim | HDF5's signature | `hhsim.trajectory_file` |
-| leap | { or [ of JSON, or nothing but letters of base64 | `hhsim.recording_leap` |
-| bvh | HIERARCHY | `hhsim.recording_bvh` |
-| npz | the signature of a zip archive | `hhsim.recording_npz` |
-| dexmo | the names of a Dexmo glove's eleven channels in a table | `hhsim.recording_dexmo` |
-| csv | anything else that is text | `hhsim.recording_csv`, by our columns or by a mapping |
+| hhsim | HDF5's signature | `hhsim.motion.file` |
+| leap | { or [ of JSON, or nothing but letters of base64 | `hhsim.recordings.leap_reader` |
+| bvh | HIERARCHY | `hhsim.recordings.bvh_reader` |
+| npz | the signature of a zip archive | `hhsim.recordings.npz_reader` |
+| dexmo | the names of a Dexmo glove's eleven channels in a table | `hhsim.recordings.dexmo_reader` |
+| csv | anything else that is text | `hhsim.recordings.csv_reader`, by our columns or by a mapping |
 """
 
 from collections.abc import Sequence
@@ -15,20 +15,20 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, get_args
 
-from hhsim.bvh_text import looks_like_bvh
-from hhsim.column_map import OWN_COLUMNS, ColumnMap, is_own_header
-from hhsim.csv_table import read_table
-from hhsim.dexmo_regression import DexmoRegression
 from hhsim.errors import InputError, TrajectoryError, UnknownNameError
-from hhsim.recorded_axes import axes_matrix
-from hhsim.recording import Recording
-from hhsim.recording_bvh import read_bvh_recording
-from hhsim.recording_csv import read_csv_recording
-from hhsim.recording_dexmo import Poses, has_dexmo_channels, read_dexmo_table
-from hhsim.recording_leap import looks_like_leap, read_leap_recording
-from hhsim.recording_npz import read_npz_recording
-from hhsim.result_motion import holds_a_result, load_result_motion
-from hhsim.trajectory import HandSide, Trajectory
+from hhsim.motion.trajectory import HandSide, Trajectory
+from hhsim.recordings.bvh_parser import looks_like_bvh
+from hhsim.recordings.bvh_reader import read_bvh_recording
+from hhsim.recordings.column_map import OWN_COLUMNS, ColumnMap, is_own_header
+from hhsim.recordings.csv_reader import read_csv_recording
+from hhsim.recordings.csv_table import read_table
+from hhsim.recordings.dexmo_reader import Poses, has_dexmo_channels, read_dexmo_table
+from hhsim.recordings.dexmo_regression import DexmoRegression
+from hhsim.recordings.frames import axes_matrix
+from hhsim.recordings.leap_reader import looks_like_leap, read_leap_recording
+from hhsim.recordings.npz_reader import read_npz_recording
+from hhsim.recordings.recording import Recording
+from hhsim.result.motion import holds_a_result, load_result_motion
 
 FORMATS = {
     "hhsim": "a trajectory, a result or a session of hhsim, .h5",
@@ -113,7 +113,7 @@ def read_bytes(data: bytes, options: ReadOptions, *, name: str, path: Path | Non
     if options.columns is not None and form != "csv":
         raise InputError(f"--columns explains a table, and this is {FORMATS[form]}")
     if form == "hhsim":
-        from hhsim.trajectory_file import read_fields
+        from hhsim.motion.file import read_fields
 
         if path is None:
             raise InputError("an HDF5 file is read from its path")

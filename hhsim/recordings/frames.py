@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.haptic_motion import quaternion_product
-from hhsim.synthesis import quaternion_from_matrix
+from hhsim.motion.quaternion import quaternion_from_matrix, quaternion_product
 
 Array = NDArray[np.float64]
 

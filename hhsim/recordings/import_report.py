@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.recording import Finding, Recording
-from hhsim.recording_repair import Repaired
-from hhsim.sample_flags import FLAG_MEANINGS, SampleFlag, marked
+from hhsim.motion.sample_flags import FLAG_MEANINGS, SampleFlag, marked
+from hhsim.recordings.recording import Finding, Recording
+from hhsim.recordings.repair import Repaired
 
 
 @dataclass(frozen=True)

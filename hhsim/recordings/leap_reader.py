@@ -3,8 +3,8 @@ or one frame a line; also packed by LZ-string (`.json.lz`).
 
 Leap's world is in millimetres, y up, z towards the user; the palm's `direction` points to the fingers, `palmNormal` out
 of the palm. Ours: y = direction, z = -palmNormal, world z up, metres; the palm's origin is where our knuckles meet the
-recorded ones. Joint angles are those of our hand that come nearest to the bones (`hhsim.finger_fit`), mcp to pip to dip
-to tip; Leap gives the thumb a metacarpal of length zero, and its next three bones are our three.
+recorded ones. Joint angles are those of our hand that come nearest to the bones (`hhsim.recordings.finger_ik`), mcp to
+pip to dip to tip; Leap gives the thumb a metacarpal of length zero, and its next three bones are our three.
 """
 
 import json
@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.finger_fit import finger_angles, palm_origin, palm_rotation
-from hhsim.hand import FINGERS
-from hhsim.lz_string import LETTERS, unpack
-from hhsim.recorded_axes import in_palm, to_our_world
-from hhsim.recording import MOST_SAMPLES, Finding, Recording, note
-from hhsim.sample_flags import SampleFlag, mark
-from hhsim.trajectory import HandSide, RawChannel
+from hhsim.hand.model import FINGERS
+from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.trajectory import HandSide, RawChannel
+from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation
+from hhsim.recordings.frames import in_palm, to_our_world
+from hhsim.recordings.lz_string import LETTERS, unpack
+from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note
 
 Array = NDArray[np.float64]
 

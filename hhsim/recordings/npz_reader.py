@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.recorded_axes import OURS, to_our_palm, to_our_world
-from hhsim.recording import Finding, Recording, note
-from hhsim.sample_flags import SampleFlag, mark
+from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
+from hhsim.recordings.recording import Finding, Recording, note
 
 Array = NDArray[np.float64]
 

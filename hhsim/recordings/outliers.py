@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand_change import change, turn
-from hhsim.recording import Finding, Recording
-from hhsim.sample_flags import SampleFlag, mark
+from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.recordings.hand_displacement import change, turn
+from hhsim.recordings.recording import Finding, Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -288,7 +288,7 @@ def _suspects(recording: Recording) -> Recording:
 
 def bend(recording: Recording) -> Array:
     """How far each sample but the first and last is from the chord of its neighbours [m of a fingertip]."""
-    from hhsim.hand_change import FINGER_ARM, PALM_ARM
+    from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM
 
     time, count = recording.time, recording.sample_count
     share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]

@@ -1,7 +1,7 @@
 """A recording as a device or a file gave it: unchecked, with holes, and what its reader has to say about it.
 
-Readers (`recording_csv`, `recording_npz`, …) make one; `hhsim.recording_repair` turns it into a
-`hhsim.trajectory.Trajectory`, or refuses. A missing number is NaN.
+Readers (`recording_csv`, `recording_npz`, …) make one; `hhsim.recordings.repair` turns it into a
+`hhsim.motion.trajectory.Trajectory`, or refuses. A missing number is NaN.
 """
 
 from dataclasses import dataclass, field, replace
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.trajectory import HandSide, Phase, RawChannel
+from hhsim.motion.trajectory import HandSide, Phase, RawChannel
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint32]
@@ -29,7 +29,7 @@ class Finding:
     """Something that was found in a recording, and what was done about it.
 
     Attributes:
-        kind: a word of `hhsim.sample_flags.SampleFlag`, or "note".
+        kind: a word of `hhsim.motion.sample_flags.SampleFlag`, or "note".
         text: one line.
         samples: how many it concerns; 0 where it is not about single samples.
         first_time: stamp of the first of them [s]; None where it is not about single samples.

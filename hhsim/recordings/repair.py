@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, FINGERS, HandModel, default_fingers
-from hhsim.recording import Finding, Recording, note
-from hhsim.recording_glitches import repair_glitches
-from hhsim.recording_stamps import repair_stamps
-from hhsim.recording_units import in_units, repair_units
-from hhsim.resample import interpolate_orientation
-from hhsim.sample_flags import MENDED, SampleFlag, mark, marked
-from hhsim.trajectory import Phase, Trajectory
-from hhsim.trajectory_checks import MIN_QUATERNION_NORM, continuous_orientation
+from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, FINGERS, HandModel, default_fingers
+from hhsim.motion.resample import interpolate_orientation
+from hhsim.motion.sample_flags import MENDED, SampleFlag, mark, marked
+from hhsim.motion.trajectory import Phase, Trajectory
+from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
+from hhsim.recordings.outliers import repair_glitches
+from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.timestamp_repair import repair_stamps
+from hhsim.recordings.unit_detection import in_units, repair_units
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand_change import change, deviation
-from hhsim.recording import MOTION, Finding, Recording
-from hhsim.sample_flags import SampleFlag, mark
+from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.recordings.hand_displacement import change, deviation
+from hhsim.recordings.recording import MOTION, Finding, Recording
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.recording import Finding, Recording, note
-from hhsim.sample_flags import SampleFlag, mark
-from hhsim.trajectory import Phase
+from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.trajectory import Phase
+from hhsim.recordings.recording import Finding, Recording, note
 
 Array = NDArray[np.float64]
 

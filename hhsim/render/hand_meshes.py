@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels.hand import PALM_BODY, PHALANX_COUNT
-from hhsim.surface import SKIN, Surface, mesh_surface, round_cone_surface, with_nail
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
+from hhsim.render.triangle_soup import SKIN, Surface, mesh_surface, round_cone_surface, with_nail
 
 FloatArray = NDArray[np.float64]
 

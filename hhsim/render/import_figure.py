@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.destination import check_destination
-from hhsim.hand import FINGERS
-from hhsim.hand_change import turn
-from hhsim.recording import Recording
-from hhsim.recording_units import ANGLE_UNITS, LENGTH_UNITS
-from hhsim.rendering import save_figure
-from hhsim.sample_flags import SampleFlag, marked
-from hhsim.trajectory import Trajectory
+from hhsim.hand.model import FINGERS
+from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings.hand_displacement import turn
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS
+from hhsim.render.rasterizer import save_figure
+from hhsim.system.output_path import check_destination
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.bench_paper import PaperRuns
-from hhsim.destination import check_destination
+from hhsim.bench.paper.bench import PaperRuns
+from hhsim.bench.paper.run import SceneRun
+from hhsim.bench.paper.scenarios import CASES
+from hhsim.bench.paper.scene import held_ticks
 from hhsim.errors import OutputError
-from hhsim.hand import FINGERS
-from hhsim.kernels.step import DURATION_DETECT
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.paper_run import SceneRun
-from hhsim.paper_scenarios import CASES
-from hhsim.paper_stage import held_ticks
-from hhsim.rendering import save_figure
-from hhsim.scene_pictures import best_view, scene_picture
+from hhsim.hand.model import FINGERS
+from hhsim.kernels.tick.step import DURATION_DETECT
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.render.rasterizer import save_figure
+from hhsim.render.scene_thumbnails import best_view, scene_picture
+from hhsim.system.output_path import check_destination
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

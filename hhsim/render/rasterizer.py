@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, OutputError
-from hhsim.kernels.ball_picture import nearest_balls
-from hhsim.surface import Surface
+from hhsim.kernels.sphere_rasterizer import nearest_balls
+from hhsim.render.triangle_soup import Surface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""A picture of a replay in its hold: `python -m hhsim.replay_figure RESULT docs/grasp.png [AZIMUTH,ELEVATION]`.
+"""A picture of a replay in its hold: `python -m hhsim.render.replay_figure RESULT docs/grasp.png [AZIMUTH,ELEVATION]`.
 
 On the left what a user sees: the graphic hand on the object. On the right why: the haptic hand, where the user's hand
 is, goes into the object, and the difference becomes forces on the phalanges. Everything is drawn from the result file:
@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
-from hhsim.hand import FINGERS
-from hhsim.mesh import Mesh
-from hhsim.metrics import FORCE_FLOOR
-from hhsim.rendering import Camera, Layer, blend, frame, look_from, save_figure, shade
-from hhsim.result import Result, load_result
-from hhsim.result_hand import hand_of
-from hhsim.surface import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
-from hhsim.tick_figures import HOLD
+from hhsim.hand.model import FINGERS
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.render.rasterizer import Camera, Layer, blend, frame, look_from, save_figure, shade
+from hhsim.render.triangle_soup import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
+from hhsim.replay.run_metrics import HOLD
+from hhsim.replay.stored_hand import hand_of
+from hhsim.result.reader import Result, load_result
+from hhsim.system.output_path import check_destination
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import FINGERS, HandModel
-from hhsim.mesh import Mesh
-from hhsim.paper_run import Pose, SceneRun
-from hhsim.rendering import Camera, blend, frame, look_from, shade
-from hhsim.replay_figure import GHOST, STONE
-from hhsim.surface import Surface, hand_surface, joined, mesh_surface, painted, round_cone_surface
+from hhsim.bench.paper.run import Pose, SceneRun
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
+from hhsim.render.replay_figure import GHOST, STONE
+from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted, round_cone_surface
 
 FloatArray = NDArray[np.float64]
 

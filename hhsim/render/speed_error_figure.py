@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.picture_file import check_picture
-from hhsim.rendering import save_figure
-from hhsim.speed_error_table import ALL, chosen
+from hhsim.bench.speed_error_table import ALL, chosen
+from hhsim.render.rasterizer import save_figure
+from hhsim.system.picture_path import check_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhsim.bench_trees import largest_error
-from hhsim.picture_file import check_picture
-from hhsim.rendering import save_figure
-from hhsim.tree_references import BARS, EXTENT, TOOLKIT
+from hhsim.bench.trees import largest_error
+from hhsim.render.rasterizer import save_figure
+from hhsim.system.picture_path import check_picture
+from hhsim.trees.published_results import BARS, EXTENT, TOOLKIT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +33,7 @@ def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
 
     Args:
         path: The picture; matplotlib chooses the format by its ending.
-        rows: The table of `hhsim.bench_trees.measure`; of more than `MOST_COLUMNS` objects the first ones are drawn.
+        rows: The table of `hhsim.bench.trees.measure`; of more than `MOST_COLUMNS` objects the first ones are drawn.
         size: Longest extent of the objects [m].
 
     Raises:

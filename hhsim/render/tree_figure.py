@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.mesh import Mesh
-from hhsim.picture_file import check_picture
-from hhsim.rendering import Camera, Layer, blend, frame, lit, look_from, save_figure, see_balls, shade
-from hhsim.sphere_tree import SphereTree
-from hhsim.surface import mesh_surface
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.mesh.mesh import Mesh
+from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from, save_figure, see_balls, shade
+from hhsim.render.triangle_soup import mesh_surface
+from hhsim.system.picture_path import check_picture
+from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels.hand import forward_kinematics
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.hand.kinematics import forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.mesh import Mesh
+from hhsim.mesh.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.rendering import look_from
-from hhsim.surface import Surface
-from hhsim.surface_samples import face_samples
+from hhsim.mesh.surface_sampling import face_samples
+from hhsim.render.rasterizer import look_from
+from hhsim.render.triangle_soup import Surface
 
 FloatArray = NDArray[np.float64]
 

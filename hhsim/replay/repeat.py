@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import __version__, info
+from hhsim import __version__
 from hhsim.errors import InputError
-from hhsim.interrupt import interruptible_between
-from hhsim.kernels.block import TickRecord
-from hhsim.result import Result
-from hhsim.result_schema import TICK_COLUMNS, Column
-from hhsim.solver import HandSolver
-from hhsim.stored_scene import require_whole, stored_hand, stored_options, stored_tree
-from hhsim.tick_columns import HapticTicks, TickColumns
-from hhsim.warm_up import warm_up
-from hhsim.workspace import tick_record
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_tree
+from hhsim.replay.tick_columns import HapticTicks, TickColumns
+from hhsim.result.reader import Result
+from hhsim.result.schema import TICK_COLUMNS, Column
+from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.workspace import tick_record
+from hhsim.system import environment as info
+from hhsim.system.deferred_sigint import interruptible_between
 
 Array = NDArray[Any]
 Progress = Callable[[str, int, int], None]

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import HhsimError
-from hhsim.interrupt import interruptible_between
-from hhsim.result import CHUNK_TICKS
-from hhsim.result_writer import ResultWriter
-from hhsim.scene import Scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.stored_scene import describe_scene, static_arrays
-from hhsim.summary import ReplaySummary, TickSeries, summarise
-from hhsim.tick_columns import HapticTicks, TickColumns
-from hhsim.warm_up import warm_up
+from hhsim.replay.stored_scene import describe_scene, static_arrays
+from hhsim.replay.summary import ReplaySummary, TickSeries, summarise
+from hhsim.replay.tick_columns import HapticTicks, TickColumns
+from hhsim.result.reader import CHUNK_TICKS
+from hhsim.result.writer import ResultWriter
+from hhsim.scene.scene import Scene
+from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.system.deferred_sigint import interruptible_between
 
 Progress = Callable[[str, int, int], None]
 

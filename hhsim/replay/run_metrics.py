@@ -6,9 +6,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import metrics
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
-from hhsim.trajectory import TickPhase
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.metrics import metrics
+from hhsim.motion.trajectory import TickPhase
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -41,7 +41,7 @@ def tick_figures(
     fingers: int,
     all_pairs: int,
 ) -> dict[str, float]:
-    """What follows from the ticks of the lines of `hhsim.summary_lines`, in their units; NaN where undefined.
+    """What follows from the ticks of the lines of `hhsim.replay.summary_table`, in their units; NaN where undefined.
 
     Args:
         columns: The datasets of `FIGURE_SERIES`.

@@ -3,9 +3,9 @@
 import numpy as np
 
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
-from hhsim.result import Result
-from hhsim.stored_scene import WHOLE_SINCE, stored_hand
+from hhsim.hand.model import HandModel
+from hhsim.replay.stored_scene import WHOLE_SINCE, stored_hand
+from hhsim.result.reader import Result
 
 
 def hand_of(result: Result) -> HandModel:

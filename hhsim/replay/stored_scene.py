@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
-from hhsim.kernels.hand import PALM_BODY
-from hhsim.mesh import Mesh
-from hhsim.result import Result
-from hhsim.scene import all_pairs
-from hhsim.solver_options import SolverOptions, Stiffness
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.kinematics import PALM_BODY
+from hhsim.mesh.mesh import Mesh
+from hhsim.result.reader import Result
+from hhsim.scene.scene import all_pairs
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[Any]
 
@@ -45,7 +45,7 @@ def static_arrays(
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
 ) -> dict[str, Array]:
-    """The arrays of `hhsim.result_schema.STATIC_COLUMNS`.
+    """The arrays of `hhsim.result.schema.STATIC_COLUMNS`.
 
     Args:
         mesh: the object's, world [m].

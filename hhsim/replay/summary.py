@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import metrics
-from hhsim.kernels.tick_state import STATUS_HELD, STATUS_START_INSIDE
-from hhsim.metrics import HandPoses, Statistics
-from hhsim.scene import Scene
-from hhsim.solver_options import SolverOptions
-from hhsim.summary_lines import SummaryRow, summary_rows
-from hhsim.tick_figures import FIGURE_SERIES, hold_slices, tick_figures
-from hhsim.tracking_reference import reference_excess
-from hhsim.tremor_hold import is_frozen, tremor_variation
-from hhsim.warm_up import WarmUp
+from hhsim.kernels.tick.state import STATUS_HELD, STATUS_START_INSIDE
+from hhsim.metrics import metrics
+from hhsim.metrics.metrics import HandPoses, Statistics
+from hhsim.replay.run_metrics import FIGURE_SERIES, hold_slices, tick_figures
+from hhsim.replay.summary_table import SummaryRow, summary_rows
+from hhsim.replay.tremor_hold import is_frozen, tremor_variation
+from hhsim.scene.scene import Scene
+from hhsim.solver.compile import WarmUp
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.reference_optimum import reference_excess
 
 Array = NDArray[Any]
 

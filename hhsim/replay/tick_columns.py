@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
-from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick_state import (
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import (
     WORK_BODIES,
     WORK_CANDIDATES,
     WORK_LINEARISATIONS,
@@ -18,9 +18,9 @@ from hhsim.kernels.tick_state import (
     WORK_TOUCHING,
     WORK_UNITS,
 )
-from hhsim.kernels.tree import TreeArrays
-from hhsim.metrics import force_variation_rate, penetration
-from hhsim.solver_options import SolverOptions
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
+from hhsim.metrics.metrics import force_variation_rate, penetration
+from hhsim.solver.options import SolverOptions
 
 Array = NDArray[Any]
 
@@ -38,7 +38,7 @@ class HapticTicks(NamedTuple):
 
 
 class TickColumns:
-    """Makes the columns of `hhsim.result_schema.TICK_COLUMNS`, block after block of one run.
+    """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
 
     Args:
         tree: the object's sphere tree, world.

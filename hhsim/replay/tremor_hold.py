@@ -10,13 +10,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.disturbance import Disturbance
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tree import TreeArrays
-from hhsim.metrics import HandPoses, Statistics, force_variation_rate, statistics
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.hand.model import HandModel
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.metrics.metrics import HandPoses, Statistics, force_variation_rate, statistics
+from hhsim.motion.tremor import Disturbance
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -4,8 +4,8 @@ import json
 import math
 from collections.abc import Sequence
 
-from hhsim.bench_file import Cell, Column, Table
-from hhsim.report_html import Html, joined, paragraph, table
+from hhsim.bench.table import Cell, Column, Table
+from hhsim.report.html import Html, joined, paragraph, table
 
 
 def bench_section(found: Table, name: str) -> Html:

@@ -5,10 +5,10 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
-from hhsim.hand import FINGERS
-from hhsim.result import Result
-from hhsim.solver_options import DEFAULTS, PAPER_DEFAULTS, SolverOptions, Stiffness
-from hhsim.stored_scene import WHOLE_SINCE
+from hhsim.hand.model import FINGERS
+from hhsim.replay.stored_scene import WHOLE_SINCE
+from hhsim.result.reader import Result
+from hhsim.solver.options import DEFAULTS, PAPER_DEFAULTS, SolverOptions, Stiffness
 
 RATE = 1000.0
 """Ticks per second of a replay that is told none [Hz]."""

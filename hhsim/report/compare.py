@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hhsim.gate_inputs import differences, new_options, run_inputs
-from hhsim.gate_timing import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
-from hhsim.result import Result
-from hhsim.summary_lines import LINES, SummaryRow, shown
+from hhsim.gate.input_hash import differences, new_options, run_inputs
+from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
+from hhsim.replay.summary_table import LINES, SummaryRow, shown
+from hhsim.result.reader import Result
 
 HOW = ("level", "max_error")
 """Options of a replay that say how it was run and not what was fed in."""

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from hhsim.result import Result
+from hhsim.result.reader import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import metrics
-from hhsim.report_figures import (
+from hhsim.metrics import metrics
+from hhsim.report.figure import (
     BUDGET,
     INK,
     LIMIT,
@@ -20,7 +20,7 @@ from hhsim.report_figures import (
     run_style,
     time_text,
 )
-from hhsim.result import Result
+from hhsim.result.reader import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

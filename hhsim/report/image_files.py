@@ -1,7 +1,7 @@
 """The pictures of a report: each on the page, and as a file beside it."""
 
-from hhsim.report_figures import ReportFigure
-from hhsim.report_html import Html, figure, picture
+from hhsim.report.figure import ReportFigure
+from hhsim.report.html import Html, figure, picture
 
 
 class Album:

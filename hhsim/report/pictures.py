@@ -6,22 +6,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.clear_view import View, clear_view
-from hhsim.contact_points import ContactPoints, touching_points
-from hhsim.hand import FINGERS
-from hhsim.hand_pieces import PIECES
-from hhsim.metrics import FORCE_FLOOR
-from hhsim.placed_hand import PlacedHand
-from hhsim.rendering import Camera, blend, frame, look_from, shade
-from hhsim.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
-from hhsim.report_figures import DPI, INK, TEXT, ReportFigure, drawn_figure, new_figure, png_bytes
-from hhsim.rerun_plots import palm_force
-from hhsim.rerun_scene import force_places
-from hhsim.result import Result
-from hhsim.shown_ticks import ShownTicks, shown_ticks
-from hhsim.surface import Surface, hand_surface, joined, mesh_surface, painted
-from hhsim.tick_figures import HOLD
-from hhsim.view import shown_scene
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.hand.model import FINGERS
+from hhsim.metrics.contact_points import ContactPoints, touching_points
+from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.render.hand_meshes import PIECES
+from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
+from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
+from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted
+from hhsim.render.viewpoint import View, clear_view
+from hhsim.replay.run_metrics import HOLD
+from hhsim.report.figure import DPI, INK, TEXT, ReportFigure, drawn_figure, new_figure, png_bytes
+from hhsim.result.reader import Result
+from hhsim.view.decimation import ShownTicks, shown_ticks
+from hhsim.view.plots import palm_force
+from hhsim.view.scene_log import force_places
+from hhsim.view.viewer import shown_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +69,7 @@ def overview_picture(result: Result) -> ReportFigure:
     """The hand on the object at `overview_tick`.
 
     Raises:
-        InputError: the result holds no tick, or its hand cannot be told (`hhsim.result_hand.hand_of`).
+        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_hand.hand_of`).
     """
     tick = overview_tick(result)
     moment = _moment(result, tick, None)
@@ -120,7 +120,7 @@ def held_picture(result: Result, view: View | None = None) -> ReportFigure:
         view: of the viewer; None for that of the overview.
 
     Raises:
-        InputError: the result holds no tick, or its hand cannot be told (`hhsim.result_hand.hand_of`).
+        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_hand.hand_of`).
     """
     tick = overview_tick(result)
     figure = hand_picture(result, tick, view)
@@ -131,7 +131,7 @@ def overview_view(result: Result) -> View:
     """From where the overview looks.
 
     Raises:
-        InputError: the result holds no tick, or its hand cannot be told (`hhsim.result_hand.hand_of`).
+        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_hand.hand_of`).
     """
     return _moment(result, overview_tick(result), None).view
 
@@ -146,7 +146,7 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
             clearest of some where much is hidden there.
 
     Raises:
-        InputError: there is no such tick, or the result's hand cannot be told (`hhsim.result_hand.hand_of`).
+        InputError: there is no such tick, or the result's hand cannot be told (`hhsim.replay.stored_hand.hand_of`).
     """
     usual = overview_view(result) if view is None else None
     moment = _moment(result, tick, None if view is None else View(*view), usual)

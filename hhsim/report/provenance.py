@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
-from hhsim.hand import FINGERS
-from hhsim.report_compare import commit
-from hhsim.report_ticks import fingers_of, tick_rate
-from hhsim.result import Result
-from hhsim.result_schema import SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS
-from hhsim.stored_scene import PARTS, WHOLE_SINCE
+from hhsim.hand.model import FINGERS
+from hhsim.replay.stored_scene import PARTS, WHOLE_SINCE
+from hhsim.report.compare import commit
+from hhsim.report.tick_table import fingers_of, tick_rate
+from hhsim.result.reader import Result
+from hhsim.result.schema import SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS
 
 NONE = "—"
 """Where a result does not say."""
@@ -143,7 +143,7 @@ def _coupling(stiffness: Mapping[str, Any]) -> str:
 
 
 def _session(live: Mapping[str, Any]) -> dict[str, str]:
-    from hhsim.live.real_time import described
+    from hhsim.live.loop.real_time import described
 
     device = _json(live.get("device"))
     mode = _json(live.get("real_time"))

@@ -11,18 +11,17 @@ from typing import Any
 
 import h5py
 
-from hhsim import bench_file
-from hhsim.destination import check_destination
+from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
-from hhsim.report_album import Album
-from hhsim.report_bench import bench_section
-from hhsim.report_compare import Comparison, compare
-from hhsim.report_histogram import histogram_figure
-from hhsim.report_html import Html, element, paragraph, section
-from hhsim.report_page import GENERATOR, report_page, title_of
-from hhsim.report_pictures import held_picture, overview_picture, overview_view
-from hhsim.report_run import ReportRun, report_runs
-from hhsim.report_sections import (
+from hhsim.report.bench_section import bench_section
+from hhsim.report.compare import Comparison, compare
+from hhsim.report.histogram import histogram_figure
+from hhsim.report.html import Html, element, paragraph, section
+from hhsim.report.image_files import Album
+from hhsim.report.page import GENERATOR, report_page, title_of
+from hhsim.report.pictures import held_picture, overview_picture, overview_view
+from hhsim.report.run import ReportRun, report_runs
+from hhsim.report.sections import (
     difference_section,
     figures_section,
     machine_section,
@@ -31,11 +30,12 @@ from hhsim.report_sections import (
     run_section,
     session_section,
 )
-from hhsim.report_series import series_figure
-from hhsim.report_speed_error import speed_error_figure
-from hhsim.report_worst_section import worst_section
-from hhsim.result import load_result
-from hhsim.whole_file import write_whole_file
+from hhsim.report.speed_error import speed_error_figure
+from hhsim.report.time_series import series_figure
+from hhsim.report.worst_ticks_section import worst_section
+from hhsim.result.reader import load_result
+from hhsim.system.atomic_write import write_whole_file
+from hhsim.system.output_path import check_destination
 
 Progress = Callable[[str, int, int], None]
 Sections = list[tuple[str, str, Html]]
@@ -157,7 +157,8 @@ def check_report_destination(destination: Path) -> Path:
         Where the page goes.
 
     Raises:
-        OutputError: as `hhsim.destination.check_destination`; or a file is there that hhsim report did not write.
+        OutputError: as `hhsim.system.output_path.check_destination`; or a file is there that hhsim report did not
+        write.
     """
     if destination.suffix.lower() in (".html", ".htm"):
         page = destination

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hhsim.live.session_lines import session_rows
-from hhsim.report_facts import motion_name, object_name
-from hhsim.report_ticks import PhaseFigures, figure_rows, phase_figures, report_ticks
-from hhsim.report_verdict import Verdict, verdict
-from hhsim.result import Result
-from hhsim.summary_lines import SummaryRow
+from hhsim.live.session.summary_table import session_rows
+from hhsim.replay.summary_table import SummaryRow
+from hhsim.report.provenance import motion_name, object_name
+from hhsim.report.tick_table import PhaseFigures, figure_rows, phase_figures, report_ticks
+from hhsim.report.verdict import Verdict, verdict
+from hhsim.result.reader import Result
 
 UNNAMED = "method"
 """Where a file does not say which method was run."""

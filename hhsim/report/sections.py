@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import InputError
-from hhsim.gate_timing import BETTER, SAME, WORSE
-from hhsim.report_command import command_of, looking_again
-from hhsim.report_compare import Comparison, compared
-from hhsim.report_facts import NONE, machine_facts, option_facts, origin_facts, run_facts
-from hhsim.report_html import Html, commands, element, joined, listed, paragraph, table
-from hhsim.report_run import ReportRun
-from hhsim.result import Result
-from hhsim.summary_lines import LINES, SummaryRow
+from hhsim.gate.timing_test import BETTER, SAME, WORSE
+from hhsim.replay.summary_table import LINES, SummaryRow
+from hhsim.report.command_line import command_of, looking_again
+from hhsim.report.compare import Comparison, compared
+from hhsim.report.html import Html, commands, element, joined, listed, paragraph, table
+from hhsim.report.provenance import NONE, machine_facts, option_facts, origin_facts, run_facts
+from hhsim.report.run import ReportRun
+from hhsim.result.reader import Result
 
 MOST_PHASES = 100
 """Phases that are shown of a result."""

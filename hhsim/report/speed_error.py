@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import metrics
+from hhsim.bench.run_errors import sampled
 from hhsim.errors import HhsimError
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.mesh_penetration import contact_error, mesh_clearance
-from hhsim.mesh_penetration import contact_points as touching_places
-from hhsim.placed_hand import PlacedHand
-from hhsim.report_figures import (
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.metrics import metrics
+from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
+from hhsim.metrics.mesh_penetration import contact_points as touching_places
+from hhsim.render.speed_error_figure import PAPER_RANGE
+from hhsim.report.figure import (
     BUDGET,
     LIMIT,
     PAGE_INCHES,
@@ -26,10 +28,8 @@ from hhsim.report_figures import (
     run_style,
     time_text,
 )
-from hhsim.result import Result
-from hhsim.run_errors import sampled
-from hhsim.speed_error_figure import PAPER_RANGE
-from hhsim.view import shown_scene
+from hhsim.result.reader import Result
+from hhsim.view.viewer import shown_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import FINGERS
-from hhsim.rerun_plots import force_values
-from hhsim.result import Result
+from hhsim.hand.model import FINGERS
+from hhsim.result.reader import Result
+from hhsim.view.plots import force_values
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

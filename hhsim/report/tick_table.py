@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import metrics
-from hhsim.hand import FINGERS
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
-from hhsim.result import Result
-from hhsim.result_schema import TICK_COLUMNS
-from hhsim.summary_lines import PAPER_RATE, SummaryRow, stored_rows, summary_rows
-from hhsim.tick_figures import FIGURE_SERIES, tick_figures
+from hhsim.hand.model import FINGERS
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.metrics import metrics
+from hhsim.replay.run_metrics import FIGURE_SERIES, tick_figures
+from hhsim.replay.summary_table import PAPER_RATE, SummaryRow, stored_rows, summary_rows
+from hhsim.result.reader import Result
+from hhsim.result.schema import TICK_COLUMNS
 
 Array = NDArray[Any]
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.envelope import envelope
-from hhsim.report_columns import FORCES, ReportColumns, report_columns
-from hhsim.report_figures import (
+from hhsim.motion.trajectory import TickPhase
+from hhsim.replay.run_metrics import HOLD
+from hhsim.replay.summary_table import PAPER_RATE
+from hhsim.report.figure import (
     BUDGET,
     FINGER_COLORS,
     INK,
@@ -23,11 +24,10 @@ from hhsim.report_figures import (
     run_style,
     time_text,
 )
-from hhsim.report_worst import WorstTick, worst_ticks
-from hhsim.result import Result
-from hhsim.summary_lines import PAPER_RATE
-from hhsim.tick_figures import HOLD
-from hhsim.trajectory import TickPhase
+from hhsim.report.minmax_decimation import envelope
+from hhsim.report.tick_series import FORCES, ReportColumns, report_columns
+from hhsim.report.worst_ticks import WorstTick, worst_ticks
+from hhsim.result.reader import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hhsim.gate_suite import default_suite
-from hhsim.result import Result
-from hhsim.summary_lines import LINES, SummaryRow, shown
+from hhsim.gate.suite import default_suite
+from hhsim.replay.summary_table import LINES, SummaryRow, shown
+from hhsim.result.reader import Result
 
 OK, MISSED, SHORT, LATE, EMPTY = "within limits", "limits missed", "cut short", "ticks missed", "no ticks"
 """The words. A run that is cut short and misses limits is one that misses limits."""

@@ -5,10 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from hhsim import metrics
-from hhsim.result import Result
-from hhsim.result_schema import LIVE_TICK
-from hhsim.tick_figures import HOLD
+from hhsim.metrics import metrics
+from hhsim.replay.run_metrics import HOLD
+from hhsim.result.reader import Result
+from hhsim.result.schema import LIVE_TICK
 
 WorstKind = Literal["slowest", "deepest", "force-step", "lag"]
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import InputError
-from hhsim.report_album import Album
-from hhsim.report_html import Html, code, element, joined, paragraph, table
-from hhsim.report_pictures import hand_picture
-from hhsim.report_run import ReportRun
-from hhsim.report_worst import WorstTick, worst_ticks
-from hhsim.result import Result
-from hhsim.result_schema import TICK_COLUMNS
-from hhsim.status_words import status_words
+from hhsim.report.html import Html, code, element, joined, paragraph, table
+from hhsim.report.image_files import Album
+from hhsim.report.pictures import hand_picture
+from hhsim.report.run import ReportRun
+from hhsim.report.worst_ticks import WorstTick, worst_ticks
+from hhsim.result.reader import Result
+from hhsim.result.schema import TICK_COLUMNS
+from hhsim.view.status_text import status_words
 
 KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
 """Why a tick was chosen, in words."""

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.resample import interpolate_monotone, interpolate_orientation
-from hhsim.result_schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, SCHEMA_VERSION, SUFFIXES
-from hhsim.trajectory import Phase, RawChannel, Trajectory
-from hhsim.trajectory_file import DAMAGE
+from hhsim.motion.file import DAMAGE
+from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
+from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
+from hhsim.result.schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, SCHEMA_VERSION, SUFFIXES
 
 Array = NDArray[Any]
 

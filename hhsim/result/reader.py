@@ -1,6 +1,6 @@
-"""Result files: one replay or session, every tick of it, in HDF5 (format `hhsim-result`, see `hhsim.result_schema`).
+"""Result files: one replay or session, every tick of it, in HDF5 (format `hhsim-result`, see `hhsim.result.schema`).
 
-`hhsim.result_writer` writes them; this module reads them, of whatever schema, complete or not.
+`hhsim.result.writer` writes them; this module reads them, of whatever schema, complete or not.
 """
 
 import contextlib
@@ -14,10 +14,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
-from hhsim.info import UNKNOWN
-from hhsim.result_schema import (
+from hhsim.motion.trajectory import TickPhase
+from hhsim.result.schema import (
     FORMAT,
     LIVE,
     LIVE_TICK,
@@ -28,7 +27,8 @@ from hhsim.result_schema import (
     TICK_COLUMNS,
     Column,
 )
-from hhsim.trajectory import TickPhase
+from hhsim.system.environment import UNKNOWN
+from hhsim.system.output_path import check_destination
 
 Array: TypeAlias = NDArray[Any]
 
@@ -183,7 +183,8 @@ def check_result_destination(path: Path) -> None:
     """Look, before the work, for what would keep a result from being written to `path`.
 
     Raises:
-        OutputError: as `hhsim.destination.check_destination`; a name that does not end as one of a result; or a file is
+        OutputError: as `hhsim.system.output_path.check_destination`; a name that does not end as one of a result; or a
+        file is
             there that is no result, which a slip of the pen must not destroy.
     """
     check_destination(path)

@@ -2,7 +2,7 @@
 
 Format `hhsim-result`. A change here raises `SCHEMA_VERSION`; the reader keeps reading the older ones. Schema 2 added
 `lag`, `work/rows`, `work/bodies` and `work/units`. Schema 3 added the object's pose and all of the hand, so that a
-result can be run again from nothing but itself (`hhsim.run_again`), and room for a live session
+result can be run again from nothing but itself (`hhsim.replay.repeat`), and room for a live session
 (`LIVE_TICK_COLUMNS`, `sample_columns`, `EVENT_COLUMNS`).
 """
 

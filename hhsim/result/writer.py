@@ -1,4 +1,4 @@
-"""Writes result files (format `hhsim-result`, see `hhsim.result_schema`) block by block.
+"""Writes result files (format `hhsim-result`, see `hhsim.result.schema`) block by block.
 
 Each block is flushed, so that a run that is killed leaves a readable file whose attribute `complete` is 0; it becomes 1
 as the very last thing. Where a result of that name exists already, the new one grows beside it as NAME.partial.h5 and
@@ -21,12 +21,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import info
-from hhsim.destination import free_name
 from hhsim.errors import OutputError
-from hhsim.result import CHUNK_TICKS, check_result_destination, fits, spelled
-from hhsim.result_schema import FORMAT, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column
-from hhsim.trajectory import TickPhase
+from hhsim.motion.trajectory import TickPhase
+from hhsim.result.reader import CHUNK_TICKS, check_result_destination, fits, spelled
+from hhsim.result.schema import FORMAT, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column
+from hhsim.system import environment as info
+from hhsim.system.output_path import free_name
 
 Array: TypeAlias = NDArray[Any]
 Scalar: TypeAlias = str | int | float | bool

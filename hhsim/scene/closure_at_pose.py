@@ -5,18 +5,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.closing import Closing, body_distances, make_work
-from hhsim.closing_search import OPEN_SHARE, REACH_DEPTH, closing_rates
 from hhsim.errors import TrajectoryError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels import closing as kernel
-from hhsim.kernels.hand import BODY_COUNT, HandArrays
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.hand import finger_closure as kernel
+from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.tree import TreeArrays
-from hhsim.object_catalogue import object_description
-from hhsim.placement import Placement
-from hhsim.script import Script
-from hhsim.sphere_tree import SphereTree
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.mesh.catalogue import object_description
+from hhsim.scene.closure_search import OPEN_SHARE, REACH_DEPTH, closing_rates
+from hhsim.scene.finger_closure import Closing, body_distances, make_work
+from hhsim.scene.script import Script
+from hhsim.scene.stored_pose import Placement
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

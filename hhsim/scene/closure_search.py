@@ -13,14 +13,14 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.closing import Closing, body_distances, make_work
 from hhsim.errors import TrajectoryError
-from hhsim.hand import DEFAULT_HAND_LENGTH, FINGERS, HandModel
-from hhsim.kernels import closing as kernel
-from hhsim.kernels.hand import BODY_COUNT, PALM_BODY
-from hhsim.script import Script
-from hhsim.slide import best_slide
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import DEFAULT_HAND_LENGTH, FINGERS, HandModel
+from hhsim.kernels.hand import finger_closure as kernel
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
+from hhsim.scene.finger_closure import Closing, body_distances, make_work
+from hhsim.scene.script import Script
+from hhsim.scene.slide import best_slide
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

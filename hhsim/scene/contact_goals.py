@@ -7,9 +7,9 @@ A hold of a script may say what it touches::
     duration = 0.9
     touch = { thumb = "handle_inside", middle = "inside", index = ["ear_left", "ear_right"] }
 
-The names are regions of the object (`hhsim.regions`); a list demands each of them. "anywhere" is any place. A hold that
-says nothing demands, after a closing, that the fingers that closed touch anywhere, and the palm where it is to touch;
-after a slide, nothing.
+The names are regions of the object (`hhsim.scene.object_regions`); a list demands each of them. "anywhere" is any
+place. A hold that says nothing demands, after a closing, that the fingers that closed touch anywhere, and the palm
+where it is to touch; after a slide, nothing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.brute_distance import round_cone_contact, round_cone_distance, sphere_contact
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.regions import object_region
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact
+from hhsim.scene.object_regions import object_region
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Demonstrations: a recording of a real hand, and what of it is to touch the object, whichever object that is.
 
 A TOML file beside the recording; unlike a script it moves the hand as somebody did, and the object is placed where that
-hand touches it (`hhsim.object_placement`)::
+hand touches it (`hhsim.scene.object_pose`)::
 
     title = "Finger tap, recorded"
     stresses = "a real hand at 54 Hz: …"
@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.object_placement import Wanted, place_object
-from hhsim.sphere_tree import SphereTree
-from hhsim.toml_document import check_keys, checked_text, parse_toml
-from hhsim.trajectory import HandSide, Trajectory
-from hhsim.trajectory_file import load_trajectory
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.motion.file import load_trajectory
+from hhsim.motion.trajectory import HandSide, Trajectory
+from hhsim.scene.object_pose import Wanted, place_object
+from hhsim.system.toml_document import check_keys, checked_text, parse_toml
+from hhsim.trees.sphere_tree import SphereTree
 
 DEPTHS = (0.0, 0.1)
 KEYS = ("title", "stresses", "recording", "touch", "notice", "package")

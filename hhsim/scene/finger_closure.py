@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels import closing as kernel
-from hhsim.kernels.hand import BODY_COUNT, HandArrays
-from hhsim.kernels.tree import STACK_SIZE, TreeArrays
+from hhsim.kernels.hand import finger_closure as kernel
+from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from hhsim.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.script import Script, parse_script
-from hhsim.toml_document import parse_toml, read_toml_text
-from hhsim.trajectory import Trajectory
+from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.demonstration import Demonstration, is_demonstration, parse_demonstration
+from hhsim.scene.script import Script, parse_script
+from hhsim.system.toml_document import parse_toml, read_toml_text
 
 SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", ".csv")
@@ -170,16 +170,16 @@ def load_recorded(path: Path) -> Trajectory:
         TrajectoryError: no such file, none of the formats, or one that cannot be mended safely.
     """
     if path.suffix.lower() in IMPORTED_SUFFIXES:
-        from hhsim.recording_file import read_recording
-        from hhsim.recording_repair import repair
+        from hhsim.recordings.format_detection import read_recording
+        from hhsim.recordings.repair import repair
 
         recording = read_recording(path)
         try:
             return repair(recording).trajectory
         except TrajectoryError as error:
             raise TrajectoryError(f"{path}: {error}") from None
-    from hhsim.result_motion import holds_a_result, load_result_motion
-    from hhsim.trajectory_file import load_trajectory
+    from hhsim.motion.file import load_trajectory
+    from hhsim.result.motion import holds_a_result, load_result_motion
 
     if holds_a_result(path):
         return load_result_motion(path)

@@ -13,15 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.closing import body_distances, make_work
 from hhsim.errors import TrajectoryError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.haptic_motion import quaternion, rotation_matrix
-from hhsim.kernels import closing as kernel
-from hhsim.kernels.hand import BODY_COUNT, PHALANX_COUNT
-from hhsim.placed_hand import placed_hand
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory import Trajectory
+from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.hand import finger_closure as kernel
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PHALANX_COUNT
+from hhsim.motion.quaternion import quaternion, rotation_matrix
+from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.object_catalogue import object_description
+from hhsim.mesh.catalogue import object_description
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from hhsim.demonstration import Demonstration
-from hhsim.hand import HandModel
-from hhsim.mesh import Mesh
-from hhsim.object_catalogue import MESH_LEVEL, resolve_object
-from hhsim.scene import Scene, make_scene, side_of
-from hhsim.script import Script
-from hhsim.trajectory import ResampleMode, Trajectory
-from hhsim.trajectory_catalogue import resolve_trajectory
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import MESH_LEVEL, resolve_object
+from hhsim.mesh.mesh import Mesh
+from hhsim.motion.trajectory import ResampleMode, Trajectory
+from hhsim.scene.demonstration import Demonstration
+from hhsim.scene.motion_catalogue import resolve_trajectory
+from hhsim.scene.scene import Scene, make_scene, side_of
+from hhsim.scene.script import Script
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 
 def open_scene(

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.demonstration import Demonstration
-from hhsim.hand import HandModel, Side
+from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.mesh import Mesh
-from hhsim.script import Script
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory import ResampleMode, TickInput, Trajectory
+from hhsim.mesh.mesh import Mesh
+from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
+from hhsim.scene.demonstration import Demonstration
+from hhsim.scene.script import Script
+from hhsim.trees.sphere_tree import SphereTree
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def make_scene(
         TrajectoryError: The script or the demonstration cannot be done on this object.
     """
     if isinstance(motion, Script):
-        from hhsim.synthesis import synthesize
+        from hhsim.scene.synthesis import synthesize
 
         motion = synthesize(motion, hand, tree, seed)
     elif isinstance(motion, Demonstration):

@@ -1,9 +1,9 @@
 """Trajectory scripts: TOML files that say what a hand does to an object, whichever object that is.
 
 A script holds no coordinates. It names phases and the fingers that close in them; where the hand goes and how far each
-finger closes is found on the object (`hhsim.closing_search`). A script that has to touch named parts of an object keeps
-its place on it (`hhsim.placement`) and says what it touches (`hhsim.touch`). Keys, with their defaults where they have
-one::
+finger closes is found on the object (`hhsim.scene.closure_search`). A script that has to touch named parts of an object
+keeps its place on it (`hhsim.scene.stored_pose`) and says what it touches (`hhsim.scene.contact_goals`). Keys, with
+their defaults where they have one::
 
     title = "Five-finger grasp"
     stresses = "many contacts at once"
@@ -29,7 +29,7 @@ one::
     [[phase]]
     name = "hold"          # nothing moves
     duration = 0.9
-    touch = { thumb = "handle", index = "anywhere" }   # what must be touched at its end, see hhsim.touch
+    touch = { thumb = "handle", index = "anywhere" }   # what must be touched at its end, see hhsim.scene.contact_goals
 
     [[phase]]
     name = "slide"         # the palm moves along the object, fingers still commanded deep
@@ -49,7 +49,7 @@ one::
     counts = 0             # a full turn, 0 for no quantisation
     noise = 0.0            # standard deviation before quantisation [rad]
 
-    [[placement]]          # see hhsim.placement
+    [[placement]]          # see hhsim.scene.stored_pose
     object = "cup"
 
     [[paper]]              # where the paper shows it
@@ -68,13 +68,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hhsim.disturbance import LIMITS, Disturbance
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand import FINGERS
-from hhsim.object_catalogue import object_names
-from hhsim.placement import Placement, parse_placements
-from hhsim.toml_document import check_keys, checked_number, checked_text, parse_toml, read_toml_text
-from hhsim.touch import ANYWHERE, PALM, Touch, parse_touch
+from hhsim.hand.model import FINGERS
+from hhsim.mesh.catalogue import object_names
+from hhsim.motion.tremor import LIMITS, Disturbance
+from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, parse_touch
+from hhsim.scene.stored_pose import Placement, parse_placements
+from hhsim.system.toml_document import check_keys, checked_number, checked_text, parse_toml, read_toml_text
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
 """The fingers that a closing phase closes where it names none."""

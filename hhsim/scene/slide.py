@@ -5,11 +5,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.closing import Closing, body_distances, make_work
-from hhsim.hand import FINGERS
-from hhsim.kernels.hand import PALM_BODY, HandArrays
-from hhsim.kernels.tree import TreeArrays
-from hhsim.script import Script
+from hhsim.hand.model import FINGERS
+from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.scene.finger_closure import Closing, body_distances, make_work
+from hhsim.scene.script import Script
 
 Array = NDArray[np.float64]
 

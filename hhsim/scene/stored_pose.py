@@ -1,7 +1,7 @@
 """A hand's place on one object, stored with a script: what a description such as "thumb in the handle" needs.
 
-A script that closes anywhere finds its place by itself (`hhsim.closing_search`). Where it has to touch named parts of
-an object, the place was searched for once (`hhsim.placement_search`) and is kept in the script::
+A script that closes anywhere finds its place by itself (`hhsim.scene.closure_search`). Where it has to touch named
+parts of an object, the place was searched for once (`hhsim.bench.paper.placement_search`) and is kept in the script::
 
     [[placement]]
     object = "cup"                 # of the catalogue; the frame below is the object's own
@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand import FINGERS
-from hhsim.object_catalogue import object_names
-from hhsim.toml_document import check_keys
+from hhsim.hand.model import FINGERS
+from hhsim.mesh.catalogue import object_names
+from hhsim.system.toml_document import check_keys
 
 Array = NDArray[np.float64]
 

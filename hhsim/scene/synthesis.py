@@ -3,16 +3,17 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.closing import Closing
-from hhsim.closing_search import plan_closing
-from hhsim.disturbance import Disturbance
-from hhsim.hand import FINGERS, HandModel
+from hhsim.hand.model import FINGERS, HandModel
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.placed_closing import close_placed, find_placement
-from hhsim.placement import Placement
-from hhsim.script import DEFAULT_FINGERS, Script, ScriptPhase
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory import Phase, Trajectory
+from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.motion.trajectory import Phase, Trajectory
+from hhsim.motion.tremor import Disturbance
+from hhsim.scene.closure_at_pose import close_placed, find_placement
+from hhsim.scene.closure_search import plan_closing
+from hhsim.scene.finger_closure import Closing
+from hhsim.scene.script import DEFAULT_FINGERS, Script, ScriptPhase
+from hhsim.scene.stored_pose import Placement
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 
@@ -100,33 +101,6 @@ def planned(
     rotation = np.empty((3, 3))
     quaternion_to_matrix(np.array(object_orientation, dtype=np.float64), rotation)
     return close_placed(script, hand, tree, placement, np.asarray(object_position, dtype=np.float64), rotation)
-
-
-def quaternion_from_matrix(matrix: Array) -> Array:
-    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix, shape (3, 3)."""
-    m = matrix
-    squares = np.array(
-        [
-            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
-            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
-        ]
-    )
-    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
-    rows = np.array(
-        [
-            [squares[0], wx, wy, wz],
-            [wx, squares[1], xy, xz],
-            [wy, xy, squares[2], yz],
-            [wz, xz, yz, squares[3]],
-        ]
-    )
-    # All four rows are the quaternion times one of its components; the largest loses no digits.
-    row: Array = rows[int(np.argmax(squares))]
-    row /= np.linalg.norm(row)
-    return -row if row[0] < 0.0 else row
 
 
 def _source(script: Script, closing: Closing, hand: HandModel, seed: int, noise: Disturbance) -> str:

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhsim.hand import HandModel
+from hhsim.hand.model import HandModel
 from hhsim.kernels.jit import JIT_ENABLED, cached_kernels
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.tree import TreeArrays
-from hhsim.metrics import penetration
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.metrics.metrics import penetration
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.contact_problem import coupled_problem, finger_problem, palm_problem
-from hhsim.kernels.active_set import OPTIMAL, QpWork
-from hhsim.kernels.block import TickRecord, record_tick
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
-from hhsim.kernels.hand import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.progressive import solve_progressive
-from hhsim.kernels.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
-from hhsim.kernels.tick import (
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord, record_tick
+from hhsim.kernels.tick.progressive import solve_progressive
+from hhsim.kernels.tick.state import METHOD_COUPLED, STATUS_FULL, TickOptions
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
+from hhsim.kernels.tick.tick import (
     advance,
     begin_tick,
     clip_target,
@@ -30,9 +31,8 @@ from hhsim.kernels.tick import (
     solve_together,
     spent_units,
 )
-from hhsim.kernels.tick_state import METHOD_COUPLED, STATUS_FULL, TickOptions
-from hhsim.kernels.tree import TreeArrays
-from hhsim.qp import QpProblem, QpStatus, solve
+from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
+from hhsim.solver.qp import QpProblem, QpStatus, solve
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -3,26 +3,26 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.crew import Crew
 from hhsim.errors import HhsimError
-from hhsim.hand import HandModel
-from hhsim.kernels.active_set import new_work
-from hhsim.kernels.block import TickRecord, run_block
-from hhsim.kernels.contact import CONTACT_ROWS, PALM_PAIRS
-from hhsim.kernels.hand import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import CONTACT_ROWS, PALM_PAIRS
+from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.kernels.linearise import ROW_CAPACITY
-from hhsim.kernels.paper import begin_paper
-from hhsim.kernels.paper_block import run_block_paper
-from hhsim.kernels.penalty import run_block_penalty
-from hhsim.kernels.penetration import clearances
-from hhsim.kernels.pose import is_finite_configuration
+from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.tick import gather_anew
-from hhsim.kernels.tick_state import METHOD_COUPLED, STATUS_FULL, STATUS_START_INSIDE, TickOptions
-from hhsim.kernels.tree import TreeArrays
-from hhsim.solver_options import SolverOptions
-from hhsim.workspace import paper_state, penalty_state, tick_record, tick_state
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord, run_block
+from hhsim.kernels.tick.paper import begin_paper
+from hhsim.kernels.tick.paper_block import run_block_paper
+from hhsim.kernels.tick.penalty import run_block_penalty
+from hhsim.kernels.tick.state import METHOD_COUPLED, STATUS_FULL, STATUS_START_INSIDE, TickOptions
+from hhsim.kernels.tick.tick import gather_anew
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.tick_threads import Crew
+from hhsim.solver.workspace import paper_state, penalty_state, tick_record, tick_state
 
 FloatArray = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ class HandSolver:
             record: Of one tick; overwritten.
 
         Returns:
-            The tick's status bits (`hhsim.kernels.tick_state`).
+            The tick's status bits (`hhsim.kernels.tick.state`).
         """
         return self._advance(haptic, record)
 
@@ -160,7 +160,7 @@ class HandSolver:
                     *(position, orientation, flexion, abduction, record),
                 )
         else:
-            from hhsim.backend import run_block_with_backend
+            from hhsim.solver.external_qp_loop import run_block_with_backend
 
             done = run_block_with_backend(
                 self.hand, self.tree, options, self.states[0], self.qp, self.options.qp, haptic, record

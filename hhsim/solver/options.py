@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand import FINGERS
-from hhsim.kernels.crew import PARTS
-from hhsim.kernels.force import FORCE_KKT, FORCE_PAPER
-from hhsim.kernels.hand import BODY_COUNT, PHALANX_COUNT
-from hhsim.kernels.penalty import PenaltyOptions
-from hhsim.kernels.tick_state import (
+from hhsim.hand.model import FINGERS
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PHALANX_COUNT
+from hhsim.kernels.parallel.thread_team import PARTS
+from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
+from hhsim.kernels.tick.penalty import PenaltyOptions
+from hhsim.kernels.tick.state import (
     METHOD_COUPLED,
     METHOD_PAPER,
     METHOD_PENALTY,
@@ -92,7 +92,7 @@ class SolverOptions:
             without looking for contact, and the palm is always looked after.
         linearisations: Most of them in a tick. Default: 12; method `paper` makes exactly this many, 1 unless told;
             of `penalty`, most rounds in which a tick finds which contacts push.
-        budget: Work units (`hhsim.kernels.tick_state`) after which a tick begins no further linearisation; the way
+        budget: Work units (`hhsim.kernels.tick.state`) after which a tick begins no further linearisation; the way
             that is left is lag. None: only `linearisations` bounds a tick.
         margin: Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper`
             this is Δr, 0.5 mm unless told, and no bound on a step.

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.kernels import active_set
+from hhsim.kernels.qp import active_set
 
 Array = NDArray[np.float64]
 
 ACTIVE_SET = "active-set"
-"""The backend of our own: `hhsim.kernels.active_set`."""
+"""The backend of our own: `hhsim.kernels.qp.active_set`."""
 
 TOLERANCE = 1e-12
 """Row violation [√J] that the active-set backend accepts; 30 fm at a stiffness of 1 kN/m."""

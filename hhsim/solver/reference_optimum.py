@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
-from hhsim.hand import HandModel
-from hhsim.kernels.tick_state import STATUS_STUCK
-from hhsim.kernels.tree import TreeArrays
-from hhsim.metrics import HandPoses, tracking_energy, tracking_excess
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.hand.model import HandModel
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.state import STATUS_STUCK
+from hhsim.metrics.metrics import HandPoses, tracking_energy, tracking_excess
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,14 +8,14 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.active_set import QpWork, new_work
-from hhsim.kernels.contact import PHALANX_PAIRS
-from hhsim.kernels.crew import assemble, dismiss
-from hhsim.kernels.hand import DOF, HandArrays
-from hhsim.kernels.helper import help_out
-from hhsim.kernels.linearise import ROW_CAPACITY
-from hhsim.kernels.tick_state import TickOptions
-from hhsim.kernels.tree import STACK_SIZE, TreeArrays
+from hhsim.kernels.contact.detection import PHALANX_PAIRS
+from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.hand.kinematics import DOF, HandArrays
+from hhsim.kernels.parallel.thread_team import assemble, dismiss
+from hhsim.kernels.qp.active_set import QpWork, new_work
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
+from hhsim.kernels.tick.state import TickOptions
+from hhsim.kernels.tick.thread_team_worker import help_out
 
 ARRIVAL = 1.0
 """A block begins without the helpers that are not there after this [s]: they can join at any tick."""

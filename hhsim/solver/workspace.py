@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.paper import PAPER_STATE
-from hhsim.kernels.penalty import PENALTY_STATE
-from hhsim.kernels.tick_state import TICK_STATE, WORK_COUNTERS
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.paper import PAPER_STATE
+from hhsim.kernels.tick.penalty import PENALTY_STATE
+from hhsim.kernels.tick.state import TICK_STATE, WORK_COUNTERS
 
 
 def tick_state(stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | None = None) -> Any:

@@ -131,7 +131,7 @@ def package_versions() -> dict[str, str]:
 
 def revision() -> Revision:
     """Commit of the checkout that this module lies in, and whether files in it have changed since."""
-    root = Path(__file__).resolve().parent.parent
+    root = Path(__file__).resolve().parents[2]
     if not ((root / ".git").exists() and (root / "pyproject.toml").is_file()):
         return Revision(UNKNOWN, UNKNOWN)
     commit = _git(root, "rev-parse", "HEAD")

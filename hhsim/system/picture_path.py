@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
+from hhsim.system.output_path import check_destination
 
 
 def check_picture(path: Path) -> None:
     """Look, before the work, for what would keep the picture from being written.
 
     Raises:
-        OutputError: As `hhsim.destination.check_destination`.
+        OutputError: As `hhsim.system.output_path.check_destination`.
         InputError: matplotlib has no such picture format.
     """
     from matplotlib.backend_bases import FigureCanvasBase

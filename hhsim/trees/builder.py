@@ -10,42 +10,37 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import (
-    ball_hierarchy,
-    canonical_frame,
-    fewest_balls,
-    level_cover,
-    mesh_cover,
-    sphere_tree,
-    tree_error,
-    tree_file,
-)
-from hhsim.ball_hierarchy import cover_hierarchy
 from hhsim.errors import InputError, MeshError, OutputError, UnknownNameError
-from hhsim.fewest_balls import find_fewest
-from hhsim.kernels import (
-    ball_descent,
-    cover,
-    cover_certificate,
-    cover_error,
-    cover_refine,
-    distance,
-    enclosing_ball,
-    inner_ball,
-    median_tree,
-    mesh_bvh,
-    micro_triangle,
-    triangle,
-)
+from hhsim.kernels import enclosing_ball, triangle
+from hhsim.kernels import kd_tree as median_tree
+from hhsim.kernels import round_cone_distance as distance
+from hhsim.kernels.cover import certify as cover_certificate
+from hhsim.kernels.cover import greedy_cover as cover
+from hhsim.kernels.cover import inscribed_sphere as inner_ball
+from hhsim.kernels.cover import micro_triangle
+from hhsim.kernels.cover import refine as cover_refine
+from hhsim.kernels.cover import sampled_error as cover_error
+from hhsim.kernels.cover import sphere_descent as ball_descent
 from hhsim.kernels.jit import cache_root
-from hhsim.kernels.mesh_bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
-from hhsim.level_cover import LevelCover
-from hhsim.mesh import Mesh
-from hhsim.mesh_cover import cover_of, in_own_frame
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_error import measure_levels, prove_cover
-from hhsim.tree_methods import METHODS, Progress
-from hhsim.workers import Workers
+from hhsim.kernels.mesh import bvh as mesh_bvh
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
+from hhsim.mesh import canonical_frame
+from hhsim.mesh.mesh import Mesh
+from hhsim.system.thread_pool import Workers
+from hhsim.trees import error as tree_error
+from hhsim.trees import file as tree_file
+from hhsim.trees import hierarchy as ball_hierarchy
+from hhsim.trees import level_cover, sphere_tree
+from hhsim.trees import sphere_count_search as fewest_balls
+from hhsim.trees import surface_cover as mesh_cover
+from hhsim.trees.error import measure_levels, prove_cover
+from hhsim.trees.file import load_tree, save_tree
+from hhsim.trees.hierarchy import cover_hierarchy
+from hhsim.trees.level_cover import LevelCover
+from hhsim.trees.methods import METHODS, Progress
+from hhsim.trees.sphere_count_search import find_fewest
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.surface_cover import cover_of, in_own_frame
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -95,10 +90,10 @@ class TreeOptions:
         branching: Most children of a node.
         leaves: Most leaves; None for branching ** level.
         seed: Of the samples that measure the errors; the spheres do not depend on it.
-        method: Way to build it, one of `hhsim.tree_methods.METHODS`.
+        method: Way to build it, one of `hhsim.trees.methods.METHODS`.
         cover: "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
         max_error: Farthest that the leaves may be off the mesh, as proved [m]: as few leaves are taken as that needs,
-            see `hhsim.fewest_balls.find_fewest`. None to take all.
+            see `hhsim.trees.sphere_count_search.find_fewest`. None to take all.
     """
 
     level: int | None = None
@@ -322,13 +317,13 @@ def cached_sphere_tree(
     path = cache_path(mesh, options)
     if path.is_file():
         try:
-            return SphereTree.load(path)
+            return load_tree(path)
         except InputError:
             pass
     tree = build_sphere_tree(mesh, options, progress, threads)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        tree.save(path)
+        save_tree(tree, path)
     except (OSError, OutputError):
         pass
     return tree

@@ -6,7 +6,7 @@ It believes nothing of the builder: the proofs are followed by code of their own
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.cover_check import (
+from hhsim.kernels.cover.check_certificate import (
     CORNER_OUTSIDE,
     HOLDS,
     NO_SUCH_BALL,
@@ -16,9 +16,9 @@ from hhsim.kernels.cover_check import (
     TOO_SHORT,
     check_proof,
 )
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.level_cover import LevelCover
-from hhsim.mesh import Mesh
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.level_cover import LevelCover
 
 FloatArray = NDArray[np.float64]
 

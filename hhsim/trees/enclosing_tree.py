@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.enclosing_ball import enclosing_ball
-from hhsim.kernels.mesh_bvh import MeshBvh, mesh_signed_distance
-from hhsim.level_cover import LevelCover
-from hhsim.mesh import Mesh
-from hhsim.mesh_cover import ROUNDING
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_error import prove_cover
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.error import prove_cover
+from hhsim.trees.level_cover import LevelCover
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.surface_cover import ROUNDING
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

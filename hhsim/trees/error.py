@@ -8,12 +8,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.cover_certificate import certify_cover
-from hhsim.kernels.cover_error import exposed, union_distance
-from hhsim.kernels.mesh_bvh import MeshBvh, mesh_signed_distance
-from hhsim.mesh_cover import ROUNDING
-from hhsim.sphere_tree import LevelError, SphereTree
-from hhsim.workers import Workers, ranges
+from hhsim.kernels.cover.certify import certify_cover
+from hhsim.kernels.cover.sampled_error import exposed, union_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.system.thread_pool import Workers, ranges
+from hhsim.trees.sphere_tree import LevelError, SphereTree
+from hhsim.trees.surface_cover import ROUNDING
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -84,7 +84,7 @@ def prove_cover(
         workers: threads to prove with; None for the calling one.
 
     Returns:
-        Faces without a proof, and the codes of the proof, as `hhsim.kernels.cover_certificate` explains them; no codes
+        Faces without a proof, and the codes of the proof, as `hhsim.kernels.cover.certify` explains them; no codes
         if there is a face without.
     """
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)

@@ -8,9 +8,9 @@ import h5py
 import numpy as np
 
 from hhsim.errors import InputError
-from hhsim.level_cover import LevelCover
-from hhsim.sphere_tree import LENGTHS, LevelError, SphereTree
-from hhsim.whole_file import hdf5_image, write_whole_file
+from hhsim.system.atomic_write import hdf5_image, write_whole_file
+from hhsim.trees.level_cover import LevelCover
+from hhsim.trees.sphere_tree import LENGTHS, LevelError, SphereTree
 
 FORMAT = "hhsim-tree"
 SCHEMA_VERSION = 2

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.kernels.cover_error import union_distance
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.mesh import Mesh
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_error import measure_levels, protrusion_bound, sample_mesh, uncovered_faces
+from hhsim.kernels.cover.sampled_error import union_distance
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.error import measure_levels, protrusion_bound, sample_mesh, uncovered_faces
+from hhsim.trees.file import load_tree
+from hhsim.trees.sph_format import load_sph
+from hhsim.trees.sphere_tree import SphereTree
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -69,7 +71,7 @@ def import_tree(
         unit_length: Of the `.sph` file [m].
         frame: Where the centres of the `.sph` file count from.
         seed: Of the samples that measure the errors.
-        progress: As for `hhsim.tree_builder.build_sphere_tree`.
+        progress: As for `hhsim.trees.builder.build_sphere_tree`.
 
     Raises:
         InputError: No sphere tree, an unknown frame, or spheres that are not on this mesh.
@@ -81,7 +83,7 @@ def import_tree(
         raise InputError(f"{source}: a sphere tree is a .h5 or a .sph file")
     notes: list[str] = []
     if source.suffix == ".h5":
-        tree, chosen = SphereTree.load(source), "mesh"
+        tree, chosen = load_tree(source), "mesh"
         if tree.mesh_sha256 not in ("", mesh.sha256):
             notes.append(f"{source.name} was built for another mesh than {mesh.name}, and is measured against this one")
     else:
@@ -109,7 +111,7 @@ def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> Imp
     """
     source = Path(path)
     if source.suffix == ".h5":
-        sha256 = SphereTree.load(source).mesh_sha256
+        sha256 = load_tree(source).mesh_sha256
         if sha256 not in ("", mesh.sha256):
             raise InputError(
                 f"{source}: built for the mesh {sha256[:12]}…, but {mesh.name} is {mesh.sha256[:12]}…; name the "
@@ -120,7 +122,7 @@ def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> Imp
 
 def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple[SphereTree, str, list[str]]:
     """A .sph tree in metres and in the mesh's frame, where its centres counted from, and what to say of it."""
-    tree = SphereTree.load_sph(source).scaled(unit_length)
+    tree = load_sph(source).scaled(unit_length)
     notes = []
     grown, repeated = tree.options["parents_grown"], tree.options["repeated"]
     if grown:

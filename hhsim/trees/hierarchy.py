@@ -1,11 +1,13 @@
 """Puts balls as leaves under a tree, so that a walk can refuse many at once."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.enclosing_ball import enclosing_ball
-from hhsim.level_cover import LevelCover
-from hhsim.sphere_tree import SphereTree
+from hhsim.trees.level_cover import LevelCover
+from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -33,6 +35,42 @@ def cover_hierarchy(cover: LevelCover, level: int, branching: int) -> tuple[Sphe
     by_place = cover.reordered(np.lexsort((cover.radius, *cover.center.T)))
     tree, leaves = _grow(by_place.center, by_place.radius, level, branching)
     return tree, by_place.reordered(leaves)
+
+
+def at_level(tree: SphereTree, level: int) -> SphereTree:
+    """Return the tree whose leaves are what stands for the mesh at a level: its own cover.
+
+    The same tree that is built when this level is asked for.
+    """
+    tree.require_level(level)
+    if level == tree.depth:
+        return tree
+    errors, seconds = tree.errors[: level + 1], tree.cpu_seconds[: level + 1]
+    if tree.covers:
+        branching, leaves = int(tree.options.get("branching", 8)), tree.options.get("leaves")
+        own, cover = cover_hierarchy(tree.covers[level], level, branching)
+        return replace(
+            own,
+            errors=errors,
+            mesh_sha256=tree.mesh_sha256,
+            options=dict(tree.options)
+            | {"level": level, "leaves": leaves if leaves and leaves < branching**level else None}
+            | ({"max_error": None} if "max_error" in tree.options else {}),
+            covers=(*tree.covers[:level], cover),
+            cpu_seconds=seconds,
+        )
+    keep = tree.level <= level
+    # The inner spheres now are leaves: they need not enclose each other, only what was below.
+    radius = enclosing_radius(tree.center[keep], tree.radius[keep], tree.level[keep], tree.parent[keep])
+    return replace(
+        tree,
+        center=tree.center[keep],
+        radius=radius,
+        level=tree.level[keep],
+        parent=tree.parent[keep],
+        errors=errors,
+        cpu_seconds=seconds,
+    )
 
 
 def _grow(center: FloatArray, radius: FloatArray, level: int, branching: int) -> tuple[SphereTree, IntArray]:

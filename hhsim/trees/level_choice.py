@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 
 from hhsim.errors import InputError
-from hhsim.mesh import Mesh
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
-from hhsim.tree_methods import Progress
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
+from hhsim.trees.methods import Progress
+from hhsim.trees.sphere_tree import SphereTree
 
 
 @dataclass(frozen=True)

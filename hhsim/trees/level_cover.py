@@ -21,7 +21,7 @@ class LevelCover:
         radius: [m], shape (n,).
         depth: How deep each centre lies inside the mesh, negative outside [m], shape (n,).
         gap: How far the surface may lie outside of the balls [m]: grown by this they cover it. 0 for a full cover.
-        proof: That the grown balls cover each face, as `hhsim.kernels.cover_certificate` writes it, shape (m,); empty
+        proof: That the grown balls cover each face, as `hhsim.kernels.cover.certify` writes it, shape (m,); empty
             for balls of which nothing is proved.
     """
 
@@ -53,7 +53,7 @@ class LevelCover:
 
     @property
     def proved(self) -> bool:
-        """Whether there is a proof; `hhsim.cover_check` checks it."""
+        """Whether there is a proof; `hhsim.trees.coverage_check` checks it."""
         return self.proof.size > 0
 
     @property

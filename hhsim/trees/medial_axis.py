@@ -12,7 +12,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.mesh_bvh import MeshBvh, closest_points
+from hhsim.kernels.mesh.bvh import MeshBvh, closest_points
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

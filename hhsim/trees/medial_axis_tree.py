@@ -20,17 +20,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.enclosing_tree import cover_with_proof, enclosing_tree
-from hhsim.kernels.cover import covering_radius, longest_edges
-from hhsim.kernels.cover_refine import group_by_owner, move_balls
-from hhsim.kernels.medial_reduce import assign_to_siblings, piece_costs, reduce_balls
-from hhsim.kernels.mesh_bvh import MeshBvh, build_mesh_bvh, face_normals
-from hhsim.kernels.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
-from hhsim.level_cover import LevelCover
-from hhsim.medial_axis import MedialAxis, medial_axis, refined_medial_axis, with_new_samples
-from hhsim.mesh import Mesh
-from hhsim.mesh_cover import require_inside
-from hhsim.sphere_tree import SphereTree
+from hhsim.kernels.cover.greedy_cover import covering_radius, longest_edges
+from hhsim.kernels.cover.medial_reduction import assign_to_siblings, piece_costs, reduce_balls
+from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
+from hhsim.kernels.cover.refine import group_by_owner, move_balls
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.enclosing_tree import cover_with_proof, enclosing_tree
+from hhsim.trees.level_cover import LevelCover
+from hhsim.trees.medial_axis import MedialAxis, medial_axis, refined_medial_axis, with_new_samples
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.surface_cover import require_inside
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

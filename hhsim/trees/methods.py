@@ -7,12 +7,15 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim import enclosing_tree, medial_axis, medial_tree, octree_tree
-from hhsim.kernels import cell_pieces, medial_reduce
-from hhsim.medial_tree import build_medial_tree
-from hhsim.mesh import Mesh
-from hhsim.octree_tree import build_fitted_octree, build_octree
-from hhsim.sphere_tree import SphereTree
+from hhsim.kernels.cover import medial_reduction as medial_reduce
+from hhsim.kernels.mesh import octree_clipping as cell_pieces
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees import enclosing_tree, medial_axis
+from hhsim.trees import medial_axis_tree as medial_tree
+from hhsim.trees import octree as octree_tree
+from hhsim.trees.medial_axis_tree import build_medial_tree
+from hhsim.trees.octree import build_fitted_octree, build_octree
+from hhsim.trees.sphere_tree import SphereTree
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -27,7 +30,8 @@ class TreeMethod:
 
     Attributes:
         about: What it does, for `--help`.
-        grow: Builds the tree; None for `certified`, which `hhsim.tree_builder` builds level by level. The tree need not
+        grow: Builds the tree; None for `certified`, which `hhsim.trees.builder` builds level by level. The tree need
+        not
             be measured, nor know its mesh and options. Where a level has spheres of its own that its nodes, which must
             enclose the leaves below them, had to be grown from, these go into `SphereTree.covers` without a proof.
         sources: Modules that the tree depends on besides those of the tree itself: a change in any of them makes

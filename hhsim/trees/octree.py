@@ -14,14 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.enclosing_tree import cover_with_proof, enclosing_tree
 from hhsim.errors import InputError
-from hhsim.kernels.cell_pieces import cut_by_cells
 from hhsim.kernels.enclosing_ball import enclosing_ball
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.level_cover import LevelCover
-from hhsim.mesh import Mesh
-from hhsim.sphere_tree import SphereTree
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.octree_clipping import cut_by_cells
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.enclosing_tree import cover_with_proof, enclosing_tree
+from hhsim.trees.level_cover import LevelCover
+from hhsim.trees.sphere_tree import SphereTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -4,7 +4,8 @@ First line: number of levels including the root, and branching factor B. Then on
 tree, `x y z radius importance`, breadth first: the children of slot n are the slots n·B + 1 to n·B + B. A radius that
 is not positive marks an unused slot. Further columns, and lines after the last slot (the toolkit appends statistics),
 are ignored.
-The format has no unit. The toolkit's centres count from the centre of the mesh's bounding box; see `hhsim.tree_import`.
+The format has no unit. The toolkit's centres count from the centre of the mesh's bounding box; see
+`hhsim.trees.foreign_tree`.
 """
 
 from pathlib import Path
@@ -13,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.sphere_tree import SphereTree, enclosing_radius
-from hhsim.whole_file import write_whole_file
+from hhsim.system.atomic_write import write_whole_file
+from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 _MOST_SLOTS = 20_000_000
 _ROUNDING = 1e-9

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 from hhsim.errors import InputError
-from hhsim.level_cover import LevelCover
+from hhsim.trees.level_cover import LevelCover
 
 NEAR = 0.95
 """The search ends when this share of the balls, or more, was tried and is not enough …"""

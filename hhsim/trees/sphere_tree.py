@@ -2,18 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
-from hhsim.kernels.tree import STACK_SIZE, TreeArrays
-from hhsim.level_cover import LevelCover
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
+from hhsim.trees.level_cover import LevelCover
 
 if TYPE_CHECKING:
-    from hhsim.mesh import Mesh
+    from hhsim.mesh.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -194,56 +193,20 @@ class SphereTree:
 
         Those of its cover, or of its nodes where the tree has no covers.
         """
-        self._require_level(level)
+        self.require_level(level)
         if self.covers:
             return self.covers[level].center, self.covers[level].radius
         chosen = self.level == level
         return self.center[chosen], self.radius[chosen]
 
-    def _require_level(self, level: int) -> None:
+    def require_level(self, level: int) -> None:
+        """Raise InputError where the tree has no such level."""
         if not 0 <= level <= self.depth:
             raise InputError(f"sphere tree: no level {level}; it has levels 0 to {self.depth}")
 
-    def at_level(self, level: int) -> "SphereTree":
-        """Return the tree whose leaves are what stands for the mesh at a level: its own cover, as `spheres` says.
-
-        The same tree that is built when this level is asked for.
-        """
-        self._require_level(level)
-        if level == self.depth:
-            return self
-        errors, seconds = self.errors[: level + 1], self.cpu_seconds[: level + 1]
-        if self.covers:
-            from hhsim.ball_hierarchy import cover_hierarchy
-
-            branching, leaves = int(self.options.get("branching", 8)), self.options.get("leaves")
-            tree, cover = cover_hierarchy(self.covers[level], level, branching)
-            return replace(
-                tree,
-                errors=errors,
-                mesh_sha256=self.mesh_sha256,
-                options=dict(self.options)
-                | {"level": level, "leaves": leaves if leaves and leaves < branching**level else None}
-                | ({"max_error": None} if "max_error" in self.options else {}),
-                covers=(*self.covers[:level], cover),
-                cpu_seconds=seconds,
-            )
-        keep = self.level <= level
-        # The inner spheres now are leaves: they need not enclose each other, only what was below.
-        radius = enclosing_radius(self.center[keep], self.radius[keep], self.level[keep], self.parent[keep])
-        return replace(
-            self,
-            center=self.center[keep],
-            radius=radius,
-            level=self.level[keep],
-            parent=self.parent[keep],
-            errors=errors,
-            cpu_seconds=seconds,
-        )
-
     def check(self, mesh: "Mesh") -> tuple[str, ...]:
-        """What does not hold of the tree's covers and their proofs; see `hhsim.cover_check.faults`."""
-        from hhsim.cover_check import faults
+        """What does not hold of the tree's covers and their proofs; see `hhsim.trees.coverage_check.faults`."""
+        from hhsim.trees.coverage_check import faults
 
         return faults(mesh, self.covers)
 
@@ -267,32 +230,6 @@ class SphereTree:
         )
         covers = tuple(cover.scaled(factor) for cover in self.covers)
         return replace(self, center=self.center * factor, radius=self.radius * factor, errors=errors, covers=covers)
-
-    def save(self, path: str | Path) -> None:
-        """Write the hhsim-tree file; see `hhsim.tree_file.save_tree`."""
-        from hhsim.tree_file import save_tree
-
-        save_tree(self, path)
-
-    @staticmethod
-    def load(path: str | Path) -> "SphereTree":
-        """Read an hhsim-tree file; see `hhsim.tree_file.load_tree`."""
-        from hhsim.tree_file import load_tree
-
-        return load_tree(path)
-
-    def save_sph(self, path: str | Path) -> None:
-        """Write the text format of Bradshaw's toolkit; see `hhsim.sph_format.save_sph`."""
-        from hhsim.sph_format import save_sph
-
-        save_sph(self, path)
-
-    @staticmethod
-    def load_sph(path: str | Path) -> "SphereTree":
-        """Read the text format of Bradshaw's toolkit; see `hhsim.sph_format.load_sph`."""
-        from hhsim.sph_format import load_sph
-
-        return load_sph(path)
 
 
 def enclosing_radius(center: FloatArray, radius: FloatArray, level: IntArray, parent: IntArray) -> FloatArray:

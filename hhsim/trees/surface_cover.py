@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.canonical_frame import GRID, CanonicalFrame, canonical_frame
 from hhsim.errors import MeshError
-from hhsim.kernels.cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
-from hhsim.kernels.cover_refine import group_by_owner, move_balls, removal_cost, spare_balls
-from hhsim.kernels.median_tree import subtrees
-from hhsim.kernels.mesh_bvh import MeshBvh, build_mesh_bvh, face_normals
-from hhsim.kernels.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
-from hhsim.workers import Workers, ranges
+from hhsim.kernels.cover.greedy_cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
+from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
+from hhsim.kernels.cover.refine import group_by_owner, move_balls, removal_cost, spare_balls
+from hhsim.kernels.kd_tree import subtrees
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
+from hhsim.mesh.canonical_frame import GRID, CanonicalFrame, canonical_frame
+from hhsim.system.thread_pool import Workers, ranges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

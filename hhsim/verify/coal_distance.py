@@ -2,7 +2,7 @@
 
 Coal knows no round cones, but segments: the union of balls along an axis is min over s of d(x(s)) − r(s) away, and
 coal's d over a piece of the axis bounds that from below. The piece with the lowest bound is halved until the bounds
-meet, as in `hhsim.hand_referee` for the mesh.
+meet, as in `hhsim.verify.mesh_distance` for the mesh.
 """
 
 import heapq

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.verify_hand import OwnHand, Posed
+from hhsim.verify.kinematics import OwnHand, Posed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

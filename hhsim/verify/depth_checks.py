@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.verify_claim import NOT_CLAIMED, Claim, all_true, judged
-from hhsim.verify_coal import EXACT, coal_distance
-from hhsim.verify_contacts import PALM
-from hhsim.verify_file import leaves
-from hhsim.verify_ticks import LENGTH, WHY_LENGTH, JudgedTicks
+from hhsim.verify.claim import NOT_CLAIMED, Claim, all_true, judged
+from hhsim.verify.coal_distance import EXACT, coal_distance
+from hhsim.verify.contacts import PALM
+from hhsim.verify.file_checks import leaves
+from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
 
 FloatArray = NDArray[np.float64]
 

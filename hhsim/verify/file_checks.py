@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.tick_state import (
+from hhsim.kernels.tick.state import (
     STATUS_HELD,
     UNITS_LINEARISATION,
     UNITS_NODE_TEST,
@@ -13,10 +13,10 @@ from hhsim.kernels.tick_state import (
     UNITS_QP_ITERATION,
     UNITS_ROW,
 )
-from hhsim.result import Result
-from hhsim.solver_options import SAFE_METHODS
-from hhsim.stored_scene import PARTS, checksums
-from hhsim.verify_claim import HOLDS, NOT_CLAIMED, Claim, all_true, judged
+from hhsim.replay.stored_scene import PARTS, checksums
+from hhsim.result.reader import Result
+from hhsim.solver.options import SAFE_METHODS
+from hhsim.verify.claim import HOLDS, NOT_CLAIMED, Claim, all_true, judged
 
 FloatArray = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.verify_claim import NOT_JUDGED, Claim, all_true, judged
-from hhsim.verify_rows import QUIET, SessionRows
+from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify.session_rows import QUIET, SessionRows
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

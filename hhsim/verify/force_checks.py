@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.verify_claim import NOT_JUDGED, Claim, judged
-from hhsim.verify_contacts import PALM
-from hhsim.verify_file import leaves
-from hhsim.verify_forces import Moment, balance, explained, fingertip_normals, moment, on_its_way, proxy_forces
-from hhsim.verify_hand import Posed, turn_between
-from hhsim.verify_ticks import FULL, LAG, LENGTH, STUCK, JudgedTicks
+from hhsim.verify.claim import NOT_JUDGED, Claim, judged
+from hhsim.verify.contacts import PALM
+from hhsim.verify.file_checks import leaves
+from hhsim.verify.forces import Moment, balance, explained, fingertip_normals, moment, on_its_way, proxy_forces
+from hhsim.verify.kinematics import Posed, turn_between
+from hhsim.verify.tick_data import FULL, LAG, LENGTH, STUCK, JudgedTicks
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

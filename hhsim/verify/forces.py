@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.verify_contacts import PALM, Pairs
-from hhsim.verify_hand import OwnHand, Posed
+from hhsim.verify.contacts import PALM, Pairs
+from hhsim.verify.kinematics import OwnHand, Posed
 
 FloatArray = NDArray[np.float64]
 

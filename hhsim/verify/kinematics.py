@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.result import Result
+from hhsim.result.reader import Result
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.mesh import Mesh
-from hhsim.placed_hand import HandShape, PlacedHand
-from hhsim.tree_referee import TrueSurface
+from hhsim.hand.forward_kinematics import HandShape, PlacedHand
+from hhsim.mesh.mesh import Mesh
+from hhsim.verify.tree_checks import TrueSurface
 
 FloatArray = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.result import Result
-from hhsim.verify_claim import NOT_JUDGED, Claim, judged
-from hhsim.verify_file import follows
+from hhsim.result.reader import Result
+from hhsim.verify.claim import NOT_JUDGED, Claim, judged
+from hhsim.verify.file_checks import follows
 
 FloatArray = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def metric_claims(result: Result) -> list[Claim]:
                 ticks=ticks,
             )
         )
-    # A session's figures are of all its periods: `hhsim.verify_session_figures`.
+    # A session's figures are of all its periods: `hhsim.verify.session_summary_checks`.
     if result.complete and result.live is None:
         claims += _summary_claims(result)
     return claims

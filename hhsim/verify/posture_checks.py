@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from hhsim.verify_claim import Claim, judged
-from hhsim.verify_ticks import (
+from hhsim.verify.claim import Claim, judged
+from hhsim.verify.tick_data import (
     ABDUCTION_HELD,
     FULL,
     HELD,

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.result import Result
-from hhsim.verify_claim import Claim, all_true, judged
-from hhsim.verify_command import DEVICE_LOST, command_claims
-from hhsim.verify_rows import SessionRows
-from hhsim.verify_session_figures import session_figures_claims
+from hhsim.result.reader import Result
+from hhsim.verify.claim import Claim, all_true, judged
+from hhsim.verify.finger_command_checks import DEVICE_LOST, command_claims
+from hhsim.verify.session_rows import SessionRows
+from hhsim.verify.session_summary_checks import session_figures_claims
 
 IntArray = NDArray[np.int64]
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.result import Result
-from hhsim.verify_file import follows
+from hhsim.result.reader import Result
+from hhsim.verify.file_checks import follows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

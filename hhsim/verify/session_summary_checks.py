@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.verify_claim import Claim, judged
-from hhsim.verify_rows import LOOP_DIED, SessionRows
+from hhsim.verify.claim import Claim, judged
+from hhsim.verify.session_rows import LOOP_DIED, SessionRows
 
 Values = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.result import Result
-from hhsim.solver_options import SAFE_METHODS
-from hhsim.verify_contacts import PALM, Pairs, near_pairs
-from hhsim.verify_file import follows, leaves
-from hhsim.verify_hand import Configurations, Posed, configurations, own_hand, pose, turn_between
+from hhsim.result.reader import Result
+from hhsim.solver.options import SAFE_METHODS
+from hhsim.verify.contacts import PALM, Pairs, near_pairs
+from hhsim.verify.file_checks import follows, leaves
+from hhsim.verify.kinematics import Configurations, Posed, configurations, own_hand, pose, turn_between
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -4,7 +4,7 @@ Distances to the mesh are coal's, exact outside; the spheres near a point come f
 a kernel, the builder or its samples. Samples say how bad it is at least: each search goes on from its worst ones, ever
 closer, on the same triangle or sphere.
 
-    python -m hhsim.tree_referee bunny --size 100 --level 3
+    python -m hhsim.verify.tree_checks bunny --size 100 --level 3
 """
 
 import argparse
@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError, InputError, MeshError
-from hhsim.mesh import Mesh
-from hhsim.sphere_tree import SphereTree
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.file import load_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -367,11 +368,11 @@ def main(arguments: Sequence[str]) -> None:
     """Run the command."""
     from pathlib import Path
 
-    from hhsim.mesh import load_mesh
-    from hhsim.object_catalogue import load_object
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+    from hhsim.mesh.catalogue import load_object
+    from hhsim.mesh.mesh import load_mesh
+    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
-    parser = argparse.ArgumentParser(prog="python -m hhsim.tree_referee", description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m hhsim.verify.tree_checks", description=__doc__.split("\n\n")[0])
     parser.add_argument("object", metavar="OBJECT|MESH")
     parser.add_argument("--size", type=float, metavar="MM", help="scale to this longest extent first [mm]")
     parser.add_argument("--level", type=int, default=3, help="of the leaves; default: 3")
@@ -395,7 +396,7 @@ def main(arguments: Sequence[str]) -> None:
         if options.tree is None:
             tree = cached_sphere_tree(mesh, TreeOptions(level=options.level, leaves=options.leaves))
         else:
-            tree = SphereTree.load(options.tree)
+            tree = load_tree(options.tree)
         count = options.points
         print(table(referee(mesh, tree, mesh_points=count, sphere_points=count, seed=options.seed), scale))
     except HhsimError as error:

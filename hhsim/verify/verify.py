@@ -1,8 +1,9 @@
 """The referee: every claim of a result file, checked by code that shares no geometry with the solver.
 
-Kinematics are scipy's rotations (`hhsim.verify_hand`), distances to spheres a bisection (`hhsim.verify_contacts`),
-distances to the true mesh coal's (`hhsim.hand_referee`), forces least squares and clarabel (`hhsim.verify_forces`);
-figures are computed anew (`hhsim.verify_metrics`). Nothing is taken from the solver but what the file holds.
+Kinematics are scipy's rotations (`hhsim.verify.kinematics`), distances to spheres a bisection
+(`hhsim.verify.contacts`), distances to the true mesh coal's (`hhsim.verify.mesh_distance`), forces least squares and
+clarabel (`hhsim.verify.forces`); figures are computed anew (`hhsim.verify.metric_checks`). Nothing is taken from the
+solver but what the file holds.
 """
 
 from collections.abc import Callable
@@ -13,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, MeshError
-from hhsim.result import Result
-from hhsim.stored_scene import WHOLE_SINCE, stored_mesh
-from hhsim.verify_balance import force_claims
-from hhsim.verify_claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
-from hhsim.verify_depth import depth_claims
-from hhsim.verify_file import file_claims
-from hhsim.verify_metrics import metric_claims
-from hhsim.verify_posture import posture_claims
-from hhsim.verify_session import session_claims
-from hhsim.verify_ticks import JudgedTicks
+from hhsim.replay.stored_scene import WHOLE_SINCE, stored_mesh
+from hhsim.result.reader import Result
+from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
+from hhsim.verify.depth_checks import depth_claims
+from hhsim.verify.file_checks import file_claims
+from hhsim.verify.force_checks import force_claims
+from hhsim.verify.metric_checks import metric_claims
+from hhsim.verify.posture_checks import posture_claims
+from hhsim.verify.session_checks import session_claims
+from hhsim.verify.tick_data import JudgedTicks
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -31,7 +32,7 @@ Progress = Callable[[str, int, int], None]
 MESH_LIMIT = 1e-3
 """Distances to the mesh from here on are not looked for [m]."""
 MESH_EXACT = 1e-8
-"""How near the referee's two bounds of a distance to the mesh are to each other [m], see `hhsim.hand_referee`."""
+"""How near the referee's two bounds of a distance to the mesh are to each other [m], see `mesh_distance`."""
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,8 @@ def chosen_ticks(result: Result, every: int) -> IntArray:
 
 def _mesh_claim(judge: JudgedTicks, claims: list[Claim], told: Progress) -> tuple[Claim, float]:
     """The graphic hand against the true mesh, by coal: a claim where the spheres cover it and nothing is in them."""
-    from hhsim.hand_referee import HandReferee
-    from hhsim.placed_hand import HandShape, PlacedHand
+    from hhsim.hand.forward_kinematics import HandShape, PlacedHand
+    from hhsim.verify.mesh_distance import HandReferee
 
     name, says = "mesh", "the graphic hand stays out of the true mesh"
     why = "the bounds of the referee's own distance"

@@ -17,12 +17,12 @@ from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from hhsim.errors import HhsimError, InputError, OutputError
-from hhsim.rerun_target import RerunTarget
-from hhsim.result import load_result
-from hhsim.warm_up import start_numba
+from hhsim.result.reader import load_result
+from hhsim.solver.compile import start_numba
+from hhsim.view.sink import RerunTarget
 
 if TYPE_CHECKING:
-    from hhsim.view import Viewed
+    from hhsim.view.viewer import Viewed
 
 Progress = Callable[[str, int, int], None]
 Word = Literal["ready", "progress", "viewed", "refused"]
@@ -111,7 +111,7 @@ class ViewAhead:
             HhsimError: the process beside ended before it was done.
         """
         if self._channel is None:
-            from hhsim.view import view_result
+            from hhsim.view.viewer import view_result
 
             return view_result(load_result(path), self._target, progress=progress)
         self.settle()
@@ -151,7 +151,7 @@ def _serve(channel: "Connection[Any, Any]", parents: "Connection[Any, Any]", tar
 
     try:
         # Imported here, where it costs the replay no time.
-        from hhsim.view import get_ready, view_result
+        from hhsim.view.viewer import get_ready, view_result
 
         get_ready()
         channel.send(("ready", None))

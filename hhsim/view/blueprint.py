@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.rerun_plots import GLOVE, Plot
+from hhsim.view.plots import GLOVE, Plot
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.rerun_plots import (
+from hhsim.view.plots import (
     CONTACTS,
     DEPTH,
     FORCE,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import FINGERS
+from hhsim.hand.model import FINGERS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -41,7 +41,7 @@ class Plot:
     height: float = 1.0
 
     def thinned(self, values: FloatArray, shown: IntArray, starts: IntArray) -> FloatArray:
-        """What is shown of the values of ticks, shape (N, series); arguments as in `hhsim.shown_ticks`."""
+        """What is shown of the values of ticks, shape (N, series); arguments as in `hhsim.view.decimation`."""
         if not self.worst or len(shown) == len(values):
             return values[shown]
         # NaN is no value: fmax passes it over.

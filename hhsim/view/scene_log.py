@@ -10,7 +10,7 @@ World in metres, z up. Each rigid piece of a hand is a mesh that is sent once, m
 | world/haptic/… | the haptic hand |
 | world/contacts/points, normals | touching pairs: the point of the hand, and the normal from the object to the hand |
 | world/forces | the contact force on each phalanx and on the palm, in red, as long as `FORCE_LENGTH` says |
-| plots/… | `hhsim.rerun_plots` |
+| plots/… | `hhsim.view.plots` |
 | states/… | phases of the motion, and the state of the ticks |
 | log | what happened in a live session |
 | run | what was run, in words |
@@ -26,17 +26,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.contact_points import ContactPoints, touching_points
-from hhsim.hand import HandModel
-from hhsim.hand_pieces import PIECES, piece_poses, piece_surfaces
-from hhsim.kernels.tree import TreeArrays
-from hhsim.mesh import Mesh
-from hhsim.metrics import FORCE_FLOOR
-from hhsim.placed_hand import HandShape, PlacedHand, hand_shape
-from hhsim.rerun_plots import Plot, palm_force, sizes
-from hhsim.shown_ticks import ShownTicks
-from hhsim.sphere_tree import SphereTree
-from hhsim.surface import Surface, mesh_surface
+from hhsim.hand.forward_kinematics import HandShape, PlacedHand, hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.contact_points import ContactPoints, touching_points
+from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
+from hhsim.render.triangle_soup import Surface, mesh_surface
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.view.decimation import ShownTicks
+from hhsim.view.plots import Plot, palm_force, sizes
 
 if TYPE_CHECKING:
     import rerun as rr

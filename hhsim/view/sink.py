@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit
 
-from hhsim.destination import check_destination
 from hhsim.errors import InputError, OutputError
+from hhsim.system.output_path import check_destination
 
 if TYPE_CHECKING:
     import rerun as rr

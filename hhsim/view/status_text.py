@@ -1,6 +1,6 @@
 """How a tick ended, in words."""
 
-from hhsim.kernels.tick_state import (
+from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
     STATUS_FULL,
     STATUS_HELD,

@@ -11,24 +11,24 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.contact_points import touching_points
 from hhsim.errors import InputError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels.tick_state import TOUCH
-from hhsim.kernels.tree import TreeArrays
-from hhsim.live.safety_words import why_free_or_held
-from hhsim.mesh import Mesh
-from hhsim.placed_hand import PlacedHand, hand_shape
-from hhsim.rerun_blueprint import blueprint
-from hhsim.rerun_plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, loop_values
-from hhsim.rerun_scene import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene
-from hhsim.rerun_target import RerunTarget, rerun_stream
-from hhsim.result import Result
-from hhsim.result_hand import hand_of
-from hhsim.result_schema import LIVE_EVENT, LIVE_TICK
-from hhsim.shown_ticks import ShownTicks, shown_ticks
-from hhsim.sphere_tree import SphereTree
-from hhsim.status_words import status_words
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.state import TOUCH
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.contact_points import touching_points
+from hhsim.replay.stored_hand import hand_of
+from hhsim.result.reader import Result
+from hhsim.result.safety import why_free_or_held
+from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.view.blueprint import blueprint
+from hhsim.view.decimation import ShownTicks, shown_ticks
+from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, loop_values
+from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene
+from hhsim.view.sink import RerunTarget, rerun_stream
+from hhsim.view.status_text import status_words
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb

@@ -5,15 +5,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
-from hhsim.kernels.tree import TreeArrays
-from hhsim.mesh_penetration import mesh_clearance
-from hhsim.object_catalogue import load_object
-from hhsim.placed_hand import hand_shape
-from hhsim.run_errors import (
+from hhsim.bench.run_errors import (
     NEAR,
     SAMPLES,
     ErrorScene,
@@ -23,11 +15,19 @@ from hhsim.run_errors import (
     sampled,
     sphere_clearance,
 )
-from hhsim.scene import make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.trajectory_catalogue import load_script
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.forward_kinematics import hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.mesh_penetration import mesh_clearance
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import make_scene
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 OPTIONS = SolverOptions()
 

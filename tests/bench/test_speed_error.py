@@ -7,14 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhsim.errors import HhsimError, InputError, UnknownNameError
-from hhsim.kernels.block import TickRecord
-from hhsim.picture_file import check_picture
-from hhsim.qp import ACTIVE_SET, available_backends
-from hhsim.run_errors import RunErrors
-from hhsim.solver import HandSolver
-from hhsim.solver_options import METHODS, SolverOptions
-from hhsim.speed_error import (
+from hhsim.bench.run_errors import RunErrors
+from hhsim.bench.speed_error import (
     LINEARISATIONS,
     USUAL,
     Configuration,
@@ -24,8 +18,14 @@ from hhsim.speed_error import (
     configurations,
     measure,
 )
-from hhsim.speed_error_figure import PEERS, draw_speed_error
-from hhsim.speed_error_table import ALL, COLUMNS, COUNTED, WORST, chosen, remarks, table_rows
+from hhsim.bench.speed_error_table import ALL, COLUMNS, COUNTED, WORST, chosen, remarks, table_rows
+from hhsim.errors import HhsimError, InputError, UnknownNameError
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.render.speed_error_figure import PEERS, draw_speed_error
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import METHODS, SolverOptions
+from hhsim.solver.qp import ACTIVE_SET, available_backends
+from hhsim.system.picture_path import check_picture
 
 SMALL = SpeedErrorOptions(
     objects=("cube",),
@@ -226,7 +226,7 @@ def test_a_run_that_fails_is_told_and_wins_nothing(monkeypatch: pytest.MonkeyPat
                 record.joints[7, 0, 0, 0] = np.nan
             return record
 
-    monkeypatch.setattr("hhsim.speed_error.HandSolver", Fragile)
+    monkeypatch.setattr("hhsim.bench.speed_error.HandSolver", Fragile)
     runs = measure(replace(SMALL, levels=(1,), linearisations=(2, 12), backends=()))
     assert [(run.configuration.method, run.configuration.linearisations, run.failure) for run in runs] == [
         ("coupled", 2, "the graphic hand is not finite after tick 7"),

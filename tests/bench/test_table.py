@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.bench_file import Column, check_table_destination, csv_path, load_table, write_table
+from hhsim.bench.table import Column, check_table_destination, csv_path, load_table, write_table
 from hhsim.errors import InputError, OutputError
 
 COLUMNS = (

@@ -9,9 +9,9 @@ from conftest import Run
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim import bench_threads
-from hhsim.bench_file import load_table
-from hhsim.bench_threads import COLUMNS, PAYS, Load, ThreadsOptions, measure, remarks, when_threads_pay
+from hhsim.bench import threads as bench_threads
+from hhsim.bench.table import load_table
+from hhsim.bench.threads import COLUMNS, PAYS, Load, ThreadsOptions, measure, remarks, when_threads_pay
 from hhsim.errors import InputError, UnknownNameError
 
 SMALL = ThreadsOptions(
@@ -52,7 +52,7 @@ def test_rows_add_up(rows: list[dict[str, Any]]) -> None:
 
 
 def test_instances_lie_where_the_hand_closes_and_holds() -> None:
-    from hhsim.hand import HandModel
+    from hhsim.hand.model import HandModel
 
     group = bench_threads._groups(SMALL, HandModel.default(), lambda *_: None)[0]
     bench_threads._run(group[0], 20)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from conftest import Run
 
-from hhsim.bench_file import load_table
-from hhsim.bench_trees import (
+from hhsim.bench.table import load_table
+from hhsim.bench.trees import (
     CUP_WALL,
     TreesOptions,
     comparison_object,
@@ -19,8 +19,8 @@ from hhsim.bench_trees import (
     tree_options,
 )
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.tree_references import BARS, EXTENT, REFERENCES
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.trees.published_results import BARS, EXTENT, REFERENCES
 
 SMALL = ("bench", "trees", "--object", "cube", "--spheres", "8", "--method", "certified,octree")
 FEW = TreesOptions(objects=("cube",), methods=("certified", "octree"), spheres=(8, 60), points=3_000)
@@ -138,8 +138,8 @@ def test_the_command_writes_three_files(run: Run, tmp_path: Path) -> None:
 
 
 def test_the_command_as_json_and_a_missed_bar(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from hhsim import bench_trees
-    from hhsim.tree_references import Bar
+    from hhsim.bench import trees as bench_trees
+    from hhsim.trees.published_results import Bar
 
     monkeypatch.setattr(bench_trees, "BARS", {("cube", 8): Bar(1e-6, 1e-9)})
     few = ("bench", "trees", "--object", "cube", "--spheres", "8", "--method", "certified")
@@ -171,7 +171,7 @@ def test_a_wrong_word_is_refused(run: Run, tmp_path: Path, arguments: tuple[str,
 
 
 def test_build_tree_draws(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.tree_figure.PIXELS", 100)
+    monkeypatch.setattr("hhsim.render.tree_figure.PIXELS", 100)
     answer = run("build-tree", "cube", "--level", "1", "--out", "c.h5", "--plot", "c.png", "--json")
     assert answer.code == 0, answer.err
     assert json.loads(answer.out)["plot"] == "c.png"

@@ -8,9 +8,9 @@ import pytest
 from conftest import Run
 from recording_samples import smooth_recording
 
-from hhsim.recording_repair import repair
-from hhsim.result import load_result
-from hhsim.trajectory_file import load_trajectory, save_trajectory
+from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.recordings.repair import repair
+from hhsim.result.reader import load_result
 
 MOTION = repair(smooth_recording()).trajectory
 

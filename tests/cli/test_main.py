@@ -17,6 +17,8 @@ import pytest
 
 import hhsim
 from hhsim.errors import InputError
+from hhsim.trees.file import load_tree
+from hhsim.trees.sph_format import load_sph
 
 (POINT,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
 entry = importlib.import_module(POINT.module)
@@ -269,24 +271,22 @@ def test_a_table_in_a_pipe_is_plain_text(run: Run) -> None:
 
 
 def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
-    from hhsim.sphere_tree import SphereTree
 
     answer = run("build-tree", "cube", "--level", "2", "--out", "cube.h5", "--json")
     assert answer.code == 0
     document = json.loads(answer.out)
-    tree = SphereTree.load(tmp_path / "cube.h5")
+    tree = load_tree(tmp_path / "cube.h5")
     assert document["leaves"] == tree.leaf_count <= 64
     assert [level["spheres"] for level in document["levels"]] == [error.spheres for error in tree.errors]
     assert all(level["gap_max"] == 0.0 for level in document["levels"])
     table = run("build-tree", "cube", "--level", "2", "--out", "cube.sph")
     assert f"{tree.leaf_count:,} leaves" in table.out
-    assert SphereTree.load_sph(tmp_path / "cube.sph").leaf_count == tree.leaf_count
+    assert load_sph(tmp_path / "cube.sph").leaf_count == tree.leaf_count
     assert run("build-tree", "cube", "--level", "1", "--quiet").out == ""
     assert len(list((tmp_path / "results").glob("*-cube-tree-1.h5"))) == 1
 
 
 def test_trees_of_so_many_leaves_or_within_an_error(run: Run, tmp_path: Path) -> None:
-    from hhsim.sphere_tree import SphereTree
 
     document = json.loads(run("build-tree", "cube", "--leaves", "100", "--json", "--threads", "2").out)
     assert (document["leaves"], document["proved"], document["faults"]) == (100, True, [])
@@ -297,7 +297,7 @@ def test_trees_of_so_many_leaves_or_within_an_error(run: Run, tmp_path: Path) ->
     assert again["cached"] and all(level["cpu_seconds"] is None for level in again["levels"])
 
     answer = run("build-tree", "cube", "--max-error", "9mm", "--cover", "balanced", "--out", "cube.h5")
-    tree = SphereTree.load(tmp_path / "cube.h5")
+    tree = load_tree(tmp_path / "cube.h5")
     assert tree.options["max_error"] == pytest.approx(9e-3)
     assert max(tree.covers[-1].bound, tree.covers[-1].gap) <= tree.options["max_error"]
     assert "the fewest spheres that were found within 9 mm" in answer.out

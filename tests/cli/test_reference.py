@@ -106,9 +106,18 @@ def test_what_means_the_same_is_explained_alike(name: str) -> None:
 
 def library_defaults() -> Iterator[tuple[str, str, str]]:
     """Command, option and what the library takes where the option is not given, as the help should spell it."""
-    from hhsim import bench_paper, bench_threads, bench_trees, hand, qp_harvest, solver_options, speed_error
-    from hhsim.gate_suite import default_suite
-    from hhsim.live import devices, live_setup, opengloves_glove, pose_sources
+    from hhsim.bench import speed_error
+    from hhsim.bench import threads as bench_threads
+    from hhsim.bench import trees as bench_trees
+    from hhsim.bench.paper import bench as bench_paper
+    from hhsim.bench.qp import recorded_problems as qp_harvest
+    from hhsim.gate.suite import default_suite
+    from hhsim.hand import model as hand
+    from hhsim.live.devices import opengloves as opengloves_glove
+    from hhsim.live.devices import registry as devices
+    from hhsim.live.ipc import config as live_setup
+    from hhsim.live.pose import config as pose_sources
+    from hhsim.solver import options as solver_options
 
     usual, paper, coupling = (
         solver_options.SolverOptions(),

@@ -15,8 +15,8 @@ import h5py
 import numpy as np
 import pytest
 
-from hhsim.result import load_result
-from hhsim.result_schema import TICK_COLUMNS
+from hhsim.result.reader import load_result
+from hhsim.result.schema import TICK_COLUMNS
 
 Run = Callable[..., Any]
 MAIN = "from hhsim.cli.main import main; main()"
@@ -197,8 +197,8 @@ def test_bad_input_is_told_in_one_line_and_leaves_nothing(
 
 
 def write_recording(path: Path) -> None:
-    from hhsim.trajectory import Trajectory
-    from hhsim.trajectory_file import save_trajectory
+    from hhsim.motion.file import save_trajectory
+    from hhsim.motion.trajectory import Trajectory
 
     count = 50
     trajectory = Trajectory(
@@ -223,7 +223,7 @@ def test_a_recording_of_ones_own_is_replayed(run: Run, tmp_path: Path, suffix: s
 
 
 def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path: Path, short: Path) -> None:
-    from hhsim import shapes
+    from hhsim.mesh import generators as shapes
 
     mesh = shapes.cube(0.07)
     lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices]
@@ -278,7 +278,7 @@ def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
 
 
 def test_the_choices_of_the_command_are_those_of_the_library() -> None:
-    from hhsim.solver_options import FORCES, METHODS
+    from hhsim.solver.options import FORCES, METHODS
 
     command = importlib.import_module("hhsim.cli.replay").command
     choices = {option.name: set(getattr(option.type, "choices", ())) for option in command.params}

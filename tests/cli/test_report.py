@@ -14,8 +14,8 @@ import pytest
 from report_reader import Page, read_page
 
 from hhsim.errors import InputError
-from hhsim.report_command import command_of, looking_again
-from hhsim.result import Result, load_result
+from hhsim.report.command_line import command_of, looking_again
+from hhsim.result.reader import Result, load_result
 
 Run = Callable[..., Any]
 
@@ -65,8 +65,8 @@ def test_several_results_are_told_to_machines(
     run: Run, tmp_path: Path, short: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # What is drawn is tested elsewhere, and takes most of the time.
-    monkeypatch.setattr("hhsim.report_worst_section.worst_ticks", lambda result: [])
-    monkeypatch.setattr("hhsim.report.overview_picture", no_picture)
+    monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
+    monkeypatch.setattr("hhsim.report.report.overview_picture", no_picture)
     for method in ("coupled", "paper"):
         answer = run("replay", "cube", short, "--level", "2", "--method", method, "--out", f"{method}.h5", "--quiet")
         assert answer.code == 0, answer.err

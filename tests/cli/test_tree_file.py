@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhsim.result import load_result
-from hhsim.sphere_tree import SphereTree
+from hhsim.result.reader import load_result
+from hhsim.trees.file import load_tree
+from hhsim.trees.sph_format import save_sph
 
 Run = Callable[..., Any]
 
@@ -17,7 +18,7 @@ Run = Callable[..., Any]
 @pytest.fixture
 def box(tmp_path: Path) -> Path:
     """A box away from the origin, in millimetres."""
-    from hhsim import shapes
+    from hhsim.mesh import generators as shapes
 
     mesh = shapes.cube(0.07)
     lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices + [200.0, 0.0, 30.0]]
@@ -28,15 +29,15 @@ def box(tmp_path: Path) -> Path:
 
 def test_a_file_of_the_toolkit_becomes_a_measured_tree(run: Run, tmp_path: Path, box: Path) -> None:
     assert run("build-tree", box.name, "--unit", "mm", "--level", "1", "--out", "own.h5", "--quiet").code == 0
-    own = SphereTree.load(tmp_path / "own.h5")
+    own = load_tree(tmp_path / "own.h5")
     # In the unit of the mesh file, counted from the middle of the box.
-    own.transformed(np.eye(3), [-0.2, 0.0, -0.03]).scaled(1e3).save_sph(tmp_path / "theirs.sph")
+    save_sph(own.transformed(np.eye(3), [-0.2, 0.0, -0.03]).scaled(1e3), tmp_path / "theirs.sph")
     answer = run("build-tree", box.name, "--unit", "mm", "--from", "theirs.sph", "--out", "found.h5")
     assert answer.code == 0, answer.err
     assert "note: taken to count from the centre of the mesh's bounding box: mean gap " in answer.out
     assert answer.out.splitlines()[-1] == "8 leaves, read from theirs.sph, written to found.h5"
     assert "proved" not in answer.out.replace("proved bound", ""), "a file without proofs has none"
-    found = SphereTree.load(tmp_path / "found.h5")
+    found = load_tree(tmp_path / "found.h5")
     np.testing.assert_allclose(found.center, own.center, atol=1e-12)
     assert found.mesh_sha256 == own.mesh_sha256
     forced = run("build-tree", box.name, "--size", "70", "--from", "theirs.sph", "--frame", "centred", "--json")

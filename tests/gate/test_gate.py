@@ -15,14 +15,14 @@ import pytest
 from gate_scene import SUITE, write_suite
 
 from hhsim.errors import InputError
-from hhsim.gate import GateReport, gate_result
-from hhsim.gate_baseline import RecordedScene, load_baseline, write_baseline
-from hhsim.gate_figures import COUNTERS, ERRORS, RunFigures, run_figures
-from hhsim.gate_inputs import TOLERANCE, differences
-from hhsim.gate_judge import GateRow, judge_counters, judge_errors, judge_time, overall
-from hhsim.gate_report import junit, markdown, number
-from hhsim.gate_suite import DEFAULT_SUITE, default_suite, load_suite, parse_suite
-from hhsim.result import load_result
+from hhsim.gate.baseline import RecordedScene, load_baseline, write_baseline
+from hhsim.gate.gate import GateReport, gate_result
+from hhsim.gate.input_hash import TOLERANCE, differences
+from hhsim.gate.metrics import COUNTERS, ERRORS, RunFigures, run_figures
+from hhsim.gate.report import junit, markdown, number
+from hhsim.gate.suite import DEFAULT_SUITE, default_suite, load_suite, parse_suite
+from hhsim.gate.verdict import GateRow, judge_counters, judge_errors, judge_time, overall
+from hhsim.result.reader import load_result
 
 Run = Callable[..., Any]
 
@@ -32,13 +32,13 @@ TINY = parse_suite(SUITE, Path(), "tiny")
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result of the tiny suite's scene."""
-    from hhsim.hand import HandModel
-    from hhsim.object_catalogue import load_object
-    from hhsim.replay import replay
-    from hhsim.scene import make_scene
-    from hhsim.solver_options import SolverOptions
-    from hhsim.trajectory_catalogue import resolve_trajectory
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+    from hhsim.hand.model import HandModel
+    from hhsim.mesh.catalogue import load_object
+    from hhsim.replay.replay import replay
+    from hhsim.scene.motion_catalogue import resolve_trajectory
+    from hhsim.scene.scene import make_scene
+    from hhsim.solver.options import SolverOptions
+    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
     folder = tmp_path_factory.mktemp("gate")
     write_suite(folder)
@@ -255,7 +255,7 @@ def test_another_schema_is_another_input(figures: RunFigures) -> None:
 
 
 def test_an_option_that_only_one_side_has_is_told_and_does_not_stop(figures: RunFigures) -> None:
-    from hhsim.gate_judge import judge_inputs
+    from hhsim.gate.verdict import judge_inputs
 
     newer = replace(figures, inputs=replace(figures.inputs, solver={**figures.inputs.solver, "novel": 1}))
     row = judge_inputs("tiny", newer, figures)
@@ -319,8 +319,8 @@ def test_a_time_over_its_limit_is_told_with_the_share() -> None:
 
 
 def test_the_default_suite_is_read_and_names_what_ships() -> None:
-    from hhsim.object_catalogue import object_names
-    from hhsim.trajectory_catalogue import trajectory_names
+    from hhsim.mesh.catalogue import object_names
+    from hhsim.scene.motion_catalogue import trajectory_names
 
     suite = default_suite()
     assert any(scene.timed for scene in suite.scenes)

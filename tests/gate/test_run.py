@@ -16,12 +16,12 @@ from gate_scene import SUITE, write_suite
 from own_command import hhsim_command
 
 from hhsim.errors import InputError
-from hhsim.gate import GateReport, gate_suite
-from hhsim.gate_run import RunFailed, Side, find_side, run_python, this_python
-from hhsim.gate_suite import GateScene, load_suite
-from hhsim.gate_timing import TimeComparison
-from hhsim.gate_trials import PLANTED_LINES, TIMED_LINE, changed_python, plant_work, tally
-from hhsim.result import Result
+from hhsim.gate.gate import GateReport, gate_suite
+from hhsim.gate.run import RunFailed, Side, find_side, run_python, this_python
+from hhsim.gate.suite import GateScene, load_suite
+from hhsim.gate.timing_test import TimeComparison
+from hhsim.result.reader import Result
+from tools.gate_trials import PLANTED_LINES, TIMED_LINE, changed_python, plant_work, tally
 
 Run = Callable[..., Any]
 
@@ -50,7 +50,7 @@ def judged(suite: Path, head: Side, base: Side | None = None) -> GateReport:
 def test_a_changed_python_runs_the_changed_module_and_no_other(tmp_path: Path) -> None:
     python = changed_python(tmp_path / "other", "hhsim.errors", lambda text: f"{text}CHANGED = True\n")
     for name, expected in ((python, "True"), (this_python(), "False")):
-        code = "import hhsim.errors, hhsim.whole_file; print(hasattr(hhsim.errors, 'CHANGED'))"
+        code = "import hhsim.errors, hhsim.system.atomic_write; print(hasattr(hhsim.errors, 'CHANGED'))"
         assert run_python(name, code, [], tmp_path).stdout.strip() == expected
     assert find_side("base", python).package == find_side("head", this_python()).package
     with pytest.raises(InputError, match=r"hhsim\.nothing"):
@@ -60,7 +60,7 @@ def test_a_changed_python_runs_the_changed_module_and_no_other(tmp_path: Path) -
 def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) -> None:
     shift = 5.5e-6
     edit = replaced(HAND_LINE, SHIFTED.format(shift=shift) + HAND_LINE)
-    head = find_side("head", changed_python(tmp_path / "planted", "hhsim.tick_columns", edit))
+    head = find_side("head", changed_python(tmp_path / "planted", "hhsim.replay.tick_columns", edit))
     report = judged(suite, head)
     assert (report.verdict, report.exit_code) == ("worse", 1)
     assert [row.name for row in report.missed] == ["penetration_max"]
@@ -70,7 +70,7 @@ def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) ->
 
 def test_other_options_of_a_base_cannot_be_compared(suite: Path, tmp_path: Path) -> None:
     edit = replaced("skin: float = 3e-3", "skin: float = 4e-3")
-    base = find_side("base", changed_python(tmp_path / "other", "hhsim.solver_options", edit))
+    base = find_side("base", changed_python(tmp_path / "other", "hhsim.solver.options", edit))
     report = judged(suite, find_side("head", this_python()), base)
     assert (report.verdict, report.exit_code) == ("not comparable", 3)
     assert report.rows[0].reason == "different inputs: skin: 0.004 and 0.003"
@@ -78,7 +78,7 @@ def test_other_options_of_a_base_cannot_be_compared(suite: Path, tmp_path: Path)
 
 def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(suite: Path, tmp_path: Path) -> None:
     edit = replaced(HAND_LINE, "        raise RuntimeError('planted')\n" + HAND_LINE)
-    head = find_side("head", changed_python(tmp_path / "broken", "hhsim.tick_columns", edit))
+    head = find_side("head", changed_python(tmp_path / "broken", "hhsim.replay.tick_columns", edit))
     report = judged(suite, head)
     assert (report.exit_code, report.recorded) == (1, {})
     assert "RuntimeError: planted" in report.missed[0].reason
@@ -114,8 +114,8 @@ def test_a_baseline_is_kept_where_not_every_scene_runs(
     run: Run, suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     edit = replaced(HAND_LINE, "        raise RuntimeError('planted')\n" + HAND_LINE)
-    python = changed_python(tmp_path / "broken", "hhsim.tick_columns", edit)
-    monkeypatch.setattr("hhsim.gate_run.this_python", lambda: python)
+    python = changed_python(tmp_path / "broken", "hhsim.replay.tick_columns", edit)
+    monkeypatch.setattr("hhsim.gate.run.this_python", lambda: python)
     kept = tmp_path / "baseline.json"
     kept.write_text("as it was")
     answer = run("gate", str(suite), "--write-baseline", str(kept), "--json")
@@ -137,7 +137,7 @@ def test_what_is_no_python_with_hhsim_is_refused(tmp_path: Path) -> None:
 def test_the_folder_that_the_gate_runs_in_is_not_where_modules_come_from(tmp_path: Path) -> None:
     (tmp_path / "hhsim").mkdir()
     (tmp_path / "hhsim" / "__init__.py").write_text("raise ImportError('the wrong hhsim')\n")
-    script = "from pathlib import Path; from hhsim.gate_run import *; print(find_side('head', this_python()).version)"
+    script = "from pathlib import Path; from hhsim.gate.run import *; print(find_side('head', this_python()).version)"
     answer = subprocess.run([sys.executable, "-P", "-c", script], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stderr
 

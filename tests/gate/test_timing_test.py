@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from hhsim import gate_reference
 from hhsim.errors import InputError
-from hhsim.gate_timing import base_first, chance_of_worse, compare_times
-from hhsim.kernels import reference_work
+from hhsim.gate import machine_calibration as gate_reference
+from hhsim.gate.timing_test import base_first, chance_of_worse, compare_times
+from hhsim.kernels import machine_calibration as reference_work
 
 PROCESSES = 5
 LIMIT = 0.05

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand import HandModel
-from hhsim.placed_hand import hand_shape, placed_hand, rotations
+from hhsim.hand.forward_kinematics import hand_shape, placed_hand, rotations
+from hhsim.hand.model import HandModel
 
 
 def test_joints_are_those_of_the_model() -> None:

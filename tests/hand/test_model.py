@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import hhsim.hand
+import hhsim.hand.model
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand import FINGERS, HandModel, Side, default_fingers
-from hhsim.kernels.distance import cone_slope
-from hhsim.kernels.hand import BODY_COUNT, forward_kinematics
+from hhsim.hand.model import FINGERS, HandModel, Side, default_fingers
+from hhsim.kernels.hand.kinematics import BODY_COUNT, forward_kinematics
+from hhsim.kernels.round_cone_distance import cone_slope
 
 Array = NDArray[np.float64]
 
@@ -194,8 +194,8 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_the_example_of_the_docstring_is_a_hand(tmp_path: Path) -> None:
-    assert hhsim.hand.__doc__ is not None
-    block = re.search(r"mirror::\n\n((?:    .*\n|\n)+)", hhsim.hand.__doc__)
+    assert hhsim.hand.model.__doc__ is not None
+    block = re.search(r"mirror::\n\n((?:    .*\n|\n)+)", hhsim.hand.model.__doc__)
     assert block is not None
     text = "".join(line.removeprefix("    ") for line in block[1].splitlines(keepends=True))
     hand = HandModel.from_toml(written(tmp_path, text))

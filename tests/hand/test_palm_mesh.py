@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.hand import default_fingers
-from hhsim.mesh import Mesh
-from hhsim.palm import CENTER_HEIGHT, RoundCones, box_rays, palm_mesh, palm_parts
+from hhsim.hand.model import default_fingers
+from hhsim.hand.palm_mesh import CENTER_HEIGHT, RoundCones, box_rays, palm_mesh, palm_parts
+from hhsim.mesh.mesh import Mesh
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,10 @@ from hhsim.kernels.jit import cache_root, imported_kernels
 PACKAGE = Path(hhsim.__file__).parent
 
 
-def kernel_cache(root: Path, module: str = "block", **environment: str) -> str:
+def kernel_cache(root: Path, module: str = "tick.block", **environment: str) -> str:
     """Folder that a copy of the package under `root` would keep the kernels of a module in."""
-    script = f"import hhsim.kernels.jit as jit; print(jit.__file__); print(jit.module_cache('hhsim.kernels.' + {module!r}).name)"
+    name = f"hhsim.kernels.{module}"
+    script = f"import hhsim.kernels.jit as jit; print(jit.__file__); print(jit.module_cache({name!r}).name)"
     found = subprocess.run(
         [sys.executable, "-c", script],
         cwd=root,
@@ -41,7 +42,7 @@ def copy(tmp_path: Path) -> Path:
 def test_an_edit_of_a_kernel_makes_all_that_call_it_stale(copy: Path) -> None:
     before = kernel_cache(copy)
     assert kernel_cache(copy) == before
-    for name in ("distance.py", "tick.py"):
+    for name in ("round_cone_distance.py", "tick/tick.py"):
         source = copy / "hhsim" / "kernels" / name
         source.write_text(source.read_text().replace("[m]", "[metres]", 1))
         after = kernel_cache(copy)
@@ -50,11 +51,14 @@ def test_an_edit_of_a_kernel_makes_all_that_call_it_stale(copy: Path) -> None:
 
 
 def test_an_edit_of_a_kernel_keeps_those_that_do_not_call_it(copy: Path) -> None:
-    before = {module: kernel_cache(copy, module) for module in ("distance", "contact", "cover", "tick")}
-    source = copy / "hhsim" / "kernels" / "contact.py"
+    before = {
+        module: kernel_cache(copy, module)
+        for module in ("round_cone_distance", "contact.detection", "cover.greedy_cover", "tick.tick")
+    }
+    source = copy / "hhsim" / "kernels" / "contact" / "detection.py"
     source.write_text(source.read_text() + "\n# one more line\n")
     stale = {module for module, folder in before.items() if kernel_cache(copy, module) != folder}
-    assert stale == {"contact", "tick"}
+    assert stale == {"contact.detection", "tick.tick"}
 
 
 def planted(root: Path, callee: str, imported: str) -> str:
@@ -119,7 +123,7 @@ def test_the_digest_follows_every_kernel_that_a_module_takes_a_function_from(pat
 
 def test_an_edit_elsewhere_keeps_the_compiled_kernels(copy: Path) -> None:
     before = kernel_cache(copy)
-    source = copy / "hhsim" / "metrics.py"
+    source = copy / "hhsim" / "metrics" / "metrics.py"
     source.write_text(source.read_text() + "\n# one more line\n")
     assert kernel_cache(copy) == before
 
@@ -160,15 +164,15 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature(tmp_path: Path) 
     script = textwrap.dedent(
         f"""
         import sys
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        sys.path.insert(0, {str(Path(__file__).parents[1])!r})
         import importlib, pkgutil
         from sphere_scenes import bumpy_ball, random_targets, still
         import hhsim.kernels
-        from hhsim.hand import HandModel
-        from hhsim.metrics import penetration
-        from hhsim.solver import HandSolver
-        from hhsim.solver_options import METHODS, THREADED_METHODS, SolverOptions
-        from hhsim.warm_up import warm_up
+        from hhsim.hand.model import HandModel
+        from hhsim.metrics.metrics import penetration
+        from hhsim.solver.hand_solver import HandSolver
+        from hhsim.solver.options import METHODS, THREADED_METHODS, SolverOptions
+        from hhsim.solver.compile import warm_up
 
         hand = HandModel.default()
         tree = bumpy_ball(300)
@@ -183,11 +187,11 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature(tmp_path: Path) 
                 palm = hand.palm_tree
                 penetration(tree.arrays(), hand.radius, palm.leaf_center, palm.leaf_radius,
                             record.joints, record.position, record.orientation)
-        for module in pkgutil.iter_modules(hhsim.kernels.__path__, "hhsim.kernels."):
+        for module in pkgutil.walk_packages(hhsim.kernels.__path__, "hhsim.kernels."):
             loaded = importlib.import_module(module.name)
             for name, kernel in vars(loaded).items():
                 if getattr(kernel, "__module__", "") == module.name and hasattr(kernel, "signatures"):
-                    print(f"{{module.name.split('.')[-1]}}.{{name}}", len(kernel.signatures))
+                    print(f"{{module.name.removeprefix('hhsim.kernels.')}}.{{name}}", len(kernel.signatures))
         """
     )
     environment = {**os.environ, "HHSIM_CACHE_DIR": str(tmp_path)}
@@ -195,7 +199,7 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature(tmp_path: Path) 
         [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
     ).stdout
     signatures = {line.split()[0]: int(line.split()[1]) for line in found.splitlines()}
-    assert signatures["block.run_block"] == signatures["helper.help_out"] == 1
+    assert signatures["tick.block.run_block"] == signatures["tick.thread_team_worker.help_out"] == 1
     assert {name: count for name, count in signatures.items() if count > 1} == {}
 
 
@@ -215,5 +219,7 @@ def test_a_temporary_cache_that_others_can_write_is_not_used(monkeypatch: pytest
 
 
 def test_other_packages_keep_their_own_numba_cache_folder() -> None:
-    code = "import numba as n; old = n.config.CACHE_DIR; import hhsim.kernels.tick; print(n.config.CACHE_DIR == old)"
+    code = (
+        "import numba as n; old = n.config.CACHE_DIR; import hhsim.kernels.tick.tick; print(n.config.CACHE_DIR == old)"
+    )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "True\n"

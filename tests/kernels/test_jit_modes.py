@@ -16,10 +16,11 @@ import pytest
 from numpy.typing import NDArray
 from sphere_scenes import Motion, bumpy_ball, still, straight_line
 
-from hhsim.hand import HandModel
+from hhsim.hand.model import HandModel
 from hhsim.kernels.jit import cache_root
-from hhsim.kernels.tick_state import STATUS_START_INSIDE
-from hhsim.sphere_tree import SphereTree
+from hhsim.kernels.tick.state import STATUS_START_INSIDE
+from hhsim.trees.file import save_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[Any]
 
@@ -30,18 +31,18 @@ SCRIPT = textwrap.dedent(
     from pathlib import Path
     import numpy as np
     import hhsim.kernels.jit as jit
-    from hhsim.hand import HandModel
-    from hhsim.metrics import penetration
-    from hhsim.solver import HandSolver
-    from hhsim.solver_options import SolverOptions
-    from hhsim.sphere_tree import SphereTree
+    from hhsim.hand.model import HandModel
+    from hhsim.metrics.metrics import penetration
+    from hhsim.solver.hand_solver import HandSolver
+    from hhsim.solver.options import SolverOptions
+    from hhsim.trees.sphere_tree import SphereTree
 
     folder, expected = Path(sys.argv[1]), sys.argv[2]
     import numba
     mode = "python" if numba.config.DISABLE_JIT else "checked" if numba.config.BOUNDSCHECK else "compiled"
     assert mode == expected, mode
     motion = np.load(folder / "motion.npz")
-    hand, tree = HandModel.default(), SphereTree.load(folder / "tree.h5")
+    hand, tree = HandModel.default(), load_tree(folder / "tree.h5")
     results = {}
     for method in ("coupled", "progressive", "paper"):
         for force in ("kkt", "paper"):
@@ -77,7 +78,7 @@ def scene() -> tuple[SphereTree, Motion]:
 def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Array]]:
     folder = tmp_path_factory.mktemp("modes")
     tree, motion = scene()
-    tree.save(folder / "tree.h5")
+    save_tree(tree, folder / "tree.h5")
     np.savez(folder / "motion.npz", **motion._asdict())
     HandModel.default()  # leaves the palm's tree in the cache: building it takes plain Python very long
     found = {}

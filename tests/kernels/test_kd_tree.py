@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.kernels.median_tree import build_median_tree, subtrees
+from hhsim.kernels.kd_tree import build_median_tree, subtrees
 
 
 @settings(max_examples=60)

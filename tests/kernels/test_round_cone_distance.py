@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.distance import (
+from hhsim.kernels.round_cone_distance import (
     cone_slope,
     round_cone_distances,
     sphere_pair_distances,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.kernels.ball_picture import nearest_balls
+from hhsim.kernels.sphere_rasterizer import nearest_balls
 
 
 @settings(max_examples=40, deadline=None)

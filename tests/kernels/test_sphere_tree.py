@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.distance import cone_slope, sphere_round_cone_distance
-from hhsim.kernels.tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
+from hhsim.kernels.round_cone_distance import cone_slope, sphere_round_cone_distance
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

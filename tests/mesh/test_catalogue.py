@@ -10,13 +10,13 @@ import pytest
 import trimesh
 
 from hhsim.errors import InputError, MeshError, UnknownNameError
-from hhsim.mesh import load_mesh
-from hhsim.mesh_file import read_own_ply, read_triangles
-from hhsim.mesh_overlaps import winding_faults
-from hhsim.mesh_repair import closed_surface
-from hhsim.object_catalogue import load_object, object_description, object_names
-from hhsim.object_sources import derived_object, made_object
-from hhsim.shapes import GENERATORS
+from hhsim.mesh.catalogue import load_object, object_description, object_names
+from hhsim.mesh.file import read_own_ply, read_triangles
+from hhsim.mesh.generators import GENERATORS
+from hhsim.mesh.mesh import load_mesh
+from hhsim.mesh.repair import closed_surface
+from hhsim.mesh.self_intersection import winding_faults
+from tools.build_catalogue import derived_object, made_object
 
 SIMPLE = ["sphere", "cylinder", "triangular-prism", "cube", "hexagonal-prism"]
 COMPLEX = ["rock", "shamrock", "cup", "teapot", "bunny"]
@@ -102,7 +102,7 @@ def test_bunny_has_the_proportions_of_another_copy(shared_data: Path) -> None:
 
 
 def test_names_come_without_numpy() -> None:
-    script = "import sys, hhsim.object_catalogue as c; print(len(c.object_names()), 'numpy' in sys.modules)"
+    script = "import sys, hhsim.mesh.catalogue as c; print(len(c.object_names()), 'numpy' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["10", "False"]
 
@@ -123,7 +123,7 @@ def test_altered_mesh_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
         vertices[3, 1] += 1e-12
         return vertices, faces
 
-    monkeypatch.setattr("hhsim.mesh_file.read_own_ply", altered)
+    monkeypatch.setattr("hhsim.mesh.file.read_own_ply", altered)
     with pytest.raises(MeshError, match=r"cube\.ply: content hash .* differs from its description"):
         load_object("cube")
 

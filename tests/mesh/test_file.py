@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from hhsim.errors import MeshError
-from hhsim.mesh_file import ply_bytes, read_own_ply, read_triangles
-from hhsim.shapes import cube, rock
+from hhsim.mesh.file import ply_bytes, read_own_ply, read_triangles
+from hhsim.mesh.generators import cube, rock
 
 
 def test_written_and_read_bit_for_bit() -> None:

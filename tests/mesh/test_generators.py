@@ -7,9 +7,19 @@ import pytest
 import trimesh
 
 from hhsim.errors import InputError
-from hhsim.mesh import Mesh
-from hhsim.mesh_overlaps import winding_faults
-from hhsim.shapes import GENERATORS, cube, cup, cylinder, hexagonal_prism, rock, shamrock, sphere, triangular_prism
+from hhsim.mesh.generators import (
+    GENERATORS,
+    cube,
+    cup,
+    cylinder,
+    hexagonal_prism,
+    rock,
+    shamrock,
+    sphere,
+    triangular_prism,
+)
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.self_intersection import winding_faults
 
 GENUS = {"cup": 1}
 

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.mesh_holes import hole_caps
-from hhsim.mesh_topology import face_areas, is_closed
-from hhsim.shapes import sphere
-from hhsim.surface_parts import band
+from hhsim.mesh.generators import sphere
+from hhsim.mesh.holes import hole_caps
+from hhsim.mesh.surface_parts import band
+from hhsim.mesh.topology import face_areas, is_closed
 
 FloatArray = NDArray[np.float64]
 

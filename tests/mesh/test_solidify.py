@@ -12,20 +12,20 @@ import pytest
 from corrupted_meshes import corrupted
 from numpy.typing import NDArray
 
-from hhsim import winding_solid
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
-from hhsim.kernels.winding import winding_numbers
-from hhsim.mesh import Mesh, load_mesh
-from hhsim.mesh_file import read_triangles
-from hhsim.mesh_in_repair import MeshInRepair
-from hhsim.mesh_orientation import turned_outward
-from hhsim.mesh_repair import merge_and_clean
-from hhsim.mesh_topology import face_areas, is_closed, signed_volume, undirected_edges
-from hhsim.shapes import cube, sphere
-from hhsim.surface_samples import face_samples
-from hhsim.tree_builder import TreeOptions, build_sphere_tree
-from hhsim.winding_solid import open_faces, solid_surface
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
+from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.mesh import solidify as winding_solid
+from hhsim.mesh.file import read_triangles
+from hhsim.mesh.generators import cube, sphere
+from hhsim.mesh.mesh import Mesh, load_mesh
+from hhsim.mesh.orientation import turned_outward
+from hhsim.mesh.repair import merge_and_clean
+from hhsim.mesh.repair_log import MeshInRepair
+from hhsim.mesh.solidify import open_faces, solid_surface
+from hhsim.mesh.surface_sampling import face_samples
+from hhsim.mesh.topology import face_areas, is_closed, signed_volume, undirected_edges
+from hhsim.trees.builder import TreeOptions, build_sphere_tree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

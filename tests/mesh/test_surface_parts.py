@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hhsim.mesh_topology import is_closed, signed_volume
-from hhsim.surface_parts import band, circle, fan, finished_mesh, icosphere
+from hhsim.mesh.surface_parts import band, circle, fan, finished_mesh, icosphere
+from hhsim.mesh.topology import is_closed, signed_volume
 
 
 @pytest.mark.parametrize("subdivisions", [0, 1, 3])

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.mesh_topology import is_closed, signed_volume, undirected_edges
-from hhsim.tet_grid import TetGrid
+from hhsim.mesh.tet_grid import TetGrid
+from hhsim.mesh.topology import is_closed, signed_volume, undirected_edges
 
 FloatArray = NDArray[np.float64]
 

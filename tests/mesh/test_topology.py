@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.mesh_topology import (
+from hhsim.mesh.generators import cube, cup, sphere
+from hhsim.mesh.topology import (
     alike_wound,
     boundary_loops,
     directed_edges,
@@ -18,7 +19,6 @@ from hhsim.mesh_topology import (
     undirected_edges,
     used_vertices,
 )
-from hhsim.shapes import cube, cup, sphere
 
 BALL = sphere(0.08, subdivisions=2)
 

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from sphere_scenes import brute_clearance as compiled_clearance
 from sphere_scenes import bumpy_ball, cloud
 
-from hhsim.brute_distance import brute_clearance, palm_spheres, round_cone_distance
-from hhsim.hand import HandModel
-from hhsim.metrics import hand_clearance
-from hhsim.stress import StressOptions, random_targets
+from hhsim.bench.robustness.random_targets import StressOptions, random_targets
+from hhsim.hand.model import HandModel
+from hhsim.metrics.brute_force_distance import brute_clearance, palm_spheres, round_cone_distance
+from hhsim.metrics.metrics import hand_clearance
 
 HAND = HandModel.default()
 

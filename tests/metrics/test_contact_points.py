@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from sphere_scenes import bumpy_ball
 
-from hhsim.brute_distance import palm_spheres, round_cone_distance
-from hhsim.contact_points import ContactPoints, touching_points
-from hhsim.hand import HandModel
-from hhsim.mesh_penetration import contact_points
-from hhsim.placed_hand import PlacedHand, hand_shape, placed_hand
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, placed_hand
+from hhsim.hand.model import HandModel
+from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
+from hhsim.metrics.contact_points import ContactPoints, touching_points
+from hhsim.metrics.mesh_penetration import contact_points
+from hhsim.trees.sphere_tree import SphereTree
 
 TOUCH = 1e-3
 
@@ -77,8 +77,8 @@ def test_threads_change_nothing(
     found: ContactPoints,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("hhsim.contact_points.TICKS_A_THREAD", 1)
-    monkeypatch.setattr("hhsim.contact_points.usual_threads", lambda: 5)
+    monkeypatch.setattr("hhsim.metrics.contact_points.TICKS_A_THREAD", 1)
+    monkeypatch.setattr("hhsim.metrics.contact_points.usual_threads", lambda: 5)
     for ours, expected in zip(touching_points(tree.arrays(), hand_shape(hand), placed, TOUCH), found):
         np.testing.assert_array_equal(ours, expected)
 

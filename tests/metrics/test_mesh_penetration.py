@@ -5,13 +5,13 @@ import pytest
 import trimesh
 from sphere_scenes import bumpy_ball
 
-from hhsim.hand import HandModel
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.kernels.winding import winding_numbers
-from hhsim.mesh_penetration import contact_error, contact_points, mesh_clearance
-from hhsim.object_catalogue import load_object
-from hhsim.placed_hand import PlacedHand, hand_shape, placed_hand
-from hhsim.surface import hand_surface
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, placed_hand
+from hhsim.hand.model import HandModel
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.mesh_penetration import contact_error, contact_points, mesh_clearance
+from hhsim.render.triangle_soup import hand_surface
 
 
 def over(hand: HandModel, height: float, ticks: int = 1) -> PlacedHand:

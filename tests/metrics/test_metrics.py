@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim import metrics
 from hhsim.errors import InputError
-from hhsim.kernels.tree import TreeArrays
-from hhsim.metrics import HandPoses
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.metrics import metrics
+from hhsim.metrics.metrics import HandPoses
 
 Array = NDArray[np.float64]
 

@@ -5,17 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import (
-    conjugate,
-    quaternion,
-    quaternion_product,
-    random_targets,
-    rotation_matrix,
-    rotation_vector,
-    sequence,
-    still,
-)
+from hhsim.hand.model import HandModel
+from hhsim.motion.analytic_motion import random_targets, sequence, still
+from hhsim.motion.quaternion import conjugate, quaternion, quaternion_product, rotation_matrix, rotation_vector
 
 SEEDS = st.integers(0, 2**32 - 1)
 

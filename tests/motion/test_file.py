@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from hhsim.errors import OutputError, TrajectoryError
-from hhsim.sample_flags import SampleFlag
-from hhsim.sealed_file import SIZE, seal_holds
-from hhsim.trajectory import Phase, RawChannel, Trajectory
-from hhsim.trajectory_file import FORMAT, load_trajectory, save_trajectory
+from hhsim.motion.file import FORMAT, load_trajectory, save_trajectory
+from hhsim.motion.sample_flags import SampleFlag
+from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
+from hhsim.system.checksummed_file import SIZE, seal_holds
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation, Slerp
 
-from hhsim.resample import (
+from hhsim.motion.resample import (
     interpolate_monotone,
     interpolate_orientation,
     monotone_slopes,

@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sphere_scenes import bumpy_ball
 
+from hhsim.bench.robustness.random_targets import StressOptions, random_targets
 from hhsim.errors import TrajectoryError
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion, joined
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.stress import StressOptions, random_targets
-from hhsim.trajectory import ResampleMode
-from hhsim.trajectory_file import load_trajectory, save_trajectory
+from hhsim.hand.model import HandModel
+from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.motion.tick_motion import HandMotion, joined
+from hhsim.motion.trajectory import ResampleMode
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
 
 HAND = HandModel.default()
 WILD = StressOptions(wild=True, hold=20)

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError, InputError, TrajectoryError
-from hhsim.trajectory import Phase, RawChannel, TickPhase, Trajectory
+from hhsim.motion.trajectory import Phase, RawChannel, TickPhase, Trajectory
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.disturbance import Disturbance
 from hhsim.errors import TrajectoryError
+from hhsim.motion.tremor import Disturbance
 
 Array = NDArray[np.float64]
 

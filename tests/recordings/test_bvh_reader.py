@@ -8,13 +8,13 @@ import pytest
 from bvh_document import RIGS, bvh_text
 from recording_samples import smooth_recording
 
-from hhsim.bvh_text import looks_like_bvh, read_bvh
 from hhsim.errors import HhsimError, TrajectoryError
-from hhsim.hand_change import turn
-from hhsim.recording_bvh import finger_of, read_bvh_recording, side_of
-from hhsim.recording_file import ReadOptions, read_bytes
-from hhsim.recording_repair import repair
-from hhsim.sample_flags import SampleFlag, marked
+from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.bvh_parser import looks_like_bvh, read_bvh
+from hhsim.recordings.bvh_reader import finger_of, read_bvh_recording, side_of
+from hhsim.recordings.format_detection import ReadOptions, read_bytes
+from hhsim.recordings.hand_displacement import turn
+from hhsim.recordings.repair import repair
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from recording_samples import smooth_recording
 
-from hhsim.column_map import OWN_COLUMNS, parse_column_map, read_column_map
-from hhsim.csv_table import read_table
 from hhsim.errors import HhsimError, InputError, TrajectoryError
-from hhsim.haptic_motion import rotation_matrix
-from hhsim.recorded_axes import turned
-from hhsim.recording_csv import euler_quaternion, read_csv_recording
-from hhsim.recording_repair import repair
-from hhsim.sample_flags import SampleFlag, marked
-from hhsim.trajectory_csv import format_csv
+from hhsim.motion.csv_file import format_csv
+from hhsim.motion.quaternion import rotation_matrix
+from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.column_map import OWN_COLUMNS, parse_column_map, read_column_map
+from hhsim.recordings.csv_reader import euler_quaternion, read_csv_recording
+from hhsim.recordings.csv_table import read_table
+from hhsim.recordings.frames import turned
+from hhsim.recordings.repair import repair
 
 GLOVE = """
 device = "ExampleGlove 2"

@@ -24,17 +24,17 @@ from recording_damage import DAMAGES, Damage, damaged_bytes
 from recording_samples import smooth_recording
 
 from hhsim.errors import HhsimError
-from hhsim.hand_change import FINGER_ARM, PALM_ARM, turn
-from hhsim.recording import Recording
-from hhsim.recording_file import from_trajectory, read_recording
-from hhsim.recording_glitches import STICKS_OUT, WINDOW, bend
-from hhsim.recording_npz import read_npz_recording
-from hhsim.recording_repair import Repaired, repair
-from hhsim.resample import interpolate_monotone, interpolate_orientation
-from hhsim.sample_flags import SampleFlag
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_csv import format_csv
-from hhsim.trajectory_file import save_trajectory
+from hhsim.motion.csv_file import format_csv
+from hhsim.motion.file import save_trajectory
+from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
+from hhsim.motion.sample_flags import SampleFlag
+from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings.format_detection import from_trajectory, read_recording
+from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, turn
+from hhsim.recordings.npz_reader import read_npz_recording
+from hhsim.recordings.outliers import STICKS_OUT, WINDOW, bend
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.repair import Repaired, repair
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,14 @@ import pytest
 from conftest import Run
 from numpy.typing import NDArray
 
-from hhsim.column_map import JOINT_NAMES
-from hhsim.csv_table import read_table
-from hhsim.dexmo_regression import (
+from hhsim.errors import HhsimError, InputError
+from hhsim.hand.model import FINGERS
+from hhsim.motion.file import load_trajectory
+from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.column_map import JOINT_NAMES
+from hhsim.recordings.csv_table import read_table
+from hhsim.recordings.dexmo_reader import has_dexmo_channels, read_dexmo_table
+from hhsim.recordings.dexmo_regression import (
     BEND,
     CHANNELS,
     DexmoRegression,
@@ -19,13 +24,8 @@ from hhsim.dexmo_regression import (
     parse_calibration,
     read_calibration,
 )
-from hhsim.errors import HhsimError, InputError
-from hhsim.hand import FINGERS
-from hhsim.recording_dexmo import has_dexmo_channels, read_dexmo_table
-from hhsim.recording_file import read_recording
-from hhsim.recording_repair import default_limits
-from hhsim.sample_flags import SampleFlag, marked
-from hhsim.trajectory_file import load_trajectory
+from hhsim.recordings.format_detection import read_recording
+from hhsim.recordings.repair import default_limits
 
 Array = NDArray[np.float64]
 DEFAULT = DexmoRegression.default()

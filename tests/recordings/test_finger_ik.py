@@ -5,10 +5,10 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from hhsim.finger_fit import finger_angles, palm_origin, palm_rotation
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import quaternion, rotation_matrix
-from hhsim.recorded_axes import in_palm, quaternions_of, turned
+from hhsim.hand.model import HandModel
+from hhsim.motion.quaternion import quaternion, rotation_matrix
+from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation
+from hhsim.recordings.frames import in_palm, quaternions_of, turned
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

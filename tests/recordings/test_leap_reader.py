@@ -11,10 +11,10 @@ from leap_document import CLEAN, document, packed
 from lz_pack import pack
 
 from hhsim.errors import HhsimError, TrajectoryError
-from hhsim.recording_file import ReadOptions, read_bytes
-from hhsim.recording_leap import looks_like_leap, read_leap_recording
-from hhsim.recording_repair import repair
-from hhsim.sample_flags import SampleFlag, marked
+from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.format_detection import ReadOptions, read_bytes
+from hhsim.recordings.leap_reader import looks_like_leap, read_leap_recording
+from hhsim.recordings.repair import repair
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -127,7 +127,7 @@ def test_damaged_documents_are_refused_or_mended_and_never_crash() -> None:
 
 
 def test_the_sample_that_ships_is_a_leap_recording(repository: Path) -> None:
-    from hhsim.trajectory_file import load_trajectory
+    from hhsim.motion.file import load_trajectory
 
     motion = load_trajectory(repository / "trajectories" / "finger-tap.h5")
     assert (motion.sample_count, motion.hand, motion.device) == (89, "right", "Leap Motion")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from lz_pack import pack
 
 from hhsim.errors import TrajectoryError
-from hhsim.lz_string import unpack
+from hhsim.recordings.lz_string import unpack
 
 PACKED = {
     "hello": "BYUwNmD2QAA=",

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from recording_samples import smooth_recording
 
 from hhsim.errors import HhsimError, InputError, TrajectoryError
-from hhsim.hand_change import turn
-from hhsim.recording import Recording
-from hhsim.recording_repair import Repaired, RepairOptions, default_limits, repair
-from hhsim.sample_flags import FLAG_MEANINGS, MENDED, SampleFlag, marked
-from hhsim.trajectory import Phase, RawChannel
+from hhsim.motion.sample_flags import FLAG_MEANINGS, MENDED, SampleFlag, marked
+from hhsim.motion.trajectory import Phase, RawChannel
+from hhsim.recordings.hand_displacement import turn
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.repair import Repaired, RepairOptions, default_limits, repair
 
 Array = NDArray[np.float64]
 CLEAN = smooth_recording()
@@ -288,7 +288,7 @@ def test_a_left_hand_can_become_a_right_one_and_back() -> None:
     assert once.hand == "right"
     assert np.allclose(once.position, PLAIN.position * [-1.0, 1.0, 1.0])
     # A point of the palm, seen in the mirror, is the mirror image's point of the mirrored palm.
-    from hhsim.recorded_axes import turned
+    from hhsim.recordings.frames import turned
 
     point = np.array([0.02, 0.07, -0.01])
     seen = (PLAIN.position + turned(PLAIN.orientation, point)) * [-1.0, 1.0, 1.0]
@@ -335,7 +335,7 @@ def test_repairing_twice_changes_nothing() -> None:
     position = CLEAN.position.copy()
     position[50:53] += 0.4
     once = repair(changed(position=position, orientation=-1.5 * CLEAN.orientation)).trajectory
-    from hhsim.recording_file import from_trajectory
+    from hhsim.recordings.format_detection import from_trajectory
 
     twice = repair(from_trajectory(once))
     assert twice.trajectory.position.tobytes() == once.position.tobytes()

@@ -5,14 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from test_recording_csv import GLOVE, TABLE
+from recordings.test_csv_reader import GLOVE, TABLE
 
-from hhsim.column_map import parse_column_map
-from hhsim.demonstration import parse_demonstration
-from hhsim.dexmo_regression import CHANNELS, DexmoRegression, format_calibration, parse_calibration
 from hhsim.errors import HhsimError
-from hhsim.recording_csv import read_csv_recording
-from hhsim.recording_repair import repair
+from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.csv_reader import read_csv_recording
+from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, format_calibration, parse_calibration
+from hhsim.recordings.repair import repair
+from hhsim.scene.demonstration import parse_demonstration
 
 VALUES = ["", "[]", "{}", "3", "-1e400", "nan", "inf", "'x'", "true", "[1, 2]", "1979-05-27", "[[joint]]", "=", '"']
 
@@ -26,7 +26,7 @@ def calibrate(text: str) -> None:
 
 
 def demonstrate(text: str) -> None:
-    folder = Path(__file__).resolve().parent.parent / "trajectories"
+    folder = Path(__file__).resolve().parents[2] / "trajectories"
     parse_demonstration(text, name="tap", folder=folder, where="m.toml")
 
 

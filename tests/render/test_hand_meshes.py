@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hhsim.brute_distance import round_cone_distance
-from hhsim.hand import HandModel
-from hhsim.hand_pieces import PIECES, piece_poses, piece_surfaces
-from hhsim.placed_hand import placed_hand
-from hhsim.surface import hand_surface
+from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.model import HandModel
+from hhsim.metrics.brute_force_distance import round_cone_distance
+from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
+from hhsim.render.triangle_soup import hand_surface
 
 TICKS = 40
 

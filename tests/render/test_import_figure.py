@@ -8,9 +8,9 @@ import pytest
 from recording_samples import smooth_recording
 
 from hhsim.errors import OutputError
-from hhsim.recording import Recording
-from hhsim.recording_figure import COLOURS, draw_import
-from hhsim.recording_repair import repair
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.repair import repair
+from hhsim.render.import_figure import COLOURS, draw_import
 
 CLEAN = smooth_recording(120)
 GREY = "#a6a6a6"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError, OutputError
-from hhsim.rendering import OVERSAMPLING, Camera, Layer, blend, frame, look_from, rasterise, save_figure, shade
-from hhsim.surface import SKIN, SPHERE, round_cone_surface
+from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, rasterise, save_figure, shade
+from hhsim.render.triangle_soup import SKIN, SPHERE, round_cone_surface
 
 
 def test_nearest_triangle_is_seen() -> None:

@@ -7,10 +7,10 @@ import pytest
 from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
-from hhsim.kernels.distance import sphere_round_cone_distance
-from hhsim.replay_figure import arrow, draw_replay, main, phalanx_forces, shown_tick
-from hhsim.result import Result
-from hhsim.result_hand import hand_of
+from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
+from hhsim.render.replay_figure import arrow, draw_replay, main, phalanx_forces, shown_tick
+from hhsim.replay.stored_hand import hand_of
+from hhsim.result.reader import Result
 
 
 @pytest.fixture(scope="module")

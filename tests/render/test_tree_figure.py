@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError
-from hhsim.rendering import OVERSAMPLING, Camera
-from hhsim.shapes import cube
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import TreeOptions, build_sphere_tree
-from hhsim.tree_figure import COLORS, _balls, draw_tree
+from hhsim.mesh.generators import cube
+from hhsim.render.rasterizer import OVERSAMPLING, Camera
+from hhsim.render.tree_figure import COLORS, _balls, draw_tree
+from hhsim.trees.builder import TreeOptions, build_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 
 def picture(path: Path) -> np.ndarray:
@@ -22,7 +22,7 @@ def picture(path: Path) -> np.ndarray:
 
 @pytest.fixture(autouse=True)
 def _few_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.tree_figure.PIXELS", 150)
+    monkeypatch.setattr("hhsim.render.tree_figure.PIXELS", 150)
 
 
 @pytest.fixture(scope="module")

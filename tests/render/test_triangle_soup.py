@@ -6,13 +6,13 @@ They are the bodies that collide, their normals point outwards, arrows end where
 import numpy as np
 import pytest
 
-from hhsim.hand import HandModel
-from hhsim.kernels.distance import sphere_round_cone_distance
+from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.object_catalogue import load_object
-from hhsim.shapes import cube, sphere
-from hhsim.surface import NAIL, SKIN, SPHERE, arrow_surface, hand_surface, joined, mesh_surface, painted
-from hhsim.surface import round_cone_surface as cone
+from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
+from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.generators import cube, sphere
+from hhsim.render.triangle_soup import NAIL, SKIN, SPHERE, arrow_surface, hand_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import round_cone_surface as cone
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 

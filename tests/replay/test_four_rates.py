@@ -23,11 +23,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.hand_change import turn
-from hhsim.recording_npz import read_npz_recording
-from hhsim.recording_repair import RepairOptions, repair
-from hhsim.resample import interpolate_monotone, interpolate_orientation, tick_times
-from hhsim.trajectory import Trajectory
+from hhsim.motion.resample import interpolate_monotone, interpolate_orientation, tick_times
+from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings.hand_displacement import turn
+from hhsim.recordings.npz_reader import read_npz_recording
+from hhsim.recordings.repair import RepairOptions, repair
 
 Array = NDArray[np.float64]
 

@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from sphere_scenes import brute_clearance
 
-from hhsim.hand import HandModel
-from hhsim.kernels.tick_state import STATUS_FULL, STATUS_STUCK
-from hhsim.metrics import frozen_decay
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.replay import replay
-from hhsim.result import Result, load_result
-from hhsim.result_schema import TICK_COLUMNS
-from hhsim.scene import Scene, make_scene
-from hhsim.solver_options import SolverOptions
-from hhsim.trajectory_catalogue import load_script
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.tremor_hold import TREMOR
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.state import STATUS_FULL, STATUS_STUCK
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.metrics.metrics import frozen_decay
+from hhsim.replay.replay import replay
+from hhsim.replay.tremor_hold import TREMOR
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import TICK_COLUMNS
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 TRAJECTORIES = ("touch", "pinch", "grasp", "whole-hand", "slide")
 METHODS = ("coupled", "progressive")

@@ -7,10 +7,10 @@ import pytest
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
-from hhsim.kernels.tick_state import (
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import (
     STATUS_LAG,
     UNITS_LINEARISATION,
     UNITS_NODE_TEST,
@@ -24,15 +24,15 @@ from hhsim.kernels.tick_state import (
     WORK_ROWS,
     WORK_UNITS,
 )
-from hhsim.metrics import penetration
-from hhsim.object_catalogue import load_object
-from hhsim.scene import make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory_catalogue import resolve_trajectory
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.tree_choice import coarsest_sphere_tree
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.metrics import penetration
+from hhsim.scene.motion_catalogue import resolve_trajectory
+from hhsim.scene.scene import make_scene
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.level_choice import coarsest_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)

@@ -11,16 +11,17 @@ import pytest
 from sphere_scenes import bumpy_ball
 
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
-from hhsim.replay import replay
-from hhsim.result import load_result
-from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS
-from hhsim.run_again import COMPARED, run_again
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
-from hhsim.shapes import sphere
-from hhsim.solver_options import SolverOptions, Stiffness
-from hhsim.stored_scene import stored_hand, stored_mesh, stored_options, stored_tree
+from hhsim.hand.model import HandModel
+from hhsim.mesh.generators import sphere
+from hhsim.replay.repeat import COMPARED, run_again
+from hhsim.replay.replay import replay
+from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_tree
+from hhsim.result.reader import load_result
+from hhsim.result.schema import STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.scene.scene import make_scene
+from hhsim.scene.script import parse_script
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.hierarchy import at_level
 
 SHORT = """
 title = "short"
@@ -59,7 +60,7 @@ def hand() -> HandModel:
         flexion_max=usual.flexion_max * 0.95,
         abduction_min=usual.abduction_min * 0.8,
         abduction_max=usual.abduction_max * 0.7,
-        palm_tree=usual.palm_tree.at_level(1),
+        palm_tree=at_level(usual.palm_tree, 1),
     )
 
 

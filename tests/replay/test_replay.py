@@ -11,19 +11,19 @@ import pytest
 from numpy.typing import NDArray
 from sphere_scenes import brute_clearance, bumpy_ball
 
-from hhsim import metrics
-from hhsim.hand import HandModel
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
-from hhsim.replay import replay
-from hhsim.result import CHUNK_TICKS, Result, load_result
-from hhsim.result_schema import TICK_COLUMNS
-from hhsim.scene import Scene, make_scene
-from hhsim.script import Script
-from hhsim.shapes import sphere
-from hhsim.solver_options import SolverOptions
-from hhsim.stored_scene import modelled
-from hhsim.summary import ReplaySummary
-from hhsim.trajectory_catalogue import load_script
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.mesh.generators import sphere
+from hhsim.metrics import metrics
+from hhsim.replay.replay import replay
+from hhsim.replay.stored_scene import modelled
+from hhsim.replay.summary import ReplaySummary
+from hhsim.result.reader import CHUNK_TICKS, Result, load_result
+from hhsim.result.schema import TICK_COLUMNS
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.script import Script
+from hhsim.solver.options import SolverOptions
 
 Array = NDArray[Any]
 

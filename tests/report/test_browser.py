@@ -8,8 +8,8 @@ import pytest
 from browser import Browser, browser, missing, pdf_pages
 from short_grasp import short_result
 
-from hhsim import report_pictures
-from hhsim.report import make_report
+from hhsim.report import pictures as report_pictures
+from hhsim.report.report import make_report
 
 pytestmark = pytest.mark.skipif(missing() is not None, reason=missing() or "")
 

@@ -16,19 +16,21 @@ from numpy.typing import NDArray
 from PIL import Image
 from short_grasp import short_grasp, short_result
 
-from hhsim import report_columns, report_pictures, report_series
-from hhsim.clear_view import View, clear_view
-from hhsim.envelope import envelope
 from hhsim.errors import InputError
-from hhsim.metrics import tick_statistics
-from hhsim.report_figures import ReportFigure, time_text
-from hhsim.report_histogram import histogram_figure
-from hhsim.report_pictures import hand_picture, overview_picture, overview_tick
-from hhsim.report_series import series_figure
-from hhsim.report_speed_error import speed_error_figure
-from hhsim.report_worst import worst_ticks
-from hhsim.result import Result, load_result
-from hhsim.surface import SKIN, round_cone_surface
+from hhsim.metrics.metrics import tick_statistics
+from hhsim.render.triangle_soup import SKIN, round_cone_surface
+from hhsim.render.viewpoint import View, clear_view
+from hhsim.report import pictures as report_pictures
+from hhsim.report import tick_series as report_columns
+from hhsim.report import time_series as report_series
+from hhsim.report.figure import ReportFigure, time_text
+from hhsim.report.histogram import histogram_figure
+from hhsim.report.minmax_decimation import envelope
+from hhsim.report.pictures import hand_picture, overview_picture, overview_tick
+from hhsim.report.speed_error import speed_error_figure
+from hhsim.report.time_series import series_figure
+from hhsim.report.worst_ticks import worst_ticks
+from hhsim.result.reader import Result, load_result
 
 HELD = 180
 """A tick of the hold."""

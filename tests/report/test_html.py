@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_reader import read_page
 
-from hhsim.report_html import Html, element, escaped, figure, joined, page, picture, table
-from hhsim.report_style import STYLE
+from hhsim.report.html import Html, element, escaped, figure, joined, page, picture, table
+from hhsim.report.style import STYLE
 
 NASTY = '</td><script>alert("x")</script>&amp; \' "'
 

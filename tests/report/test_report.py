@@ -15,21 +15,21 @@ import pytest
 from report_reader import Page, read_page
 from short_grasp import short_grasp, short_scene
 
-from hhsim.bench_file import Column, write_table
-from hhsim.clear_view import View
+from hhsim.bench.table import Column, write_table
 from hhsim.errors import InputError, OutputError
-from hhsim.object_catalogue import load_object
-from hhsim.replay import replay
-from hhsim.report import FIGURES, check_report_destination, make_report, write_report
-from hhsim.report_figures import ReportFigure
-from hhsim.report_html import NO_TEXT
-from hhsim.report_ticks import figure_rows, report_ticks
-from hhsim.result import load_result
-from hhsim.result_schema import STATIC_COLUMNS, TICK_COLUMNS
-from hhsim.solver_options import SolverOptions
-from hhsim.summary import ReplaySummary
-from hhsim.summary_lines import LINES, stored_rows
-from hhsim.verify_metrics import ELSEWHERE
+from hhsim.mesh.catalogue import load_object
+from hhsim.render.viewpoint import View
+from hhsim.replay.replay import replay
+from hhsim.replay.summary import ReplaySummary
+from hhsim.replay.summary_table import LINES, stored_rows
+from hhsim.report.figure import ReportFigure
+from hhsim.report.html import NO_TEXT
+from hhsim.report.report import FIGURES, check_report_destination, make_report, write_report
+from hhsim.report.tick_table import figure_rows, report_ticks
+from hhsim.result.reader import load_result
+from hhsim.result.schema import STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.metric_checks import ELSEWHERE
 
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
@@ -73,11 +73,11 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
         return ReportFigure(name, f"the {name}", f"Caption of {name}.", f"alt of {name}", PIXEL, 1, 1)
 
     makers = tuple((name, heading, lambda *_, name=name: dot(name)) for name, heading, _ in FIGURES)
-    monkeypatch.setattr("hhsim.report.FIGURES", makers)
-    monkeypatch.setattr("hhsim.report.overview_picture", lambda result: dot("overview"))
-    monkeypatch.setattr("hhsim.report.overview_view", lambda result: View(0.0, 0.0))
-    monkeypatch.setattr("hhsim.report.held_picture", lambda result, view: dot("overview"))
-    monkeypatch.setattr("hhsim.report_worst_section.hand_picture", lambda result, tick: dot(f"tick-{tick}"))
+    monkeypatch.setattr("hhsim.report.report.FIGURES", makers)
+    monkeypatch.setattr("hhsim.report.report.overview_picture", lambda result: dot("overview"))
+    monkeypatch.setattr("hhsim.report.report.overview_view", lambda result: View(0.0, 0.0))
+    monkeypatch.setattr("hhsim.report.report.held_picture", lambda result, view: dot("overview"))
+    monkeypatch.setattr("hhsim.report.worst_ticks_section.hand_picture", lambda result, tick: dot(f"tick-{tick}"))
 
 
 def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:

@@ -10,19 +10,19 @@ from live_rings import CHANNELS, ended, make_setup, numbered_samples, pour, solv
 from sphere_scenes import bumpy_ball
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand import HandModel
-from hhsim.live.recorder import Recorder
-from hhsim.live.session_memory import SessionMemory
-from hhsim.recording_file import read_recording
-from hhsim.replay import replay
-from hhsim.result import load_result
-from hhsim.result_schema import TICK_COLUMNS
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
-from hhsim.shapes import sphere
-from hhsim.solver_options import SolverOptions
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_catalogue import resolve_trajectory
+from hhsim.hand.model import HandModel
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.session.recorder import Recorder
+from hhsim.mesh.generators import sphere
+from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings.format_detection import read_recording
+from hhsim.replay.replay import replay
+from hhsim.result.reader import load_result
+from hhsim.result.schema import TICK_COLUMNS
+from hhsim.scene.motion_catalogue import resolve_trajectory
+from hhsim.scene.scene import make_scene
+from hhsim.scene.script import parse_script
+from hhsim.solver.options import SolverOptions
 
 SHORT = """
 title = "short"

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim import info
 from hhsim.errors import InputError, OutputError
-from hhsim.result import CHUNK_TICKS, load_result
-from hhsim.result_schema import (
+from hhsim.motion.trajectory import TickPhase
+from hhsim.result.reader import CHUNK_TICKS, load_result
+from hhsim.result.schema import (
     EVENT_COLUMNS,
     LIVE_EVENT,
     LIVE_SAMPLE,
@@ -28,8 +28,8 @@ from hhsim.result_schema import (
     TICK_COLUMNS,
     sample_columns,
 )
-from hhsim.result_writer import ResultWriter
-from hhsim.trajectory import TickPhase
+from hhsim.result.writer import ResultWriter
+from hhsim.system import environment as info
 
 Arrays = dict[str, NDArray[Any]]
 SCENE = {"object": "bunny", "trajectory": "grasp", "stiffness": [200.0, 2.0, 0.5], "seed": 0}
@@ -343,9 +343,9 @@ def run_limited(script: str, path: Path, limit: int) -> subprocess.CompletedProc
     prelude = f"""
         import resource, signal, sys
         from pathlib import Path
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        sys.path.insert(0, {str(Path(__file__).parents[1])!r})
         from test_result import SCENE, PHASES, block, static
-        from hhsim.result_writer import ResultWriter
+        from hhsim.result.writer import ResultWriter
         path = Path({str(path)!r})
         resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
     """
@@ -395,9 +395,9 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     script = f"""
         import sys
         from pathlib import Path
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        sys.path.insert(0, {str(Path(__file__).parents[1])!r})
         from test_result import SCENE, block, static
-        from hhsim.result_writer import ResultWriter
+        from hhsim.result.writer import ResultWriter
         with ResultWriter(Path({str(path)!r}), scene=SCENE, static=static()) as writer:
             arrays = block(128)
             while True:
@@ -423,7 +423,8 @@ def test_a_file_that_is_being_written_is_told_apart_from_a_broken_one(tmp_path: 
     with ResultWriter(path, scene=SCENE, static=static()) as writer:
         writer.append(block(2))
         reader = (
-            "import sys; from pathlib import Path; from hhsim.result import load_result; load_result(Path(sys.argv[1]))"
+            "import sys; from pathlib import Path; from hhsim.result.reader import load_result as load; "
+            "load(Path(sys.argv[1]))"
         )
         run = subprocess.run([sys.executable, "-c", reader, str(path)], capture_output=True, text=True)
         writer.finish({})

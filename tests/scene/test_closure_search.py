@@ -8,16 +8,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.closing import body_distances, make_work
-from hhsim.closing_search import MARGIN, REACH_DEPTH, closing_rates, plan_closing
 from hhsim.errors import TrajectoryError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels import closing as kernel
-from hhsim.kernels.hand import PALM_BODY, HandArrays
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.hand import finger_closure as kernel
+from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.script import Script, ScriptPhase
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory_catalogue import load_script
+from hhsim.scene.closure_search import MARGIN, REACH_DEPTH, closing_rates, plan_closing
+from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.script import Script, ScriptPhase
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

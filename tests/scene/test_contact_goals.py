@@ -6,15 +6,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.brute_distance import round_cone_contact, round_cone_distance, sphere_contact
-from hhsim.closing import body_distances, make_work
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels.hand import PALM_BODY
-from hhsim.object_catalogue import load_object
-from hhsim.regions import object_region
-from hhsim.touch import Touch, parse_touch, touch_distances
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.hand.kinematics import PALM_BODY
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact
+from hhsim.scene.contact_goals import Touch, parse_touch, touch_distances
+from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.scene.object_regions import object_region
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 Array = NDArray[np.float64]
 HAND = HandModel.default()

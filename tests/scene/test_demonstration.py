@@ -5,18 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hhsim.closing import body_distances, make_work
-from hhsim.demonstration import Demonstration, parse_demonstration
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.haptic_motion import rotation_matrix
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.object_placement import Wanted, place_object
-from hhsim.placed_hand import placed_hand
-from hhsim.scene import make_scene
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_catalogue import (
+from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.motion.quaternion import rotation_matrix
+from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.demonstration import Demonstration, parse_demonstration
+from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.scene.motion_catalogue import (
     describe,
     load_demonstration,
     load_script,
@@ -24,7 +21,10 @@ from hhsim.trajectory_catalogue import (
     script_names,
     trajectory_names,
 )
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.scene.object_pose import Wanted, place_object
+from hhsim.scene.scene import make_scene
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()
 POSE = ("position", "orientation", "flexion", "abduction")

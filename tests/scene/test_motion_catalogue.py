@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.closing import body_distances, make_work
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels.hand import PALM_BODY
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.script import Script
-from hhsim.sphere_tree import SphereTree
-from hhsim.synthesis import synthesize
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_catalogue import describe, load_script, resolve_trajectory, script_names
-from hhsim.trajectory_file import save_trajectory
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.motion.file import save_trajectory
+from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.scene.motion_catalogue import describe, load_script, resolve_trajectory, script_names
+from hhsim.scene.script import Script
+from hhsim.scene.synthesis import synthesize
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

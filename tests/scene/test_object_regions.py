@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.regions import object_region, object_regions, parse_region
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.scene.object_regions import object_region, object_regions, parse_region
 
 RANDOM = np.random.default_rng(7)
 POINTS = RANDOM.uniform(-1.0, 1.0, (4000, 3))

@@ -12,9 +12,9 @@ import pytest
 
 import hhsim
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.gate_inputs import differences, run_inputs
-from hhsim.result_schema import TICK_COLUMNS
-from hhsim.shapes import cube
+from hhsim.gate.input_hash import differences, run_inputs
+from hhsim.mesh.generators import cube
+from hhsim.result.schema import TICK_COLUMNS
 
 Run = Callable[..., Any]
 
@@ -66,7 +66,7 @@ def test_the_names_of_the_package_are_those_of_its_table_and_its_types() -> None
 def test_the_package_imports_nothing_until_it_is_asked() -> None:
     code = (
         "import sys, hhsim; dir(hhsim); print(*sorted(sys.modules)); "
-        "from hhsim import info; assert info.__name__ == 'hhsim.info'"
+        "from hhsim import info; assert info.__name__ == 'hhsim.system.environment'"
     )
     answer = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
     loaded = set(answer.stdout.split())

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.brute_distance import round_cone_distance
 from hhsim.errors import TrajectoryError
-from hhsim.grasp_placement import GraspPlacement, find_grasp, place_at_grasp
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import quaternion, quaternion_product, rotation_matrix
-from hhsim.object_catalogue import load_object
-from hhsim.placed_hand import placed_hand
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_catalogue import load_recorded
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.brute_force_distance import round_cone_distance
+from hhsim.motion.quaternion import quaternion, quaternion_product, rotation_matrix
+from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.motion_catalogue import load_recorded
+from hhsim.scene.recorded_grasp_pose import GraspPlacement, find_grasp, place_at_grasp
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 HAND = HandModel.default()
@@ -144,7 +144,7 @@ def test_a_hand_that_is_always_there_begins_inside_and_says_so() -> None:
 
 
 def test_where_no_finger_meets_the_object_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.grasp_placement.IN", 1.0)
+    monkeypatch.setattr("hhsim.scene.recorded_grasp_pose.IN", 1.0)
     with pytest.raises(TrajectoryError, match=r"reach cannot be placed at this object: at the grasp, at 1\.5"):
         place_at_grasp(reach_and_close(), HAND, object_tree("cup"))
 

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball
 
-from hhsim.disturbance import Disturbance
-from hhsim.hand import HandModel
-from hhsim.metrics import hand_clearance
-from hhsim.scene import make_scene
-from hhsim.shapes import sphere
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_catalogue import load_script
+from hhsim.hand.model import HandModel
+from hhsim.mesh.generators import sphere
+from hhsim.metrics.metrics import hand_clearance
+from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.tremor import Disturbance
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import make_scene
 
 Array = NDArray[np.float64]
 

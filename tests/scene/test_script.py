@@ -2,10 +2,10 @@ from pathlib import Path
 
 import pytest
 
-from hhsim.disturbance import Disturbance
 from hhsim.errors import TrajectoryError
-from hhsim.hand import FINGERS
-from hhsim.script import Script, ScriptPhase, parse_script, read_script
+from hhsim.hand.model import FINGERS
+from hhsim.motion.tremor import Disturbance
+from hhsim.scene.script import Script, ScriptPhase, parse_script, read_script
 
 SMALL = """
 [[phase]]

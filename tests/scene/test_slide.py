@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.closing import body_distances, make_work
-from hhsim.closing_search import plan_closing
-from hhsim.hand import FINGERS, HandModel
-from hhsim.kernels.hand import PALM_BODY
-from hhsim.slide import best_slide
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory_catalogue import load_script
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.hand.kinematics import PALM_BODY
+from hhsim.scene.closure_search import plan_closing
+from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.slide import best_slide
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

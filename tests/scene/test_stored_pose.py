@@ -6,16 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hhsim.closing_search import plan_closing
 from hhsim.errors import TrajectoryError
-from hhsim.hand import HandModel
-from hhsim.object_catalogue import load_object
-from hhsim.placed_closing import close_placed, find_placement
-from hhsim.placement import Placement, parse_placements
-from hhsim.script import Script, parse_script
-from hhsim.synthesis import quaternion_from_matrix, synthesize
-from hhsim.trajectory_catalogue import load_script
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.scene.closure_at_pose import close_placed, find_placement
+from hhsim.scene.closure_search import plan_closing
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.script import Script, parse_script
+from hhsim.scene.stored_pose import Placement, parse_placements
+from hhsim.scene.synthesis import synthesize
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 HAND = HandModel.default()
 BALL = cached_sphere_tree(load_object("sphere").mesh, TreeOptions(level=2))

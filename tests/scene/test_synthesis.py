@@ -5,14 +5,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.closing_search import plan_closing
-from hhsim.disturbance import Disturbance
-from hhsim.hand import HandModel
-from hhsim.script import parse_script
-from hhsim.sphere_tree import SphereTree
-from hhsim.synthesis import minimum_jerk, quaternion_from_matrix, synthesize
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_catalogue import load_script
+from hhsim.hand.model import HandModel
+from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.tremor import Disturbance
+from hhsim.scene.closure_search import plan_closing
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.script import parse_script
+from hhsim.scene.synthesis import minimum_jerk, synthesize
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ from numpy.typing import NDArray
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
 
 from hhsim.errors import UnknownNameError
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_HELD
-from hhsim.qp import available_backends
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_HELD
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.qp import available_backends
 
 Array = NDArray[np.float64]
 

@@ -19,12 +19,12 @@ from sphere_scenes import (
 )
 
 from hhsim.errors import HhsimError, InputError, UnknownNameError
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_STUCK
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions, Stiffness
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_STUCK
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from scipy.optimize import NonlinearConstraint, brentq, minimize, nnls
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, brute_pairs, sphere_tree, still, straight_line
 
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions, Stiffness
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from sphere_scenes import bumpy_ball, random_targets, record_clearance, still
 
-from hhsim.hand import HandModel
-from hhsim.kernels.tick_state import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
-from hhsim.object_catalogue import load_object
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.state import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.mesh.catalogue import load_object
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 HAND = HandModel.default()
 METHODS = ("coupled", "progressive")

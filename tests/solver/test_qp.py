@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.qp import QpProblem, QpStatus, available_backends, solve
+from hhsim.solver.qp import QpProblem, QpStatus, available_backends, solve
 
 Array = NDArray[np.float64]
 

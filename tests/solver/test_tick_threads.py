@@ -15,21 +15,21 @@ import numpy as np
 import pytest
 from sphere_scenes import Motion, bumpy_ball, random_targets, still
 
-import hhsim.crew
+import hhsim.solver.tick_threads
 from hhsim.errors import HhsimError, InputError
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.crew import NUMBER_SHIFT, PARTS, TICKET
+from hhsim.hand.model import HandModel
 from hhsim.kernels.jit import cache_root
-from hhsim.kernels.tick_state import WORK_CANDIDATES
-from hhsim.object_catalogue import load_object
-from hhsim.replay import replay
-from hhsim.scene import make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import THREADED_METHODS, SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory_catalogue import load_script
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.kernels.parallel.thread_team import NUMBER_SHIFT, PARTS, TICKET
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import WORK_CANDIDATES
+from hhsim.mesh.catalogue import load_object
+from hhsim.replay.replay import replay
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import make_scene
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import THREADED_METHODS, SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 METHODS = pytest.mark.parametrize("method", THREADED_METHODS)
 
@@ -46,7 +46,7 @@ def assert_same_bytes(one: TickRecord, other: TickRecord) -> None:
 
 
 def helpers() -> list[threading.Thread]:
-    return [thread for thread in threading.enumerate() if isinstance(thread, hhsim.crew._Helper)]
+    return [thread for thread in threading.enumerate() if isinstance(thread, hhsim.solver.tick_threads._Helper)]
 
 
 def posted(solver: HandSolver) -> int:
@@ -135,7 +135,7 @@ def test_no_helper_outlives_an_error_of_its_own(hand: HandModel, monkeypatch: py
         raise MemoryError("no room")
 
     solver.crew._compiled = True
-    monkeypatch.setattr(hhsim.crew, "help_out", fail)
+    monkeypatch.setattr(hhsim.solver.tick_threads, "help_out", fail)
     with pytest.raises(MemoryError, match="no room"):
         solver.run(*motion)
     assert helpers() == []
@@ -165,11 +165,11 @@ def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> Non
     script = textwrap.dedent(
         f"""
         import sys
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        sys.path.insert(0, {str(Path(__file__).parents[1])!r})
         from sphere_scenes import bumpy_ball, still
-        from hhsim.hand import HandModel
-        from hhsim.solver import HandSolver
-        from hhsim.solver_options import SolverOptions
+        from hhsim.hand.model import HandModel
+        from hhsim.solver.hand_solver import HandSolver
+        from hhsim.solver.options import SolverOptions
 
         solver = HandSolver(HandModel.default(), bumpy_ball(20).arrays(), SolverOptions(threads=3))
         assert solver.crew.rooms == []

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hhsim.errors import OutputError
-from hhsim.whole_file import hdf5_image, write_whole_file
+from hhsim.system.atomic_write import hdf5_image, write_whole_file
 
 
 def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
@@ -59,7 +59,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
 import resource, sys
 from pathlib import Path
 from hhsim.errors import OutputError
-from hhsim.whole_file import hdf5_image, write_whole_file
+from hhsim.system.atomic_write import hdf5_image, write_whole_file
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 try:
     write_whole_file(Path(sys.argv[1]), hdf5_image(lambda file: file.create_dataset("a", data=[0.0] * 9_000)))

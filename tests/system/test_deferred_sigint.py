@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from hhsim.interrupt import interruptible_between
+from hhsim.system.deferred_sigint import interruptible_between
 
 
 def test_an_interrupt_waits_for_the_end_of_the_block() -> None:

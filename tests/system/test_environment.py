@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from hhsim import __version__, info
+from hhsim import __version__
 from hhsim.kernels import jit
+from hhsim.system import environment as info
 
 
 def test_everything_is_stated_and_can_be_json() -> None:

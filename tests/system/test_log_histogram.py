@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.log_histogram import LogHistogram
+from hhsim.system.log_histogram import LogHistogram
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4000), st.floats(0.0, 3.0))

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from short_grasp import short_result
 
-from hhsim.concepts_figure import coil, draw_concepts, show
 from hhsim.errors import InputError
-from hhsim.result import Result
-from hhsim.result_hand import hand_of
-from hhsim.script import parse_script
-from hhsim.section import cut_balls
+from hhsim.replay.stored_hand import hand_of
+from hhsim.result.reader import Result
+from hhsim.scene.script import parse_script
+from tools.concepts_figure import coil, draw_concepts, show
+from tools.cross_section import cut_balls
 
 MOTION = """
 title = "short"

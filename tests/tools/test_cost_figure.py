@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hhsim.cost_figure import BIN_EDGES, CostOptions, TickCosts, binned, draw_costs, main, measure, table
+from tools.cost_figure import BIN_EDGES, CostOptions, TickCosts, binned, draw_costs, main, measure, table
 
 
 def test_bins_hold_their_lower_edge_and_not_their_upper_one() -> None:

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.hand import HandModel
-from hhsim.kernels.distance import sphere_round_cone_distance
-from hhsim.section import Plane, cut_balls, cut_mesh, finger_plane, round_cone_outline
-from hhsim.shapes import cube, sphere
+from hhsim.hand.model import HandModel
+from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
+from hhsim.mesh.generators import cube, sphere
+from tools.cross_section import Plane, cut_balls, cut_mesh, finger_plane, round_cone_outline
 
 FLAT = Plane(np.zeros(3), np.eye(3))
 

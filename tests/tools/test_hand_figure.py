@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hhsim.errors import OutputError
-from hhsim.hand import HandModel
-from hhsim.hand_figure import CURLED_POSE, OPEN_POSE, draw_hand, view
+from hhsim.hand.model import HandModel
+from tools.hand_figure import CURLED_POSE, OPEN_POSE, draw_hand, view
 
 
 @pytest.mark.parametrize(("turn", "tilt"), [(0.0, 0.0), (62.0, -10.0), (180.0, 30.0)])

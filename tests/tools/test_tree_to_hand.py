@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from sphere_scenes import brute_pairs, still
 
-from hhsim.end_to_end import EndToEnd, cells, end_to_end, main, sphere_distances
-from hhsim.hand import HandModel
-from hhsim.object_catalogue import load_object
-from hhsim.placed_hand import hand_shape, placed_hand
+from hhsim.hand.forward_kinematics import hand_shape, placed_hand
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from tools.tree_to_hand import EndToEnd, cells, end_to_end, main, sphere_distances
 
 ROW = EndToEnd("cube", "grasp", 3, 512, 1e-3, 10, 0.0, 0.0, 0.9e-3, 0.8e-3, 5, 0.5e-3, 1e-3, 1e-5, 2e-5)
 

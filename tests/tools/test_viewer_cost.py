@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hhsim.errors import InputError
-from hhsim.viewer_cost import LIVE_FIGURES, Command, live_medians, main, viewer_cost
+from tools.viewer_cost import LIVE_FIGURES, Command, live_medians, main, viewer_cost
 
 
 def commands(*walls: float, cpu: float = 1.0, tick: float = 1e-5, ticks: int = 10_000) -> list[Command]:

@@ -13,16 +13,17 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim import tree_builder
-from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.mesh import Mesh
-from hhsim.mesh_cover import cover_of
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import GROWTH, TreeOptions, build_sphere_tree, cache_path, cached_sphere_tree
-from hhsim.tree_error import sample_mesh, uncovered_faces
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees import builder as tree_builder
+from hhsim.trees.builder import GROWTH, TreeOptions, build_sphere_tree, cache_path, cached_sphere_tree
+from hhsim.trees.error import sample_mesh, uncovered_faces
+from hhsim.trees.file import load_tree
+from hhsim.trees.hierarchy import at_level, build_hierarchy
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.surface_cover import cover_of
 
 Array = NDArray[np.float64]
 
@@ -179,7 +180,8 @@ def test_what_none_stands_for() -> None:
 
 SOURCES = """
 import sys
-import hhsim.mesh_cover, hhsim.tree_error, hhsim.ball_hierarchy, hhsim.fewest_balls, hhsim.tree_file
+import hhsim.trees.surface_cover, hhsim.trees.error, hhsim.trees.hierarchy, hhsim.trees.sphere_count_search
+import hhsim.trees.file
 print(*sorted(name for name in sys.modules if name.startswith("hhsim.")))
 """
 
@@ -196,15 +198,15 @@ def test_the_cache_knows_every_source_that_a_tree_depends_on() -> None:
 def test_a_level_is_the_tree_that_is_built_for_it(name: str) -> None:
     mesh = mesh_of(SHAPES[name])
     fine, coarse = (build_sphere_tree(mesh, TreeOptions(level=level)) for level in (3, 2))
-    cut = fine.at_level(2)
+    cut = at_level(fine, 2)
     for field in ("center", "radius", "level", "parent"):
         assert getattr(cut, field).tobytes() == getattr(coarse, field).tobytes()
     assert (cut.errors, cut.options, cut.check(mesh)) == (coarse.errors, coarse.options, ())
     for one, other in zip(cut.covers, coarse.covers, strict=True):
         assert (one.center.tobytes(), one.proof.tobytes()) == (other.center.tobytes(), other.proof.tobytes())
-    assert fine.at_level(0).check(mesh) == ()
+    assert at_level(fine, 0).check(mesh) == ()
     turned = fine.transformed(Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix(), [0.1, 0, 0])
-    assert turned.at_level(1).leaf_count == fine.covers[1].radius.size
+    assert at_level(turned, 1).leaf_count == fine.covers[1].radius.size
 
 
 def test_a_balanced_cover_halves_the_error() -> None:
@@ -325,7 +327,7 @@ def test_damaged_cache_is_built_again(cache: Path) -> None:
     path = cache_path(mesh, options)
     path.write_bytes(path.read_bytes()[:100])
     assert np.array_equal(cached_sphere_tree(mesh, options).center, expected.center)
-    assert np.array_equal(SphereTree.load(path).center, expected.center)
+    assert np.array_equal(load_tree(path).center, expected.center)
 
 
 def test_a_cache_that_cannot_be_written_is_done_without(cache: Path) -> None:
@@ -347,7 +349,7 @@ import numpy as np
 import trimesh
 from hhsim import ball_hierarchy, cover_check, mesh_cover, tree_builder, tree_error
 from hhsim.kernels import mesh_bvh, micro_triangle
-from hhsim.mesh import Mesh
+from hhsim.mesh.mesh import Mesh
 
 shape = trimesh.creation.box((0.1, 0.1, 0.1))
 vertices, faces = np.asfortranarray(shape.vertices), np.asfortranarray(shape.faces)

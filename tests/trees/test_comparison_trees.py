@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError, MeshError
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.mesh import Mesh
-from hhsim.object_catalogue import load_object
-from hhsim.octree_tree import build_octree, root_cell
-from hhsim.shapes import cube, cylinder, hexagonal_prism, sphere
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import TreeOptions, build_sphere_tree
-from hhsim.tree_error import uncovered_faces
-from hhsim.tree_methods import METHODS
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.generators import cube, cylinder, hexagonal_prism, sphere
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.builder import TreeOptions, build_sphere_tree
+from hhsim.trees.error import uncovered_faces
+from hhsim.trees.hierarchy import at_level
+from hhsim.trees.methods import METHODS
+from hhsim.trees.octree import build_octree, root_cell
+from hhsim.trees.sphere_tree import SphereTree
 
 NAMES = [name for name, method in METHODS.items() if method.grow is not None]
 
@@ -59,7 +60,7 @@ def test_they_are_built_measured_and_kept_as_any_tree(name: str) -> None:
     last = tree.errors[-1]
     assert last.gap_max == 0.0 and 0.0 < last.protrusion_max <= last.bound
     assert {stage for stage, _, _ in calls} == {"cover", "tree", "measure"}
-    assert tree.at_level(1).leaf_count == len(tree.covers[1].radius)
+    assert at_level(tree, 1).leaf_count == len(tree.covers[1].radius)
 
 
 def test_an_octree_of_a_cube_is_its_grid() -> None:

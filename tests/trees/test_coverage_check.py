@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.cover_check import faults
 from hhsim.errors import MeshError
-from hhsim.hand import HandModel
-from hhsim.kernels.cover_check import HOLDS, check_proof
-from hhsim.level_cover import LevelCover
-from hhsim.mesh import Mesh
-from hhsim.rock import rock
-from hhsim.tree_builder import TreeOptions, build_sphere_tree, proved_anew
-from hhsim.tree_error import prove_cover
+from hhsim.hand.model import HandModel
+from hhsim.kernels.cover.check_certificate import HOLDS, check_proof
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.rock import rock
+from hhsim.trees.builder import TreeOptions, build_sphere_tree, proved_anew
+from hhsim.trees.coverage_check import faults
+from hhsim.trees.error import prove_cover
+from hhsim.trees.level_cover import LevelCover
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int32]

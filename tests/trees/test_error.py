@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from hhsim.ball_hierarchy import build_hierarchy
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.mesh import Mesh
-from hhsim.tree_builder import TreeOptions, build_sphere_tree
-from hhsim.tree_error import (
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.builder import TreeOptions, build_sphere_tree
+from hhsim.trees.error import (
     LEAST_SAMPLES_EACH,
     measure_levels,
     protrusion_bound,
@@ -16,6 +15,7 @@ from hhsim.tree_error import (
     sample_spheres,
     uncovered_faces,
 )
+from hhsim.trees.hierarchy import build_hierarchy
 
 BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")

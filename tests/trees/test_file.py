@@ -8,10 +8,11 @@ import h5py
 import numpy as np
 import pytest
 
-from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import InputError, OutputError
-from hhsim.level_cover import LevelCover
-from hhsim.sphere_tree import LevelError, SphereTree
+from hhsim.trees.file import load_tree, save_tree
+from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.level_cover import LevelCover
+from hhsim.trees.sphere_tree import LevelError, SphereTree
 
 ERROR = LevelError(0, 1, 0.0, 0.0, 0.0, 3e-3, 2e-3, 2.9e-3, 4e-3)
 
@@ -31,8 +32,8 @@ def assert_equal(one: SphereTree, other: SphereTree) -> None:
 
 def test_file_brings_back_every_bit(tmp_path: Path) -> None:
     tree = random_tree()
-    tree.save(tmp_path / "tree.h5")
-    assert_equal(SphereTree.load(tmp_path / "tree.h5"), tree)
+    save_tree(tree, tmp_path / "tree.h5")
+    assert_equal(load_tree(tmp_path / "tree.h5"), tree)
     assert [path.name for path in tmp_path.iterdir()] == ["tree.h5"]
     with h5py.File(tmp_path / "tree.h5") as file:
         assert (file.attrs["format"], file.attrs["schema_version"]) == ("hhsim-tree", 2)
@@ -54,8 +55,8 @@ def with_covers() -> SphereTree:
 
 def test_covers_come_back(tmp_path: Path) -> None:
     tree = with_covers()
-    tree.save(tmp_path / "tree.h5")
-    back = SphereTree.load(tmp_path / "tree.h5")
+    save_tree(tree, tmp_path / "tree.h5")
+    back = load_tree(tmp_path / "tree.h5")
     for one, other in zip(back.covers, tree.covers, strict=True):
         for name in ("center", "radius", "depth", "proof"):
             assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
@@ -67,11 +68,11 @@ def test_covers_come_back(tmp_path: Path) -> None:
 
 def test_a_file_without_covers_is_still_read(tmp_path: Path) -> None:
     path = tmp_path / "tree.h5"
-    with_covers().save(path)
+    save_tree(with_covers(), path)
     with h5py.File(path, "a") as file:
         del file["covers"]
         file.attrs["schema_version"] = 1
-    assert SphereTree.load(path).covers == ()
+    assert load_tree(path).covers == ()
 
 
 @pytest.mark.parametrize(
@@ -87,50 +88,50 @@ def test_a_file_without_covers_is_still_read(tmp_path: Path) -> None:
 )
 def test_broken_covers_are_refused(tmp_path: Path, change: Callable[[h5py.File], None], message: str) -> None:
     path = tmp_path / "tree.h5"
-    with_covers().save(path)
+    save_tree(with_covers(), path)
     with h5py.File(path, "a") as file:
         change(file)
     with pytest.raises(InputError, match=message):
-        SphereTree.load(path)
+        load_tree(path)
 
 
 def test_file_is_the_same_every_time(tmp_path: Path) -> None:
     for name in ("one.h5", "two.h5"):
-        random_tree().save(tmp_path / name)
+        save_tree(random_tree(), tmp_path / name)
     assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
 
 
 def test_unwritable_place(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="cannot write"):
-        random_tree().save(tmp_path / "missing" / "tree.h5")
+        save_tree(random_tree(), tmp_path / "missing" / "tree.h5")
     (tmp_path / "folder.h5").mkdir()
     with pytest.raises(OutputError, match=r"folder\.h5"):
-        random_tree().save(tmp_path / "folder.h5")
+        save_tree(random_tree(), tmp_path / "folder.h5")
     assert [path.name for path in tmp_path.iterdir()] == ["folder.h5"]
 
 
 def test_files_that_are_no_tree_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
-        SphereTree.load(tmp_path / "missing.h5")
+        load_tree(tmp_path / "missing.h5")
     (tmp_path / "text.h5").write_text("not HDF5")
     with pytest.raises(InputError, match="not a readable hhsim-tree"):
-        SphereTree.load(tmp_path / "text.h5")
+        load_tree(tmp_path / "text.h5")
     path = tmp_path / "tree.h5"
     for name, value, message in [
         ("format", "hhsim-result", "expected 'hhsim-tree'"),
         ("schema_version", 99, "version 99"),
     ]:
-        random_tree().save(path)
+        save_tree(random_tree(), path)
         with h5py.File(path, "a") as file:
             file.attrs[name] = value
         with pytest.raises(InputError, match=message):
-            SphereTree.load(path)
-    random_tree().save(path)
+            load_tree(path)
+    save_tree(random_tree(), path)
     with h5py.File(path, "a") as file:
         del file["radius"]
     with pytest.raises(InputError, match="radius"):
-        SphereTree.load(path)
-    random_tree().save(path)
+        load_tree(path)
+    save_tree(random_tree(), path)
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(InputError, match="not a readable hhsim-tree"):
-        SphereTree.load(path)
+        load_tree(path)

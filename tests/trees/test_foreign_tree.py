@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from hhsim.errors import InputError
-from hhsim.mesh import Mesh
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import TreeOptions, build_sphere_tree
-from hhsim.tree_import import import_tree, load_tree_for
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.builder import TreeOptions, build_sphere_tree
+from hhsim.trees.file import save_tree
+from hhsim.trees.foreign_tree import import_tree, load_tree_for
+from hhsim.trees.sph_format import save_sph
+from hhsim.trees.sphere_tree import SphereTree
 
 AWAY = np.array([0.3, -0.1, 0.05])
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
@@ -95,7 +97,7 @@ def test_a_tree_with_holes_has_its_gap_measured_and_no_proof(tmp_path: Path) -> 
 
 
 def test_a_whole_cover_stays_proved(tmp_path: Path) -> None:
-    BUILT.save_sph(tmp_path / "box.sph")
+    save_sph(BUILT, tmp_path / "box.sph")
     found = import_tree(tmp_path / "box.sph", MESH)
     assert (found.frame, found.unproved) == ("mesh", 0)
     assert found.tree.errors[-1] == BUILT.errors[-1]
@@ -128,7 +130,7 @@ def test_a_frame_can_be_forced_and_a_wrong_one_is_refused(tmp_path: Path) -> Non
 
 def test_a_tree_of_another_mesh_is_measured_but_not_replayed(tmp_path: Path) -> None:
     path = tmp_path / "box.h5"
-    BUILT.save(path)
+    save_tree(BUILT, path)
     assert load_tree_for(path, MESH).notes == ()
     longer = Mesh(AWAY + 1.05 * (MESH.vertices - AWAY), MESH.faces, name="longer")
     found = import_tree(path, longer)

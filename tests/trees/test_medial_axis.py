@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.medial_axis import medial_axis, refined_medial_axis, with_new_samples
-from hhsim.mesh import Mesh
-from hhsim.shapes import cube, cylinder, sphere
-from hhsim.tree_error import sample_mesh
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.mesh.generators import cube, cylinder, sphere
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.error import sample_mesh
+from hhsim.trees.medial_axis import medial_axis, refined_medial_axis, with_new_samples
 
 Array = NDArray[np.float64]
 

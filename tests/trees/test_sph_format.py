@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import InputError, OutputError
-from hhsim.sphere_tree import SphereTree
+from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.sph_format import load_sph, save_sph
+from hhsim.trees.sphere_tree import SphereTree
 
 
 @settings(max_examples=30)
@@ -22,8 +23,8 @@ def test_there_and_back(
     count = min(count, branching**level)
     tree = build_hierarchy(rng.normal(size=(count, 3)), 0.1 + rng.random(count), level, branching)
     path = tmp_path_factory.mktemp("sph") / "tree.sph"
-    tree.save_sph(path)
-    back = SphereTree.load_sph(path)
+    save_sph(tree, path)
+    back = load_sph(path)
     assert np.array_equal(back.center, tree.center)
     assert np.array_equal(back.radius, tree.radius)
     assert np.array_equal(back.level, tree.level)
@@ -37,7 +38,7 @@ def test_layout(tmp_path: Path) -> None:
         np.array([0, 1, 1]),
         np.array([-1, 0, 0]),
     )
-    tree.save_sph(tmp_path / "tree.sph")
+    save_sph(tree, tmp_path / "tree.sph")
     assert (tmp_path / "tree.sph").read_text().splitlines() == [
         "2 2",
         "0.0 0.0 0.0 2.0 1.0",
@@ -52,7 +53,7 @@ def test_parents_grow_and_unused_slots_vanish(tmp_path: Path) -> None:
     slots = ["0 0 0 0.5 1", "1 0 0 0.1 1", "-1 0 0 0.2 1"]
     slots += ["1.5 0 0 0.3 1", "0 0 0 -1.000000 0.000000", "-1.5 0 0 0.1 1", "-1 0 0 0 0"]
     path.write_text("3 2\n" + "\n".join(slots) + "\n\nLevel 0: worst 0.25\n")
-    tree = SphereTree.load_sph(path)
+    tree = load_sph(path)
     assert tree.parent.tolist() == [-1, 0, 0, 1, 2]
     assert tree.leaf_radius.tolist() == [0.3, 0.1]
     assert tree.radius[:3] == pytest.approx([1.8, 0.8, 0.6])
@@ -62,7 +63,7 @@ def test_a_childless_sphere_is_repeated_to_the_last_level(tmp_path: Path) -> Non
     path = tmp_path / "tree.sph"
     unused = ["0 0 0 -1 0"]
     path.write_text("\n".join(["3 2", "0 0 0 3 1", "1 0 0 1 1", "-1 0 0 1 1", "1 0 0 0.5 1", *unused * 3]) + "\n")
-    tree = SphereTree.load_sph(path)
+    tree = load_sph(path)
     assert tree.level.tolist() == [0, 1, 1, 2, 2]
     assert tree.leaf_center[:, 0].tolist() == [1.0, -1.0]
     assert tree.leaf_radius.tolist() == [0.5, 1.0]
@@ -87,14 +88,14 @@ def test_files_that_are_no_tree_are_refused(text: str, message: str, tmp_path: P
     path = tmp_path / "bad.sph"
     path.write_text(text)
     with pytest.raises(InputError, match=message) as caught:
-        SphereTree.load_sph(path)
+        load_sph(path)
     assert "bad.sph" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_places_that_do_not_exist(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"missing\.sph"):
-        SphereTree.load_sph(tmp_path / "missing.sph")
+        load_sph(tmp_path / "missing.sph")
     tree = SphereTree(np.zeros((1, 3)), np.ones(1), np.zeros(1, np.int64), np.array([-1]))
     with pytest.raises(OutputError, match="cannot write"):
-        tree.save_sph(tmp_path / "missing" / "tree.sph")
+        save_sph(tree, tmp_path / "missing" / "tree.sph")

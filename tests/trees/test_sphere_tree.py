@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import InputError
-from hhsim.sphere_tree import LevelError, SphereTree
+from hhsim.trees.file import load_tree, save_tree
+from hhsim.trees.hierarchy import at_level, build_hierarchy
+from hhsim.trees.sphere_tree import LevelError, SphereTree
 
 ERROR = LevelError(0, 1, 0.0, 0.0, 0.0, 3e-3, 2e-3, 2.9e-3, 4e-3)
 
@@ -82,14 +83,14 @@ def test_moved_and_scaled() -> None:
 
 def test_a_level_without_a_cover_keeps_the_upper_levels() -> None:
     tree = random_tree(60, 3)
-    coarse = tree.at_level(1)
+    coarse = at_level(tree, 1)
     assert coarse.depth == 1
     assert np.array_equal(coarse.leaf_center, tree.center[tree.level == 1])
     assert np.array_equal(coarse.leaf_radius, tree.radius[tree.level == 1])
     assert [error.level for error in coarse.errors] == [0, 1]
-    assert_equal(tree.at_level(3), tree)
+    assert_equal(at_level(tree, 3), tree)
     with pytest.raises(InputError, match="no level 4"):
-        tree.at_level(4)
+        at_level(tree, 4)
 
 
 BROKEN = {
@@ -108,7 +109,7 @@ def test_broken_arrays_are_refused(name: str, tmp_path: Path) -> None:
         "level": np.array([0, 1]),
         "parent": np.array([-1, 0]),
     }
-    SphereTree(**sound).save(tmp_path / "tree.h5")
+    save_tree(SphereTree(**sound), tmp_path / "tree.h5")
     with pytest.raises(InputError, match="sphere tree") as caught:
         SphereTree(**sound | {name: BROKEN[name]})
     assert "\n" not in str(caught.value)
@@ -116,7 +117,7 @@ def test_broken_arrays_are_refused(name: str, tmp_path: Path) -> None:
         del file[name]
         file[name] = BROKEN[name]
     with pytest.raises(InputError, match=r"tree\.h5: sphere tree"):
-        SphereTree.load(tmp_path / "tree.h5")
+        load_tree(tmp_path / "tree.h5")
 
 
 def test_values_that_make_no_tree_are_refused() -> None:

@@ -6,12 +6,12 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim import mesh_cover
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.mesh_cover import build_cover, require_inside
-from hhsim.object_catalogue import load_object
-from hhsim.tree_error import protrusion_bound, uncovered_faces
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.mesh.catalogue import load_object
+from hhsim.trees import surface_cover as mesh_cover
+from hhsim.trees.error import protrusion_bound, uncovered_faces
+from hhsim.trees.surface_cover import build_cover, require_inside
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

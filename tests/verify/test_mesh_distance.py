@@ -5,13 +5,13 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
-from hhsim.hand_referee import PALM, HandReferee, palm_centers
-from hhsim.kernels.mesh_bvh import build_mesh_bvh
-from hhsim.mesh import Mesh
-from hhsim.mesh_penetration import RESOLUTION, mesh_clearance
-from hhsim.object_catalogue import load_object
-from hhsim.placed_hand import PlacedHand, hand_shape, placed_hand
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, placed_hand
+from hhsim.hand.model import HandModel
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
+from hhsim.verify.mesh_distance import PALM, HandReferee, palm_centers
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")

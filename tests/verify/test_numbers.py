@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from short_grasp import short_result
 
-from hhsim.result import Result, load_result
-from hhsim.verify import verify
-from hhsim.verify_hand import configurations, own_hand, pose, turn_between
+from hhsim.result.reader import Result, load_result
+from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
+from hhsim.verify.verify import verify
 
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
 

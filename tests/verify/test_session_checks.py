@@ -16,22 +16,27 @@ from live_rings import FACTS, ended
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
 from verify_document import documented_faults
 
-from hhsim import verify_command, verify_rows, verify_session, verify_session_figures
-from hhsim.dexmo_regression import DexmoRegression
-from hhsim.kernels.tick_state import STATUS_FULL, STATUS_HELD
-from hhsim.live import glove_watch, live_loop, recorder
-from hhsim.live.live_loop import LiveLoop, loop_options
-from hhsim.live.live_records import Safety
-from hhsim.live.live_setup import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.pose_sources import FixedPose
-from hhsim.live.recorder import Recorder
-from hhsim.live.safety_gate import QUIET_NS, WORDS
-from hhsim.live.session_memory import SessionMemory
-from hhsim.live.session_writer import SessionWriter
+from hhsim.kernels.tick.state import STATUS_FULL, STATUS_HELD
+from hhsim.live.devices import plausibility as glove_watch
+from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.loop import loop as live_loop
+from hhsim.live.loop.interlock import QUIET_NS, WORDS
+from hhsim.live.loop.loop import LiveLoop, loop_options
+from hhsim.live.pose.registry import FixedPose
+from hhsim.live.session import recorder
+from hhsim.live.session.recorder import Recorder
+from hhsim.live.session.writer import SessionWriter
 from hhsim.live.shared_memory import RingReader
-from hhsim.result import Result, load_result
-from hhsim.verify import Verification, verify
-from hhsim.verify_claim import HOLDS, NOT_JUDGED
+from hhsim.recordings.dexmo_regression import DexmoRegression
+from hhsim.result.reader import Result, load_result
+from hhsim.result.safety import Safety
+from hhsim.verify import finger_command_checks as verify_command
+from hhsim.verify import session_checks as verify_session
+from hhsim.verify import session_rows as verify_rows
+from hhsim.verify import session_summary_checks as verify_session_figures
+from hhsim.verify.claim import HOLDS, NOT_JUDGED
+from hhsim.verify.verify import Verification, verify
 
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
 

@@ -9,13 +9,13 @@ import pytest
 import trimesh
 from trimesh.triangles import closest_point
 
-from hhsim.ball_hierarchy import build_hierarchy
 from hhsim.errors import MeshError
-from hhsim.mesh import Mesh
-from hhsim.object_catalogue import load_object
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import TreeOptions, build_sphere_tree, cached_sphere_tree
-from hhsim.tree_referee import TrueSurface, Verdict, main, moved_at_random, referee, sticking_out
+from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.builder import TreeOptions, build_sphere_tree, cached_sphere_tree
+from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify.tree_checks import TrueSurface, Verdict, main, moved_at_random, referee, sticking_out
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
@@ -152,7 +152,7 @@ def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent(name: s
 
 def test_another_process_builds_the_same_bytes() -> None:
     program = (
-        "import hashlib; from hhsim import shapes; from hhsim.tree_builder import *; "
+        "import hashlib; from hhsim import shapes; from hhsim.trees.builder import *; "
         "t = build_sphere_tree(shapes.cup(0.08, 0.092, 0.0034, 0.032), TreeOptions(level=2)); "
         "print(hashlib.sha256(t.center.tobytes() + t.radius.tobytes() + repr(t.errors).encode()).hexdigest())"
     )

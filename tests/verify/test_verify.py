@@ -16,25 +16,25 @@ from hypothesis import strategies as st
 from short_grasp import short_grasp, short_scene
 from verify_document import documented_faults
 
-from hhsim.brute_distance import round_cone_distance
+from hhsim.bench.robustness.random_targets import StressOptions, random_targets
 from hhsim.errors import InputError
-from hhsim.hand import HandModel, Side
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.replay import replay
-from hhsim.result import Result, load_result
-from hhsim.scene import make_scene
-from hhsim.solver_options import SolverOptions
-from hhsim.stored_scene import checksums
-from hhsim.stress import StressOptions, random_targets
-from hhsim.trajectory import Trajectory
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.verify import Verification, verify
-from hhsim.verify_balance import force_claims
-from hhsim.verify_claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, judged
-from hhsim.verify_contacts import axis_places
-from hhsim.verify_hand import Configurations, own_hand, pose
-from hhsim.verify_posture import posture_claims
-from hhsim.verify_ticks import JudgedTicks
+from hhsim.hand.model import HandModel, Side
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.metrics.brute_force_distance import round_cone_distance
+from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.replay import replay
+from hhsim.replay.stored_scene import checksums
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import make_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, judged
+from hhsim.verify.contacts import axis_places
+from hhsim.verify.force_checks import force_claims
+from hhsim.verify.kinematics import Configurations, own_hand, pose
+from hhsim.verify.posture_checks import posture_claims
+from hhsim.verify.tick_data import JudgedTicks
+from hhsim.verify.verify import Verification, verify
 
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
 

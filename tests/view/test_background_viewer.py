@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from rerun_files import Recording
 
-from hhsim.hand import HandModel
-from hhsim.object_catalogue import load_object
-from hhsim.replay import replay
-from hhsim.rerun_target import parse_target
-from hhsim.result import Result, load_result
-from hhsim.scene import make_scene
-from hhsim.script import parse_script
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.view import view_result
-from hhsim.view_ahead import ViewAhead, can_fork
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.replay.replay import replay
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import make_scene
+from hhsim.scene.script import parse_script
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.view.background_viewer import ViewAhead, can_fork
+from hhsim.view.sink import parse_target
+from hhsim.view.viewer import view_result
 
 MOTION = """
 title = "short"
@@ -40,8 +40,8 @@ duration = 0.04
 FORKED = """
 import os, signal, sys
 from pathlib import Path
-from hhsim.rerun_target import parse_target
-from hhsim.view_ahead import ViewAhead, can_fork
+from hhsim.view.sink import parse_target
+from hhsim.view.background_viewer import ViewAhead, can_fork
 result, target = Path(sys.argv[1]), parse_target(sys.argv[2])
 assert can_fork()
 with ViewAhead(target) as viewer:
@@ -171,7 +171,7 @@ def test_ctrl_c_while_it_is_shown_removes_what_is_half_written(result: Result, t
 
 
 def test_without_a_fork_it_is_shown_here(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.view_ahead.can_fork", lambda: False)
+    monkeypatch.setattr("hhsim.view.background_viewer.can_fork", lambda: False)
     with ViewAhead(parse_target(str(tmp_path / "here.rrd"))) as viewer:
         viewer.settle()
         assert viewer.show(result.path).shown == 60

@@ -14,13 +14,13 @@ from rerun_files import SETTINGS, Recording, listening
 from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError, OutputError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.hand_pieces import PHALANGES, piece_poses
-from hhsim.rerun_plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
-from hhsim.rerun_scene import FORCE_LENGTH, NORMAL_LENGTH
-from hhsim.rerun_target import check_target, open_viewer, parse_target, viewer_program
-from hhsim.result import Result, load_result
-from hhsim.view import view_result
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.render.hand_meshes import PHALANGES, piece_poses
+from hhsim.result.reader import Result, load_result
+from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
+from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH
+from hhsim.view.sink import check_target, open_viewer, parse_target, viewer_program
+from hhsim.view.viewer import view_result
 
 Array = np.ndarray[Any, Any]
 
@@ -160,7 +160,7 @@ def test_a_thinned_recording_keeps_the_worst_of_the_ticks_between(result: Result
 
 
 def test_blocks_join_without_a_seam(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.view.BLOCK_TICKS", 50)
+    monkeypatch.setattr("hhsim.view.viewer.BLOCK_TICKS", 50)
     path = tmp_path / "blocks.rrd"
     view_result(result, parse_target(str(path)), every=3)
     blocks = Recording(path)
@@ -268,12 +268,12 @@ def test_a_viewer_that_is_open_gets_the_same(result: Result, written: Path, tmp_
 
 def test_spawn_opens_a_viewer_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with listening(tmp_path / "got.rrd") as (port, _):
-        monkeypatch.setattr("hhsim.rerun_target.viewer_program", lambda: pytest.fail("one is open already"))
+        monkeypatch.setattr("hhsim.view.sink.viewer_program", lambda: pytest.fail("one is open already"))
         open_viewer(port)
     broken = tmp_path / "rerun"
     broken.write_text("#!/bin/sh\necho no graphics adapter >&2\nexit 3\n")
     broken.chmod(0o755)
-    monkeypatch.setattr("hhsim.rerun_target.viewer_program", lambda: str(broken))
+    monkeypatch.setattr("hhsim.view.sink.viewer_program", lambda: str(broken))
     with pytest.raises(InputError, match="does not start: no graphics adapter"):
         open_viewer(port)
 

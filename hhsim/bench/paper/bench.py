@@ -11,18 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from hhsim.bench.paper.run import SceneRun, at_contacts, play, play_again
+from hhsim.bench.paper.scenarios import paper_scenarios
+from hhsim.bench.paper.scene import Stage, make_stage
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand import HandModel
-from hhsim.interrupt import interruptible_between
-from hhsim.object_catalogue import load_object, object_names
-from hhsim.paper_run import SceneRun, at_contacts, play, play_again
-from hhsim.paper_scenarios import paper_scenarios
-from hhsim.paper_stage import Stage, make_stage
-from hhsim.solver_options import METHODS, SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.warm_up import warm_up
-from hhsim.workers import usual_threads
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.solver.compile import warm_up
+from hhsim.solver.options import METHODS, SolverOptions
+from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.thread_pool import usual_threads
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 Progress = Callable[[str, int, int], None]
 

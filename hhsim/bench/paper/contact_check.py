@@ -3,15 +3,15 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
+from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.script import Script
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.touch import touch_distances
-from hhsim.trajectory import TickInput, Trajectory
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.motion.trajectory import TickInput, Trajectory
+from hhsim.scene.contact_goals import touch_distances
+from hhsim.scene.script import Script
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,5 @@
-"""Search for a hand's place on an object: `python -m hhsim.placement_search trajectories/handle.toml cup [OPTIONS]`.
+"""Search for a hand's place on an object: `python -m hhsim.bench.paper.placement_search trajectories/handle.toml cup
+[OPTIONS]`.
 
 Prints the [[placement]] table that the script then keeps. Random places near the demanded regions, the best of them
 improved by a random walk of shrinking steps, and the best of those played through by the solver, which has the last
@@ -15,22 +16,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.closing import Closing, body_distances
+from hhsim.bench.paper.contact_check import check_holds
 from hhsim.errors import HhsimError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.hold_touches import check_holds
-from hhsim.kernels import closing as kernel
-from hhsim.kernels.hand import BODY_COUNT, PALM_BODY
-from hhsim.object_catalogue import load_object
-from hhsim.placed_closing import PlacedCloser
-from hhsim.placement import Placement
-from hhsim.regions import object_region
-from hhsim.script import Script, read_script
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.synthesis import quaternion_from_matrix, synthesize
-from hhsim.touch import ANYWHERE, PALM, TOUCHING, Touch
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.kernels.hand import finger_closure as kernel
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
+from hhsim.mesh.catalogue import load_object
+from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.scene.closure_at_pose import PlacedCloser
+from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch
+from hhsim.scene.finger_closure import Closing, body_distances
+from hhsim.scene.object_regions import object_region
+from hhsim.scene.script import Script, read_script
+from hhsim.scene.stored_pose import Placement
+from hhsim.scene.synthesis import synthesize
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 
@@ -321,7 +323,7 @@ class PlacementSearch:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.placement_search", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hhsim.bench.paper.placement_search", description=__doc__)
     parser.add_argument("script", type=Path)
     parser.add_argument("object")
     parser.add_argument("--from", dest="come_from", help="direction that the hand comes from, such as 0,0,1")

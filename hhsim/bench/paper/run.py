@@ -13,22 +13,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.disturbance import Disturbance
+from hhsim.bench.paper.contact_check import hold_distances
+from hhsim.bench.paper.scenarios import Scenario
+from hhsim.bench.paper.scene import RATE, Stage, held_ticks
 from hhsim.errors import HhsimError
-from hhsim.hand import FINGERS
-from hhsim.hold_touches import hold_distances
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import WORK_CANDIDATES, WORK_TOUCHING
-from hhsim.metrics import HandPoses, component_variation_rate, force_variation_rate, hand_clearance
-from hhsim.paper_scenarios import Scenario
-from hhsim.paper_stage import RATE, Stage, held_ticks
-from hhsim.placed_hand import hand_shape
-from hhsim.script import Script
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.touch import TOUCHING, Touch
-from hhsim.trajectory import TickInput
-from hhsim.tremor_hold import TREMOR, trembling_hold
+from hhsim.hand.forward_kinematics import hand_shape
+from hhsim.hand.model import FINGERS
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.metrics.metrics import HandPoses, component_variation_rate, force_variation_rate, hand_clearance
+from hhsim.motion.trajectory import TickInput
+from hhsim.motion.tremor import Disturbance
+from hhsim.replay.tremor_hold import TREMOR, trembling_hold
+from hhsim.scene.contact_goals import TOUCHING, Touch
+from hhsim.scene.script import Script
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hhsim.errors import UnknownNameError
-from hhsim.object_catalogue import object_names
-from hhsim.trajectory_catalogue import load_script, script_names
+from hhsim.mesh.catalogue import object_names
+from hhsim.scene.motion_catalogue import load_script, script_names
 
 SLIDING = "sliding"
 """In place of a figure: the paper describes sliding on the five simple objects without one."""

@@ -12,23 +12,24 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.closing import Closing, body_distances
+from hhsim.bench.paper.contact_check import check_holds
+from hhsim.bench.paper.placement_search import turned_by
+from hhsim.bench.paper.scenarios import Scenario
 from hhsim.errors import HhsimError
-from hhsim.hand import HandModel
-from hhsim.hold_touches import check_holds
-from hhsim.kernels.hand import PALM_BODY
-from hhsim.kernels.tree import TreeArrays
-from hhsim.paper_scenarios import Scenario
-from hhsim.placed_closing import PlacedCloser
-from hhsim.placement import Placement
-from hhsim.placement_search import turned_by
-from hhsim.script import Script, ScriptPhase
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.synthesis import planned, quaternion_from_matrix, synthesize
-from hhsim.touch import TOUCHING
-from hhsim.trajectory import TickInput
-from hhsim.trajectory_catalogue import load_script
+from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.kinematics import PALM_BODY
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.motion.trajectory import TickInput
+from hhsim.scene.closure_at_pose import PlacedCloser
+from hhsim.scene.contact_goals import TOUCHING
+from hhsim.scene.finger_closure import Closing, body_distances
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.script import Script, ScriptPhase
+from hhsim.scene.stored_pose import Placement
+from hhsim.scene.synthesis import planned, synthesize
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

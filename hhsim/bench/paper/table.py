@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench_file import Column
-from hhsim.bench_paper import CONTACTS, PaperOptions, PaperRuns, percentile
-from hhsim.kernels.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
-from hhsim.object_catalogue import object_names
-from hhsim.paper_run import NOISES, SceneRun
-from hhsim.paper_scenarios import CASES, SLIDING
-from hhsim.paper_stage import held_ticks
-from hhsim.solver_options import SAFE_METHODS
+from hhsim.bench.paper.bench import CONTACTS, PaperOptions, PaperRuns, percentile
+from hhsim.bench.paper.run import NOISES, SceneRun
+from hhsim.bench.paper.scenarios import CASES, SLIDING
+from hhsim.bench.paper.scene import held_ticks
+from hhsim.bench.table import Column
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
+from hhsim.mesh.catalogue import object_names
+from hhsim.solver.options import SAFE_METHODS
 
 SIMPLE_MEAN = {
     "sphere": 0.41e-3,

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.qp import ACTIVE_SET, BACKEND_OPTIONS
-from hhsim.qp_program import Program
+from hhsim.bench.qp.program import Program
+from hhsim.solver.qp import ACTIVE_SET, BACKEND_OPTIONS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -153,7 +153,7 @@ def overhead(backend: str, repeats: int = 200) -> float:
 
 def other_backends() -> list[str]:
     """Installed ones besides our own."""
-    from hhsim.qp import available_backends
+    from hhsim.solver.qp import available_backends
 
     return [name for name in available_backends() if name != ACTIVE_SET]
 

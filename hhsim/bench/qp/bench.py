@@ -1,8 +1,9 @@
 """`hhsim bench qp`: the programs of real ticks, the degenerate sets, and every solver at hand side by side.
 
-Three parts. `harvest`: our solver on programs of real ticks (`hhsim.qp_harvest`), from nothing and from the guess that
-the tick had, every answer checked from the program alone (`hhsim.qp_check`). `degenerate`: every solver on the sets
-that are known to hurt. `time`: every solver on the same programs, in turns, by its best native call.
+Three parts. `harvest`: our solver on programs of real ticks (`hhsim.bench.qp.recorded_problems`), from nothing and from
+the guess that the tick had, every answer checked from the program alone (`hhsim.bench.qp.kkt_check`). `degenerate`:
+every solver on the sets that are known to hurt. `time`: every solver on the same programs, in turns, by its best native
+call.
 """
 
 import importlib.metadata
@@ -14,16 +15,24 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench_file import Column
+from hhsim.bench.qp.backends import (
+    KNOWN_BACKENDS,
+    Conditioned,
+    PreparedCall,
+    condition,
+    other_backends,
+    overhead,
+    prepare,
+)
+from hhsim.bench.qp.degenerate_problems import FEASIBLE_SETS, INFEASIBLE_SETS, VARIABLES, degenerate_set
+from hhsim.bench.qp.kkt_check import least_violation
+from hhsim.bench.qp.program import Program, ProgramSolver
+from hhsim.bench.qp.random_problems import SIZES, contact_programs
+from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS, RANDOM, harvest
+from hhsim.bench.qp.statistics import OWN_LIMIT, Tally, percentile
+from hhsim.bench.table import Column
 from hhsim.errors import UnknownNameError
-from hhsim.qp import ACTIVE_SET
-from hhsim.qp_backends import KNOWN_BACKENDS, Conditioned, PreparedCall, condition, other_backends, overhead, prepare
-from hhsim.qp_check import least_violation
-from hhsim.qp_degenerate import FEASIBLE_SETS, INFEASIBLE_SETS, VARIABLES, degenerate_set
-from hhsim.qp_harvest import MOTIONS, OBJECTS, RANDOM, harvest
-from hhsim.qp_program import Program, ProgramSolver
-from hhsim.qp_sizes import SIZES, contact_programs
-from hhsim.qp_tally import OWN_LIMIT, Tally, percentile
+from hhsim.solver.qp import ACTIVE_SET
 
 Progress = Callable[[str, int, int], None]
 
@@ -109,8 +118,8 @@ def check_names(options: QpBenchOptions) -> None:
     Raises:
         UnknownNameError: An object, a motion or a solver that there is not.
     """
-    from hhsim.object_catalogue import object_names
-    from hhsim.trajectory_catalogue import script_names
+    from hhsim.mesh.catalogue import object_names
+    from hhsim.scene.motion_catalogue import script_names
 
     options.solvers()
     for name in options.objects:

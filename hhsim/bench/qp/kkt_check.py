@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.qp_program import Program
+from hhsim.bench.qp.program import Program
 
 FloatArray = NDArray[np.float64]
 

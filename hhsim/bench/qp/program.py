@@ -2,7 +2,7 @@
 
     minimise ½ |x - x₀|²   subject to   a_i · x >= b_i
 
-in the conditioned variables x = √G δ [√J], see `hhsim.kernels.active_set`.
+in the conditioned variables x = √G δ [√J], see `hhsim.kernels.qp.active_set`.
 """
 
 import time
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.active_set import INFEASIBLE, OPTIMAL, new_work
-from hhsim.kernels.program import PROGRAM, solve_repeatedly
+from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, new_work
+from hhsim.kernels.qp.standalone import PROGRAM, solve_repeatedly
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -134,7 +134,7 @@ class Outcome:
     """What the active set answered.
 
     Attributes:
-        status: Of `hhsim.kernels.active_set`.
+        status: Of `hhsim.kernels.qp.active_set`.
         x: shape (n,) [√J].
         multiplier: Of each row as given, shape (m,).
         certificate: Farkas' y >= 0 for the normalised rows where infeasible, shape (m,); else None.

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hhsim.qp_program import Program, dense_program
+from hhsim.bench.qp.program import Program, dense_program
 
 SIZES = ((3, 10), (3, 100), (6, 100), (6, 250), (21, 50), (21, 250), (21, 500))
 """Variables and rows."""

@@ -11,23 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.backend import drive_tick
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
-from hhsim.kernels.active_set import OPTIMAL
-from hhsim.kernels.coupled import coupled_groups, solve_coupled
-from hhsim.kernels.hand import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.linearise import limit_start
-from hhsim.kernels.progressive import YIELD_SCALE, finger_rhs, solve_progressive
-from hhsim.kernels.step import guess_rows
-from hhsim.kernels.tick import set_haptic
-from hhsim.kernels.tick_state import METHOD_COUPLED, WORK_CANDIDATES, WORK_LINEARISATIONS
-from hhsim.qp_program import Program, ProgramSolver
-from hhsim.scene import Scene, make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.stress import RandomTargets, StressOptions
+from hhsim.bench.qp.program import Program, ProgramSolver
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.linearise import limit_start
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.qp.active_set import OPTIMAL
+from hhsim.kernels.tick.coupled import coupled_groups, solve_coupled
+from hhsim.kernels.tick.progressive import YIELD_SCALE, finger_rhs, solve_progressive
+from hhsim.kernels.tick.state import METHOD_COUPLED, WORK_CANDIDATES, WORK_LINEARISATIONS
+from hhsim.kernels.tick.step import guess_rows
+from hhsim.kernels.tick.tick import set_haptic
+from hhsim.motion.tick_motion import HandMotion
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.solver.external_qp_loop import drive_tick
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -86,8 +86,8 @@ def harvest(
 
 
 def _scene(hand: HandModel, object_: str, motion: str, seed: int) -> tuple[SphereTree, HandMotion]:
-    from hhsim.object_catalogue import load_object
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+    from hhsim.mesh.catalogue import load_object
+    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
     item = load_object(object_)
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
@@ -95,7 +95,7 @@ def _scene(hand: HandModel, object_: str, motion: str, seed: int) -> tuple[Spher
         options = StressOptions(bound="none")
         targets = RandomTargets(hand, seed, options, center=tree.center[0], height=0.25)
         return tree, targets.take(RANDOM_TICKS)
-    from hhsim.trajectory_catalogue import load_script
+    from hhsim.scene.motion_catalogue import load_script
 
     scene: Scene = make_scene(item.mesh, tree, hand, load_script(motion), seed=seed)
     ticks = scene.ticks

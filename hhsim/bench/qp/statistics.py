@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.active_set import INFEASIBLE, OPTIMAL
-from hhsim.qp_backends import Answer
-from hhsim.qp_check import CERTIFIED_RADIUS, certified_radius, residuals
-from hhsim.qp_program import Outcome, Program
+from hhsim.bench.qp.backends import Answer
+from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residuals
+from hhsim.bench.qp.program import Outcome, Program
+from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL
 
 FloatArray = NDArray[np.float64]
 

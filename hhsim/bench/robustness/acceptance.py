@@ -1,24 +1,25 @@
 """What is judged of every hard case alike: penetration, finite numbers, joint limits, stuck ticks.
 
 Nothing of it is the solver's word but the bit that says a tick was stuck: penetration is recomputed from the recorded
-poses, and a stuck tick is explained only where `hhsim.stuck`, which shares nothing with a tick, finds no way either.
+poses, and a stuck tick is explained only where `hhsim.bench.robustness.local_optimality`, which shares nothing with a
+tick, finds no way either.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
-from hhsim.hard_case import DEEPEST, Figure, Outcome
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.pose import is_finite_configuration
-from hhsim.kernels.tick_state import STATUS_HELD, STATUS_STUCK
-from hhsim.kernels.tree import TreeArrays
-from hhsim.metrics import hand_clearance, penetration
-from hhsim.placed_hand import PlacedHand
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.stuck import way_out
+from hhsim.bench.robustness.case import DEEPEST, Figure, Outcome
+from hhsim.bench.robustness.local_optimality import way_out
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.pose import is_finite_configuration
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_HELD, STATUS_STUCK
+from hhsim.metrics.metrics import hand_clearance, penetration
+from hhsim.motion.tick_motion import HandMotion
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

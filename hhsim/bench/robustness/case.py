@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import HapticMotion
-from hhsim.kernels.block import TickRecord
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.motion.analytic_motion import HapticMotion
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ class Outcome:
         nonfinite: Numbers of the record that are not finite.
         limit_excess: How far a joint was beyond its limits at most [rad].
         stuck: Ticks that kept the last feasible hand.
-        unexplained: Of those, the ones from where a hand can move, see `hhsim.stuck`.
+        unexplained: Of those, the ones from where a hand can move, see `hhsim.bench.robustness.local_optimality`.
         lagging: Ticks with distance still to go.
         lag: The most of it [m].
         marked: Shown hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).

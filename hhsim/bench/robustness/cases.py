@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
+from hhsim.bench.robustness.case import HardCase
+from hhsim.bench.robustness.contact_cases import CONTACT_CASES
+from hhsim.bench.robustness.endurance_cases import endurance_case
+from hhsim.bench.robustness.input_cases import INPUT_CASES
+from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES
 from hhsim.errors import UnknownNameError
-from hhsim.hard_case import HardCase
-from hhsim.hard_contact_cases import CONTACT_CASES
-from hhsim.hard_endurance import endurance_case
-from hhsim.hard_input_cases import INPUT_CASES
-from hhsim.hard_invariance_cases import INVARIANCE_CASES
 
 ENDURANCE_TICKS = 20_000
 """Of the closed loops, where nothing else is said; ten minutes at 1 kHz are 600,000."""

@@ -5,16 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.haptic_motion import HapticMotion, quaternion, quaternion_product, random_targets, sequence, still
-from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_judge import least_clearance, part_of, pose_clearance
-from hhsim.hard_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
-from hhsim.hard_postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
-from hhsim.metrics import frozen_decay
-from hhsim.object_catalogue import load_object
-from hhsim.sphere_tree import SphereTree
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.bench.robustness.acceptance import least_clearance, part_of, pose_clearance
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
+from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.metrics import frozen_decay
+from hhsim.motion.analytic_motion import HapticMotion, random_targets, sequence, still
+from hhsim.motion.quaternion import quaternion, quaternion_product
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

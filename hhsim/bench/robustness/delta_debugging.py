@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.hand_motion import HandMotion, joined
+from hhsim.motion.tick_motion import HandMotion, joined
 
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hhsim.haptic_motion import HapticMotion, quaternion, sequence, still
-from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_objects import coarse_ball, right_hand
-from hhsim.hard_postures import HALF
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.postures import HALF
+from hhsim.bench.robustness.sphere_objects import coarse_ball, right_hand
+from hhsim.motion.analytic_motion import HapticMotion, sequence, still
+from hhsim.motion.quaternion import quaternion
 
 LOOP = 2000
 DRIFT = 1e-9

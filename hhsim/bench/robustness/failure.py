@@ -13,20 +13,20 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.bench.robustness.delta_debugging import Shrunk, Trace, Trial
+from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_STUCK
-from hhsim.kernels.tree import TreeArrays
-from hhsim.metrics import Penetration, penetration
-from hhsim.shrink import Shrunk, Trace, Trial
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions, Stiffness
-from hhsim.sphere_tree import SphereTree
-from hhsim.stuck import way_out
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_file import load_trajectory, save_trajectory
+from hhsim.hand.model import HandModel
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_STUCK
+from hhsim.metrics.metrics import Penetration, penetration
+from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.motion.tick_motion import HandMotion
+from hhsim.motion.trajectory import Trajectory
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -41,7 +41,7 @@ MADE_BY = "hhsim failure "
 
 
 def recorded_penetration(hand: HandModel, tree: TreeArrays, record: TickRecord) -> Penetration:
-    """Depths [m] of the hand that a record holds, by `hhsim.metrics`; nothing is taken from the solver."""
+    """Depths [m] of the hand that a record holds, by `hhsim.metrics.metrics`; nothing is taken from the solver."""
     palm = hand.palm_tree
     return penetration(
         tree, hand.radius, palm.leaf_center, palm.leaf_radius, record.joints, record.position, record.orientation
@@ -73,7 +73,7 @@ def is_not_finite() -> Fails:
 
 
 def is_stuck(hand: HandModel, tree: SphereTree, options: SolverOptions) -> Fails:
-    """Fails where a tick kept the last hand although there was a way, by `hhsim.stuck`; finds only the first."""
+    """Fails where a tick kept the last hand although `local_optimality` finds a way; finds only the first."""
 
     def fails(motion: HandMotion, record: TickRecord, depth: Penetration) -> Mask:
         found = np.zeros(motion.ticks, dtype=bool)
@@ -106,7 +106,7 @@ def failure_of(kind: str, hand: HandModel, tree: SphereTree, options: SolverOpti
 
 
 def make_trial(hand: HandModel, tree: SphereTree, solver: Solver, fails: Fails) -> Trial:
-    """A trial for `hhsim.shrink`: a fresh solver runs the motion from its first sample on, as a replay does."""
+    """A trial for `delta_debugging`: a fresh solver runs the motion from its first sample on, as a replay does."""
 
     arrays = tree.arrays()
 

@@ -8,11 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench_file import Column
-from hhsim.errors import HhsimError
-from hhsim.haptic_motion import HapticMotion
-from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_judge import (
+from hhsim.bench.robustness.acceptance import (
     common_figures,
     count_nonfinite,
     limit_excess,
@@ -20,10 +16,14 @@ from hhsim.hard_judge import (
     unexplained_stuck,
     worst_penetration,
 )
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SAFE_METHODS, SolverOptions
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.table import Column
+from hhsim.errors import HhsimError
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.motion.analytic_motion import HapticMotion
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SAFE_METHODS, SolverOptions
 
 Progress = Callable[[str, int, int], None]
 

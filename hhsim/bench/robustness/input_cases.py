@@ -5,18 +5,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.haptic_motion import (
-    HapticMotion,
-    quaternion,
-    quaternion_product,
-    sequence,
-    still,
+from hhsim.bench.robustness.acceptance import (
+    held,
+    least_clearance,
+    motion_difference,
+    part_of,
+    shown_points,
+    sound_samples,
 )
-from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_judge import held, least_clearance, motion_difference, part_of, shown_points, sound_samples
-from hhsim.hard_objects import ball, disc, plate, right_hand, tree_of, usual_ball
-from hhsim.hard_postures import HALF, POINTING, crossings, handling, tip_at
-from hhsim.metrics import frozen_decay
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.postures import HALF, POINTING, crossings, handling, tip_at
+from hhsim.bench.robustness.sphere_objects import ball, disc, plate, right_hand, tree_of, usual_ball
+from hhsim.metrics.metrics import frozen_decay
+from hhsim.motion.analytic_motion import HapticMotion, sequence, still
+from hhsim.motion.quaternion import quaternion, quaternion_product
 
 Array = NDArray[np.float64]
 

@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import HapticMotion, quaternion, quaternion_product, random_targets, rotation_matrix
-from hhsim.hard_case import Figure, HardCase, HardRun, Outcome
-from hhsim.hard_judge import shown_points
-from hhsim.hard_objects import coarse_ball, right_hand, scaled_hand, tree_of, usual_ball
-from hhsim.hard_postures import handling
-from hhsim.solver_options import SolverOptions, Stiffness
-from hhsim.sphere_tree import SphereTree
+from hhsim.bench.robustness.acceptance import shown_points
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.postures import handling
+from hhsim.bench.robustness.sphere_objects import coarse_ball, right_hand, scaled_hand, tree_of, usual_ball
+from hhsim.hand.model import HandModel
+from hhsim.motion.analytic_motion import HapticMotion, random_targets
+from hhsim.motion.quaternion import quaternion, quaternion_product, rotation_matrix
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 Adapt = Callable[[SolverOptions], SolverOptions]

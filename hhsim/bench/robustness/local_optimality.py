@@ -7,13 +7,13 @@ their derivatives by differences, and whether a step is free is decided by the d
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.brute_distance import palm_spheres, round_cone_distance
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
+from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
-from hhsim.qp import QpProblem, QpStatus, solve
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
+from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
+from hhsim.motion.tick_motion import HandMotion
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.qp import QpProblem, QpStatus, solve
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array, Array, Array]

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import UPRIGHT, HapticMotion, quaternion, quaternion_product, still
+from hhsim.hand.model import HandModel
+from hhsim.motion.analytic_motion import UPRIGHT, HapticMotion, still
+from hhsim.motion.quaternion import quaternion, quaternion_product
 
 Array = NDArray[np.float64]
 

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion, joined
+from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.motion.tick_motion import HandMotion, joined
 
 Array = NDArray[np.float64]
 Bound = Literal["palm", "hand", "none"]

@@ -1,7 +1,8 @@
 """`hhsim bench recorded`: recordings of real hands, each against every object, by every method, every tick measured.
 
 Penetration is recomputed from the recorded poses, and on a share of the ticks in touch once more by brute force over
-all leaves; a stuck tick is judged by `hhsim.stuck`. A recording that cannot be read or placed is a row with the reason.
+all leaves; a stuck tick is judged by `hhsim.bench.robustness.local_optimality`. A recording that cannot be read or
+placed is a row with the reason.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,28 +13,28 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.brute_distance import brute_clearance
+from hhsim.bench.robustness.acceptance import unexplained_stuck
+from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_penetration
+from hhsim.bench.robustness.recorded_metrics import RecordedFigures, longest_run
 from hhsim.errors import HhsimError, InputError
-from hhsim.failure import SAFE_DEPTH, not_finite, recorded_penetration
-from hhsim.grasp_placement import place_at_grasp
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
-from hhsim.hard_judge import unexplained_stuck
-from hhsim.interrupt import interruptible_between
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
-from hhsim.log_histogram import LogHistogram
-from hhsim.mesh import Mesh
-from hhsim.metrics import force_variation_rate, sample_variation_rate, statistics
-from hhsim.placed_hand import placed_hand
-from hhsim.recorded_figures import RecordedFigures, longest_run
-from hhsim.scene import Scene, make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory import ResampleMode, TickInput, Trajectory
-from hhsim.trajectory_catalogue import IMPORTED_SUFFIXES, RECORDING_SUFFIXES, load_recorded
-from hhsim.warm_up import warm_up
+from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.brute_force_distance import brute_clearance
+from hhsim.metrics.metrics import force_variation_rate, sample_variation_rate, statistics
+from hhsim.motion.tick_motion import HandMotion
+from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
+from hhsim.scene.motion_catalogue import IMPORTED_SUFFIXES, RECORDING_SUFFIXES, load_recorded
+from hhsim.scene.recorded_grasp_pose import place_at_grasp
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.log_histogram import LogHistogram
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 Placing = Literal["auto", "recorded"]

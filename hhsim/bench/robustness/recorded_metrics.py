@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench_file import Column
-from hhsim.failure import SAFE_DEPTH
-from hhsim.log_histogram import CpuTimes, LogHistogram
-from hhsim.metrics import statistics
-from hhsim.solver_options import SAFE_METHODS
+from hhsim.bench.robustness.failure import SAFE_DEPTH
+from hhsim.bench.table import Column
+from hhsim.metrics.metrics import statistics
+from hhsim.solver.options import SAFE_METHODS
+from hhsim.system.log_histogram import CpuTimes, LogHistogram
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,11 +7,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.ball_hierarchy import build_hierarchy
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import HapticMotion, rotation_matrix
-from hhsim.mesh import Mesh
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.motion.analytic_motion import HapticMotion
+from hhsim.motion.quaternion import rotation_matrix
+from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

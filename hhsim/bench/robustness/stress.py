@@ -13,17 +13,24 @@ from pathlib import Path
 
 import numpy as np
 
-from hhsim.destination import free_name
+from hhsim.bench.robustness.delta_debugging import Shrunk, shrink
+from hhsim.bench.robustness.failure import (
+    Provenance,
+    failure_of,
+    keep_failure,
+    make_trial,
+    recorded_motion,
+    recorded_penetration,
+)
+from hhsim.bench.robustness.stress_case import StressCase
+from hhsim.bench.robustness.stress_measurement import StressMeasure
+from hhsim.bench.robustness.stress_metrics import KeptFailure, StressFigures
 from hhsim.errors import InputError
-from hhsim.failure import Provenance, failure_of, keep_failure, make_trial, recorded_motion, recorded_penetration
-from hhsim.hand_motion import HandMotion, joined
-from hhsim.interrupt import interruptible_between
-from hhsim.shrink import Shrunk, shrink
-from hhsim.solver import HandSolver
-from hhsim.stress_case import StressCase
-from hhsim.stress_figures import KeptFailure, StressFigures
-from hhsim.stress_measure import StressMeasure
-from hhsim.warm_up import warm_up
+from hhsim.motion.tick_motion import HandMotion, joined
+from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.output_path import free_name
 
 Progress = Callable[[str, int, int], None]
 MakeSolver = Callable[[StressCase], HandSolver]

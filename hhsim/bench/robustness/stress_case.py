@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from hhsim.hand import HandModel
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.stress import RandomTargets, StressOptions
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.hand.model import HandModel
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

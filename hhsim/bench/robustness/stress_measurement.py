@@ -3,16 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.brute_distance import brute_clearance
-from hhsim.failure import SAFE_DEPTH, not_finite, recorded_motion
-from hhsim.hand_motion import HandMotion, joined
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_HELD, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
-from hhsim.log_histogram import LogHistogram
-from hhsim.metrics import Penetration, hand_clearance
-from hhsim.stress_case import StressCase
-from hhsim.stress_figures import KeptFailure, StressFigures
-from hhsim.stuck import way_out
+from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_motion
+from hhsim.bench.robustness.local_optimality import way_out
+from hhsim.bench.robustness.stress_case import StressCase
+from hhsim.bench.robustness.stress_metrics import KeptFailure, StressFigures
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_HELD, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.metrics.brute_force_distance import brute_clearance
+from hhsim.metrics.metrics import Penetration, hand_clearance
+from hhsim.motion.tick_motion import HandMotion, joined
+from hhsim.system.log_histogram import LogHistogram
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

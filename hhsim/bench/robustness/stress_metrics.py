@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from hhsim.bench_file import Column
-from hhsim.failure import SAFE_DEPTH
-from hhsim.log_histogram import CpuTimes, LogHistogram
-from hhsim.solver_options import SAFE_METHODS
+from hhsim.bench.robustness.failure import SAFE_DEPTH
+from hhsim.bench.table import Column
+from hhsim.solver.options import SAFE_METHODS
+from hhsim.system.log_histogram import CpuTimes, LogHistogram
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class StressFigures(CpuTimes):
     """What a case gave; lengths [m], forces [N], times [s], counts of ticks.
 
     `coupling_force` is the coupling's own at the tick of the largest force, palm and joints together, and `force_ratio`
-    the largest ratio of the two at any tick. `unexplained` are the stuck ticks that had a way out (`hhsim.stuck`), of
-    those looked into. `brute_ticks` were recomputed over all leaves; `brute_difference` is the largest disagreement
-    with what the trees gave.
+    the largest ratio of the two at any tick. `unexplained` are the stuck ticks that had a way out
+    (`hhsim.bench.robustness.local_optimality`), of those looked into. `brute_ticks` were recomputed over all leaves;
+    `brute_difference` is the largest disagreement with what the trees gave.
     """
 
     object: str

@@ -8,11 +8,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .distance import cone_slope, round_cone_parameter
-from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from .jit import jit
-from .rotation import quaternion_to_matrix
-from .tree import STACK_SIZE, TreeArrays, gather_round_cone
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.jit import jit
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.kernels.round_cone_distance import cone_slope, round_cone_parameter
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 SURE = 1e-12
 """Distances are computed to a small part of this [m]."""

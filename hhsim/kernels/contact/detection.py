@@ -16,10 +16,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .distance import round_cone_distances, sphere_pair_distances
-from .hand import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from .jit import Record, as_int64, jit, jit_inline, jit_vector
-from .tree import STACK_SIZE, TreeArrays, gather_round_cone
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_vector
+from hhsim.kernels.round_cone_distance import round_cone_distances, sphere_pair_distances
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

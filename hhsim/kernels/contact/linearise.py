@@ -17,9 +17,9 @@ multipliers come out in N for contacts and N·m for joint limits.
 import numpy as np
 from numpy.typing import NDArray
 
-from .contact import CONTACT_ROWS
-from .hand import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from .jit import Record, jit, jit_vector
+from hhsim.kernels.contact.detection import CONTACT_ROWS
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.jit import Record, jit, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -11,12 +11,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .distance import cone_slope, round_cone_parameter
-from .hand import FINGER_COUNT, PHALANX_COUNT
-from .jit import jit
-from .median_tree import STACK
-from .mesh_bvh import MeshBvh, closest_on_mesh, outside
-from .tree import STACK_SIZE, TreeArrays, gather_round_cone
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.jit import jit
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside
+from hhsim.kernels.round_cone_distance import cone_slope, round_cone_parameter
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

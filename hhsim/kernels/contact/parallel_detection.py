@@ -3,11 +3,20 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .contact import evaluate_range, part_cost
-from .crew import NOTHING, PARTS, TASK_DISTANCES, await_done, item_done, post, sort_parts, take_item
-from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays
-from .jit import Record, as_int64, jit
-from .tree import TreeArrays
+from hhsim.kernels.contact.detection import evaluate_range, part_cost
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.parallel.thread_team import (
+    NOTHING,
+    PARTS,
+    TASK_DISTANCES,
+    await_done,
+    item_done,
+    post,
+    sort_parts,
+    take_item,
+)
+from hhsim.kernels.sphere_tree import TreeArrays
 
 Indices = NDArray[np.int64]
 

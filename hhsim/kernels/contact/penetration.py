@@ -9,10 +9,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .distance import cone_slope
-from .hand import FINGER_COUNT, PHALANX_COUNT
-from .jit import jit
-from .tree import STACK_SIZE, TreeArrays, nearest_leaf_round_cone
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.jit import jit
+from hhsim.kernels.round_cone_distance import cone_slope
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, nearest_leaf_round_cone
 
 Array = NDArray[np.float64]
 

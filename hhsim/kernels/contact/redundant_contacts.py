@@ -22,8 +22,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays
-from .jit import Record, as_int64, jit, jit_vector
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.jit import Record, as_int64, jit, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

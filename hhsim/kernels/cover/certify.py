@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit
-from .micro_triangle import CUT_STACK
-from .triangle import longest_edge
+from hhsim.kernels.cover.micro_triangle import CUT_STACK
+from hhsim.kernels.jit import jit
+from hhsim.kernels.triangle import longest_edge
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

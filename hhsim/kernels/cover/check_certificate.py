@@ -6,7 +6,7 @@ Apart from the builder and from what made the proof: it shares no code with them
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit
+from hhsim.kernels.jit import jit
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int32]

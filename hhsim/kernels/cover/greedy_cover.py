@@ -11,13 +11,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .ball_descent import WORK, descend_ball
-from .inner_ball import far_corner2, place_ball
-from .jit import jit, jit_inline
-from .median_tree import STACK
-from .mesh_bvh import MeshBvh
-from .micro_triangle import MicroTriangles
-from .triangle import longest_edge
+from hhsim.kernels.cover.inscribed_sphere import far_corner2, place_ball
+from hhsim.kernels.cover.micro_triangle import MicroTriangles
+from hhsim.kernels.cover.sphere_descent import WORK, descend_ball
+from hhsim.kernels.jit import jit, jit_inline
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import MeshBvh
+from hhsim.kernels.triangle import longest_edge
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

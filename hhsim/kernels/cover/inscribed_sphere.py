@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit
-from .mesh_bvh import MeshBvh, closest_on_mesh, outside
-from .micro_triangle import MicroTriangles
+from hhsim.kernels.cover.micro_triangle import MicroTriangles
+from hhsim.kernels.jit import jit
+from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .inner_ball import far_corner2
-from .jit import as_int64, jit
+from hhsim.kernels.cover.inscribed_sphere import far_corner2
+from hhsim.kernels.jit import as_int64, jit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

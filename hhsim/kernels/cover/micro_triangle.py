@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit
-from .median_tree import build_median_tree
-from .triangle import longest_edge
+from hhsim.kernels.jit import jit
+from hhsim.kernels.kd_tree import build_median_tree
+from hhsim.kernels.triangle import longest_edge
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

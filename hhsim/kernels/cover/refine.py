@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .ball_descent import WORK, descend_ball
-from .jit import jit
-from .median_tree import STACK
-from .mesh_bvh import MeshBvh
-from .micro_triangle import MicroTriangles
+from hhsim.kernels.cover.micro_triangle import MicroTriangles
+from hhsim.kernels.cover.sphere_descent import WORK, descend_ball
+from hhsim.kernels.jit import jit
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import MeshBvh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

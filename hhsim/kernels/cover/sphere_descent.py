@@ -13,10 +13,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .inner_ball import depth_at
-from .jit import as_int64, jit, jit_inline
-from .mesh_bvh import MeshBvh
-from .micro_triangle import MicroTriangles
+from hhsim.kernels.cover.inscribed_sphere import depth_at
+from hhsim.kernels.cover.micro_triangle import MicroTriangles
+from hhsim.kernels.jit import as_int64, jit, jit_inline
+from hhsim.kernels.mesh.bvh import MeshBvh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .distance import round_cone_parameter
-from .hand import BODY_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, forward_kinematics
-from .jit import jit
-from .tree import TreeArrays, nearest_leaf_round_cone
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, forward_kinematics
+from hhsim.kernels.jit import jit
+from hhsim.kernels.round_cone_distance import round_cone_parameter
+from hhsim.kernels.sphere_tree import TreeArrays, nearest_leaf_round_cone
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

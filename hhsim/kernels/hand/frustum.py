@@ -15,8 +15,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays
-from .jit import Record, jit, jit_inline
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.jit import Record, jit, jit_inline
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit
+from hhsim.kernels.jit import jit
 
 Array = NDArray[np.float64]
 

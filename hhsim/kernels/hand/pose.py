@@ -7,9 +7,9 @@ pass, and count references to, every array in it on every call.
 import numpy as np
 from numpy.typing import NDArray
 
-from .hand import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
-from .jit import Record, jit
-from .rotation import quaternion_to_matrix, rotate_quaternion
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
+from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion
 
 Array = NDArray[np.float64]
 

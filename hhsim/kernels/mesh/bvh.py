@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit, jit_inline
-from .median_tree import STACK, build_median_tree
-from .triangle import closest_on_triangle
+from hhsim.kernels.jit import jit, jit_inline
+from hhsim.kernels.kd_tree import STACK, build_median_tree
+from hhsim.kernels.triangle import closest_on_triangle
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

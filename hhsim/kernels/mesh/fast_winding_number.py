@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit
-from .median_tree import STACK
-from .mesh_bvh import MeshBvh
-from .winding import turned_by
+from hhsim.kernels.jit import jit
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import MeshBvh
+from hhsim.kernels.mesh.winding_number import turned_by
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

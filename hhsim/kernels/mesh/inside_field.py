@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .fast_winding import WindingMoments, winding_at
-from .jit import as_int64, jit, jit_inline
-from .median_tree import STACK
-from .mesh_bvh import MeshBvh, closest_on_mesh
+from hhsim.kernels.jit import as_int64, jit, jit_inline
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh
+from hhsim.kernels.mesh.fast_winding_number import WindingMoments, winding_at
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

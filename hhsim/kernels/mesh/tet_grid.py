@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit, jit_inline
+from hhsim.kernels.jit import jit, jit_inline
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

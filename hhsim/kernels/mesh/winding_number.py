@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import jit, jit_inline
+from hhsim.kernels.jit import jit, jit_inline
 
 SMALL = 1.0e-100
 

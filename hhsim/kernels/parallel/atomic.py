@@ -17,7 +17,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from .jit import JIT_ENABLED, jit_inline
+from hhsim.kernels.jit import JIT_ENABLED, jit_inline
 
 Indices = NDArray[np.int64]
 

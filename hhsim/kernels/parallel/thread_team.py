@@ -14,10 +14,17 @@ what, and when.
 import numpy as np
 from numpy.typing import NDArray
 
-from .atomic import compare_exchange, fetch_add, load_acquire, pause, store_release, yield_processor
-from .clock import cpu_ns, thread_cpu_ns
-from .hand import FINGER_COUNT
-from .jit import Record, as_int64, jit
+from hhsim.kernels.clock import cpu_ns, thread_cpu_ns
+from hhsim.kernels.hand.kinematics import FINGER_COUNT
+from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.parallel.atomic import (
+    compare_exchange,
+    fetch_add,
+    load_acquire,
+    pause,
+    store_release,
+    yield_processor,
+)
 
 Indices = NDArray[np.int64]
 

@@ -22,9 +22,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .factors import LANES, append, back_substitute, project, remove, resolve, work_dtype
-from .jit import Record, as_int64, jit
-from .program_rows import ROWS_NAN, ROWS_ZERO, most_violated, row_lengths, row_violations, unsound_rows
+from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.qp.qr_update import LANES, append, back_substitute, project, remove, resolve, work_dtype
+from hhsim.kernels.qp.row_scan import ROWS_NAN, ROWS_ZERO, most_violated, row_lengths, row_violations, unsound_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

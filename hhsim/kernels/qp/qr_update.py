@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import Record, jit, jit_vector
+from hhsim.kernels.jit import Record, jit, jit_vector
 
 Array = NDArray[np.float64]
 

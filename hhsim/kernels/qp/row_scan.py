@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import as_int64, jit, jit_vector
+from hhsim.kernels.jit import as_int64, jit, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

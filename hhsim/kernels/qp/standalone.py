@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import CAPACITY, N_MAX, solve
-from .clock import monotonic_ns
-from .jit import Record, jit
+from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.qp.active_set import CAPACITY, N_MAX, solve
 
 Indices = NDArray[np.int64]
 

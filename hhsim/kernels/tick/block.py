@@ -5,14 +5,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import QpWork
-from .clock import monotonic_ns
-from .crew import crew_cpu_ns
-from .hand import HandArrays
-from .jit import Record, jit
-from .tick import set_haptic, tick
-from .tick_state import STATUS_FULL, TickOptions
-from .tree import TreeArrays
+from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.hand.kinematics import HandArrays
+from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.parallel.thread_team import crew_cpu_ns
+from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.state import STATUS_FULL, TickOptions
+from hhsim.kernels.tick.tick import set_haptic, tick
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

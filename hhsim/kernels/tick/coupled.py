@@ -7,13 +7,13 @@ and since standing still is always feasible, so is the program.
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import OPTIMAL, QpWork, solve
-from .clock import monotonic_ns
-from .hand import DOF, FINGER_COUNT
-from .jit import Record, as_int64, jit
-from .linearise import limit_start
-from .second_order import correct_for_curvature
-from .step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
+from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.linearise import limit_start
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
+from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
+from hhsim.kernels.tick.second_order import correct_for_curvature
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
 Indices = NDArray[np.int64]
 

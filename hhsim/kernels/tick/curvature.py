@@ -12,8 +12,8 @@ Schur complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed
 import numpy as np
 from numpy.typing import NDArray
 
-from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from .jit import Record, jit
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.jit import Record, jit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

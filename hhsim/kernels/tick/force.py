@@ -17,9 +17,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from .jit import Record, jit
-from .rotation import rotation_vector_between
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.rotation import rotation_vector_between
 
 Array = NDArray[np.float64]
 

@@ -28,21 +28,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import OPTIMAL, QpWork, solve
-from .clock import monotonic_ns
-from .contact import PHALANX_PAIRS
-from .euler import euler_axes, euler_quaternion, nearest_euler
-from .force import hand_forces
-from .frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
-from .hand import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from .jit import Record, as_int64, jit
-from .linearise import ROW_CAPACITY
-from .paper_constraints import LIMITS, limit_rows, palm_contacts, palm_rows, phalanx_contacts, phalanx_rows
-from .paper_detection import PALM_STACK, detect, finger_is_free, palm_is_free
-from .pose import update_kinematics
-from .step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-from .tick import spent_units
-from .tick_state import (
+from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.detection import PHALANX_PAIRS
+from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
+from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.pose import update_kinematics
+from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.force import hand_forces
+from hhsim.kernels.tick.paper_constraints import (
+    LIMITS,
+    limit_rows,
+    palm_contacts,
+    palm_rows,
+    phalanx_contacts,
+    phalanx_rows,
+)
+from hhsim.kernels.tick.paper_detection import PALM_STACK, detect, finger_is_free, palm_is_free
+from hhsim.kernels.tick.state import (
     STATUS_STUCK,
     UNITS_LINEARISATION,
     UNITS_ROW,
@@ -55,7 +61,8 @@ from .tick_state import (
     WORK_UNITS,
     TickOptions,
 )
-from .tree import TreeArrays
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
+from hhsim.kernels.tick.tick import spent_units
 
 Array = NDArray[np.float64]
 

@@ -3,15 +3,15 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import QpWork
-from .block import TickRecord, record_tick
-from .clock import monotonic_ns, thread_cpu_ns
-from .hand import HandArrays
-from .jit import jit
-from .paper import tick_paper
-from .tick import set_haptic
-from .tick_state import TickOptions
-from .tree import TreeArrays
+from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.hand.kinematics import HandArrays
+from hhsim.kernels.jit import jit
+from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord, record_tick
+from hhsim.kernels.tick.paper import tick_paper
+from hhsim.kernels.tick.state import TickOptions
+from hhsim.kernels.tick.tick import set_haptic
 
 Array = NDArray[np.float64]
 

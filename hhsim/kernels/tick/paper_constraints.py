@@ -19,11 +19,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .contact import CONTACT_ROWS
-from .frustum import foot, in_range, threshold
-from .hand import PALM_BODY, PHALANX_COUNT
-from .jit import Record, as_int64, jit
-from .paper_detection import ON_FRUSTUM, ON_SPHERE
+from hhsim.kernels.contact.detection import CONTACT_ROWS
+from hhsim.kernels.hand.frustum import foot, in_range, threshold
+from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -13,11 +13,11 @@ its cone frustum, and the sphere at its thin end: the joint's (Section III-B), o
 import numpy as np
 from numpy.typing import NDArray
 
-from .contact import COUNT_NODE_TESTS, PALM_PAIRS, PHALANX_PAIRS
-from .frustum import foot, in_range, place_frustum, threshold
-from .hand import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from .jit import Record, as_bool, as_int64, jit
-from .tree import STACK_SIZE, TreeArrays, gather_round_cone
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, PALM_PAIRS, PHALANX_PAIRS
+from hhsim.kernels.hand.frustum import foot, in_range, place_frustum, threshold
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -57,19 +57,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .block import TickRecord, record_tick
-from .cholesky import factorise, solve_factorised
-from .clock import monotonic_ns, thread_cpu_ns
-from .contact import CONTACT_ROWS, count_within, evaluate, find_contacts
-from .force import FORCE_PAPER, clear_forces, fingertip_normal_forces, palm_wrench, proxy_forces
-from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
-from .jit import Record, as_int64, jit, jit_vector
-from .linearise import build_rows
-from .pose import move, update_kinematics
-from .rotation import rotation_vector_between
-from .step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
-from .tick import begin_tick, set_haptic, spent_units
-from .tick_state import (
+from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.contact.detection import CONTACT_ROWS, count_within, evaluate, find_contacts
+from hhsim.kernels.contact.linearise import build_rows
+from hhsim.kernels.hand.kinematics import (
+    BODY_COUNT,
+    DOF,
+    FINGER_COUNT,
+    PALM_BODY,
+    PHALANX_COUNT,
+    HandArrays,
+    motion_bounds,
+)
+from hhsim.kernels.hand.pose import move, update_kinematics
+from hhsim.kernels.jit import Record, as_int64, jit, jit_vector
+from hhsim.kernels.qp.cholesky import factorise, solve_factorised
+from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import TickRecord, record_tick
+from hhsim.kernels.tick.force import FORCE_PAPER, clear_forces, fingertip_normal_forces, palm_wrench, proxy_forces
+from hhsim.kernels.tick.state import (
     STATUS_FULL,
     UNITS_LINEARISATION,
     UNITS_QP_ITERATION,
@@ -83,7 +90,8 @@ from .tick_state import (
     WORK_UNITS,
     TickOptions,
 )
-from .tree import TreeArrays
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
+from hhsim.kernels.tick.tick import begin_tick, set_haptic, spent_units
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -15,14 +15,14 @@ no acceptable step goes on with the coupled program, see `kernels.tick`.
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import INFEASIBLE, OPTIMAL, QpWork, solve
-from .clock import monotonic_ns
-from .crew import NOTHING, TASK_FINGERS, await_done, item_done, post, sort_parts, take_item
-from .hand import DOF, FINGER_COUNT, PHALANX_COUNT
-from .jit import Record, as_int64, jit
-from .linearise import ROW_CAPACITY, limit_start
-from .second_order import CORRECTION_WORK, correct_for_curvature
-from .step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
+from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.parallel.thread_team import NOTHING, TASK_FINGERS, await_done, item_done, post, sort_parts, take_item
+from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
+from hhsim.kernels.tick.second_order import CORRECTION_WORK, correct_for_curvature
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -17,11 +17,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import QpWork
-from .curvature import curvature_product
-from .hand import DOF
-from .jit import Record, jit
-from .program_rows import row_violations
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.qp.row_scan import row_violations
+from hhsim.kernels.tick.curvature import curvature_product
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -4,16 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .contact import CANDIDATES, CONTACT_ROWS, CONTACTS
-from .coupled import COUPLED_WORK
-from .crew import CREW
-from .force import FORCES
-from .hand import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
-from .linearise import PROBLEM
-from .pose import HAND_POSE
-from .progressive import PROGRESSIVE_WORK
-from .second_order import CORRECTION_WORK
-from .step import ACTIVE_CONTACTS, STEP
+from hhsim.kernels.contact.detection import CANDIDATES, CONTACT_ROWS, CONTACTS
+from hhsim.kernels.contact.linearise import PROBLEM
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.hand.pose import HAND_POSE
+from hhsim.kernels.parallel.thread_team import CREW
+from hhsim.kernels.tick.coupled import COUPLED_WORK
+from hhsim.kernels.tick.force import FORCES
+from hhsim.kernels.tick.progressive import PROGRESSIVE_WORK
+from hhsim.kernels.tick.second_order import CORRECTION_WORK
+from hhsim.kernels.tick.step import ACTIVE_CONTACTS, STEP
 
 METHOD_COUPLED = 0
 METHOD_PROGRESSIVE = 1

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .hand import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from .jit import Record, as_int64, jit
-from .linearise import LIMIT_ROWS, limit_start
+from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.jit import Record, as_int64, jit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import QpWork
-from .crew import NOTHING, TASK_DISTANCES, TASK_STOP, rest, waiting_task
-from .detection import evaluate_items
-from .hand import HandArrays
-from .jit import as_int64, jit
-from .progressive import solve_items
-from .tick_state import TickOptions
-from .tree import TreeArrays
+from hhsim.kernels.contact.parallel_detection import evaluate_items
+from hhsim.kernels.hand.kinematics import HandArrays
+from hhsim.kernels.jit import as_int64, jit
+from hhsim.kernels.parallel.thread_team import NOTHING, TASK_DISTANCES, TASK_STOP, rest, waiting_task
+from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.progressive import solve_items
+from hhsim.kernels.tick.state import TickOptions
 
 Indices = NDArray[np.int64]
 

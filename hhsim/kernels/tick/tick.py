@@ -15,21 +15,29 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .active_set import OPTIMAL, QpWork
-from .clock import monotonic_ns
-from .contact import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, count_within, evaluate, find_contacts
-from .coupled import solve_coupled
-from .detection import evaluate_together, worth_sharing
-from .dominance import drop_dominated
-from .force import FORCE_PAPER, hand_forces
-from .hand import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, motion_bounds
-from .jit import Record, as_bool, jit, jit_inline
-from .linearise import build_rows, clamp_to_limits
-from .pose import copy_configuration, is_finite_configuration, move, update_kinematics
-from .progressive import solve_progressive
-from .rotation import rotation_vector_between
-from .step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM, copy_active, keep_active
-from .tick_state import (
+from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, count_within, evaluate, find_contacts
+from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
+from hhsim.kernels.contact.parallel_detection import evaluate_together, worth_sharing
+from hhsim.kernels.contact.redundant_contacts import drop_dominated
+from hhsim.kernels.hand.kinematics import (
+    BODY_COUNT,
+    DOF,
+    FINGER_COUNT,
+    PALM_BODY,
+    PHALANX_COUNT,
+    HandArrays,
+    motion_bounds,
+)
+from hhsim.kernels.hand.pose import copy_configuration, is_finite_configuration, move, update_kinematics
+from hhsim.kernels.jit import Record, as_bool, jit, jit_inline
+from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
+from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.coupled import solve_coupled
+from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
+from hhsim.kernels.tick.progressive import solve_progressive
+from hhsim.kernels.tick.state import (
     METHOD_COUPLED,
     METHOD_PROGRESSIVE,
     STATUS_ABDUCTION_HELD,
@@ -51,7 +59,14 @@ from .tick_state import (
     WORK_UNITS,
     TickOptions,
 )
-from .tree import TreeArrays
+from hhsim.kernels.tick.step import (
+    DURATION_DETECT,
+    DURATION_FINGERS,
+    DURATION_FORCE,
+    DURATION_PALM,
+    copy_active,
+    keep_active,
+)
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

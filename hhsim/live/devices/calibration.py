@@ -5,8 +5,8 @@ The vendor's server keeps the ends of each channel as raw 12-bit counts, in prof
     {"RIGHT": {"anna": {"max": {"thumb_bend": 3166, …}, "min": {"thumb_bend": 712, …}}}, "LEFT": {…}}
 
 It divides by them itself: what it sends is 0 to 1 already. So such a profile tells which channels say little, and its
-ends are used only where a server sends counts. Our own calibration is the TOML of `hhsim.dexmo_regression`; its ends,
-where it has any, are those of what the glove sends.
+ends are used only where a server sends counts. Our own calibration is the TOML of `hhsim.recordings.dexmo_regression`;
+its ends, where it has any, are those of what the glove sends.
 """
 
 import json
@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.live.dexmo_codec import CHANNELS
+from hhsim.live.link.dexmo_codec import CHANNELS
+from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
 
 Array = NDArray[np.float64]
 

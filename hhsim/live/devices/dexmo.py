@@ -14,20 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import BEND, DexmoRegression
 from hhsim.errors import InputError
-from hhsim.live.dexmo_calibration import load_calibration
-from hhsim.live.dexmo_codec import (
-    CHANNELS,
-    FramingError,
-    GloveMessage,
-    MessageStream,
-    WireError,
-    decode_frame,
-    encode_impedance,
-    framed,
-)
-from hhsim.live.glove_device import (
+from hhsim.live.device import (
     FINGER_COUNT,
     UNKNOWN,
     Capability,
@@ -37,10 +25,22 @@ from hhsim.live.glove_device import (
     GloveDevice,
     GloveInfo,
 )
-from hhsim.live.tcp_link import TcpLink
+from hhsim.live.devices.calibration import load_calibration
+from hhsim.live.link.dexmo_codec import (
+    CHANNELS,
+    FramingError,
+    GloveMessage,
+    MessageStream,
+    WireError,
+    decode_frame,
+    encode_impedance,
+    framed,
+)
+from hhsim.live.link.tcp import TcpLink
+from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 if TYPE_CHECKING:
-    from hhsim.live.devices import DeviceConfig
+    from hhsim.live.devices.registry import DeviceConfig
 
 FREE = (0.0,) * FINGER_COUNT
 UNKNOWN_STIFFNESS = (1.0,) * FINGER_COUNT

@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import BEND, CHANNELS, DexmoRegression
 from hhsim.errors import InputError
-from hhsim.hand import FINGERS
-from hhsim.live.dexmo_calibration import load_calibration
-from hhsim.live.glove_device import (
+from hhsim.hand.model import FINGERS
+from hhsim.live.device import (
     FINGER_COUNT,
     UNKNOWN,
     Capability,
@@ -29,7 +27,8 @@ from hhsim.live.glove_device import (
     GloveDevice,
     GloveInfo,
 )
-from hhsim.live.opengloves_codec import (
+from hhsim.live.devices.calibration import load_calibration
+from hhsim.live.link.opengloves_codec import (
     FULL_LIMIT,
     RELEASE,
     GloveLine,
@@ -38,11 +37,12 @@ from hhsim.live.opengloves_codec import (
     format_limits,
     parse_line,
 )
-from hhsim.live.serial_link import SerialLink
-from hhsim.live.tcp_link import TcpLink
+from hhsim.live.link.serial import SerialLink
+from hhsim.live.link.tcp import TcpLink
+from hhsim.recordings.dexmo_regression import BEND, CHANNELS, DexmoRegression
 
 if TYPE_CHECKING:
-    from hhsim.live.devices import DeviceConfig
+    from hhsim.live.devices.registry import DeviceConfig
 
 FULL_SCALE = 4095.0
 """Of a reading, without a calibration that says otherwise."""
@@ -58,7 +58,8 @@ BONES = ("metacarpal", "proximal", "middle", "distal")
 class OpenGlovesGlove(GloveDevice):
     """One glove.
 
-    Its curls are the bends of `hhsim.dexmo_regression`; where it sends every joint, each joint goes its own way.
+    Its curls are the bends of `hhsim.recordings.dexmo_regression`; where it sends every joint, each joint goes its own
+    way.
 
     Args:
         config: `path` and `baud` of the serial line, or `host` and `port`; `calibration` where its curls are not 0 to

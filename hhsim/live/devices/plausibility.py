@@ -11,7 +11,7 @@ such fingers are kept free, since a set point made from a wrong angle pushes whe
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.glove_device import FINGER_COUNT, GloveInfo
+from hhsim.live.device import FINGER_COUNT, GloveInfo
 
 Array = NDArray[np.float64]
 

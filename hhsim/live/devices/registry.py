@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from importlib import import_module
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.live.glove_device import GloveDevice
+from hhsim.live.device import GloveDevice
 from hhsim.live.playback import Playback
 
 DEVICE_KINDS = ("dexmo", "opengloves", "udp", "replay", "sim")

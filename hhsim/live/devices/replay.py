@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.column_map import JOINT_NAMES
 from hhsim.errors import InputError
-from hhsim.live.glove_device import (
+from hhsim.live.device import (
     UNKNOWN,
     Capability,
     DeviceCounters,
@@ -18,9 +17,10 @@ from hhsim.live.glove_device import (
     GloveInfo,
 )
 from hhsim.live.playback import RETURN_TIME
+from hhsim.recordings.column_map import JOINT_NAMES
 
 if TYPE_CHECKING:
-    from hhsim.live.devices import DeviceConfig
+    from hhsim.live.devices.registry import DeviceConfig
 
 
 class ReplayGlove(GloveDevice):

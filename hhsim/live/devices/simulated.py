@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import BEND, DexmoRegression
 from hhsim.errors import InputError
-from hhsim.live.glove_device import (
+from hhsim.live.device import (
     FINGER_COUNT,
     UNKNOWN,
     Capability,
@@ -23,9 +22,10 @@ from hhsim.live.glove_device import (
     GloveDevice,
     GloveInfo,
 )
+from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 if TYPE_CHECKING:
-    from hhsim.live.devices import DeviceConfig
+    from hhsim.live.devices.registry import DeviceConfig
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Any glove, through a bridge that speaks the open packet of `hhsim.live.udp_packet`."""
+"""Any glove, through a bridge that speaks the open packet of `hhsim.live.link.udp_codec`."""
 
 import contextlib
 import math
@@ -12,10 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.column_map import JOINT_NAMES
-from hhsim.dexmo_regression import BEND, CHANNELS
-from hhsim.live.dexmo_calibration import load_calibration
-from hhsim.live.glove_device import (
+from hhsim.live.device import (
     FINGER_COUNT,
     UNKNOWN,
     Capability,
@@ -25,12 +22,15 @@ from hhsim.live.glove_device import (
     GloveDevice,
     GloveInfo,
 )
-from hhsim.live.packet_order import PacketOrder
-from hhsim.live.udp_packet import NONE_YET, Kind, Packet, encode_packet
-from hhsim.live.udp_port import UdpPort, resolve
+from hhsim.live.devices.calibration import load_calibration
+from hhsim.live.link.udp import UdpPort, resolve
+from hhsim.live.link.udp_codec import NONE_YET, Kind, Packet, encode_packet
+from hhsim.live.sequence_numbers import PacketOrder
+from hhsim.recordings.column_map import JOINT_NAMES
+from hhsim.recordings.dexmo_regression import BEND, CHANNELS
 
 if TYPE_CHECKING:
-    from hhsim.live.devices import DeviceConfig
+    from hhsim.live.devices.registry import DeviceConfig
 
 SILENCE_NS = 500_000_000
 """A bridge that says nothing for so long is gone [ns]; the fingers are free long before."""

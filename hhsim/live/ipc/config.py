@@ -8,15 +8,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hhsim.dexmo_regression import DexmoRegression
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.glove_device import FINGER_COUNT
-from hhsim.live.pose_sources import PoseConfig
-from hhsim.mesh import Mesh
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import HandModel
+from hhsim.live.device import FINGER_COUNT
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.pose.config import PoseConfig
+from hhsim.mesh.mesh import Mesh
+from hhsim.recordings.dexmo_regression import DexmoRegression
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 RATE_RANGE = (10.0, 4000.0)
 """Ticks per second [Hz] that a loop is asked for."""

@@ -1,24 +1,10 @@
 """What the processes of a live session tell each other: the records of the rings, and the status block."""
 
-from enum import IntEnum, IntFlag
+from enum import IntEnum
 
 import numpy as np
 
-from hhsim.kernels.tick_state import WORK_COUNTERS
-
-
-class Safety(IntFlag):
-    """Why the fingers are free (stiffness 0) in a tick; 0: they are not kept free."""
-
-    STALE_INPUT = 1
-    NOT_FINITE = 2
-    SOLVER_FAILED = 4
-    OVERRUN_STREAK = 8
-    DEVICE_LOST = 16
-    STOPPING = 32
-    NO_GUARDIAN = 64
-    DRY_RUN = 128
-    NO_INPUT_YET = 256
+from hhsim.kernels.tick.state import WORK_COUNTERS
 
 
 class Stage(IntEnum):
@@ -74,7 +60,7 @@ LIVE_TICK = np.dtype(
 | missed | periods missed right before this tick |
 | input_seq | `seq` of the sample in use, -1 before the first |
 | safety | bits of `Safety` |
-| haptic_* | what the solver was given; the rest as in `hhsim.kernels.block.TickRecord` |
+| haptic_* | what the solver was given; the rest as in `hhsim.kernels.tick.block.TickRecord` |
 | command_* | what the glove was told |
 """
 

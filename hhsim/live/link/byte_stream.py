@@ -10,7 +10,7 @@ import termios
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-from hhsim.live.glove_device import DeviceError
+from hhsim.live.device import DeviceError
 
 MOST_READ = 16_384
 """Bytes taken at once, so that a peer that floods cannot hold up a tick; the rest waits its turn."""

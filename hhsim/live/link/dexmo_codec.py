@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from hhsim.errors import HhsimError
-from hhsim.live.proto3_wire import FLOAT, Field, Kind, Message, Schema, WireError, decode, encode
+from hhsim.live.link.proto3_wire import FLOAT, Field, Kind, Message, Schema, WireError, decode, encode
 
 CHANNELS = (
     *("thumb_rotate", "thumb_split", "thumb_bend", "index_split", "index_bend", "middle_split", "middle_bend"),

@@ -12,8 +12,8 @@ import termios
 import time
 
 from hhsim.errors import InputError
-from hhsim.live.byte_link import MOST_READ, ByteLink, ready
-from hhsim.live.glove_device import DeviceError
+from hhsim.live.device import DeviceError
+from hhsim.live.link.byte_stream import MOST_READ, ByteLink, ready
 
 RETRY_NS = 50_000_000
 """Between two attempts to open the line again [ns]."""

@@ -7,8 +7,8 @@ import socket
 import time
 from typing import Any
 
-from hhsim.live.byte_link import MOST_READ, ByteLink, ready
-from hhsim.live.glove_device import DeviceError
+from hhsim.live.device import DeviceError
+from hhsim.live.link.byte_stream import MOST_READ, ByteLink, ready
 
 RETRY = 0.05
 """Between two attempts to connect again [s]."""

@@ -4,8 +4,8 @@ import select
 import socket
 import time
 
-from hhsim.live.glove_device import DeviceError
-from hhsim.live.udp_packet import LONGEST, Packet, PacketError, decode_packet
+from hhsim.live.device import DeviceError
+from hhsim.live.link.udp_codec import LONGEST, Packet, PacketError, decode_packet
 
 BUFFER = 1 << 20
 """Of the system for what is not yet read [bytes]; some seconds at 1 kHz."""

@@ -9,10 +9,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import DexmoRegression
-from hhsim.live.glove_device import FINGER_COUNT, FingerCommand
-from hhsim.live.live_records import Safety
-from hhsim.live.live_setup import OutputLimits
+from hhsim.live.device import FINGER_COUNT, FingerCommand
+from hhsim.live.ipc.config import OutputLimits
+from hhsim.recordings.dexmo_regression import DexmoRegression
+from hhsim.result.safety import Safety
 
 Array = NDArray[np.float64]
 

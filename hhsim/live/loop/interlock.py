@@ -1,8 +1,8 @@
 """Why the fingers must be free in a tick, judged anew in every tick."""
 
-from hhsim.live.live_records import Safety
-from hhsim.live.live_setup import SafetyLimits
-from hhsim.live.session_memory import FAULT, INFORMATION, WARNING
+from hhsim.live.ipc.config import SafetyLimits
+from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING
+from hhsim.result.safety import Safety
 
 # Numbers: operations on flags take a microsecond each.
 _STALE_INPUT = int(Safety.STALE_INPUT)

@@ -7,20 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_FULL, STATUS_HELD, WORK_TOUCHING
-from hhsim.live.deadlines import Clock, Deadlines
-from hhsim.live.glove_device import GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
-from hhsim.live.glove_watch import GloveWatch
-from hhsim.live.live_records import LIVE_TICK, Safety, Stage
-from hhsim.live.live_setup import LiveSetup
-from hhsim.live.output_stage import OutputStage
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_FULL, STATUS_HELD, WORK_TOUCHING
+from hhsim.live.device import GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
+from hhsim.live.devices.plausibility import GloveWatch
+from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.ipc.session_memory import FAULT, SessionMemory
+from hhsim.live.loop.deadlines import Clock, Deadlines
+from hhsim.live.loop.finger_command import OutputStage
+from hhsim.live.loop.interlock import SafetyGate, SafetyLog
+from hhsim.live.loop.tick_times import TickTimes
 from hhsim.live.pose_source import PoseSource
-from hhsim.live.safety_gate import SafetyGate, SafetyLog
-from hhsim.live.session_memory import FAULT, SessionMemory
-from hhsim.live.tick_times import TickTimes
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.result.safety import Safety
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
 
 MOST_SAMPLES = 64
 """Read in one tick; what is left waits for the next one."""

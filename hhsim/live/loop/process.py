@@ -1,4 +1,4 @@
-"""The process of the loop: `python -m hhsim.live.loop_process --setup FD --status FD …`, started by the supervisor.
+"""The process of the loop: `python -m hhsim.live.loop.process --setup FD --status FD …`, started by the supervisor.
 
 Kernels are ready and everything is allocated before the glove is connected. However the process ends, short of being
 killed outright, the glove is released; then the guardian does it.
@@ -18,17 +18,17 @@ from types import FrameType
 from typing import Any
 
 from hhsim.errors import HhsimError
-from hhsim.live.devices import open_device
-from hhsim.live.glove_device import GloveDevice
+from hhsim.live.device import GloveDevice
+from hhsim.live.devices.registry import open_device
+from hhsim.live.ipc.config import LiveSetup, read_setup
+from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory, add_memory_options, attached
 from hhsim.live.linux_calls import end_with
-from hhsim.live.live_loop import LiveLoop, loop_options
-from hhsim.live.live_records import Stage
-from hhsim.live.live_setup import LiveSetup, read_setup
+from hhsim.live.loop.loop import LiveLoop, loop_options
+from hhsim.live.loop.real_time import become_ordinary, become_real_time, described
+from hhsim.live.pose.registry import make_pose_source
 from hhsim.live.pose_source import PoseSource
-from hhsim.live.pose_sources import make_pose_source
-from hhsim.live.real_time import become_ordinary, become_real_time, described
-from hhsim.live.session_memory import FAULT, INFORMATION, WARNING, SessionMemory, add_memory_options, attached
-from hhsim.warm_up import warm_up
+from hhsim.solver.compile import warm_up
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
@@ -118,7 +118,7 @@ def device_facts(device: GloveDevice) -> dict[str, Any]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the loop of a session; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop_process", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.process", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)
     setup, memory = read_setup(options.setup), attached(options)

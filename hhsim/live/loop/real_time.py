@@ -7,8 +7,8 @@ import platform
 from pathlib import Path
 from typing import Any
 
+from hhsim.live.ipc.config import RealTimeWishes
 from hhsim.live.linux_calls import lock_memory, set_timer_slack, timer_slack
-from hhsim.live.live_setup import RealTimeWishes
 
 THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
 """How much of a second all real-time processes together may take [µs]; -1 for all of it."""

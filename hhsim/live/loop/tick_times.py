@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.log_histogram import LogHistogram
+from hhsim.system.log_histogram import LogHistogram
 
 BATCH = 512
 """Times that are kept before they are counted together: one at a time costs 20 µs."""

@@ -1,4 +1,4 @@
-"""The guardian: frees the fingers when the loop no longer can; `python -m hhsim.live.guardian --setup FD …`.
+"""The guardian: frees the fingers when the loop no longer can; `python -m hhsim.live.loop.watchdog --setup FD …`.
 
 It has a process and a connection to the glove of its own, stands above the loop under SCHED_FIFO, and watches two
 things: the loop's heartbeat, and the end of its process, which the system tells. The heartbeat is usually the quicker
@@ -17,12 +17,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import FrameType
 
-from hhsim.live.devices import open_device
-from hhsim.live.glove_device import DeviceError, GloveDevice
-from hhsim.live.live_records import Stage
-from hhsim.live.live_setup import LiveSetup, read_setup
-from hhsim.live.real_time import become_ordinary, become_real_time
-from hhsim.live.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.live.device import DeviceError, GloveDevice
+from hhsim.live.devices.registry import open_device
+from hhsim.live.ipc.config import LiveSetup, read_setup
+from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.live.loop.real_time import become_ordinary, become_real_time
 
 WATCH_MS = 4
 """The guardian looks at least this often [ms]."""
@@ -184,7 +184,7 @@ def _exists(pid: int) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Guard a session; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.guardian", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.watchdog", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)
     setup, memory = read_setup(options.setup), attached(options)

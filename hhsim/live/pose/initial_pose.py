@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand import HandModel
-from hhsim.sphere_tree import SphereTree
-from hhsim.synthesis import planned, quaternion_from_matrix
-from hhsim.trajectory_catalogue import load_script
+from hhsim.hand.model import HandModel
+from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.synthesis import planned
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

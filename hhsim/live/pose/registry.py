@@ -1,45 +1,15 @@
-"""Which pose of the palm: its settings as plain values, and the source that they mean."""
-
-from dataclasses import dataclass
+"""Where the palm is: the source that settings mean."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.playback import Playback
+from hhsim.live.pose.config import POSE_KINDS, PoseConfig
 from hhsim.live.pose_source import PoseSource
 from hhsim.live.shared_memory import SharedBlock
 
 Array = NDArray[np.float64]
-
-POSE_KINDS = ("keyboard", "fixed", "replay", "udp")
-USUAL_POSE_PORT = 24172
-
-
-@dataclass(frozen=True)
-class PoseConfig:
-    """Settings of a pose source.
-
-    Attributes:
-        kind: one of `POSE_KINDS`.
-        position: of `fixed`, and where `keyboard` begins [m], world.
-        orientation: of `fixed`, and where `keyboard` begins, (w, x, y, z).
-        playback: motion of `replay`; the glove's own keeps palm and fingers together.
-        host: from which the packets of `udp` come.
-        port: where they arrive; 0 for the usual one, `USUAL_POSE_PORT`.
-    """
-
-    kind: str = "fixed"
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    playback: Playback | None = None
-    host: str = "127.0.0.1"
-    port: int = 0
-
-    @property
-    def port_used(self) -> int:
-        """The port, or the usual one."""
-        return self.port or USUAL_POSE_PORT
 
 
 def make_pose_source(config: PoseConfig, status: SharedBlock | None = None) -> PoseSource:
@@ -64,8 +34,8 @@ def make_pose_source(config: PoseConfig, status: SharedBlock | None = None) -> P
             raise InputError("pose replay has no motion; expected a trajectory")
         return ReplayPose(config.playback)
     if config.kind == "udp":
-        # Imported here: a loop without a tracker does without sockets.
-        from hhsim.live.udp_pose import UdpPose
+        # A loop without a tracker does without sockets.
+        from hhsim.live.pose.udp_tracker import UdpPose
 
         return UdpPose(config)
     raise UnknownNameError("pose source", config.kind, POSE_KINDS)

@@ -1,17 +1,17 @@
-"""The palm's pose from a tracker, in the open packet of `hhsim.live.udp_packet`."""
+"""The palm's pose from a tracker, in the open packet of `hhsim.live.link.udp_codec`."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.packet_order import PacketOrder
+from hhsim.live.link.udp import UdpPort
+from hhsim.live.link.udp_codec import Kind
 from hhsim.live.pose_source import PoseSource
-from hhsim.live.udp_packet import Kind
-from hhsim.live.udp_port import UdpPort
+from hhsim.live.sequence_numbers import PacketOrder
 
 if TYPE_CHECKING:
-    from hhsim.live.pose_sources import PoseConfig
+    from hhsim.live.pose.config import PoseConfig
 
 Array = NDArray[np.float64]
 

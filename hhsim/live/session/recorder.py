@@ -1,4 +1,4 @@
-"""The process that writes a session to its file: `python -m hhsim.live.recorder --setup FD --status FD …`.
+"""The process that writes a session to its file: `python -m hhsim.live.session.recorder --setup FD --status FD …`.
 
 It runs at ordinary priority and only reads the rings, so that whatever happens to it, or to the disk, is nothing to the
 loop. It ends when the session has ended and all of it is written, or when the loop is gone.
@@ -18,14 +18,14 @@ from collections.abc import Sequence
 from types import FrameType
 
 from hhsim.errors import HhsimError
-from hhsim.live.live_loop import loop_options
-from hhsim.live.live_records import Stage
-from hhsim.live.live_setup import LiveSetup, read_setup
-from hhsim.live.session_memory import SessionMemory, add_memory_options, attached
-from hhsim.live.session_writer import RINGS, SessionWriter
+from hhsim.live.ipc.config import LiveSetup, read_setup
+from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.live.loop.loop import loop_options
+from hhsim.live.session.writer import RINGS, SessionWriter
 from hhsim.live.shared_memory import RingReader
-from hhsim.result import CHUNK_TICKS, check_result_destination
-from hhsim.warm_up import warm_up
+from hhsim.result.reader import CHUNK_TICKS, check_result_destination
+from hhsim.solver.compile import warm_up
 
 POLL = 0.05
 """The rings are looked at this often [s]; they hold 16 s of ticks at 1 kHz."""
@@ -152,7 +152,7 @@ class Recorder:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record a session; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.recorder", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.session.recorder", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)
     setup, memory = read_setup(options.setup), attached(options)

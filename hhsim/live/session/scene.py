@@ -3,17 +3,17 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hhsim.demonstration import Demonstration
-from hhsim.hand import HandModel
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.palm_place import palm_place
+from hhsim.hand.model import HandModel
+from hhsim.live.devices.registry import DeviceConfig
 from hhsim.live.playback import Playback
-from hhsim.live.pose_sources import PoseConfig
-from hhsim.mesh import Mesh
-from hhsim.scene import make_scene
-from hhsim.script import Script
-from hhsim.sphere_tree import SphereTree
-from hhsim.trajectory import Trajectory
+from hhsim.live.pose.config import PoseConfig
+from hhsim.live.pose.initial_pose import palm_place
+from hhsim.mesh.mesh import Mesh
+from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.demonstration import Demonstration
+from hhsim.scene.scene import make_scene
+from hhsim.scene.script import Script
+from hhsim.trees.sphere_tree import SphereTree
 
 PLAYED = ("replay", "sim")
 """Gloves whose fingers make a motion."""

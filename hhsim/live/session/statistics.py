@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES
-from hhsim.live.live_records import Safety
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES
 from hhsim.live.shared_memory import RingReader, SharedRing
-from hhsim.log_histogram import LogHistogram
+from hhsim.result.safety import Safety
+from hhsim.system.log_histogram import LogHistogram
 
 AT_ONCE = 2048
 """Ticks taken from the ring in one go."""

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
-from hhsim.live.live_tally import LiveTally
-from hhsim.result import load_result
+from hhsim.live.session.statistics import LiveTally
+from hhsim.result.reader import load_result
 
 Scalar = str | int | float | bool
 

@@ -4,9 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from hhsim.live.live_records import Safety
-from hhsim.live.safety_words import WORDS
-from hhsim.summary_lines import LINES, Line, SummaryRow, shown
+from hhsim.replay.summary_table import LINES, Line, SummaryRow, shown
+from hhsim.result.safety import WORDS, Safety
 
 _TIMES = {
     "wakeup": "wake-up after the deadline",

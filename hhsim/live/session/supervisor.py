@@ -21,12 +21,12 @@ from types import TracebackType
 from typing import Any, Self
 
 from hhsim.errors import HhsimError
-from hhsim.live.child_process import ChildProcess
-from hhsim.live.glove_device import DeviceCounters, DeviceError
-from hhsim.live.live_records import Stage
-from hhsim.live.live_setup import LiveSetup, write_setup
-from hhsim.live.live_tally import LiveTally
-from hhsim.live.session_memory import FAULT, INFORMATION, WARNING, SessionMemory
+from hhsim.live.device import DeviceCounters, DeviceError
+from hhsim.live.ipc.config import LiveSetup, write_setup
+from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory
+from hhsim.live.session.child_process import ChildProcess
+from hhsim.live.session.statistics import LiveTally
 from hhsim.live.shared_memory import RingReader
 
 Say = Callable[[str, int], None]
@@ -34,10 +34,10 @@ Say = Callable[[str, int], None]
 
 LOOP, GUARDIAN, RECORDER, VIEWER = "loop", "guardian", "recorder", "viewer"
 MODULES = {
-    LOOP: "hhsim.live.loop_process",
-    GUARDIAN: "hhsim.live.guardian",
-    RECORDER: "hhsim.live.recorder",
-    VIEWER: "hhsim.live.viewer",
+    LOOP: "hhsim.live.loop.process",
+    GUARDIAN: "hhsim.live.loop.watchdog",
+    RECORDER: "hhsim.live.session.recorder",
+    VIEWER: "hhsim.live.session.viewer",
 }
 
 LOOP_PATIENCE = 3.0

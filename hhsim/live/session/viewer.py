@@ -1,4 +1,4 @@
-"""The process that shows a session in the rerun viewer: `python -m hhsim.live.viewer --setup FD --status FD …`.
+"""The process that shows a session in the rerun viewer: `python -m hhsim.live.session.viewer --setup FD --status FD …`.
 
 It runs below ordinary priority, only reads the rings, and sends about thirty frames a second: the newest tick, with
 plots that show the worst of the ticks since the frame before. Whatever becomes of the viewer is nothing to the loop:
@@ -24,20 +24,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError, OutputError
-from hhsim.hand import FINGERS
-from hhsim.kernels.block import TickRecord
-from hhsim.live.live_records import Stage
-from hhsim.live.live_setup import LiveSetup, read_setup
-from hhsim.live.safety_words import why_free_or_held
-from hhsim.live.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.hand.model import FINGERS
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.live.ipc.config import LiveSetup, read_setup
+from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
 from hhsim.live.shared_memory import RingReader
-from hhsim.rerun_blueprint import blueprint
-from hhsim.rerun_plots import GLOVE, LIVE_PLOTS, LOOP, loop_values
-from hhsim.rerun_scene import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene
-from hhsim.rerun_target import parse_target, rerun_stream
-from hhsim.shown_ticks import ShownTicks, shown_ticks
-from hhsim.status_words import status_words
-from hhsim.tick_columns import HapticTicks, TickColumns
+from hhsim.replay.tick_columns import HapticTicks, TickColumns
+from hhsim.result.safety import why_free_or_held
+from hhsim.view.blueprint import blueprint
+from hhsim.view.decimation import ShownTicks, shown_ticks
+from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, loop_values
+from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene
+from hhsim.view.sink import parse_target, rerun_stream
+from hhsim.view.status_text import status_words
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -92,7 +92,7 @@ class LiveViewer:
 
         Raises:
             ViewerGoneError: the viewer was closed.
-            InputError, OutputError: as `hhsim.rerun_target.rerun_stream`.
+            InputError, OutputError: as `hhsim.view.sink.rerun_stream`.
         """
         setup = self._setup
         scene = ShownScene(
@@ -188,7 +188,7 @@ class LiveViewer:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show a session; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.viewer", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.session.viewer", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)
     with suppress(OSError):

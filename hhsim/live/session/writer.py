@@ -26,12 +26,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.block import TickRecord
-from hhsim.live.glove_device import DeviceCounters
-from hhsim.live.live_setup import LiveSetup
-from hhsim.live.live_tally import LiveTally
-from hhsim.live.session_summary import as_text, session_figures
-from hhsim.result_schema import (
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.live.device import DeviceCounters
+from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.session.statistics import LiveTally
+from hhsim.live.session.summary import as_text, session_figures
+from hhsim.replay.stored_scene import describe_scene, static_arrays
+from hhsim.replay.tick_columns import HapticTicks, TickColumns
+from hhsim.result.schema import (
     EVENT_COLUMNS,
     LIVE,
     LIVE_EVENT,
@@ -40,10 +42,8 @@ from hhsim.result_schema import (
     LIVE_TICK_COLUMNS,
     sample_columns,
 )
-from hhsim.result_writer import ResultWriter
-from hhsim.solver_options import SolverOptions
-from hhsim.stored_scene import describe_scene, static_arrays
-from hhsim.tick_columns import HapticTicks, TickColumns
+from hhsim.result.writer import ResultWriter
+from hhsim.solver.options import SolverOptions
 
 Array = NDArray[Any]
 Records = NDArray[np.void]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.fake_process import FakeProcess
+from hhsim.live.simulators.process import FakeProcess
 
 
 class Kind(IntEnum):
@@ -60,7 +60,7 @@ class FakeDexmo(FakeProcess):
 
     def __init__(self, log: Path, *arguments: str, port: int = 0) -> None:
         """Nothing runs yet."""
-        super().__init__("hhsim.live.fake_dexmo", log, ready="listening")
+        super().__init__("hhsim.live.simulators.dexmo_server", log, ready="listening")
         self.port, self._more = port, arguments
 
     def start(self) -> None:

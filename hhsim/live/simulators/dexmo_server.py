@@ -1,10 +1,10 @@
-"""A Dexmo server without gloves, as another process: `python -m hhsim.live.fake_dexmo`.
+"""A Dexmo server without gloves, as another process: `python -m hhsim.live.simulators.dexmo_server`.
 
 It speaks the published format to any number of clients, at a steady rate on absolute deadlines, and writes down with
 CLOCK_MONOTONIC every frame that it sent and every command that it got, so that a test or a long run can hold a driver
-against it (`hhsim.live.fake_dexmo_process`). Motion follows from the seed and the frame's number alone. On its standard
-input it takes orders that make it misbehave, a line each; every one is answered by "ok" on the standard output, after
-"listening PORT" at the start. It ends when the standard input does.
+against it (`hhsim.live.simulators.dexmo_process`). Motion follows from the seed and the frame's number alone. On its
+standard input it takes orders that make it misbehave, a line each; every one is answered by "ok" on the standard
+output, after "listening PORT" at the start. It ends when the standard input does.
 
 | order | what happens |
 |---|---|
@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
-from hhsim.live.dexmo_codec import (
+from hhsim.live.link.dexmo_codec import (
     CHANNELS,
     LENGTH,
     GloveMessage,
@@ -44,7 +44,7 @@ from hhsim.live.dexmo_codec import (
     encode_frame,
     framed,
 )
-from hhsim.live.fake_dexmo_process import PACKED, Kind
+from hhsim.live.simulators.dexmo_process import PACKED, Kind
 
 BENDS = tuple(k for k, name in enumerate(CHANNELS) if name.endswith("_bend"))
 JUMP = 0.9
@@ -294,7 +294,7 @@ class FakeDexmoServer:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Serve as the command line says."""
     parser = argparse.ArgumentParser(
-        prog="python -m hhsim.live.fake_dexmo",
+        prog="python -m hhsim.live.simulators.dexmo_server",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,9 +1,10 @@
-"""A fake glove that speaks the letter format: `python -m hhsim.live.fake_opengloves --link GLOVE --log FILE`.
+"""A fake glove that speaks the letter format: `python -m hhsim.live.simulators.opengloves_board --link GLOVE --log
+FILE`.
 
 On a pseudo-terminal, which looks like a serial line and has no baud rate, or as a TCP server for any number of clients.
-Its orders are those of `hhsim.live.fake_peer`, and `garbage`: a line that is none. `leave` takes the line away, or the
-server with its connections. In its log, a frame is the five curls from 0 to 1 and the sample's number; a command is the
-five limits from 0, free, to 1.
+Its orders are those of `hhsim.live.simulators.peer`, and `garbage`: a line that is none. `leave` takes the line away,
+or the server with its connections. In its log, a frame is the five curls from 0 to 1 and the sample's number; a command
+is the five limits from 0, free, to 1.
 """
 
 import argparse
@@ -19,8 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hhsim.live.fake_peer import FakePeer, PeerLog
-from hhsim.live.opengloves_codec import (
+from hhsim.live.link.opengloves_codec import (
     FULL_LIMIT,
     GloveLine,
     LineError,
@@ -28,6 +28,7 @@ from hhsim.live.opengloves_codec import (
     format_line,
     parse_limits,
 )
+from hhsim.live.simulators.peer import FakePeer, PeerLog
 
 NONE = (math.nan,) * 5
 
@@ -203,7 +204,7 @@ class FakeOpenGloves:
 def main() -> None:
     """Run a fake glove."""
     parser = argparse.ArgumentParser(
-        prog="python -m hhsim.live.fake_opengloves", description="A fake glove, letter format."
+        prog="python -m hhsim.live.simulators.opengloves_board", description="A fake glove, letter format."
     )
     parser.add_argument("--link", type=Path, help="path that leads to its serial line; without it, a TCP server")
     parser.add_argument("--port", type=int, default=0, help="of the TCP server on 127.0.0.1; 0 for any that is free")

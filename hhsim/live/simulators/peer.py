@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.glove_device import FINGER_COUNT
+from hhsim.live.device import FINGER_COUNT
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ class FakeProcess:
     ends with that input.
 
     Args:
-        module: such as `hhsim.live.fake_udp`.
+        module: such as `hhsim.live.simulators.udp_sender`.
         log: its log; a process that is started again goes on with it.
         arguments: more of the command line.
         ready: the word.

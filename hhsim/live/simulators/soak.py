@@ -1,4 +1,4 @@
-"""Long runs of the loop beside fake gloves: `python -m hhsim.live.soak --duration 600`.
+"""Long runs of the loop beside fake gloves: `python -m hhsim.live.simulators.soak --duration 600`.
 
 Each device has a session of its own, recorded; the glove is another process that speaks the real format and writes
 down, by the same clock, what it sent and what it was told. Printed are what became of every frame, how the loop kept
@@ -19,22 +19,22 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import HhsimError
-from hhsim.hand import HandModel
-from hhsim.live.added_latency import added_latencies
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.live_scene import make_live_scene
-from hhsim.live.live_setup import LiveSetup, RealTimeWishes
-from hhsim.live.pose_sources import PoseConfig
-from hhsim.live.real_time import described
-from hhsim.live.soak_peers import PEERS, PeerSeen, SoakPeer, measure_in_time
-from hhsim.live.stop_signals import stop_signals
-from hhsim.live.supervisor import SessionOutcome, Supervisor
-from hhsim.object_catalogue import load_object
-from hhsim.result import Result, load_result
-from hhsim.run_again import run_again
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
-from hhsim.warm_up import warm_up
+from hhsim.hand.model import HandModel
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.ipc.config import LiveSetup, RealTimeWishes
+from hhsim.live.loop.real_time import described
+from hhsim.live.pose.config import PoseConfig
+from hhsim.live.session.scene import make_live_scene
+from hhsim.live.session.stop_signals import stop_signals
+from hhsim.live.session.supervisor import SessionOutcome, Supervisor
+from hhsim.live.simulators.round_trip import added_latencies
+from hhsim.live.simulators.soak_peers import PEERS, PeerSeen, SoakPeer, measure_in_time
+from hhsim.mesh.catalogue import load_object
+from hhsim.replay.repeat import run_again
+from hhsim.result.reader import Result, load_result
+from hhsim.solver.compile import warm_up
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 LATENCY_LIMIT = 2e-3
 """Of the 99th percentile of the added latency, where SCHED_FIFO was granted [s]."""
@@ -288,7 +288,7 @@ def tell(text: str, level: int) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run as the command line says; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.soak", description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.simulators.soak", description=__doc__.split("\n\n")[0])
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="of each device [s]")
     parser.add_argument("--device", choices=(*PEERS, "all"), default="all")
     parser.add_argument("--object", default="bunny", metavar="NAME", help="of the catalogue")

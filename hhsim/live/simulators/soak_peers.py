@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.fake_dexmo_process import FakeDexmo, Kind
-from hhsim.live.fake_peer_process import FakePeerProcess
-from hhsim.result import Result
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.simulators.dexmo_process import FakeDexmo, Kind
+from hhsim.live.simulators.peer_process import FakePeerProcess
+from hhsim.result.reader import Result
 
 Times = NDArray[np.int64]
 
@@ -135,7 +135,7 @@ class LinePeer(SoakPeer):
     def __enter__(self) -> Self:
         link = self.log.with_suffix(".line")
         options = ("--link", link, "--rate", self.rate, "--seed", self.seed)
-        self._peer = FakePeerProcess("hhsim.live.fake_opengloves", self.log, *options)
+        self._peer = FakePeerProcess("hhsim.live.simulators.opengloves_board", self.log, *options)
         self._peer.start()
         return self
 
@@ -173,7 +173,7 @@ class UdpPeer(SoakPeer):
     def __enter__(self) -> Self:
         self._port = free_port_pair()
         options = ("--port", self._port, "--rate", self.rate, "--seed", self.seed)
-        self._peer = FakePeerProcess("hhsim.live.fake_udp", self.log, *options)
+        self._peer = FakePeerProcess("hhsim.live.simulators.udp_sender", self.log, *options)
         self._peer.start()
         return self
 

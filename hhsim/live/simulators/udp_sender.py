@@ -1,8 +1,8 @@
-"""A fake glove that speaks the open packet: `python -m hhsim.live.fake_udp --log FILE`.
+"""A fake glove that speaks the open packet: `python -m hhsim.live.simulators.udp_sender --log FILE`.
 
-Its orders are those of `hhsim.live.fake_peer`; `back` begins another session. In its log, a frame is the five bends,
-its seq, and which session it is, from 1; a command is five bends, five values of stiffness, its session, its seq and
-what it answers.
+Its orders are those of `hhsim.live.simulators.peer`; `back` begins another session. In its log, a frame is the five
+bends, its seq, and which session it is, from 1; a command is five bends, five values of stiffness, its session, its seq
+and what it answers.
 """
 
 import argparse
@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hhsim.dexmo_regression import BEND, DexmoRegression
-from hhsim.live.fake_peer import FakePeer, PeerLog
-from hhsim.live.udp_packet import NONE_YET, Kind, PacketError, decode_packet, encode_packet
+from hhsim.live.link.udp_codec import NONE_YET, Kind, PacketError, decode_packet, encode_packet
+from hhsim.live.simulators.peer import FakePeer, PeerLog
+from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 KINDS = {"bends": Kind.BENDS, "channels": Kind.CHANNELS, "joints": Kind.JOINTS}
 
@@ -114,7 +114,9 @@ class FakeUdpGlove:
 
 def main() -> None:
     """Run a fake glove."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.fake_udp", description="A fake glove, open packet.")
+    parser = argparse.ArgumentParser(
+        prog="python -m hhsim.live.simulators.udp_sender", description="A fake glove, open packet."
+    )
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=24170, help="where samples go; commands come to the next one")
     parser.add_argument("--pose-port", type=int, default=0, help="also send a palm there")

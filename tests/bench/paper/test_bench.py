@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from conftest import Run
 
-from hhsim import tremor_hold
-from hhsim.bench_file import load_table
-from hhsim.bench_paper import PaperOptions, PaperRuns, measure
+from hhsim.bench.paper.bench import PaperOptions, PaperRuns, measure
+from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, play, play_again
+from hhsim.bench.paper.scenarios import Scenario
+from hhsim.bench.paper.scene import held_ticks, make_stage
+from hhsim.bench.paper.table import PaperRow, missed, paper_rows, scene_rows
+from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError, InputError, UnknownNameError
-from hhsim.hand import HandModel
-from hhsim.metrics import HandPoses
-from hhsim.object_catalogue import load_object
-from hhsim.paper_rows import PaperRow, missed, paper_rows, scene_rows
-from hhsim.paper_run import COUNTS, GLOVE, NOISES, play, play_again
-from hhsim.paper_scenarios import Scenario
-from hhsim.paper_stage import held_ticks, make_stage
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.metrics import HandPoses
+from hhsim.replay import tremor_hold
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 HAND = HandModel.default()
 OPTIONS = PaperOptions(methods=("coupled", "paper"), objects=("cube", "bunny"), level=3, instances=2, repetitions=2)

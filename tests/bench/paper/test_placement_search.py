@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from hhsim import placement_search
-from hhsim.hand import HandModel
-from hhsim.object_catalogue import load_object
-from hhsim.placement_search import PlacementSearch, turned_by
-from hhsim.script import parse_script
-from hhsim.touch import TOUCHING
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.bench.paper import placement_search
+from hhsim.bench.paper.placement_search import PlacementSearch, turned_by
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.scene.contact_goals import TOUCHING
+from hhsim.scene.script import parse_script
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 SCRIPT = """
 objects = ["shamrock"]

@@ -5,17 +5,17 @@ from functools import cache
 import numpy as np
 import pytest
 
+from hhsim.bench.paper.contact_check import check_holds
+from hhsim.bench.paper.scenarios import Scenario, paper_scenarios
 from hhsim.errors import UnknownNameError
-from hhsim.hand import FINGERS, HandModel
-from hhsim.hold_touches import check_holds
-from hhsim.object_catalogue import load_object
-from hhsim.paper_scenarios import Scenario, paper_scenarios
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.synthesis import synthesize
-from hhsim.touch import TOUCHING
-from hhsim.trajectory_catalogue import load_script
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import FINGERS, HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.scene.contact_goals import TOUCHING
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.synthesis import synthesize
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()
 SIMPLE = ["sphere", "cylinder", "triangular-prism", "cube", "hexagonal-prism"]
@@ -98,8 +98,8 @@ def test_every_scene_touches_what_it_names(object_name: str, motion: str) -> Non
 
 @pytest.mark.parametrize(("object_name", "motion"), [p for p in PLAYED if load_script(p[1]).objects])
 def test_a_placed_hand_comes_free_and_its_idle_fingers_stay_free(object_name: str, motion: str) -> None:
-    from hhsim.metrics import hand_clearance
-    from hhsim.placed_hand import hand_shape, placed_hand
+    from hhsim.hand.forward_kinematics import hand_shape, placed_hand
+    from hhsim.metrics.metrics import hand_clearance
 
     script, tree = load_script(motion), object_tree(object_name)
     trajectory = synthesize(script, HAND, tree)

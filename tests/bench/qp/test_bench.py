@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from conftest import Run
 
-from hhsim.bench_file import load_table
-from hhsim.bench_qp import QpBench, QpBenchOptions, bench_qp, check_names
+from hhsim.bench.qp.backends import KNOWN_BACKENDS, Answer, condition, other_backends, overhead, prepare
+from hhsim.bench.qp.bench import QpBench, QpBenchOptions, bench_qp, check_names
+from hhsim.bench.qp.degenerate_problems import degenerate_set
+from hhsim.bench.qp.kkt_check import residuals
+from hhsim.bench.qp.program import ProgramSolver
+from hhsim.bench.qp.random_problems import contact_programs
+from hhsim.bench.qp.statistics import Tally
+from hhsim.bench.table import load_table
 from hhsim.errors import UnknownNameError
-from hhsim.qp_backends import KNOWN_BACKENDS, Answer, condition, other_backends, overhead, prepare
-from hhsim.qp_check import residuals
-from hhsim.qp_degenerate import degenerate_set
-from hhsim.qp_program import ProgramSolver
-from hhsim.qp_sizes import contact_programs
-from hhsim.qp_tally import Tally
 
 SMALL = QpBenchOptions(
     problems=120,
@@ -185,7 +185,7 @@ def test_json_is_one_document(run: Run) -> None:
 
 
 def test_a_miss_gives_exit_code_1(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.bench_qp.QpBench.failures", property(lambda self: ["something"]))
+    monkeypatch.setattr("hhsim.bench.qp.bench.QpBench.failures", property(lambda self: ["something"]))
     answer = run(*ARGUMENTS)
     assert answer.code == 1
     assert "missed: something" in answer.err

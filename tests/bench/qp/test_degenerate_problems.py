@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from hhsim.kernels.active_set import INFEASIBLE, OPTIMAL
-from hhsim.qp_check import CERTIFIED_RADIUS, certified_radius, least_violation, residuals
-from hhsim.qp_degenerate import FEASIBLE_SETS, INFEASIBLE_SETS, VARIABLES, degenerate_set
-from hhsim.qp_program import Program, ProgramSolver, dense_program
-from hhsim.qp_sizes import SIZES, contact_programs
-from hhsim.qp_tally import OWN_LIMIT
+from hhsim.bench.qp.degenerate_problems import FEASIBLE_SETS, INFEASIBLE_SETS, VARIABLES, degenerate_set
+from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, least_violation, residuals
+from hhsim.bench.qp.program import Program, ProgramSolver, dense_program
+from hhsim.bench.qp.random_problems import SIZES, contact_programs
+from hhsim.bench.qp.statistics import OWN_LIMIT
+from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL
 
 COUNT = 20
 SOLVER = ProgramSolver()

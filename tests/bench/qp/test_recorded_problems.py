@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
 
-from hhsim.contact_problem import coupled_problem
+from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, least_violation, residuals
+from hhsim.bench.qp.program import Program, ProgramSolver
+from hhsim.bench.qp.recorded_problems import harvest, harvest_tick
+from hhsim.bench.qp.statistics import OWN_LIMIT
 from hhsim.errors import UnknownNameError
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
-from hhsim.kernels.active_set import INFEASIBLE, OPTIMAL
-from hhsim.qp_check import CERTIFIED_RADIUS, certified_radius, least_violation, residuals
-from hhsim.qp_harvest import harvest, harvest_tick
-from hhsim.qp_program import Program, ProgramSolver
-from hhsim.qp_tally import OWN_LIMIT
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.hand.model import HandModel
+from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL
+from hhsim.motion.tick_motion import HandMotion
+from hhsim.solver.contact_qp import coupled_problem
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
 
 HAND = HandModel.default("right")
 BALL = bumpy_ball(300)

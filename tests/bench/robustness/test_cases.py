@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from sphere_scenes import Motion, brute_pairs, record_clearance
 
-from hhsim.bench_hard import judge_case, run_scene
+from hhsim.bench.robustness.acceptance import common_figures
+from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.cases import hard_cases
+from hhsim.bench.robustness.endurance_cases import LOOP
+from hhsim.bench.robustness.hard import judge_case, run_scene
 from hhsim.errors import UnknownNameError
-from hhsim.hard_case import DEEPEST, HardCase, HardRun, Outcome
-from hhsim.hard_cases import hard_cases
-from hhsim.hard_endurance import LOOP
-from hhsim.hard_judge import common_figures
-from hhsim.kernels.tick_state import WORK_TOUCHING
-from hhsim.solver_options import SolverOptions
+from hhsim.kernels.tick.state import WORK_TOUCHING
+from hhsim.solver.options import SolverOptions
 
 METHODS = ("coupled", "progressive")
 CASES = {case.name: case for case in hard_cases(ticks=4 * LOOP)}

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
 
-from hhsim.errors import InputError, UnknownNameError
-from hhsim.failure import (
+from hhsim.bench.robustness.delta_debugging import Trace, Trial, shrink
+from hhsim.bench.robustness.failure import (
     KINDS,
     Provenance,
     failure_of,
@@ -25,15 +25,15 @@ from hhsim.failure import (
     recorded_motion,
     rerun_failure,
 )
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_STUCK, WORK_TOUCHING
-from hhsim.shrink import Trace, Trial, shrink
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions, Stiffness
-from hhsim.stress import StressOptions, random_targets
-from hhsim.trajectory_file import load_trajectory, save_trajectory
+from hhsim.bench.robustness.random_targets import StressOptions, random_targets
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_STUCK, WORK_TOUCHING
+from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.motion.tick_motion import HandMotion
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
 
 Array = NDArray[np.float64]
 
@@ -158,8 +158,8 @@ def provenance(solver: SolverOptions, kind: str = "penetration", **more: Any) ->
 def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
     tmp_path: Path, run: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from hhsim.object_catalogue import load_object
-    from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+    from hhsim.mesh.catalogue import load_object
+    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
     cube = load_object("cube")
     tree = cached_sphere_tree(cube.mesh, TreeOptions(level=cube.level))
@@ -184,7 +184,7 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
     words = [*command.split()[1:], "--json", "--out"]
     sound = run(*words, "sound.h5")
     assert sound.code == 0
-    monkeypatch.setattr("hhsim.replay.HandSolver", SlippingSolver)
+    monkeypatch.setattr("hhsim.replay.replay.HandSolver", SlippingSolver)
     assert run(*words, "faulty.h5").code == 0
     with h5py.File(tmp_path / "sound.h5") as good, h5py.File(tmp_path / "faulty.h5") as bad:
         assert max(good["tick/penetration_depth"]) <= 1e-6
@@ -217,7 +217,7 @@ def test_every_kind_of_failure_is_seen() -> None:
     trial = {kind: failure_of(kind, HAND, BALL, options) for kind in KINDS}
     sound = make_trial(HAND, BALL, lambda: HandSolver(HAND, BALL.arrays(), options), trial["penetration"])(motion)
     assert not sound.failed.any()
-    from hhsim.failure import recorded_penetration
+    from hhsim.bench.robustness.failure import recorded_penetration
 
     depth = recorded_penetration(HAND, BALL.arrays(), record)
     assert not any(fails(motion, record, depth).any() for fails in trial.values())

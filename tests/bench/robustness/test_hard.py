@@ -13,20 +13,28 @@ from conftest import Run
 from numpy.typing import NDArray
 from sphere_scenes import record_clearance
 
-from hhsim import bench_hard as suite
-from hhsim.bench_file import load_table
-from hhsim.bench_hard import CaseResult, bench_hard, judge_case, missed, resident_memory, run_scene, table_rows
+from hhsim.bench.robustness import hard as suite
+from hhsim.bench.robustness.acceptance import part_of, sound_samples, unexplained_stuck, worst_penetration
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun
+from hhsim.bench.robustness.hard import (
+    CaseResult,
+    bench_hard,
+    judge_case,
+    missed,
+    resident_memory,
+    run_scene,
+    table_rows,
+)
+from hhsim.bench.robustness.postures import HALF
+from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, right_hand, tree_of
+from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError
-from hhsim.hand import HandModel
-from hhsim.haptic_motion import HapticMotion, still
-from hhsim.hard_case import Figure, HardCase, HardRun
-from hhsim.hard_judge import part_of, sound_samples, unexplained_stuck, worst_penetration
-from hhsim.hard_objects import BALL_RADIUS, right_hand, tree_of
-from hhsim.hard_postures import HALF
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_STUCK
-from hhsim.solver import HandSolver
-from hhsim.solver_options import METHODS, SolverOptions
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_STUCK
+from hhsim.motion.analytic_motion import HapticMotion, still
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import METHODS, SolverOptions
 
 Array = NDArray[np.float64]
 
@@ -218,7 +226,7 @@ def test_more_stuck_ticks_than_are_looked_at_are_not_explained(monkeypatch: pyte
     record = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*PRESS)
     stuck = record._replace(status=record.status | STATUS_STUCK)
     assert unexplained_stuck(right_hand(), BALL, SolverOptions(), PRESS.part(0, 30), part_of(stuck, 0, 30)) == 0
-    monkeypatch.setattr("hhsim.hard_judge.MOST_CHECKS", 10)
+    monkeypatch.setattr("hhsim.bench.robustness.acceptance.MOST_CHECKS", 10)
     # The first tick is done twice, and looked at once.
     twice = PRESS.part(0, 1).hold(30).line(PRESS.part(29), 12)
     again = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*twice)
@@ -276,7 +284,7 @@ def test_machines_get_every_figure(run: Run) -> None:
 
 @pytest.mark.parametrize(("fault", "code"), [("none", 0), ("penetration", 1), ("exception", 1)])
 def test_a_missed_bar_is_exit_code_1(run: Run, monkeypatch: pytest.MonkeyPatch, fault: str, code: int) -> None:
-    monkeypatch.setattr("hhsim.hard_cases.INPUT_CASES", (replace(CASE, name="deep-command"),))
+    monkeypatch.setattr("hhsim.bench.robustness.cases.INPUT_CASES", (replace(CASE, name="deep-command"),))
     monkeypatch.setattr(suite, "HandSolver", type("Spoiled", (Faulty,), {"fault": fault}))
     answer = run("bench", "hard", "deep-command", "--method", "coupled")
     assert answer.code == code, answer.err

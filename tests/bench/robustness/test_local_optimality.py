@@ -5,12 +5,12 @@ import pytest
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball, sphere_tree
 
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.stress import StressOptions, random_targets
-from hhsim.stuck import way_out
+from hhsim.bench.robustness.local_optimality import way_out
+from hhsim.bench.robustness.random_targets import StressOptions, random_targets
+from hhsim.hand.model import HandModel
+from hhsim.motion.tick_motion import HandMotion
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
 
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions, random_targets
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion, joined
-from hhsim.stress import RandomTargets, StressOptions, random_targets
+from hhsim.hand.model import HandModel
+from hhsim.motion.tick_motion import HandMotion, joined
 
 HAND = HandModel.default()
 JUMPS = StressOptions(hold=1, bound="none")

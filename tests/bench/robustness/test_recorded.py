@@ -12,25 +12,25 @@ import pytest
 from numpy.typing import NDArray
 from recording_samples import smooth_recording
 
-from hhsim.bench_file import load_table
-from hhsim.bench_recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
-from hhsim.brute_distance import brute_clearance
+from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
+from hhsim.bench.robustness.recorded_metrics import COLUMNS, RecordedFigures, longest_run, table_row, totals
+from hhsim.bench.table import load_table
 from hhsim.errors import InputError
-from hhsim.grasp_placement import place_at_grasp
-from hhsim.hand import HandModel
-from hhsim.hand_motion import HandMotion
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_STUCK, WORK_TOUCHING
-from hhsim.object_catalogue import load_object
-from hhsim.recorded_figures import COLUMNS, RecordedFigures, longest_run, table_row, totals
-from hhsim.recording_repair import repair
-from hhsim.scene import make_scene
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_catalogue import load_recorded
-from hhsim.trajectory_file import save_trajectory
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_STUCK, WORK_TOUCHING
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.brute_force_distance import brute_clearance
+from hhsim.motion.file import save_trajectory
+from hhsim.motion.tick_motion import HandMotion
+from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings.repair import repair
+from hhsim.scene.motion_catalogue import load_recorded
+from hhsim.scene.recorded_grasp_pose import place_at_grasp
+from hhsim.scene.scene import make_scene
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 Run = Callable[..., Any]
 HAND = HandModel.default()
@@ -73,7 +73,7 @@ def folder(tmp_path: Path) -> Path:
 
 def deepest(record: TickRecord, at: BenchObject, motion: Trajectory, ticks: NDArray[np.int64]) -> float:
     """Least distance of the shown hand to all leaves over some ticks [m], leaf by leaf."""
-    from hhsim.haptic_motion import rotation_matrix
+    from hhsim.motion.quaternion import rotation_matrix
 
     center = at.tree.leaf_center @ rotation_matrix(motion.object_orientation).T + motion.object_position
     palm = HAND.palm_tree

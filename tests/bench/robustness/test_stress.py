@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, record_clearance
 
-from hhsim.bench_file import load_table
-from hhsim.bench_stress import BLOCK, run_case, run_stress
-from hhsim.failure import rerun_failure
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
-from hhsim.solver import HandSolver
-from hhsim.solver_options import METHODS, SolverOptions
-from hhsim.stress import StressOptions
-from hhsim.stress_case import StressCase
-from hhsim.stress_figures import COLUMNS, StressFigures, table_row, total
+from hhsim.bench.robustness.failure import rerun_failure
+from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.stress import BLOCK, run_case, run_stress
+from hhsim.bench.robustness.stress_case import StressCase
+from hhsim.bench.robustness.stress_metrics import COLUMNS, StressFigures, table_row, total
+from hhsim.bench.table import load_table
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import METHODS, SolverOptions
 
 Array = NDArray[np.float64]
 
@@ -226,7 +226,7 @@ def test_the_command_writes_its_table_and_prints_it(run: Any, tmp_path: Path) ->
 def test_the_command_tells_a_missed_limit_and_how_to_see_it(
     run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hhsim.stress_case.HandSolver", Planted)
+    monkeypatch.setattr("hhsim.bench.robustness.stress_case.HandSolver", Planted)
     words = ("bench", "stress", "cube", "--method", "coupled", "--ticks", "3000", "--level", "2", "--margin", "1.5")
     answer = run(*words, "--quiet")
     assert (answer.code, answer.out, answer.err) == (1, "", "")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from conftest import Run
 
-from hhsim.bench_file import load_table
+from hhsim.bench.table import load_table
 
 SMALL = (
     *("bench", "speed-error", "--object", "cube", "--motion", "touch", "--method", "coupled,progressive"),

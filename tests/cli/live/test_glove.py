@@ -19,12 +19,12 @@ import numpy as np
 import pytest
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand import HandModel
-from hhsim.live.palm_place import palm_place
-from hhsim.object_catalogue import load_object
-from hhsim.result import load_result
-from hhsim.shapes import cube
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import HandModel
+from hhsim.live.pose.initial_pose import palm_place
+from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.generators import cube
+from hhsim.result.reader import load_result
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 Run = Callable[..., Any]
 HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
@@ -142,7 +142,7 @@ def test_a_palm_at_an_object_that_no_hand_can_grasp_is_above_it(monkeypatch: pyt
     def refuse(*arguments: object) -> None:
         raise TrajectoryError("thumb, index cannot reach the object, from any side")
 
-    monkeypatch.setattr("hhsim.live.palm_place.planned", refuse)
+    monkeypatch.setattr("hhsim.live.pose.initial_pose.planned", refuse)
     tree = cached_sphere_tree(cube(0.5), TreeOptions(level=1))
     position, orientation = palm_place(HandModel.default("right"), tree, 0.02)
     top = float((tree.leaf_center[:, 2] + tree.leaf_radius).max())

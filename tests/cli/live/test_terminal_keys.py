@@ -13,8 +13,8 @@ import pytest
 
 PROGRAM = """
 import os, signal, sys, time
-from hhsim.cli.terminal_keys import terminal_keys
-from hhsim.live.stop_signals import stop_signals
+from hhsim.cli.live.terminal_keys import terminal_keys
+from hhsim.live.session.stop_signals import stop_signals
 with stop_signals() as asked, terminal_keys() as read:
     if read is None:
         print("no terminal", flush=True)

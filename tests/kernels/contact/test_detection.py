@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import PALM, Motion, brute_clearance, brute_pairs, cloud, set_pose, sphere_tree, still
 
-from hhsim.hand import HandModel
-from hhsim.kernels.contact import (
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import (
     CONTACT_ROWS,
     COUNT_GATHERS,
     COUNT_NODE_TESTS,
@@ -21,10 +21,10 @@ from hhsim.kernels.contact import (
     evaluate,
     find_contacts,
 )
-from hhsim.kernels.hand import BODY_COUNT, DOF, motion_bounds
-from hhsim.kernels.pose import move, update_kinematics
-from hhsim.sphere_tree import SphereTree
-from hhsim.workspace import tick_state
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, motion_bounds
+from hhsim.kernels.hand.pose import move, update_kinematics
+from hhsim.solver.workspace import tick_state
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import PALM, Motion, brute_pairs, cloud, set_pose, still
 
-from hhsim.hand import HandModel
-from hhsim.kernels.contact import evaluate, find_contacts
-from hhsim.kernels.hand import DOF
-from hhsim.kernels.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
-from hhsim.solver_options import Stiffness
-from hhsim.sphere_tree import SphereTree
-from hhsim.workspace import tick_state
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import evaluate, find_contacts
+from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.solver.options import Stiffness
+from hhsim.solver.workspace import tick_state
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

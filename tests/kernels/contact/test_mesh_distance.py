@@ -8,16 +8,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
 
-from hhsim.hand import HandModel
-from hhsim.kernels.median_tree import STACK
-from hhsim.kernels.mesh_bvh import MeshBvh, build_mesh_bvh
-from hhsim.kernels.mesh_contact import (
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.mesh_distance import (
     DEEPEST_INTERVAL,
     hand_mesh_distances,
     round_cone_mesh_distance,
     touching_points,
 )
-from hhsim.object_catalogue import load_object
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
+from hhsim.mesh.catalogue import load_object
 
 Array = NDArray[np.float64]
 

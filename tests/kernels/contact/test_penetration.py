@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand import HandModel
-from hhsim.kernels.hand import HandArrays
-from hhsim.kernels.penetration import clearances
-from hhsim.kernels.tree import TreeArrays
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.hand.kinematics import HandArrays
+from hhsim.kernels.sphere_tree import TreeArrays
 
 Array = NDArray[np.float64]
 

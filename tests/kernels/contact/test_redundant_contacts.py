@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernels.contact.test_linearise import RIGHT, ROOT, row_matrix
 from numpy.typing import NDArray
 from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, set_pose, sphere_tree, still
-from test_kernel_linearise import RIGHT, ROOT, row_matrix
 
-from hhsim.kernels.contact import CONTACT_ROWS, evaluate, find_contacts
-from hhsim.kernels.dominance import FEWEST, drop_dominated
-from hhsim.kernels.hand import motion_bounds
-from hhsim.kernels.linearise import build_rows
-from hhsim.sphere_tree import SphereTree
-from hhsim.workspace import tick_state
+from hhsim.kernels.contact.detection import CONTACT_ROWS, evaluate, find_contacts
+from hhsim.kernels.contact.linearise import build_rows
+from hhsim.kernels.contact.redundant_contacts import FEWEST, drop_dominated
+from hhsim.kernels.hand.kinematics import motion_bounds
+from hhsim.solver.workspace import tick_state
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -5,13 +5,13 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from hhsim.kernels.cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
-from hhsim.kernels.cover_certificate import certify_cover
-from hhsim.kernels.cover_error import exposed, union_distance
-from hhsim.kernels.median_tree import subtrees
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
-from hhsim.kernels.micro_triangle import cut_mesh, edges_for
-from hhsim.tree_error import sample_mesh
+from hhsim.kernels.cover.certify import certify_cover
+from hhsim.kernels.cover.greedy_cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
+from hhsim.kernels.cover.micro_triangle import cut_mesh, edges_for
+from hhsim.kernels.cover.sampled_error import exposed, union_distance
+from hhsim.kernels.kd_tree import subtrees
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
+from hhsim.trees.error import sample_mesh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -6,10 +6,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.kernels.inner_ball import depth_at, far_corner2, inner_ball, place_ball
-from hhsim.kernels.median_tree import STACK
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals
-from hhsim.kernels.micro_triangle import cut_mesh
+from hhsim.kernels.cover.inscribed_sphere import depth_at, far_corner2, inner_ball, place_ball
+from hhsim.kernels.cover.micro_triangle import cut_mesh
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals
 
 HALF = np.array([0.05, 0.03, 0.01])
 SHAPE = trimesh.creation.box(2.0 * HALF)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.medial_reduce import (
+from hhsim.kernels.cover.medial_reduction import (
     assign_pieces,
     assign_to_siblings,
     burst,

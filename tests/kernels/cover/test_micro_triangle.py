@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from hhsim.kernels.mesh_bvh import face_normals
-from hhsim.kernels.micro_triangle import cut_faces, cut_mesh, edges_for, halve
+from hhsim.kernels.cover.micro_triangle import cut_faces, cut_mesh, edges_for, halve
+from hhsim.kernels.mesh.bvh import face_normals
 
 
 def areas(

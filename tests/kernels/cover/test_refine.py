@@ -8,10 +8,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.kernels.cover import assign, greedy_cover
-from hhsim.kernels.cover_refine import group_by_owner, move_balls, removal_cost, spare_balls
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
-from hhsim.kernels.micro_triangle import cut_mesh, edges_for
+from hhsim.kernels.cover.greedy_cover import assign, greedy_cover
+from hhsim.kernels.cover.micro_triangle import cut_mesh, edges_for
+from hhsim.kernels.cover.refine import group_by_owner, move_balls, removal_cost, spare_balls
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 
 
 @settings(max_examples=60)

@@ -8,10 +8,10 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from hhsim.kernels.ball_descent import WORK, descend_ball
-from hhsim.kernels.median_tree import STACK
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals, mesh_signed_distance
-from hhsim.kernels.micro_triangle import cut_mesh
+from hhsim.kernels.cover.micro_triangle import cut_mesh
+from hhsim.kernels.cover.sphere_descent import WORK, descend_ball
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand import HandModel, Side
-from hhsim.kernels.hand import BODY_COUNT, DOF, PALM_BODY, HandArrays, forward_kinematics, motion_bounds
+from hhsim.hand.model import HandModel, Side
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, PALM_BODY, HandArrays, forward_kinematics, motion_bounds
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand import HandModel
-from hhsim.kernels.hand import DOF
-from hhsim.kernels.pose import HAND_POSE, copy_configuration, is_finite_configuration, move, update_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.hand.pose import HAND_POSE, copy_configuration, is_finite_configuration, move, update_kinematics
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from hhsim.kernels.median_tree import STACK
-from hhsim.kernels.mesh_bvh import (
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import (
     MeshBvh,
     build_mesh_bvh,
     closest_on_mesh,

@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.fast_winding import winding_moments
-from hhsim.kernels.mesh_bvh import build_mesh_bvh, face_normals
-from hhsim.kernels.solid_field import SolidField, count_hits, inside, leave_inside, near
-from hhsim.mesh import Mesh
-from hhsim.shapes import cube, sphere
-from hhsim.surface_samples import face_samples
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals
+from hhsim.kernels.mesh.fast_winding_number import winding_moments
+from hhsim.kernels.mesh.inside_field import SolidField, count_hits, inside, leave_inside, near
+from hhsim.mesh.generators import cube, sphere
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.surface_sampling import face_samples
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.cell_pieces import cut_by_cells
+from hhsim.kernels.mesh.octree_clipping import cut_by_cells
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

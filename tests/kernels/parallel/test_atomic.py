@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.kernels.atomic import (
+from hhsim.kernels.parallel.atomic import (
     compare_exchange,
     fetch_add,
     load_acquire,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import cpu_ns, thread_cpu_ns
-from hhsim.kernels.crew import (
+from hhsim.kernels.parallel.thread_team import (
     CREW,
     DONE,
     NOTHING,

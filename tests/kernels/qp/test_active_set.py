@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels import active_set
-from hhsim.kernels.active_set import INFEASIBLE, ITERATION_LIMIT, NOT_FINITE, OPTIMAL, new_work
+from hhsim.kernels.qp import active_set
+from hhsim.kernels.qp.active_set import INFEASIBLE, ITERATION_LIMIT, NOT_FINITE, OPTIMAL, new_work
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

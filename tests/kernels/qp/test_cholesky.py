@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.cholesky import NOT_POSITIVE, factorise, solve_factorised
+from hhsim.kernels.qp.cholesky import NOT_POSITIVE, factorise, solve_factorised
 
 Array = NDArray[np.float64]
 

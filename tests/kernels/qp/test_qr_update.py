@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.kernels.active_set import new_work
-from hhsim.kernels.factors import append, back_substitute, project, remove, resolve, work_dtype
+from hhsim.kernels.qp.active_set import new_work
+from hhsim.kernels.qp.qr_update import append, back_substitute, project, remove, resolve, work_dtype
 
 Array = NDArray[np.float64]
 

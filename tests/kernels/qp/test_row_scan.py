@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.active_set import CAPACITY, N_MAX
-from hhsim.kernels.hand import DOF
-from hhsim.kernels.linearise import ROW_CAPACITY
-from hhsim.kernels.program_rows import (
+from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.qp.active_set import CAPACITY, N_MAX
+from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
     most_violated,

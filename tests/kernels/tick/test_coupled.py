@@ -7,13 +7,13 @@ import pytest
 from numpy.typing import NDArray
 from sphere_scenes import Motion, bumpy_ball, prepared, random_targets, solve_prepared
 
-from hhsim.contact_problem import coupled_problem
-from hhsim.hand import HandModel
-from hhsim.kernels.active_set import OPTIMAL
-from hhsim.kernels.linearise import ROW_CAPACITY
-from hhsim.qp import QpProblem, solve
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.qp.active_set import OPTIMAL
+from hhsim.solver.contact_qp import coupled_problem
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.qp import QpProblem, solve
 
 Array = NDArray[np.float64]
 

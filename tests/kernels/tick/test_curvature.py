@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernels.contact.test_linearise import moved, pair_of, scene
 from numpy.typing import NDArray
 from sphere_scenes import PALM, brute_pairs
-from test_kernel_linearise import moved, pair_of, scene
 
-from hhsim.hand import HandModel
-from hhsim.kernels.curvature import curvature_product
-from hhsim.kernels.hand import DOF
-from hhsim.sphere_tree import SphereTree
+from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.tick.curvature import curvature_product
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

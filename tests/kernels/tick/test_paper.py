@@ -19,9 +19,9 @@ from sphere_scenes import (
 )
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand import HandModel
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import (
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import (
     STATUS_HELD,
     STATUS_START_INSIDE,
     STATUS_STUCK,
@@ -29,9 +29,9 @@ from hhsim.kernels.tick_state import (
     WORK_LINEARISATIONS,
     WORK_TOUCHING,
 )
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernels.tick.test_paper_detection import frustum_excess, frustum_of
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, cloud, set_pose
-from test_kernel_paper_detection import frustum_excess, frustum_of
 
-from hhsim.hand import HandModel
-from hhsim.kernels.contact import CONTACT_ROWS
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import CONTACT_ROWS
+from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.euler import euler_axes
-from hhsim.kernels.frustum import frustum_shapes, place_frustum
-from hhsim.kernels.linearise import ROW_CAPACITY
-from hhsim.kernels.paper import finger_program
-from hhsim.kernels.paper_constraints import limit_rows, palm_contacts, palm_rows, phalanx_contacts
-from hhsim.kernels.paper_detection import ON_FRUSTUM, ON_SPHERE, detect
-from hhsim.solver_options import Stiffness
-from hhsim.sphere_tree import SphereTree
-from hhsim.workspace import paper_state, tick_state
+from hhsim.kernels.hand.frustum import frustum_shapes, place_frustum
+from hhsim.kernels.tick.paper import finger_program
+from hhsim.kernels.tick.paper_constraints import limit_rows, palm_contacts, palm_rows, phalanx_contacts
+from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect
+from hhsim.solver.options import Stiffness
+from hhsim.solver.workspace import paper_state, tick_state
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

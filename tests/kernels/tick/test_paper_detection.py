@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, cloud, palm_spheres, set_pose
 
-from hhsim.hand import HandModel
-from hhsim.kernels.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
-from hhsim.kernels.paper_detection import ON_FRUSTUM, ON_SPHERE, detect, finger_is_free, palm_is_free
-from hhsim.solver_options import Stiffness
-from hhsim.sphere_tree import SphereTree
-from hhsim.workspace import paper_state, tick_state
+from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
+from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect, finger_is_free, palm_is_free
+from hhsim.solver.options import Stiffness
+from hhsim.solver.workspace import paper_state, tick_state
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

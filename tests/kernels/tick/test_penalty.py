@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, brute_pairs, bumpy_ball, random_targets, sphere_tree, still, straight_line
 
 from hhsim.errors import InputError
-from hhsim.hand import HandModel
-from hhsim.kernels.contact import COUNT_PAIR_TESTS
-from hhsim.kernels.penalty import LIMIT_WEIGHT
-from hhsim.kernels.tick_state import (
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
+from hhsim.kernels.tick.penalty import LIMIT_WEIGHT
+from hhsim.kernels.tick.state import (
     STATUS_HELD,
     STATUS_START_INSIDE,
     TOUCH,
@@ -23,9 +23,9 @@ from hhsim.kernels.tick_state import (
     WORK_QP_ITERATIONS,
     WORK_TOUCHING,
 )
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions, Stiffness
-from hhsim.sphere_tree import SphereTree
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -4,15 +4,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from kernels.tick.test_coupled import HAND, TICKS, harvest, multipliers, optimum
 from numpy.typing import NDArray
 from sphere_scenes import Motion, brute_pairs, bumpy_ball, prepared, random_targets, solve_prepared, sphere_tree, still
-from test_kernel_coupled import HAND, TICKS, harvest, multipliers, optimum
 
-from hhsim.contact_problem import coupled_problem, finger_problem, palm_problem
-from hhsim.kernels.active_set import OPTIMAL
-from hhsim.qp import QpProblem, solve
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.kernels.qp.active_set import OPTIMAL
+from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.qp import QpProblem, solve
 
 Array = NDArray[np.float64]
 

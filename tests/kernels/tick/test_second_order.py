@@ -4,17 +4,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from kernels.tick.test_coupled import HAND, TICKS, harvest, multipliers, optimum
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball, random_targets, solve_prepared, still, straight_line
-from test_kernel_coupled import HAND, TICKS, harvest, multipliers, optimum
 
-from hhsim.contact_problem import coupled_problem
-from hhsim.kernels.active_set import OPTIMAL
-from hhsim.kernels.curvature import curvature_product
-from hhsim.kernels.hand import DOF
-from hhsim.kernels.second_order import STRETCH
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions, Stiffness
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.qp.active_set import OPTIMAL
+from hhsim.kernels.tick.curvature import curvature_product
+from hhsim.kernels.tick.second_order import STRETCH
+from hhsim.solver.contact_qp import coupled_problem
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
 
 Array = NDArray[np.float64]
 

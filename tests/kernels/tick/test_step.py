@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernels.contact.test_linearise import scene
 from numpy.typing import NDArray
-from test_kernel_linearise import scene
 
-from hhsim.kernels.hand import PALM_BODY
-from hhsim.kernels.linearise import LIMIT_ROWS
-from hhsim.kernels.step import ACTIVE_CAPACITY, ACTIVE_CONTACTS, STEP, guess_rows, keep_active
+from hhsim.kernels.contact.linearise import LIMIT_ROWS
+from hhsim.kernels.hand.kinematics import PALM_BODY
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, ACTIVE_CONTACTS, STEP, guess_rows, keep_active
 
 Array = NDArray[np.float64]
 

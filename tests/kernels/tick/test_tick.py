@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, sphere_tree, still, straight_line
 
-from hhsim.hand import HandModel
-from hhsim.kernels.block import run_block
-from hhsim.kernels.contact import COUNT_PAIR_TESTS
-from hhsim.kernels.tick import set_haptic
-from hhsim.kernels.tick_state import (
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
+from hhsim.kernels.tick.block import run_block
+from hhsim.kernels.tick.state import (
     STATUS_FULL,
     STATUS_HELD,
     STATUS_LAG,
@@ -26,10 +25,11 @@ from hhsim.kernels.tick_state import (
     WORK_QP_ITERATIONS,
     WORK_TOUCHING,
 )
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
-from hhsim.workspace import tick_record
+from hhsim.kernels.tick.tick import set_haptic
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.workspace import tick_record
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhsim.dexmo_regression import BEND
-from hhsim.dexmo_regression import CHANNELS as OURS
 from hhsim.errors import InputError
-from hhsim.live.dexmo_calibration import MOST_FILE, load_calibration
-from hhsim.live.dexmo_codec import CHANNELS
+from hhsim.live.devices.calibration import MOST_FILE, load_calibration
+from hhsim.live.link.dexmo_codec import CHANNELS
+from hhsim.recordings.dexmo_regression import BEND
+from hhsim.recordings.dexmo_regression import CHANNELS as OURS
 
 LOW = np.linspace(600.0, 1600.0, 11)
 HIGH = LOW + np.where(np.isin(np.arange(11), BEND), 2200.0, 400.0)

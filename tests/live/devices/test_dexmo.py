@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import BEND, DexmoRegression
-from hhsim.live.devices import DeviceConfig, open_device
-from hhsim.live.dexmo_codec import CHANNELS, GloveMessage, encode_frame, framed
-from hhsim.live.dexmo_glove import MOST_MALFORMED, DexmoGlove
-from hhsim.live.fake_dexmo import COUNT_LOW, COUNT_SPAN, fake_channels
-from hhsim.live.fake_dexmo_process import FakeDexmo, Kind
-from hhsim.live.glove_device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand
+from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand
+from hhsim.live.devices.dexmo import MOST_MALFORMED, DexmoGlove
+from hhsim.live.devices.registry import DeviceConfig, open_device
+from hhsim.live.link.dexmo_codec import CHANNELS, GloveMessage, encode_frame, framed
+from hhsim.live.simulators.dexmo_process import FakeDexmo, Kind
+from hhsim.live.simulators.dexmo_server import COUNT_LOW, COUNT_SPAN, fake_channels
+from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 RIGHT = 337785601
 HANG = 60.0

@@ -15,12 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_peers import PATIENCE, Reader, free_ports
 
-from hhsim.dexmo_regression import CHANNELS, DexmoRegression
 from hhsim.errors import InputError
-from hhsim.live.devices import DeviceConfig, open_device
-from hhsim.live.fake_peer_process import FakePeerProcess
-from hhsim.live.glove_device import Capability, DeviceError, FingerCommand
-from hhsim.live.opengloves_codec import (
+from hhsim.live.device import Capability, DeviceError, FingerCommand
+from hhsim.live.devices.opengloves import OpenGlovesGlove, limits
+from hhsim.live.devices.registry import DeviceConfig, open_device
+from hhsim.live.link.opengloves_codec import (
     LONGEST_LINE,
     GloveLine,
     LineError,
@@ -30,9 +29,10 @@ from hhsim.live.opengloves_codec import (
     parse_limits,
     parse_line,
 )
-from hhsim.live.opengloves_glove import OpenGlovesGlove, limits
+from hhsim.live.simulators.peer_process import FakePeerProcess
+from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
 
-FAKE = "hhsim.live.fake_opengloves"
+FAKE = "hhsim.live.simulators.opengloves_board"
 COUNT = st.integers(0, 4095).map(float)
 CURLS = st.tuples(*[COUNT] * 5)
 MAYBE = st.one_of(COUNT, st.just(math.nan))

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import DexmoRegression
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.live.devices import DEVICE_KINDS, DeviceConfig, open_device
-from hhsim.live.glove_device import GLOVE_SAMPLE, FingerCommand, GloveDevice
-from hhsim.live.live_records import LIVE_STATUS
+from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
+from hhsim.live.devices.registry import DEVICE_KINDS, DeviceConfig, open_device
+from hhsim.live.ipc.records import LIVE_STATUS
 from hhsim.live.playback import RETURN_TIME, Playback
-from hhsim.live.pose_sources import PoseConfig, make_pose_source, write_keyboard_pose
+from hhsim.live.pose.config import PoseConfig
+from hhsim.live.pose.registry import make_pose_source, write_keyboard_pose
 from hhsim.live.shared_memory import SharedBlock
-from hhsim.trajectory import Trajectory
+from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings.dexmo_regression import DexmoRegression
 
 
 @pytest.fixture

@@ -19,19 +19,20 @@ from hypothesis import strategies as st
 from live_peers import PATIENCE, Reader, free_ports
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import BEND, DexmoRegression
-from hhsim.live import udp_packet
-from hhsim.live.devices import DeviceConfig, open_device
-from hhsim.live.fake_peer import PeerRecord
-from hhsim.live.fake_peer_process import FakePeerProcess
-from hhsim.live.glove_device import Capability, DeviceError, FingerCommand
-from hhsim.live.packet_order import PacketOrder
-from hhsim.live.pose_sources import PoseConfig, make_pose_source
-from hhsim.live.udp_glove import UdpGlove
-from hhsim.live.udp_packet import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
-from hhsim.live.udp_port import UdpPort
+from hhsim.live.device import Capability, DeviceError, FingerCommand
+from hhsim.live.devices.registry import DeviceConfig, open_device
+from hhsim.live.devices.udp import UdpGlove
+from hhsim.live.link import udp_codec as udp_packet
+from hhsim.live.link.udp import UdpPort
+from hhsim.live.link.udp_codec import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
+from hhsim.live.pose.config import PoseConfig
+from hhsim.live.pose.registry import make_pose_source
+from hhsim.live.sequence_numbers import PacketOrder
+from hhsim.live.simulators.peer import PeerRecord
+from hhsim.live.simulators.peer_process import FakePeerProcess
+from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
-BRIDGE = Path(__file__).resolve().parent.parent / "examples" / "udp_bridge.py"
+BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "udp_bridge.py"
 KINDS = st.sampled_from(list(Kind))
 U32 = st.integers(0, 2**32 - 1)
 
@@ -280,7 +281,10 @@ def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_
     port = free_ports(socket.SOCK_DGRAM)
     arguments = ("--port", port, "--lose", 0.03, "--swap", 0.05, "--seed", 5)
     device = open_device(DeviceConfig(kind="udp", port=port))
-    with FakePeerProcess("hhsim.live.fake_udp", tmp_path / "peer.log", *arguments) as peer, closing(device):
+    with (
+        FakePeerProcess("hhsim.live.simulators.udp_sender", tmp_path / "peer.log", *arguments) as peer,
+        closing(device),
+    ):
         device.open(PATIENCE)
         reader, command = Reader(device), FingerCommand()
 

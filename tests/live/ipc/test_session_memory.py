@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.hand import HandModel
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.live_setup import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits, read_setup, write_setup
-from hhsim.live.pose_sources import PoseConfig
-from hhsim.live.session_memory import FACT_BYTES, WARNING, SessionMemory, add_memory_options, attached
+from hhsim.hand.model import HandModel
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.ipc.config import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits, read_setup, write_setup
+from hhsim.live.ipc.session_memory import FACT_BYTES, WARNING, SessionMemory, add_memory_options, attached
+from hhsim.live.pose.config import PoseConfig
 from hhsim.live.shared_memory import RingReader
-from hhsim.shapes import sphere
-from hhsim.solver_options import SolverOptions
-from hhsim.sphere_tree import SphereTree
+from hhsim.mesh.generators import sphere
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
 CHILD = """
 import argparse
-from hhsim.live.session_memory import add_memory_options, attached
-from hhsim.live.live_setup import read_setup
+from hhsim.live.ipc.session_memory import add_memory_options, attached
+from hhsim.live.ipc.config import read_setup
 from hhsim.live.shared_memory import RingReader
 parser = argparse.ArgumentParser()
 add_memory_options(parser)

@@ -10,8 +10,8 @@ from google.protobuf.message import DecodeError
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.live import dexmo_codec
-from hhsim.live.dexmo_codec import (
+from hhsim.live.link import dexmo_codec
+from hhsim.live.link.dexmo_codec import (
     CHANNELS,
     COMMAND,
     FRAME,
@@ -25,7 +25,7 @@ from hhsim.live.dexmo_codec import (
     encode_impedance,
     framed,
 )
-from hhsim.live.proto3_wire import Schema, WireError, decode, encode
+from hhsim.live.link.proto3_wire import Schema, WireError, decode, encode
 
 CLASSES = message_classes()
 ROOTS: tuple[tuple[str, Schema], ...] = (("Frame", FRAME), ("Command", COMMAND))

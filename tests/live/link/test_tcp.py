@@ -7,9 +7,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from hhsim.live.byte_link import MOST_READ
-from hhsim.live.glove_device import DeviceError
-from hhsim.live.tcp_link import TcpLink, _is_itself
+from hhsim.live.device import DeviceError
+from hhsim.live.link.byte_stream import MOST_READ
+from hhsim.live.link.tcp import TcpLink, _is_itself
 
 
 @contextmanager

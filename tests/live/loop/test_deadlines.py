@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_scripted import FakeClock
 
-from hhsim.live.deadlines import Deadlines, MonotonicClock
-from hhsim.live.tick_times import BATCH, TickTimes
+from hhsim.live.loop.deadlines import Deadlines, MonotonicClock
+from hhsim.live.loop.tick_times import BATCH, TickTimes
 
 PERIOD = 1_000_000
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.dexmo_regression import DexmoRegression
-from hhsim.live.live_records import Safety
-from hhsim.live.live_setup import OutputLimits
-from hhsim.live.output_stage import OutputStage
+from hhsim.live.ipc.config import OutputLimits
+from hhsim.live.loop.finger_command import OutputStage
+from hhsim.recordings.dexmo_regression import DexmoRegression
+from hhsim.result.safety import Safety
 
 Array = NDArray[np.float64]
 

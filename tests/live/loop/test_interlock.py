@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.live.live_records import Safety
-from hhsim.live.live_setup import SafetyLimits
-from hhsim.live.safety_gate import QUIET_NS, SafetyGate, SafetyLog
+from hhsim.live.ipc.config import SafetyLimits
+from hhsim.live.loop.interlock import QUIET_NS, SafetyGate, SafetyLog
+from hhsim.result.safety import Safety
 
 NOW = 10**12
 MS = 1_000_000

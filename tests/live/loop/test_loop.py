@@ -11,17 +11,18 @@ import pytest
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
 from numpy.typing import NDArray
 
-from hhsim.live.glove_device import FingerCommand
-from hhsim.live.live_loop import LiveLoop, loop_options
-from hhsim.live.live_records import LIVE_TICK, Safety, Stage
-from hhsim.live.live_setup import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.device import FingerCommand
+from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.loop.loop import LiveLoop, loop_options
+from hhsim.live.loop.tick_times import BATCH
+from hhsim.live.pose.registry import FixedPose
 from hhsim.live.pose_source import PoseSource
-from hhsim.live.pose_sources import FixedPose
-from hhsim.live.session_memory import SessionMemory
 from hhsim.live.shared_memory import RingReader
-from hhsim.live.tick_times import BATCH
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
+from hhsim.result.safety import Safety
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
 
 Array = NDArray[np.float64]
 TIMINGS = ("duration", "duration_total", "duration_cpu")

@@ -9,18 +9,18 @@ import time
 import pytest
 from live_scripted import make_setup
 
-from hhsim.live.devices import DeviceConfig
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.ipc.config import RealTimeWishes, write_setup
+from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.session_memory import FAULT, SessionMemory
 from hhsim.live.linux_calls import AbsoluteSleep
-from hhsim.live.live_records import Stage
-from hhsim.live.live_setup import RealTimeWishes, write_setup
-from hhsim.live.real_time import described
-from hhsim.live.session_memory import FAULT, SessionMemory
+from hhsim.live.loop.real_time import described
 from hhsim.live.shared_memory import RingReader
 
 ASK = """
 import json, os, sys, gc, resource
-from hhsim.live.live_setup import RealTimeWishes
-from hhsim.live.real_time import become_real_time
+from hhsim.live.ipc.config import RealTimeWishes
+from hhsim.live.loop.real_time import become_real_time
 {before}
 mode = become_real_time(RealTimeWishes({wishes}))
 print(json.dumps([mode, os.sched_getscheduler(0), sorted(os.sched_getaffinity(0)), gc.isenabled()]))
@@ -91,7 +91,7 @@ def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], Sessi
     wishes = RealTimeWishes(fifo=False, lock_memory=False, cpu=-1)
     setup, memory = write_setup(make_setup(**({"real_time": wishes} | changes))), SessionMemory.create()
     child = subprocess.run(
-        [sys.executable, "-m", "hhsim.live.loop_process", "--setup", str(setup), *memory.arguments()],
+        [sys.executable, "-m", "hhsim.live.loop.process", "--setup", str(setup), *memory.arguments()],
         pass_fds=(setup, *memory.descriptors),
         capture_output=True,
         text=True,

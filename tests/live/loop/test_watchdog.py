@@ -14,11 +14,11 @@ from typing import NamedTuple
 import pytest
 from live_scripted import make_setup
 
-from hhsim.live.live_records import Stage
-from hhsim.live.live_setup import LiveSetup, OutputLimits, RealTimeWishes, write_setup
-from hhsim.live.session_memory import SessionMemory
+from hhsim.live.ipc.config import LiveSetup, OutputLimits, RealTimeWishes, write_setup
+from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.session_memory import SessionMemory
 
-PROGRAM = Path(__file__).with_name("guarded_loop.py")
+PROGRAM = Path(__file__).parents[2] / "guarded_loop.py"
 MS = 1_000_000
 PATIENCE = 60.0
 
@@ -84,8 +84,8 @@ SUPERVISOR = """
 import subprocess, sys, time
 sys.path.insert(0, sys.argv[1])
 from live_scripted import make_setup
-from hhsim.live.live_setup import RealTimeWishes, write_setup
-from hhsim.live.session_memory import SessionMemory
+from hhsim.live.ipc.config import RealTimeWishes, write_setup
+from hhsim.live.ipc.session_memory import SessionMemory
 memory = SessionMemory.create()
 setup = write_setup(make_setup(real_time=RealTimeWishes(lock_memory=False, cpu=-1)))
 for name in ("guardian", "loop_process"):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.live.palm_keys import DEGREES_PER_METRE, MOVES, REACH, SPEED, STEPS, STOP, TURNING, TURNS, PalmKeys
+from hhsim.live.pose.keyboard import DEGREES_PER_METRE, MOVES, REACH, SPEED, STEPS, STOP, TURNING, TURNS, PalmKeys
 
 HOME = np.array([0.1, -0.2, 0.3])
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])

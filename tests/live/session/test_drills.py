@@ -22,9 +22,9 @@ import pytest
 from live_drill import IN_TIME, LOOP, STIFF, WITHOUT_REAL_TIME, Drill, FakeDexmo, Kind, Safety, grasping_setup, stiff
 from numpy.typing import NDArray
 
-from hhsim.live.live_records import Stage
-from hhsim.live.supervisor import GUARDIAN, RECORDER, VIEWER
-from hhsim.result import load_result
+from hhsim.live.ipc.records import Stage
+from hhsim.live.session.supervisor import GUARDIAN, RECORDER, VIEWER
+from hhsim.result.reader import load_result
 
 JUST_BEFORE = 200_000_000
 """A finger is held so shortly before a fault [ns]."""

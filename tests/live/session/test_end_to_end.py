@@ -8,19 +8,19 @@ import pytest
 from live_rings import SCRIPT, make_setup
 from sphere_scenes import bumpy_ball
 
-from hhsim.hand import HandModel
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.live_scene import make_live_scene
-from hhsim.live.live_setup import LiveSetup, RealTimeWishes
-from hhsim.live.pose_sources import PoseConfig
-from hhsim.live.supervisor import SessionOutcome, Supervisor
-from hhsim.result import Result, load_result
-from hhsim.run_again import run_again
-from hhsim.script import parse_script
-from hhsim.shapes import sphere
-from hhsim.trajectory import Trajectory
-from hhsim.trajectory_catalogue import resolve_trajectory
-from hhsim.verify import verify
+from hhsim.hand.model import HandModel
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.ipc.config import LiveSetup, RealTimeWishes
+from hhsim.live.pose.config import PoseConfig
+from hhsim.live.session.scene import make_live_scene
+from hhsim.live.session.supervisor import SessionOutcome, Supervisor
+from hhsim.mesh.generators import sphere
+from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.repeat import run_again
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.motion_catalogue import resolve_trajectory
+from hhsim.scene.script import parse_script
+from hhsim.verify.verify import verify
 
 TICKS = 1500
 

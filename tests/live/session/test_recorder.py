@@ -22,18 +22,18 @@ from numpy.typing import NDArray
 from sphere_scenes import brute_clearance
 
 from hhsim.errors import InputError
-from hhsim.live.live_loop import loop_options
-from hhsim.live.live_records import LIVE_TICK, Stage
-from hhsim.live.live_setup import write_setup
-from hhsim.live.recorder import CUT_SHORT, LOOP_DIED, Recorder
-from hhsim.live.session_memory import TICK_CAPACITY, SessionMemory
-from hhsim.live.session_summary import recorded_figures
-from hhsim.live.session_writer import SessionWriter
-from hhsim.log_histogram import LogHistogram
-from hhsim.result import Result, load_result
-from hhsim.result_schema import LIVE_TICK_COLUMNS, TICK_COLUMNS
-from hhsim.run_again import run_again
-from hhsim.solver_options import SolverOptions
+from hhsim.live.ipc.config import write_setup
+from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.ipc.session_memory import TICK_CAPACITY, SessionMemory
+from hhsim.live.loop.loop import loop_options
+from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder
+from hhsim.live.session.summary import recorded_figures
+from hhsim.live.session.writer import SessionWriter
+from hhsim.replay.repeat import run_again
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import LIVE_TICK_COLUMNS, TICK_COLUMNS
+from hhsim.solver.options import SolverOptions
+from hhsim.system.log_histogram import LogHistogram
 
 Records = NDArray[Any]
 COUNTERS = [1000, 140, 14, 3, 2, 1, 0, 699, 1]
@@ -259,7 +259,7 @@ def recorder_process(path: Path, memory: SessionMemory, limit: int = 0) -> Itera
     """The recorder as the supervisor starts it; its files may not grow beyond `limit` bytes, if that is not 0."""
     setup = write_setup(make_setup(path))
     arguments = ["--setup", str(setup), *memory.arguments()]
-    script = "import resource, sys; from hhsim.live.recorder import main; "
+    script = "import resource, sys; from hhsim.live.session.recorder import main; "
     script += f"resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); " if limit else ""
     script += "sys.exit(main(sys.argv[1:]))"
     process = subprocess.Popen(

@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.live.live_records import LIVE_TICK, Safety
-from hhsim.live.live_tally import LiveTally
-from hhsim.live.safety_words import WORDS, why_free
+from hhsim.live.ipc.records import LIVE_TICK
+from hhsim.live.session.statistics import LiveTally
 from hhsim.live.shared_memory import SharedRing
+from hhsim.result.safety import WORDS, Safety, why_free
 
 
 def ring_of(ticks: np.ndarray) -> SharedRing:

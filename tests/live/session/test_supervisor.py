@@ -10,18 +10,18 @@ from pathlib import Path
 import pytest
 
 from hhsim.errors import HhsimError
-from hhsim.hand import HandModel
-from hhsim.live import supervisor
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.glove_device import DeviceError
-from hhsim.live.live_records import EVENT, LIVE_STATUS, Stage
-from hhsim.live.live_setup import LiveSetup
-from hhsim.live.pose_sources import PoseConfig
-from hhsim.live.session_memory import EVENT_CAPACITY, FAULT, WARNING
-from hhsim.live.supervisor import GUARDIAN, LOOP, RECORDER, VIEWER, Supervisor
-from hhsim.object_catalogue import load_object
-from hhsim.solver_options import SolverOptions
-from hhsim.tree_builder import TreeOptions, cached_sphere_tree
+from hhsim.hand.model import HandModel
+from hhsim.live.device import DeviceError
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.ipc.records import EVENT, LIVE_STATUS, Stage
+from hhsim.live.ipc.session_memory import EVENT_CAPACITY, FAULT, WARNING
+from hhsim.live.pose.config import PoseConfig
+from hhsim.live.session import supervisor
+from hhsim.live.session.supervisor import GUARDIAN, LOOP, RECORDER, VIEWER, Supervisor
+from hhsim.mesh.catalogue import load_object
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 # Without hhsim's numerics, which every one of them would load.
 BEGIN = """

@@ -14,23 +14,24 @@ import pytest
 from rerun_files import PATIENCE, Recording, listening
 from short_grasp import short_grasp, short_scene
 
-from hhsim.hand_pieces import piece_poses
-from hhsim.kernels.block import TickRecord
-from hhsim.kernels.tick_state import WORK_TOUCHING
-from hhsim.live.devices import DeviceConfig
-from hhsim.live.live_records import LIVE_TICK, Safety, Stage
-from hhsim.live.live_setup import LiveSetup, write_setup
-from hhsim.live.pose_sources import PoseConfig
-from hhsim.live.session_memory import WARNING, SessionMemory
-from hhsim.live.session_writer import SessionWriter
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import WORK_TOUCHING
+from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.ipc.config import LiveSetup, write_setup
+from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.ipc.session_memory import WARNING, SessionMemory
+from hhsim.live.pose.config import PoseConfig
+from hhsim.live.session.viewer import LiveViewer
+from hhsim.live.session.writer import SessionWriter
 from hhsim.live.shared_memory import RingReader
-from hhsim.live.viewer import LiveViewer
-from hhsim.rerun_plots import LIVE_PLOTS
-from hhsim.rerun_target import parse_target
-from hhsim.result import load_result
-from hhsim.solver import HandSolver
-from hhsim.solver_options import SolverOptions
-from hhsim.view import view_result
+from hhsim.render.hand_meshes import piece_poses
+from hhsim.result.reader import load_result
+from hhsim.result.safety import Safety
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.view.plots import LIVE_PLOTS
+from hhsim.view.sink import parse_target
+from hhsim.view.viewer import view_result
 
 Records = np.ndarray[Any, Any]
 
@@ -181,7 +182,7 @@ def test_a_hand_that_is_no_number_is_shown_without_contacts(
 
 def command(setup: LiveSetup, memory: SessionMemory) -> tuple[list[str], list[int]]:
     descriptor = write_setup(setup)
-    words = [sys.executable, "-m", "hhsim.live.viewer", "--setup", str(descriptor), *memory.arguments()]
+    words = [sys.executable, "-m", "hhsim.live.session.viewer", "--setup", str(descriptor), *memory.arguments()]
     return words, [descriptor, *memory.descriptors]
 
 
@@ -210,7 +211,7 @@ def test_a_viewer_that_stalls_is_given_up(
     setup, records = played
     with listening(tmp_path / "got.rrd") as (port, viewer):
         words, descriptors = command(shown(setup, f"connect={port}"), memory)
-        impatient = "import sys; import hhsim.live.viewer as v; v.LONGEST_STALL = 0.5; sys.exit(v.main())"
+        impatient = "import sys; import hhsim.live.session.viewer as v; v.LONGEST_STALL = 0.5; sys.exit(v.main())"
         words[1:3] = ["-c", impatient]
         process = subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True)
         wait_for(lambda: int(memory.status["viewer_ns"]) > 0)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.live.added_latency import BEFORE, added_latencies
+from hhsim.live.simulators.round_trip import BEFORE, added_latencies
 
 
 @given(st.integers(0, 2**32), st.integers(1, 200), st.floats(100.0, 1000.0))

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hhsim.errors import HhsimError
-from hhsim.live.live_setup import RealTimeWishes
-from hhsim.live.soak import figures, make_setup, soak, table
-from hhsim.live.soak_peers import PEERS, places_of
-from hhsim.live.supervisor import Supervisor
-from hhsim.result import load_result
+from hhsim.live.ipc.config import RealTimeWishes
+from hhsim.live.session.supervisor import Supervisor
+from hhsim.live.simulators.soak import figures, make_setup, soak, table
+from hhsim.live.simulators.soak_peers import PEERS, places_of
+from hhsim.result.reader import load_result
 
 
 @given(st.integers(0, 2**32), st.integers(1, 60), st.floats(0.0, 0.3))

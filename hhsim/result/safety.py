@@ -1,6 +1,21 @@
-"""Why the fingers are free, in words for people."""
+"""Why the fingers of a live session are free: the flags that its file holds, and the words for them."""
 
-from hhsim.live.live_records import Safety
+from enum import IntFlag
+
+
+class Safety(IntFlag):
+    """Why the fingers are free (stiffness 0) in a tick; 0: they are not kept free."""
+
+    STALE_INPUT = 1
+    NOT_FINITE = 2
+    SOLVER_FAILED = 4
+    OVERRUN_STREAK = 8
+    DEVICE_LOST = 16
+    STOPPING = 32
+    NO_GUARDIAN = 64
+    DRY_RUN = 128
+    NO_INPUT_YET = 256
+
 
 WORDS = {
     Safety.STALE_INPUT: "no fresh input",

@@ -1,0 +1,1 @@
+"""The programs of real ticks, solved by every solver at hand."""

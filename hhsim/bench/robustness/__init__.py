@@ -1,0 +1,1 @@
+"""Hard cases, random targets and recordings: what a method must survive."""

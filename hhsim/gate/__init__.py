@@ -1,0 +1,1 @@
+"""Yes or no to a change: errors, work and time against a baseline."""

@@ -1,0 +1,1 @@
+"""The hand: sizes, palm, forward kinematics."""

@@ -1,0 +1,1 @@
+"""Covers of a surface by spheres, and their proofs."""

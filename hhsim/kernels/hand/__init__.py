@@ -1,0 +1,1 @@
+"""The hand: frustums, kinematics, closing fingers."""

@@ -1,0 +1,1 @@
+"""Triangle meshes: distance, inside and outside, clipping."""

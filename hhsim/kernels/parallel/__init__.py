@@ -1,0 +1,1 @@
+"""Threads inside a tick."""

@@ -1,0 +1,1 @@
+"""The active-set solver."""

@@ -1,0 +1,1 @@
+"""One tick of each method, and blocks of ticks."""

@@ -1,0 +1,1 @@
+"""Gloves: one driver each, and the watch over their samples."""

@@ -1,0 +1,1 @@
+"""Where the palm is while a session runs."""

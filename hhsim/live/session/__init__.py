@@ -1,0 +1,1 @@
+"""A session from start to file: its processes, recorder and viewer."""

@@ -1,0 +1,1 @@
+"""Gloves that are programs, to try a session against."""

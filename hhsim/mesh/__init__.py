@@ -1,0 +1,1 @@
+"""Triangle meshes: files, repair, generators, and the catalogue of objects."""

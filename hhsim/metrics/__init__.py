@@ -1,0 +1,1 @@
+"""What is measured, each figure defined once, and the brute force behind it."""

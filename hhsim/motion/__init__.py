@@ -1,0 +1,1 @@
+"""Trajectories of a hand: files, checks, and resampling to ticks."""

@@ -1,0 +1,85 @@
+"""Rotations of the library as unit quaternions (w, x, y, z), whole arrays of them at a time."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def quaternion(vector: ArrayLike) -> Array:
+    """Unit quaternions (w, x, y, z), shape (..., 4), of rotation vectors [rad], shape (..., 3)."""
+    turns = np.asarray(vector, np.float64)
+    half = 0.5 * np.linalg.norm(turns, axis=-1, keepdims=True)
+    # np.sinc(x) is sin(πx)/(πx), and whole at zero.
+    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * turns], axis=-1)
+
+
+def rotation_vector(quaternions: ArrayLike) -> Array:
+    """Rotation vectors [rad], shape (..., 3), the short way round, of unit quaternions (w, x, y, z), shape (..., 4)."""
+    q = np.asarray(quaternions, np.float64)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    small = sine < 1e-12
+    scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, q[..., :1]) / np.where(small, 1.0, sine))
+    vector: Array = scale * q[..., 1:]
+    return vector
+
+
+def quaternion_product(first: ArrayLike, second: ArrayLike) -> Array:
+    """The rotation `second` and then `first`, shapes (..., 4)."""
+    aw, ax, ay, az = np.moveaxis(np.asarray(first, np.float64), -1, 0)
+    bw, bx, by, bz = np.moveaxis(np.asarray(second, np.float64), -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def conjugate(quaternions: ArrayLike) -> Array:
+    """The inverse of unit quaternions, shape (..., 4)."""
+    turned: Array = np.asarray(quaternions, np.float64) * [1.0, -1.0, -1.0, -1.0]
+    return turned
+
+
+def rotation_matrix(unit: ArrayLike) -> Array:
+    """Matrix, shape (3, 3), of one unit quaternion (w, x, y, z)."""
+    w, x, y, z = np.asarray(unit, np.float64)
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_matrix(matrix: Array) -> Array:
+    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix, shape (3, 3)."""
+    m = matrix
+    squares = np.array(
+        [
+            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
+            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
+        ]
+    )
+    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    rows = np.array(
+        [
+            [squares[0], wx, wy, wz],
+            [wx, squares[1], xy, xz],
+            [wy, xy, squares[2], yz],
+            [wz, xz, yz, squares[3]],
+        ]
+    )
+    # All four rows are the quaternion times one of its components; the largest loses no digits.
+    row: Array = rows[int(np.argmax(squares))]
+    row /= np.linalg.norm(row)
+    return -row if row[0] < 0.0 else row

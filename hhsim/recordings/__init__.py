@@ -1,0 +1,1 @@
+"""Recordings of real hands, in other people's formats, made trajectories."""

@@ -1,0 +1,1 @@
+"""The result file: its schema, and how it is written and read."""

@@ -1,0 +1,1 @@
+"""A scene: an object, a hand and a motion between them."""

@@ -1,0 +1,1 @@
+"""Sphere trees of objects: builders, files, and how far each is off its mesh."""

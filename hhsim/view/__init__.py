@@ -1,0 +1,1 @@
+"""A result or a session in the rerun viewer."""

@@ -1,0 +1,140 @@
+"""Who imports whom in hhsim, read from the sources: what the layout's tests hold, and ARCHITECTURE.md draws."""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+PACKAGES = (
+    "hhsim",
+    *(f"hhsim.kernels{part}" for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".qp", ".tick")),
+    *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.motion", "hhsim.result", "hhsim.recordings"),
+    *("hhsim.metrics", "hhsim.scene", "hhsim.solver", "hhsim.replay", "hhsim.verify"),
+    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp"),
+    *("hhsim.gate", "hhsim.render", "hhsim.view"),
+    *(f"hhsim.live{part}" for part in ("", ".link", ".devices", ".pose", ".ipc", ".loop", ".session", ".simulators")),
+    "hhsim.report",
+)
+"""Every package of the library, lowest first: a module imports from its own package and from those before it."""
+
+
+@dataclass(frozen=True)
+class Import:
+    """One imported module by its absolute name.
+
+    Attributes:
+        name: of the module, or of the package where no module of it is named.
+        line: of the statement.
+        at_import: False where the statement waits for a function to be called, or serves types alone.
+        inside: what is imported from a module, as `module.name`.
+    """
+
+    name: str
+    line: int
+    at_import: bool
+    inside: str
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """Every module of the library and of the command line by its dotted name; packages by theirs."""
+    found = {}
+    for folder, prefix in (("hhsim", ()), ("cli", ("hhsim",))):
+        for path in sorted((REPOSITORY / folder).rglob("*.py")):
+            parts = (*prefix, *path.relative_to(REPOSITORY).with_suffix("").parts)
+            found[".".join(parts).removesuffix(".__init__")] = path
+    return found
+
+
+def library() -> dict[str, Path]:
+    """`modules` without the command line."""
+    return {name: path for name, path in modules().items() if not name.startswith("hhsim.cli")}
+
+
+def is_package(module: str) -> bool:
+    """Whether a module is a package's own file."""
+    return modules()[module].name == "__init__.py"
+
+
+def package_of(module: str) -> str:
+    """Package that a module lies in; a package's own file lies in itself."""
+    return module if is_package(module) else module.rpartition(".")[0]
+
+
+@cache
+def imports_of(path: Path) -> tuple[Import, ...]:
+    """Every import of one file of hhsim/ or cli/, wherever in the file."""
+    return tuple(_imports_of(path))
+
+
+def _imports_of(path: Path) -> Iterator[Import]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    later = {
+        inner
+        for outer in ast.walk(tree)
+        if isinstance(outer, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        or (isinstance(outer, ast.If) and ast.unparse(outer.test) == "TYPE_CHECKING")
+        for inner in ast.walk(outer)
+        if inner is not outer
+    }
+    own = next((name for name, file in modules().items() if file == path), path.stem)
+    package = own if path.name == "__init__.py" else own.rpartition(".")[0]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield Import(alias.name, node.lineno, node not in later, alias.name)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            for alias in node.names:
+                inside = f"{base}.{alias.name}"
+                yield Import(inside if inside in modules() else base, node.lineno, node not in later, inside)
+
+
+def matrix() -> dict[tuple[str, str], list[str]]:
+    """For each pair of different packages, importer first: the imports between them, as `file:line imports module`."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for module, path in library().items():
+        for imported in imports_of(path):
+            if imported.name in library():
+                pair = package_of(module), package_of(imported.name)
+                if pair[0] != pair[1]:
+                    where = f"{path.relative_to(REPOSITORY)}:{imported.line} imports {imported.name}"
+                    found.setdefault(pair, []).append(where)
+    return found
+
+
+def circles() -> list[list[str]]:
+    """Groups of modules that import each other, directly or round a circle (Tarjan's strongly connected components)."""
+    graph = {
+        module: sorted({imported.name for imported in imports_of(path)} & library().keys() - {module})
+        for module, path in library().items()
+        if module != "hhsim"
+    }
+    number: dict[str, int] = {}
+    low: dict[str, int] = {}
+    open_: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(module: str) -> None:
+        number[module] = low[module] = len(number)
+        open_.append(module)
+        for other in graph.get(module, []):
+            if other not in number:
+                visit(other)
+                low[module] = min(low[module], low[other])
+            elif other in open_:
+                low[module] = min(low[module], number[other])
+        if low[module] == number[module]:
+            group = open_[open_.index(module) :]
+            del open_[-len(group) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for module in graph:
+        if module not in number:
+            visit(module)
+    return found
