@@ -33,7 +33,7 @@ from hhsim.render.replay_figure import (
     view_rotation,
 )
 from hhsim.render.triangle_soup import SKIN, SPHERE, hand_surface, joined, mesh_surface, painted
-from hhsim.replay.stored_hand import hand_of
+from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.system.output_path import check_destination
 from tools.cross_section import Plane, Pose, cut_balls, cut_mesh, finger_plane, round_cone_outline
@@ -135,7 +135,7 @@ def show(result: Result) -> Shown:
         InputError: No finger presses with its last phalanx.
     """
     tick = shown_tick(result)
-    hand, pose = hand_of(result), _pose(result, tick, "graphic")
+    hand, pose = stored_hand(result), _pose(result, tick, "graphic")
     best: Shown | None = None
     most = -np.inf
     for finger, force in enumerate(result["force/phalanx"][tick, :, 2]):
@@ -159,7 +159,7 @@ def _pose(result: Result, tick: int, whose: str) -> Pose:
 
 
 def _draw_hands(panels: "list[Axes]", shown: Shown, view: tuple[float, float]) -> None:
-    result, hand = shown.result, hand_of(shown.result)
+    result, hand = shown.result, stored_hand(shown.result)
     mesh = Mesh(result.static["object/vertices"], result.static["object/faces"], "object", str(result.path))
     body = mesh_surface(mesh, STONE)
     graphic = hand_surface(hand, *shown.pose("graphic"))
@@ -210,7 +210,7 @@ def draw_section(axes: "Axes", shown: Shown) -> None:
     name = f"{FINGERS[finger]}, distal"
     contact = next(force for force in phalanx_forces(result, shown.tick) if force.name == name)
     point = plane.flat(contact.contact)
-    hand = hand_of(result)
+    hand = stored_hand(result)
     ends = {whose: plane.flat(hand.joints(*shown.pose(whose))[finger]) for whose in ("haptic", "graphic")}
     thickness = static["hand/phalanx_radius"][finger]
     _draw_finger(axes, ends["haptic"], thickness, 0.45 * GHOST + 0.55)

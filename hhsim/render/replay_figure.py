@@ -21,7 +21,7 @@ from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.rasterizer import Camera, Layer, blend, frame, look_from, save_figure, shade
 from hhsim.render.triangle_soup import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
 from hhsim.replay.run_metrics import HOLD
-from hhsim.replay.stored_hand import hand_of
+from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result, load_result
 from hhsim.system.output_path import check_destination
 
@@ -83,7 +83,7 @@ def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) ->
 
     check_destination(path)
     tick = shown_tick(result)
-    hand = hand_of(result)
+    hand = stored_hand(result)
     surfaces = [
         hand_surface(hand, *(result[f"{whose}/{name}"][tick] for name in POSE)) for whose in ("graphic", "haptic")
     ]

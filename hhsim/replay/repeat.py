@@ -104,11 +104,11 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     """Run all ticks of a result again, with the hand, the tree and the options that it holds.
 
     Args:
-        result: of schema 3 or later, complete or not; of a replay or of a live session.
+        result: Complete or not; of a replay or of a live session.
         progress: called with what is being done, how much is done and how much there is.
 
     Raises:
-        InputError: an older schema; an object, a tree or a hand that is not the one of the run; no ticks.
+        InputError: An object, a tree or a hand that is not the one of the run; no ticks.
     """
     require_whole(result)
     if result.ticks == 0:

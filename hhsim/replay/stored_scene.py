@@ -34,8 +34,6 @@ HAND_ARRAYS = {
 """Fields of `HandModel`, and their datasets under /hand."""
 PARTS = {"object": "the object's mesh", "tree": "the object's sphere tree", "hand": "the hand"}
 """What has a checksum of its own in the file, and its name in messages."""
-WHOLE_SINCE = 3
-"""The first schema whose results hold all that a run needs."""
 
 
 def static_arrays(
@@ -115,13 +113,8 @@ def require_whole(result: Result) -> None:
     """Make sure that a result holds all that its run needs, as its run left it.
 
     Raises:
-        InputError: an older schema, or an object, a tree or a hand that is not the one of the run.
+        InputError: An object, a tree or a hand that is not the one of the run.
     """
-    if result.schema_version < WHOLE_SINCE:
-        raise InputError(
-            f"{result.path} cannot be run again: its schema is {result.schema_version}, and whole hands are stored "
-            f"since schema {WHOLE_SINCE}; make it anew with this hhsim"
-        )
     found = checksums(result.static)
     stated = result.scene.get("checksums", {})
     for part, what in PARTS.items():
@@ -148,10 +141,10 @@ def stored_tree(result: Result) -> SphereTree:
 
 
 def stored_hand(result: Result) -> HandModel:
-    """The hand of a result of schema 3 or later.
+    """The hand of a run.
 
     Raises:
-        InputError: an older schema, or arrays that are no hand.
+        InputError: Arrays that are no hand, or not the one of the run.
     """
     require_whole(result)
     said = result.scene["hand"]

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from hhsim.hand.model import FINGERS
-from hhsim.replay.stored_scene import WHOLE_SINCE
 from hhsim.result.reader import Result
 from hhsim.solver.options import DEFAULTS, PAPER_DEFAULTS, SolverOptions, Stiffness
 
@@ -34,10 +33,7 @@ def command_of(result: Result) -> str:
 def looking_again(result: Result) -> list[str]:
     """Commands that show a result, check it, and run it again."""
     name = shlex.quote(result.path.name)
-    commands = [f"hhsim view {name}"]
-    if result.schema_version >= WHOLE_SINCE:
-        commands += [f"hhsim verify {name}", f"hhsim replay {name}"]
-    return commands
+    return [f"hhsim view {name}", f"hhsim verify {name}", f"hhsim replay {name}"]
 
 
 def _typed(text: str) -> list[str]:

@@ -69,7 +69,7 @@ def overview_picture(result: Result) -> ReportFigure:
     """The hand on the object at `overview_tick`.
 
     Raises:
-        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_hand.hand_of`).
+        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     tick = overview_tick(result)
     moment = _moment(result, tick, None)
@@ -120,7 +120,7 @@ def held_picture(result: Result, view: View | None = None) -> ReportFigure:
         view: of the viewer; None for that of the overview.
 
     Raises:
-        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_hand.hand_of`).
+        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     tick = overview_tick(result)
     figure = hand_picture(result, tick, view)
@@ -131,7 +131,7 @@ def overview_view(result: Result) -> View:
     """From where the overview looks.
 
     Raises:
-        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_hand.hand_of`).
+        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     return _moment(result, overview_tick(result), None).view
 
@@ -146,7 +146,7 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
             clearest of some where much is hidden there.
 
     Raises:
-        InputError: there is no such tick, or the result's hand cannot be told (`hhsim.replay.stored_hand.hand_of`).
+        InputError: no such tick, or the result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     usual = overview_view(result) if view is None else None
     moment = _moment(result, tick, None if view is None else View(*view), usual)

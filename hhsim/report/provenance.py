@@ -8,11 +8,10 @@ from typing import Any
 
 from hhsim.errors import InputError
 from hhsim.hand.model import FINGERS
-from hhsim.replay.stored_scene import PARTS, WHOLE_SINCE
+from hhsim.replay.stored_scene import PARTS
 from hhsim.report.compare import commit
 from hhsim.report.tick_table import fingers_of, tick_rate
 from hhsim.result.reader import Result
-from hhsim.result.schema import SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS
 
 NONE = "—"
 """Where a result does not say."""
@@ -79,10 +78,9 @@ def origin_facts(result: Result) -> dict[str, str]:
         "SHA-256 of the file": file_digest(result.path),
         "written": result.created_utc,
         "complete": "yes" if result.complete else "no: the run was stopped, its ticks so far are sound",
-        "schema": f"{result.schema_version} of {SCHEMA_VERSION}",
+        "schema": f"{result.schema_version}",
         "object's mesh as it was read": str(result.scene.get("object_mesh") or NONE),
         **{f"SHA-256 of {what}": str(stated.get(part) or NONE) for part, what in PARTS.items()},
-        "the file lacks": lacking(result) or "nothing",
     }
 
 
@@ -102,15 +100,6 @@ def motion_name(result: Result) -> str:
     """What people call the motion."""
     scene = result.scene
     return str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
-
-
-def lacking(result: Result) -> str:
-    """What a file of an older schema does not hold, or ""."""
-    columns = [column.name for column in (*TICK_COLUMNS, *STATIC_COLUMNS) if column.since > result.schema_version]
-    if not columns:
-        return ""
-    again = "" if result.schema_version >= WHOLE_SINCE else "; it cannot be run again"
-    return f"schema {result.schema_version} has no {', '.join(columns)}{again}"
 
 
 def file_digest(path: Path) -> str:

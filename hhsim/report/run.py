@@ -22,7 +22,7 @@ class ReportRun:
         result: the file.
         label: its name in the report.
         prefix: of the names of its pictures and anchors.
-        rows: the table that replay prints; empty where the file lacks what it needs.
+        rows: the table that replay prints.
         session: the table of a live session; empty for a replay, and where the recording was cut short.
         phases: a line each.
         verdict: by the gate's default limits.

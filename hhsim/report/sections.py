@@ -72,18 +72,14 @@ def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result
 
 def figures_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
     """The table that replay prints, beside the paper's figures; with others, beside the first result's."""
-    without = [run.label for run in runs if not run.rows]
-    notes = [paragraph(f"No table of {label}: its file lacks what the table is made from.") for label in without]
     first = runs[0]
     if len(runs) == 1:
         rows = [(row.label, row.shown, row.unit, row.paper) for row in first.rows]
-        if not rows:
-            return joined(notes)
         whole = first.result.complete and first.result.live is None
         source = "as its replay printed them" if whole else "computed from the ticks in the file"
         caption = f"Figures, {source}; the paper's are of its own machine (an Intel Core i7-8700) and scenes"
-        return joined([table(caption, ("figure", "hhsim", "unit", "paper"), rows, numbers=(1, 3)), *notes])
-    return joined([_side_by_side(runs, comparisons), *notes])
+        return table(caption, ("figure", "hhsim", "unit", "paper"), rows, numbers=(1, 3))
+    return _side_by_side(runs, comparisons)
 
 
 def difference_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:

@@ -138,7 +138,7 @@ def _off_the_mesh(result: Result, contact: NDArray[np.int64]) -> float:
         scene = shown_scene(result)
         bvh = build_mesh_bvh(scene.mesh.vertices, scene.mesh.faces)
     except HhsimError:
-        # A hand file that is gone, or another one now: the points cannot be told.
+        # A hand, a tree or a mesh that is not the one of the run: the points cannot be told.
         return np.nan
     chosen = sampled(contact, SAMPLES)
     ticks = [result.at(int(tick), ("graphic/joints", "graphic/position", "graphic/orientation")) for tick in chosen]

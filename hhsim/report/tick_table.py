@@ -13,7 +13,6 @@ from hhsim.metrics import metrics
 from hhsim.replay.run_metrics import FIGURE_SERIES, tick_figures
 from hhsim.replay.summary_table import PAPER_RATE, SummaryRow, stored_rows, summary_rows
 from hhsim.result.reader import Result
-from hhsim.result.schema import TICK_COLUMNS
 
 Array = NDArray[Any]
 
@@ -26,7 +25,7 @@ class ReportTicks:
     """What a report needs of every tick, some 130 bytes.
 
     Attributes:
-        columns: datasets of /tick by name, as far as the schema has them.
+        columns: the datasets of `FIGURE_SERIES` by name.
         palm_off: the shown palm from the user's [mm], shape (T,).
     """
 
@@ -75,8 +74,7 @@ def fingers_of(result: Result) -> tuple[str, ...]:
 
 def report_ticks(result: Result) -> ReportTicks:
     """Read what a report needs; nothing else of the file is kept in memory."""
-    stored = {column.name for column in TICK_COLUMNS if column.since <= result.schema_version}
-    names = [name for name in FIGURE_SERIES if name in stored]
+    names = FIGURE_SERIES
     palms = ("haptic/position", "graphic/position")
     parts: dict[str, list[Array]] = {name: [] for name in names}
     off: list[Array] = []
@@ -94,14 +92,9 @@ def report_ticks(result: Result) -> ReportTicks:
 
 
 def figure_rows(result: Result, ticks: ReportTicks) -> tuple[SummaryRow, ...]:
-    """The table of a result: the one that its replay printed; else, of a session or a run cut short, from its ticks.
-
-    Empty where the file's schema lacks what the table needs.
-    """
+    """The table of a result: the one that its replay printed; else, of a session or a run cut short, from its ticks."""
     if result.complete and result.live is None:
         return stored_rows(result.summary, tick_rate(result))
-    if not set(FIGURE_SERIES) <= ticks.columns.keys():
-        return ()
     static = result.static
     level = static["object/tree/level"]
     bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size

@@ -12,9 +12,6 @@ from hhsim.result.schema import LIVE_TICK
 
 WorstKind = Literal["slowest", "deepest", "force-step", "lag"]
 
-LAG_SINCE = 2
-"""The first schema that has the lag."""
-
 
 @dataclass(frozen=True)
 class WorstTick:
@@ -47,8 +44,7 @@ def worst_ticks(result: Result) -> list[WorstTick]:
     found = [_worst(result, "slowest", cpu, "s")]
     found.append(_worst(result, "deepest", result["penetration_depth"], "m"))
     found.append(_worst(result, "force-step", _force_steps(result), "N"))
-    if result.schema_version >= LAG_SINCE:
-        found.append(_worst(result, "lag", result["lag"], "m"))
+    found.append(_worst(result, "lag", result["lag"], "m"))
     return [worst for worst in found if worst is not None]
 
 

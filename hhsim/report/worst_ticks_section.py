@@ -14,7 +14,6 @@ from hhsim.report.pictures import hand_picture
 from hhsim.report.run import ReportRun
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
-from hhsim.result.schema import TICK_COLUMNS
 from hhsim.view.status_text import status_words
 
 KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
@@ -56,16 +55,13 @@ def worst_section(runs: Sequence[ReportRun], album: Album) -> Html:
 
 def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
     """Label, figure and unit of what a file says of a tick."""
-    stored = {column.name for column in TICK_COLUMNS if column.since <= result.schema_version}
-    names = [name for name in TOLD if name in stored]
-    values = result.at(tick, [*names, "time", "status", "force/total"])
+    values = result.at(tick, [*TOLD, "time", "status", "force/total"])
     rows = [
         ("time", f"{float(values['time']):,.3f}", "s"),
         ("phase", phase_at(result, tick), ""),
         ("how it ended", status_words(int(values["status"])), ""),
     ]
-    for name in names:
-        label, unit, scale, digits = TOLD[name]
+    for name, (label, unit, scale, digits) in TOLD.items():
         rows.append((label, _number(scale * float(values[name]), digits), unit))
         if name == "penetration_depth":
             rows.append(("force", _number(float(np.linalg.norm(values["force/total"])), 3), "N"))

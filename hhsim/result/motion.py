@@ -16,12 +16,10 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.file import DAMAGE
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
-from hhsim.result.schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, SCHEMA_VERSION, SUFFIXES
+from hhsim.result.schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, SCHEMA_VERSION, SUFFIXES, wrong_schema
 
 Array = NDArray[Any]
 
-POSED_SINCE = 3
-"""The first schema that says where the object was."""
 HAND = ("position", "orientation", "flexion", "abduction")
 
 
@@ -40,25 +38,20 @@ def load_result_motion(path: Path) -> Trajectory:
     """The motion of a result or a session, complete or not, beside the object where it was.
 
     Raises:
-        TrajectoryError: a schema that does not say where the object was, a newer one, a damaged file, no tick or no
-            good sample, or a hand that is not finite; one line that begins with the path.
+        TrajectoryError: Another schema, a damaged file, no tick or no good sample, or a hand that is not finite; one
+            line that begins with the path.
     """
     try:
         with h5py.File(path, "r") as file:
-            version = int(file.attrs["schema_version"])
-            if version > SCHEMA_VERSION:
-                raise TrajectoryError(f"a result of schema {version}, newer than {SCHEMA_VERSION}: update hhsim")
-            if version < POSED_SINCE:
-                raise TrajectoryError(
-                    f"a result of schema {version}, which does not say where its object was; make it anew with this "
-                    "hhsim"
-                )
+            version = file.attrs["schema_version"]
+            if version != SCHEMA_VERSION:
+                raise TrajectoryError(wrong_schema(version))
             return _session(file, path) if LIVE_SAMPLE in file else _replay(file, path)
     except TrajectoryError as error:
         raise TrajectoryError(f"{path}: {error}") from None
     except DAMAGE as error:
-        said = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-        raise TrajectoryError(f"{path}: a damaged result: {said}") from None
+        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise TrajectoryError(f"{path}: a damaged result: {reason}") from None
 
 
 def _replay(file: h5py.File, path: Path) -> Trajectory:
@@ -81,7 +74,7 @@ def _replay(file: h5py.File, path: Path) -> Trajectory:
         flexion=hand["haptic/flexion"],
         abduction=hand["haptic/abduction"],
         phases=tuple(phases),
-        **_told(file, path),
+        **_origin(file, path),
     )
 
 
@@ -113,7 +106,7 @@ def _session(file: h5py.File, path: Path) -> Trajectory:
             RawChannel(name, samples["channel"][used, i], str(device.get("unit", "")), "as the glove sent it")
             for i, name in enumerate(names)
         ),
-        **_told(file, path),
+        **_origin(file, path),
     )
 
 
@@ -129,13 +122,13 @@ def _scene(file: h5py.File) -> dict[str, Any]:
     return scene
 
 
-def _told(file: h5py.File, path: Path) -> dict[str, Any]:
+def _origin(file: h5py.File, path: Path) -> dict[str, Any]:
     scene = _scene(file)
-    whose = scene.get("motion_source") or scene.get("motion") or "live"
+    source = scene.get("motion_source") or scene.get("motion") or "live"
     return {
         "object_position": file["object/position"][()],
         "object_orientation": file["object/orientation"][()],
         "name": path.stem,
-        "source": f"the motion in the result {path.name}: {whose}",
+        "source": f"the motion in the result {path.name}: {source}",
         "hand": scene["hand"]["side"],
     }

@@ -1,6 +1,6 @@
 """Result files: one replay or session, every tick of it, in HDF5 (format `hhsim-result`, see `hhsim.result.schema`).
 
-`hhsim.result.writer` writes them; this module reads them, of whatever schema, complete or not.
+`hhsim.result.writer` writes them; this module reads them, complete or not.
 """
 
 import contextlib
@@ -26,6 +26,7 @@ from hhsim.result.schema import (
     SUFFIXES,
     TICK_COLUMNS,
     Column,
+    wrong_schema,
 )
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.output_path import check_destination
@@ -47,7 +48,7 @@ class Result:
     """A result file that has been opened and checked; the ticks are read when they are asked for, and kept.
 
     `result["graphic/joints"]` is that dataset of /tick as a read-only array, shape (ticks, *column.shape);
-    `result["live/sample/time"]` one of a session (`hhsim.session_schema`).
+    `result["live/sample/time"]` one of a session (`hhsim.result.schema.sample_columns`).
     """
 
     path: Path
@@ -66,7 +67,7 @@ class Result:
     """Phases that begin within the ticks."""
     summary: dict[str, Any]
     static: Mapping[str, Array] = field(repr=False)
-    """The arrays of `STATIC_COLUMNS` by name, as far as the schema has them."""
+    """The arrays of `STATIC_COLUMNS` by name."""
     live: Mapping[str, Any] | None = field(default=None, repr=False)
     """What a live session says of itself, the attributes of /live; None for a replay."""
     git_revision: str = UNKNOWN
@@ -82,9 +83,6 @@ class Result:
 
     def __getitem__(self, name: str) -> Array:
         if name not in self._loaded:
-            since = {column.name: column.since for column in TICK_COLUMNS}.get(name, 1)
-            if since > self.schema_version:
-                raise InputError(f"{self.path} has no dataset {name}: its schema is {self.schema_version}, not {since}")
             with _opened(self.path) as file:
                 if name.startswith(f"{LIVE}/"):
                     self._loaded[name] = self._live_column(file, name)
@@ -144,19 +142,17 @@ def load_result(path: str | Path) -> Result:
     """Open a result file, complete or not.
 
     Raises:
-        InputError: no such file, no HDF5, no result, a newer schema, or datasets that are missing or misshapen.
+        InputError: no such file, no HDF5, no result, another schema, or datasets that are missing or misshapen.
     """
     path = Path(path)
     with _opened(path) as file:
         _check_format(file, path)
         tick = file.get("tick", {})
-        stored = [column for column in TICK_COLUMNS if column.since <= file.attrs["schema_version"]]
-        for column in stored:
+        for column in TICK_COLUMNS:
             _check_dataset(tick, column, (-1, *column.shape), path)
-        static = [column for column in STATIC_COLUMNS if column.since <= file.attrs["schema_version"]]
-        for column in static:
+        for column in STATIC_COLUMNS:
             _check_dataset(file, column, column.shape, path)
-        ticks = min(len(tick[column.name]) for column in stored)
+        ticks = min(len(tick[column.name]) for column in TICK_COLUMNS)
         if LIVE_TICK in file:
             ticks = min(ticks, *(len(file[LIVE_TICK][column.name]) for column in LIVE_TICK_COLUMNS))
         attributes = file.attrs
@@ -172,7 +168,7 @@ def load_result(path: str | Path) -> Result:
             packages=json.loads(attributes["packages"]),
             phases=tuple(phase for phase in _read_phases(file) if phase.first_tick < ticks),
             summary=_attributes(file["summary"]),
-            static={column.name: _frozen(file[column.name][...]) for column in static},
+            static={column.name: _frozen(file[column.name][...]) for column in STATIC_COLUMNS},
             live=_attributes(file[LIVE]) if LIVE in file else None,
             git_revision=str(attributes.get("git_revision", UNKNOWN)),
             git_dirty=_git_dirty(attributes.get("git_dirty", UNKNOWN)),
@@ -234,10 +230,9 @@ def _check_format(file: h5py.File, path: Path) -> None:
     if found != FORMAT:
         what = f"its format is '{found}'" if isinstance(found, str) else "it states no format"
         raise InputError(f"{path} is no result file: {what}, not '{FORMAT}'{_HINTS.get(str(found), '')}")
-    version = file.attrs.get("schema_version", 0)
-    if version > SCHEMA_VERSION:
-        here = f"schema {version}; this one reads up to {SCHEMA_VERSION}"
-        raise InputError(f"{path} was written by a newer hhsim ({here}): upgrade hhsim")
+    version = file.attrs.get("schema_version")
+    if version != SCHEMA_VERSION:
+        raise InputError(f"{path} {wrong_schema(version)}")
 
 
 def _check_dataset(group: Mapping[str, Any], column: Column, shape: tuple[int, ...], path: Path) -> None:

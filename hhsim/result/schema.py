@@ -1,12 +1,13 @@
 """What a result file holds: the one table that the writer, the reader and the checks go by.
 
-Format `hhsim-result`. A change here raises `SCHEMA_VERSION`; the reader keeps reading the older ones. Schema 2 added
-`lag`, `work/rows`, `work/bodies` and `work/units`. Schema 3 added the object's pose and all of the hand, so that a
-result can be run again from nothing but itself (`hhsim.replay.repeat`), and room for a live session
-(`LIVE_TICK_COLUMNS`, `sample_columns`, `EVENT_COLUMNS`).
+Format `hhsim-result`. A change here raises `SCHEMA_VERSION`, and files of another schema are refused. A result holds
+all that a run needs, so that it can be run again from nothing but itself (`hhsim.replay.repeat`).
 """
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 FORMAT = "hhsim-result"
 SCHEMA_VERSION = 3
@@ -24,7 +25,7 @@ LIVE_EVENT = "live/event"
 class Column:
     """One dataset: `shape` is that of a tick's value, or of the whole array where it does not change with time.
 
-    A size of -1 is any size. `since` is the first schema that has it.
+    A size of -1 is any size.
     """
 
     name: str
@@ -32,7 +33,6 @@ class Column:
     dtype: str
     units: str
     long_name: str
-    since: int = 1
 
 
 def _hand(of: str, whose: str) -> tuple[Column, ...]:
@@ -56,7 +56,7 @@ TICK_COLUMNS: tuple[Column, ...] = (
         "1",
         "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held",
     ),
-    Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended", since=2),
+    Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended"),
     *_hand("haptic", "haptic (measured)"),
     *_hand("graphic", "graphic (shown)"),
     Column(
@@ -89,9 +89,9 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("work/pair_tests", (), "<i8", "1", "exact distances between a hand body and a leaf sphere"),
     Column("work/qp_iterations", (), "<i8", "1", "active-set changes, all problems of the tick"),
     Column("work/linearisations", (), "<i8", "1", "times that the contacts were linearised"),
-    Column("work/rows", (), "<i8", "1", "most contacts in a program, those that others imply left out", since=2),
-    Column("work/bodies", (), "<i8", "1", "most hand bodies, of 16, within the margin of the object", since=2),
-    Column("work/units", (), "<i8", "1", "work of the tick, weighted; about a nanosecond each", since=2),
+    Column("work/rows", (), "<i8", "1", "most contacts in a program, those that others imply left out"),
+    Column("work/bodies", (), "<i8", "1", "most hand bodies, of 16, within the margin of the object"),
+    Column("work/units", (), "<i8", "1", "work of the tick, weighted; about a nanosecond each"),
 )
 """Datasets under /tick, one row a tick; `name` is relative to /tick."""
 
@@ -108,23 +108,21 @@ STATIC_COLUMNS: tuple[Column, ...] = (
     Column("hand/phalanx_length", (5, 3), "<f8", "m", "length of each phalanx, finger by phalanx"),
     Column("hand/palm_center", (-1, 3), "<f8", "m", "centres of the palm's spheres, palm frame"),
     Column("hand/palm_radius", (-1,), "<f8", "m", "radii of the palm's spheres"),
-    Column("object/position", (3,), "<f8", "m", "origin of the object's own frame, world", since=3),
-    Column("object/orientation", (4,), "<f8", "1", "object to world, unit quaternion w x y z", since=3),
-    Column("hand/base", (5, 3), "<f8", "m", "first joint of each finger, palm frame", since=3),
-    Column(
-        "hand/distal", (5, 3), "<f8", "1", "unit direction of each straight finger, abduction 0, palm frame", since=3
-    ),
-    Column("hand/dorsal", (5, 3), "<f8", "1", "unit direction out of each finger's back, palm frame", since=3),
-    Column("hand/flexion_min", (5, 3), "<f8", "rad", "least flexion, finger by joint", since=3),
-    Column("hand/flexion_max", (5, 3), "<f8", "rad", "greatest flexion, finger by joint", since=3),
-    Column("hand/abduction_min", (5,), "<f8", "rad", "least abduction, positive towards the thumb side", since=3),
-    Column("hand/abduction_max", (5,), "<f8", "rad", "greatest abduction", since=3),
-    Column("hand/palm_tree/center", (-1, 3), "<f8", "m", "spheres of the palm's tree, breadth first", since=3),
-    Column("hand/palm_tree/radius", (-1,), "<f8", "m", "their radii", since=3),
-    Column("hand/palm_tree/level", (-1,), "<i8", "1", "their levels; the root is 0, the leaves collide", since=3),
-    Column("hand/palm_tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1", since=3),
-    Column("hand/palm_mesh/vertices", (-1, 3), "<f8", "m", "vertices of the palm's mesh, palm frame", since=3),
-    Column("hand/palm_mesh/faces", (-1, 3), "<i8", "1", "its triangles, outward by the right hand", since=3),
+    Column("object/position", (3,), "<f8", "m", "origin of the object's own frame, world"),
+    Column("object/orientation", (4,), "<f8", "1", "object to world, unit quaternion w x y z"),
+    Column("hand/base", (5, 3), "<f8", "m", "first joint of each finger, palm frame"),
+    Column("hand/distal", (5, 3), "<f8", "1", "unit direction of each straight finger, abduction 0, palm frame"),
+    Column("hand/dorsal", (5, 3), "<f8", "1", "unit direction out of each finger's back, palm frame"),
+    Column("hand/flexion_min", (5, 3), "<f8", "rad", "least flexion, finger by joint"),
+    Column("hand/flexion_max", (5, 3), "<f8", "rad", "greatest flexion, finger by joint"),
+    Column("hand/abduction_min", (5,), "<f8", "rad", "least abduction, positive towards the thumb side"),
+    Column("hand/abduction_max", (5,), "<f8", "rad", "greatest abduction"),
+    Column("hand/palm_tree/center", (-1, 3), "<f8", "m", "spheres of the palm's tree, breadth first"),
+    Column("hand/palm_tree/radius", (-1,), "<f8", "m", "their radii"),
+    Column("hand/palm_tree/level", (-1,), "<i8", "1", "their levels; the root is 0, the leaves collide"),
+    Column("hand/palm_tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1"),
+    Column("hand/palm_mesh/vertices", (-1, 3), "<f8", "m", "vertices of the palm's mesh, palm frame"),
+    Column("hand/palm_mesh/faces", (-1, 3), "<i8", "1", "its triangles, outward by the right hand"),
 )
 """Datasets that do not change with time; `name` is relative to the root."""
 
@@ -163,3 +161,10 @@ def sample_columns(channels: int) -> tuple[Column, ...]:
         Column("flexion", (5, 3), "<f8", "rad", "flexion, finger by joint, positive curls"),
         Column("abduction", (5,), "<f8", "rad", "abduction, positive towards the thumb side"),
     )
+
+
+def wrong_schema(version: Any) -> str:
+    """What is to be done about a result of another schema, said after its path."""
+    if isinstance(version, int | np.integer) and version > SCHEMA_VERSION:
+        return f"was written by a newer hhsim (schema {version}; this one reads {SCHEMA_VERSION}): upgrade hhsim"
+    return f"is a result of schema {version}; this hhsim reads schema {SCHEMA_VERSION} alone: make it anew"

@@ -57,7 +57,7 @@ class Posed(NamedTuple):
 
 
 def own_hand(result: Result) -> OwnHand:
-    """The hand of a result of schema 3."""
+    """The hand of a result."""
     static = {name: np.array(values) for name, values in result.static.items()}
     return OwnHand(
         base=static["hand/base"],

@@ -36,7 +36,7 @@ class SessionRows:
     """The tables of a session.
 
     Args:
-        result: Of a session, schema 3 or later.
+        result: Of a session.
 
     Attributes:
         live: What the session says of itself.

@@ -27,7 +27,7 @@ class JudgedTicks:
     """The ticks of a result as the referee has them; what is dear is worked out when it is first asked for.
 
     Args:
-        result: Of schema 3 or later.
+        result: Of a replay or a session.
         chosen: Ticks whose distances and forces are judged, ascending.
 
     Attributes:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, MeshError
-from hhsim.replay.stored_scene import WHOLE_SINCE, stored_mesh
+from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
 from hhsim.verify.depth_checks import depth_claims
@@ -81,19 +81,14 @@ def verify(result: Result, *, every: int = 10, progress: Progress | None = None)
     """Judge a result.
 
     Args:
-        result: Of schema 3 or later.
+        result: Of a replay or a session, complete or not.
         every: Geometry and forces are judged at one tick in so many, and where the file says it is worst.
         progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
-        InputError: An older schema, no ticks, or coal is not installed.
+        InputError: No ticks, or coal is not installed.
     """
     require_coal()
-    if result.schema_version < WHOLE_SINCE:
-        raise InputError(
-            f"{result.path} cannot be verified: its schema is {result.schema_version}, and whole hands are stored "
-            f"since schema {WHOLE_SINCE}; make it anew with this hhsim"
-        )
     if result.ticks == 0:
         raise InputError(f"{result.path} has no ticks: there is nothing to verify")
     told = progress or (lambda what, done, total: None)

@@ -18,7 +18,7 @@ from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.state import TOUCH
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import touching_points
-from hhsim.replay.stored_hand import hand_of
+from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
@@ -141,7 +141,7 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
             level=static["object/tree/level"],
             parent=static["object/tree/parent"],
         ),
-        hand=hand_of(result),
+        hand=stored_hand(result),
         fingers=np.array([finger in used for finger in FINGERS]),
         touch=float(solver.get("touch", TOUCH)),
         spheres=spheres,

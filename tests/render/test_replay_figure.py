@@ -1,5 +1,6 @@
 """The picture of a replay: drawn from the result file, at the hold, with the forces at the contacts."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from short_grasp import short_grasp, short_result
 from hhsim.errors import InputError
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
 from hhsim.render.replay_figure import arrow, draw_replay, main, phalanx_forces, shown_tick
-from hhsim.replay.stored_hand import hand_of
+from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 
 
@@ -47,17 +48,12 @@ def test_arrows_grow_with_the_root_of_the_force(result: Result) -> None:
     assert arrow(force) @ force.force > 0.0
 
 
-def test_the_hand_is_that_of_the_run(result: Result, tmp_path: Path) -> None:
-    assert hand_of(result).side == "right"
-    np.testing.assert_array_equal(hand_of(result).radius, result.static["hand/phalanx_radius"])
-    fields = {name: getattr(result, name) for name in result.__dataclass_fields__}
-    older = {**fields, "schema_version": 2}
-    np.testing.assert_array_equal(hand_of(Result(**older)).radius, result.static["hand/phalanx_radius"])
-    other = tmp_path / "other.toml"
-    other.write_text("hand_length = 0.17\n")
-    scene = {**result.scene, "hand_file": str(other)}
-    with pytest.raises(InputError, match="another hand than"):
-        hand_of(Result(**{**older, "scene": scene}))
+def test_the_hand_is_that_of_the_run(result: Result) -> None:
+    assert stored_hand(result).side == "right"
+    np.testing.assert_array_equal(stored_hand(result).radius, result.static["hand/phalanx_radius"])
+    static = {**result.static, "hand/phalanx_radius": 1.01 * result.static["hand/phalanx_radius"]}
+    with pytest.raises(InputError, match="the hand in the file is another one"):
+        stored_hand(replace(result, static=static))
 
 
 def test_writes_the_picture(result: Result, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from hhsim.replay.repeat import COMPARED, run_again
 from hhsim.replay.replay import replay
 from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_tree
 from hhsim.result.reader import load_result
-from hhsim.result.schema import STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.options import SolverOptions, Stiffness
@@ -177,22 +177,6 @@ def test_another_tree_object_or_hand_is_refused(copy: Path, name: str, says: str
         file[name][...] = values
     with pytest.raises(InputError, match=f"cannot be run again: {says}"):
         run_again(load_result(copy))
-
-
-@pytest.mark.parametrize("schema", [1, 2])
-def test_an_older_result_is_read_and_not_run(copy: Path, schema: int) -> None:
-    with h5py.File(copy, "r+") as file:
-        file.attrs["schema_version"] = schema
-        for column in TICK_COLUMNS:
-            if column.since > schema:
-                del file["tick"][column.name]
-        for column in STATIC_COLUMNS:
-            if column.since > schema:
-                del file[column.name]
-    result = load_result(copy)
-    assert result["force/total"].shape == (600, 3)
-    with pytest.raises(InputError, match=f"its schema is {schema}, and whole hands are stored since schema 3"):
-        run_again(result)
 
 
 @pytest.mark.parametrize(

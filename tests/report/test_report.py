@@ -27,7 +27,7 @@ from hhsim.report.html import NO_TEXT
 from hhsim.report.report import FIGURES, check_report_destination, make_report, write_report
 from hhsim.report.tick_table import figure_rows, report_ticks
 from hhsim.result.reader import load_result
-from hhsim.result.schema import STATIC_COLUMNS, TICK_COLUMNS
+from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.metric_checks import ELSEWHERE
 
@@ -265,36 +265,6 @@ def test_another_scene_or_another_machine_is_not_compared(coupled: Path, tmp_pat
     assert by_label["tick in contact, CPU, p50"] == "3 × not comparable"
     assert by_label["penetration, max"] == "same"
     assert any(text.startswith("cpu: ") for text in report.comparisons[0].around)
-
-
-def older(schema: int) -> Change:
-    def change(file: h5py.File) -> None:
-        file.attrs["schema_version"] = schema
-        for column in TICK_COLUMNS:
-            if column.since > schema:
-                del file[f"tick/{column.name}"]
-        for column in STATIC_COLUMNS:
-            if column.since > schema and column.name in file:
-                del file[column.name]
-        if schema < 2:
-            for name in ("lag_ticks", "lag_max", "bodies_near", "rows_max", "work_mean"):
-                del file["summary"].attrs[name]
-
-    return change
-
-
-@pytest.mark.parametrize("schema", [1, 2])
-def test_an_older_file_says_what_it_lacks(coupled: Path, tmp_path: Path, dots: None, schema: int) -> None:
-    page = page_of(changed(coupled, tmp_path, older(schema)))
-    facts = {row[0]: row[1] for row in page.rows("Files and checksums")}
-    assert "object/orientation" in facts["the file lacks"]
-    assert ("work/units" in facts["the file lacks"]) == (schema < 2)
-    assert "cannot be run again" in facts["the file lacks"]
-    labels = [row[0] for row in page.rows("Figures")]
-    assert "penetration, max" in labels
-    assert ("lag, max" in labels) == (schema > 1)
-    # Of a file that cannot be run again no command says that it can.
-    assert not any("hhsim verify coupled.h5" in code.text for code in page.all("pre"))
 
 
 def emptied(file: h5py.File, ticks: int) -> None:

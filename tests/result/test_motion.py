@@ -144,8 +144,8 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        ("old", "a result of schema 2, which does not say where its object was; make it anew with this hhsim"),
-        ("new", "a result of schema 4, newer than 3: update hhsim"),
+        ("old", "is a result of schema 2; this hhsim reads schema 3 alone: make it anew"),
+        ("new", "was written by a newer hhsim (schema 4; this one reads 3): upgrade hhsim"),
         ("bad", "a session without a good sample of the glove: it holds no motion"),
         ("empty", "a session without a tick: where the palm was is not known"),
         ("lacking", "a damaged result"),

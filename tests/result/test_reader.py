@@ -112,22 +112,17 @@ def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
     }
 
 
-def test_a_result_of_the_first_schema_is_still_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", [1, 2, "three", None])
+def test_another_schema_is_refused_in_one_line(tmp_path: Path, version: object) -> None:
     path = write(tmp_path / "run.h5", [block(50)])
     with h5py.File(path, "r+") as file:
-        file.attrs["schema_version"] = 1
-        for column in TICK_COLUMNS:
-            if column.since > 1:
-                del file["tick"][column.name]
-        for column in STATIC_COLUMNS:
-            if column.since > 1:
-                del file[column.name]
-    loaded = load_result(path)
-    assert (loaded.ticks, loaded.schema_version) == (50, 1)
-    assert loaded["force/total"].shape == (50, 3)
-    assert set(loaded.static) == {column.name for column in STATIC_COLUMNS if column.since == 1}
-    with pytest.raises(InputError, match="has no dataset lag: its schema is 1, not 2"):
-        loaded["lag"]
+        del file.attrs["schema_version"]
+        if version is not None:
+            file.attrs["schema_version"] = version
+    with pytest.raises(InputError) as caught:
+        load_result(path)
+    expected = f"{path} is a result of schema {version}; this hhsim reads schema {SCHEMA_VERSION} alone: make it anew"
+    assert str(caught.value) == expected
 
 
 EXTRA = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: sample_columns(3), LIVE_EVENT: EVENT_COLUMNS}
@@ -343,8 +338,8 @@ def run_limited(script: str, path: Path, limit: int) -> subprocess.CompletedProc
     prelude = f"""
         import resource, signal, sys
         from pathlib import Path
-        sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-        from test_result import SCENE, PHASES, block, static
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_reader import SCENE, PHASES, block, static
         from hhsim.result.writer import ResultWriter
         path = Path({str(path)!r})
         resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
@@ -395,8 +390,8 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     script = f"""
         import sys
         from pathlib import Path
-        sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-        from test_result import SCENE, block, static
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from test_reader import SCENE, block, static
         from hhsim.result.writer import ResultWriter
         with ResultWriter(Path({str(path)!r}), scene=SCENE, static=static()) as writer:
             arrays = block(128)

@@ -8,7 +8,7 @@ import pytest
 from short_grasp import short_result
 
 from hhsim.errors import InputError
-from hhsim.replay.stored_hand import hand_of
+from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.scene.script import parse_script
 from tools.concepts_figure import coil, draw_concepts, show
@@ -41,7 +41,7 @@ def test_the_section_is_of_the_finger_that_presses_in_its_plane(result: Result) 
     assert shown.finger == 1
     force = result["force/phalanx"][shown.tick, shown.finger, 2]
     assert shown.plane.axes[1] @ force == pytest.approx(np.linalg.norm(shown.plane.axes[:2] @ force))
-    joints = hand_of(result).joints(*shown.pose("graphic"))[shown.finger]
+    joints = stored_hand(result).joints(*shown.pose("graphic"))[shown.finger]
     np.testing.assert_allclose(shown.plane.height(joints), 0.0, atol=1e-9)
 
 
@@ -51,7 +51,7 @@ def test_in_the_section_the_graphic_finger_is_outside_and_the_haptic_one_inside(
     thickness = result.static["hand/phalanx_radius"][shown.finger]
     gap = {}
     for whose in ("graphic", "haptic"):
-        tip = shown.plane.flat(hand_of(result).joints(*shown.pose(whose))[shown.finger])[3]
+        tip = shown.plane.flat(stored_hand(result).joints(*shown.pose(whose))[shown.finger])[3]
         gap[whose] = float((np.linalg.norm(center - tip, axis=1) - radius).min() - thickness[3])
     assert gap["graphic"] > -1e-9
     assert gap["haptic"] < -1e-3
