@@ -14,10 +14,11 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import metrics
 from hhsim.metrics.mesh_penetration import contact_error, contact_points, mesh_clearance
 from hhsim.metrics.metrics import HandPoses
+from hhsim.metrics.run.registry import run_figure
+from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
 from hhsim.replay.tremor_hold import is_frozen, tremor_variation
 from hhsim.solver.hand_solver import HandSolver
@@ -28,8 +29,6 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-HOLD = "hold"
-"""Phases of this name are held; in the others the hand moves."""
 TOUCH = 1e-5
 """Spheres nearer than this [m] touch."""
 NEAR = 1e-3
@@ -109,7 +108,7 @@ class ErrorScene:
     @property
     def holds(self) -> list[slice]:
         """The ticks of each hold."""
-        return [slice(p.first_tick, p.last_tick + 1) for p in self.haptic.phases if p.name == HOLD]
+        return hold_slices(self.haptic.phases, self.haptic.tick_count)
 
 
 def error_scene(
@@ -173,38 +172,40 @@ def run_errors(
     depth_max, depth_p95, error_mean, error_max, samples = _mesh_errors(scene, tree, placed, clearance, contact)
     off = np.linalg.norm(placed.ends - scene.finest.at(window).ends, axis=2).max(axis=1)[contact]
     jump = metrics.posture_jump(scene.haptic_placed.at(window).points, placed.points)
-    excess = variation = tremor = ripple = step = held_force = np.nan
     whole = ticks == len(scene.contact)
-    if whole and scene.holds:
-        hold = np.zeros(ticks, bool)
-        for part in scene.holds:
-            hold[part] = True
-        held_force = metrics.statistics(np.linalg.norm(record.total, axis=1), hold).mean
-        variation = metrics.statistics(metrics.force_variation_rate(record.total), hold).mean
-        ripples = [metrics.force_ripple(record.total[part], scene.haptic.rate) for part in scene.holds]
-        ripple = metrics.statistics(ripples).max
-        step = metrics.force_step(record.total, ~hold, hold)
-        excess = _excess(scene, tree, options, record, clearance)
-        tremor = _tremor(scene, tree, options, record)
+    run = RunTicks(
+        columns={
+            "status": record.status,
+            "lag": record.lag,
+            "penetration_depth": np.maximum(0.0, -clearance),
+            "force/total": record.total,
+            "force_variation_rate": metrics.force_variation_rate(record.total),
+        },
+        ticks=ticks,
+        phases=scene.haptic.phases if whole else (),
+        rate=scene.haptic.rate,
+        fingers=len(options.fingers),
+    )
+    held = whole and bool(scene.holds)
     return RunErrors(
-        penetration_max=float(np.maximum(0.0, -clearance).max(initial=0.0)),
+        penetration_max=run_figure("penetration_max", run),
         mesh_depth_max=depth_max,
         mesh_depth_p95=depth_p95,
         contact_error_mean=error_mean,
         contact_error_max=error_max,
         mesh_error=float(np.maximum(depth_max, error_max)),
-        tracking_excess=excess,
+        tracking_excess=_excess(scene, tree, options, record, clearance) if held else np.nan,
         off_finest_mean=float(off.mean()) if off.size else np.nan,
         off_finest_max=float(off.max()) if off.size else np.nan,
-        force_hold=held_force,
-        force_variation_hold=variation,
-        force_variation_tremor=tremor,
-        force_ripple=ripple,
-        force_step=step,
+        force_hold=run_figure("force_hold_mean", run),
+        force_variation_hold=run_figure("force_variation_hold", run),
+        force_variation_tremor=_tremor(scene, tree, options, record) if held else np.nan,
+        force_ripple=run_figure("force_ripple_hold", run),
+        force_step=run_figure("force_step", run),
         posture_jump_max=metrics.statistics(jump).max,
-        stuck_ticks=int(np.sum(record.status & STATUS_STUCK > 0)),
-        lag_ticks=int(np.sum(record.status & STATUS_LAG > 0)),
-        lag_max=float(record.lag.max(initial=0.0)),
+        stuck_ticks=int(run_figure("stuck_ticks", run)),
+        lag_ticks=int(run_figure("lag_ticks", run)),
+        lag_max=run_figure("lag_max", run),
         samples=samples,
     )
 

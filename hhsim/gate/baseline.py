@@ -10,7 +10,8 @@ from typing import Any
 from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.gate.input_hash import inputs_from_json
-from hhsim.gate.metrics import COUNTERS, ERRORS, RunFigures
+from hhsim.gate.metrics import COUNTERS, RunFigures
+from hhsim.metrics.run.registry import judged_metrics
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_whole_file
 
@@ -112,7 +113,7 @@ def _scene_json(scene: RecordedScene) -> dict[str, Any]:
 
 
 def _scene(document: Mapping[str, Any], where: str) -> RecordedScene:
-    errors = {name: _number(document["errors"].get(name)) for name in ERRORS}
+    errors = {name: _number(document["errors"].get(name)) for name in judged_metrics()}
     counters = {name: int(document["counters"][name]) for name in COUNTERS}
     inputs = inputs_from_json(document["inputs"], where)
     times = tuple(float(value) for value in document.get("times", ()))

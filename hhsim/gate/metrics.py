@@ -5,62 +5,31 @@ is stale or wrong does not pass.
 """
 
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.gate.input_hash import RunInputs, run_inputs
 from hhsim.hand.model import FINGERS
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import metrics
-from hhsim.metrics.metrics import HandPoses
+from hhsim.metrics.run.registry import judged_metrics
+from hhsim.metrics.run_metric import Figure
+from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.stored_scene import stored_tree
 from hhsim.result.reader import Result
 
 Array = NDArray[Any]
 
-HOLD = "hold"
-"""Phases of this name are held; the others move."""
-
-
-class Figure(NamedTuple):
-    """What people read of a figure: `scale` takes SI to `unit`. Differences up to `floor` (SI) are rounding."""
-
-    label: str
-    unit: str = ""
-    scale: float = 1.0
-    floor: float = 0.0
-
-
-ERRORS: dict[str, Figure] = {
-    "penetration_max": Figure("penetration, max", "µm", 1e6, 1e-9),
-    "stuck_ticks": Figure("stuck ticks"),
-    "lag_ticks": Figure("ticks with lag"),
-    "lag_max": Figure("lag, max", "mm", 1e3, 1e-9),
-    "tracking_excess": Figure("coupling energy over the optimum", "%", 1.0, 1e-6),
-    "tracking_palm": Figure("palm off the user's in the hold", "mm", 1e3, 1e-9),
-    "force_variation_hold": Figure("force variation in the hold", "%", 1.0, 1e-6),
-    "force_variation_tremor": Figure("force variation, trembling hand", "%", 1.0, 1e-6),
-    "force_ripple_hold": Figure("force ripple in the hold, 50 to 400 Hz", "N", 1.0, 1e-9),
-    "force_step": Figure("largest force step while moving", "% of hold", 1.0, 1e-6),
+COUNTERS: dict[str, tuple[str, Figure]] = {
+    "node_tests": ("work/node_tests", Figure("node_tests", "tree nodes tested")),
+    "pair_tests": ("work/pair_tests", Figure("pair_tests", "exact distances")),
+    "qp_iterations": ("work/qp_iterations", Figure("qp_iterations", "QP iterations")),
+    "linearisations": ("work/linearisations", Figure("linearisations", "linearisations")),
+    "candidates": ("contacts/candidates", Figure("candidates", "candidate pairs")),
+    "work_units": ("work/units", Figure("work_units", "work units")),
 }
-"""Errors that can have a limit; values in SI units, or % where the metric is defined so. Less is better."""
-
-COUNTERS: dict[str, Figure] = {
-    "node_tests": Figure("tree nodes tested"),
-    "pair_tests": Figure("exact distances"),
-    "qp_iterations": Figure("QP iterations"),
-    "linearisations": Figure("linearisations"),
-    "candidates": Figure("candidate pairs"),
-    "work_units": Figure("work units"),
-}
-"""Sums over all ticks, exact integers."""
-
-_COUNTED = {
-    "candidates": "contacts/candidates",
-    "work_units": "work/units",
-}
+"""Dataset of each counter, of which the sum over all ticks is taken: exact integers."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +38,7 @@ class RunFigures:
 
     Attributes:
         inputs: What was fed in.
-        errors: By the names of `ERRORS`; NaN where undefined.
+        errors: By the names of `hhsim.metrics.run.registry.judged_metrics`; NaN where undefined.
         counters: By the names of `COUNTERS`.
         cpu_p50: Median CPU time of its ticks in contact, of all ticks where it has no contact [s].
     """
@@ -91,7 +60,7 @@ def run_figures(result: Result) -> RunFigures:
     Raises:
         InputError: a dataset that the result's schema does not have, or a tree that is none.
     """
-    counters = {name: int(np.sum(result[_COUNTED.get(name, f"work/{name}")])) for name in COUNTERS}
+    counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items()}
     return RunFigures(run_inputs(result), _errors(result), counters, cpu_p50(result))
 
 
@@ -103,48 +72,41 @@ def cpu_p50(result: Result) -> float:
 
 
 def _errors(result: Result) -> dict[str, float]:
-    hold = np.zeros(result.ticks, bool)
-    holds = [slice(p.first_tick, p.last_tick + 1) for p in result.phases if p.name == HOLD]
-    for part in holds:
-        hold[part] = True
-    status, force = result["status"], result["force/total"]
-    graphic = HandPoses(*(result[f"graphic/{name}"] for name in HandPoses._fields))
-    haptic = HandPoses(*(result[f"haptic/{name}"] for name in HandPoses._fields))
-    off = metrics.statistics(metrics.tracking_error(haptic, graphic).position_mm, hold).mean
-    rate = float(result.scene.get("rate", 1000.0))
-    ripple = max((metrics.force_ripple(force[part], rate) for part in holds), default=float("nan"))
+    run = result_ticks(result, _ComputedAnew(result))
+    # What is of runs of its own, only the run itself has.
     return {
-        # np.max and not max: of a depth and NaN, which a pose that is no number has, max takes whichever it likes.
-        "penetration_max": float(np.max([result["penetration_depth"].max(initial=0.0), _depth(result, graphic)])),
-        "stuck_ticks": float(np.sum(status & STATUS_STUCK > 0)),
-        "lag_ticks": float(np.sum(status & STATUS_LAG > 0)),
-        "lag_max": float(result["lag"].max(initial=0.0)),
-        # These two are optima and repetitions of the solver: only the run itself has them.
-        "tracking_excess": _summed_up(result, "tracking_excess"),
-        "tracking_palm": 1e-3 * off,
-        "force_variation_hold": metrics.statistics(metrics.force_variation_rate(force), hold).mean,
-        "force_variation_tremor": _summed_up(result, "force_variation_tremor"),
-        "force_ripple_hold": ripple,
-        "force_step": metrics.force_step(force, ~hold, hold),
+        name: float(result.summary.get(name, np.nan) if metric.compute is None else metric.compute(run))
+        for name, metric in judged_metrics().items()
     }
 
 
-def _summed_up(result: Result, name: str) -> float:
-    return float(result.summary.get(name, float("nan")))
+class _ComputedAnew:
+    """Datasets of a result, those that follow from poses and forces computed from them."""
+
+    def __init__(self, result: Result) -> None:
+        self._result = result
+
+    def __getitem__(self, name: str) -> Array:
+        stored = self._result[name]
+        if name == "force_variation_rate":
+            return metrics.force_variation_rate(self._result["force/total"])
+        if name == "penetration_depth":
+            deepest = np.maximum(stored, _depth(self._result))
+            # A pose that is no number does not pass as free.
+            return np.where(np.isnan(deepest), np.inf, deepest)
+        return stored
 
 
-def _depth(result: Result, graphic: HandPoses) -> float:
-    """Deepest penetration [m] of the stored graphic hand in the stored tree's leaves; NaN where a pose is no number."""
-    modelled = result.scene["solver"]["fingers"]
+def _depth(result: Result) -> Array:
+    """Penetration [m] of the stored graphic hand in the stored tree's leaves, shape (T,)."""
     static = result.static
-    found = metrics.penetration(
+    return metrics.penetration(
         stored_tree(result).arrays(),
         static["hand/phalanx_radius"],
         static["hand/palm_center"],
         static["hand/palm_radius"],
         result["graphic/joints"],
-        graphic.position,
-        graphic.orientation,
-        [finger in modelled for finger in FINGERS],
-    )
-    return float(found.depth.max(initial=0.0))
+        result["graphic/position"],
+        result["graphic/orientation"],
+        [finger in result.fingers for finger in FINGERS],
+    ).depth

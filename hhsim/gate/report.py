@@ -15,7 +15,7 @@ OK, MISSED = "ok", "MISSED"
 
 def cells(row: GateRow) -> tuple[str, ...]:
     """One row under `HEADINGS`."""
-    numbers = (number(getattr(row, name) * row.scale) for name in NUMBERS)
+    numbers = (number(getattr(row, name) / row.scale) for name in NUMBERS)
     return (row.scene, row.label, *numbers, row.unit, row.verdict, _state(row))
 
 

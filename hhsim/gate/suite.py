@@ -1,6 +1,6 @@
 """What a project gates on: scenes and limits, in a TOML file that it commits (`hhsim-gate.toml`).
 
-`DEFAULT_SUITE` shows every key; `docs/gate.md` explains them.
+`default_suite_text` shows every key; `docs/gate.md` explains them.
 """
 
 import math
@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
-from hhsim.gate.metrics import COUNTERS, ERRORS
+from hhsim.gate.metrics import COUNTERS
+from hhsim.metrics.run.registry import judged_metrics
 from hhsim.solver.options import METHODS
 from hhsim.system.toml_document import check_keys, checked_table, parse_toml, read_toml_text
 
@@ -20,18 +21,11 @@ SUITE_VERSION = 1
 OWN_ARGUMENTS = ("--out", "--json", "--quiet", "-q", "--rerun", "--method", "--level")
 """Arguments of `hhsim replay` that the gate gives itself, or has a key for."""
 
-DEFAULT_SUITE = """
+_DEFAULT_SUITE = """
 version = 1
 
 [limits]                       # none may be exceeded; SI units, % for shares and rates
-penetration_max = 1e-6         # deepest penetration of any tick [m]
-stuck_ticks = 0
-lag_ticks = 0
-tracking_excess = 1.0          # coupling energy over the optimum of the hold [%]
-force_variation_tremor = 0.5   # one-tick change of the force while the hand trembles [%]
-force_step = 20.0              # largest one-tick change while moving [% of the hold's force]
-force_ripple_hold = 1e-3       # 50 to 400 Hz [N]
-tracking_palm = 0.02           # palm off the user's in the hold [m]
+{limits}
 
 [counters]                     # how much more work than the baseline is no miss, as a share
 slack = 0.005
@@ -69,7 +63,7 @@ object = "cup"
 trajectory = "handle"
 method = "coupled"
 """
-"""The suite of a folder that has no `hhsim-gate.toml`."""
+"""The suite of a folder that has no `hhsim-gate.toml`, but for the limits that the figures themselves state."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +78,8 @@ class GateScene:
         level: Of the sphere tree; None: the object's usual one.
         arguments: More arguments of `hhsim replay`.
         timed: Whether its time is judged.
-        limits: Largest value of each figure that has a limit, by the names of `hhsim.gate.metrics.ERRORS`, SI or %.
+        limits: Largest value of each figure that has a limit, by the names of
+            `hhsim.metrics.run.registry.judged_metrics`, SI or %.
         slack: Of each counter, as a share of the baseline's value.
     """
 
@@ -150,7 +145,14 @@ def load_suite(path: Path) -> GateSuite:
 
 def default_suite() -> GateSuite:
     """The suite that ships."""
-    return parse_suite(DEFAULT_SUITE, Path.cwd(), "the default suite")
+    return parse_suite(default_suite_text(), Path.cwd(), "the default suite")
+
+
+def default_suite_text() -> str:
+    """The suite that ships, as TOML."""
+    judged = ((metric, metric.judged) for metric in judged_metrics().values())
+    limits = [f"{metric.name} = {by.limit:g}  # {metric.label}" for metric, by in judged if by and by.limit is not None]
+    return _DEFAULT_SUITE.replace("{limits}", "\n".join(limits))
 
 
 def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
@@ -235,7 +237,7 @@ def _scene(row: dict[str, Any], limits: Mapping[str, float], slack: Mapping[str,
 def _limits(table: dict[str, Any], where: str, usual: Mapping[str, float] | None = None) -> dict[str, float]:
     """Limits by figure: those of a scene on top of the usual ones; false takes one away."""
     found = dict(usual or {})
-    for name, value in checked_table(where, "limits", table.get("limits", {}), ERRORS).items():
+    for name, value in checked_table(where, "limits", table.get("limits", {}), tuple(judged_metrics())).items():
         if value is False:
             found.pop(name, None)
         else:

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from hhsim.gate.input_hash import differences, new_options
-from hhsim.gate.metrics import COUNTERS, ERRORS, RunFigures
+from hhsim.gate.metrics import COUNTERS, RunFigures
 from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
+from hhsim.metrics.run.force import TREMBLING
+from hhsim.metrics.run.registry import judged_metrics
 
 ROUNDING = 1e-9
 """Errors that differ by no larger share are the same."""
@@ -24,7 +26,7 @@ class GateRow:
         scene, kind, name: Which; `kind` is inputs, error, counter or time.
         label: For people.
         unit: Of the three numbers as `scale` makes them.
-        scale: From SI to `unit`.
+        scale: From `unit` to SI.
         head, base, limit: SI, or % where the metric is so; NaN where there is none.
         verdict: One of the words against the base; "" where there is no base.
         passed: False where a limit was missed.
@@ -54,7 +56,8 @@ class GateRow:
 def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float]) -> list[GateRow]:
     """Errors against absolute limits; what a base had is told beside them and misses nothing."""
     rows = []
-    for name, figure in ERRORS.items():
+    trembling = math.isfinite(head.errors.get(TREMBLING, math.nan))
+    for name, metric in judged_metrics().items():
         value, before = head.errors[name], math.nan if base is None else base.errors[name]
         limit = limits.get(name, math.nan)
         limited = name in limits
@@ -64,22 +67,25 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         if limited and not value <= limit:
             passed = False
             reason = "over the limit" if math.isfinite(value) else "undefined, so the limit cannot be held"
-        rounding = max(figure.floor, ROUNDING * abs(before))
+        rounding = max(metric.judged.rounding if metric.judged else 0.0, ROUNDING * abs(before))
         word = _word(value, before, SLIGHT * abs(before), rounding)
-        rows.append(GateRow(scene, "error", name, *figure[:3], value, before, limit, word, passed, reason))
+        figure = metric if trembling or metric.moving_hold is None else metric.moving_hold
+        shown = figure.label, figure.unit, figure.scale
+        rows.append(GateRow(scene, "error", name, *shown, value, before, limit, word, passed, reason))
     return rows
 
 
 def judge_counters(scene: str, head: RunFigures, base: RunFigures, slack: Mapping[str, float]) -> list[GateRow]:
     """Work counters against those of the base: integers, so that any growth beyond the slack is a real one."""
     rows = []
-    for name, figure in COUNTERS.items():
+    for name, (_, figure) in COUNTERS.items():
         value, before = float(head.counters[name]), float(base.counters[name])
         limit = math.floor(before * (1.0 + slack[name]))
         verdict = _word(value, before, limit - before)
         passed = value <= limit
         reason = "" if passed else f"more than {100.0 * slack[name]:g} % above the base"
-        rows.append(GateRow(scene, "counter", name, *figure[:3], value, before, limit, verdict, passed, reason))
+        shown = figure.label, figure.unit, figure.scale
+        rows.append(GateRow(scene, "counter", name, *shown, value, before, limit, verdict, passed, reason))
     return rows
 
 
@@ -102,7 +108,7 @@ def judge_time(
     passed = found.verdict != WORSE
     reason = f"{100.0 * (found.ratio - 1.0):+.1f} %, processes of a side within {100.0 * found.spread:.0f} %"
     label = "tick in contact, CPU, p50" + (" / reference workload" if divided else "")
-    unit, scale = ("", 1.0) if divided else ("µs", 1e6)
+    unit, scale = ("", 1.0) if divided else ("µs", 1e-6)
     allowed = found.base * (1.0 + limit)
     figures = found.head, found.base, allowed
     return GateRow(scene, "time", "tick_cpu_p50", label, unit, scale, *figures, found.verdict, passed, reason)

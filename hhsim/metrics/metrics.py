@@ -349,10 +349,21 @@ def tracking_error(haptic: HandPoses, graphic: HandPoses) -> TrackingError:
     turn = _rotation_vectors(graphic.orientation, haptic.orientation)
     bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)
     return TrackingError(
-        1e3 * np.linalg.norm(haptic.position - graphic.position, axis=1),
+        palm_distance_mm(haptic.position, graphic.position),
         np.degrees(np.linalg.norm(turn, axis=1)),
         np.degrees(np.sqrt(np.mean(bend * bend, axis=1))),
     )
+
+
+def palm_distance_mm(haptic: ArrayLike, graphic: ArrayLike) -> Array:
+    """How far the shown palm is from the user's, tick by tick [mm], shape (T,).
+
+    Args:
+        haptic: Palm of the user's hand [m], world, shape (T, 3).
+        graphic: Palm of the shown hand [m], world, shape (T, 3).
+    """
+    apart: Array = 1e3 * np.linalg.norm(np.asarray(haptic) - np.asarray(graphic), axis=1)
+    return apart
 
 
 def tick_statistics(duration: ArrayLike) -> TickStatistics:

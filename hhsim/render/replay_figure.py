@@ -18,9 +18,9 @@ from hhsim.errors import InputError, OutputError
 from hhsim.hand.model import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.rasterizer import Camera, Layer, blend, frame, look_from, save_figure, shade
 from hhsim.render.triangle_soup import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
-from hhsim.replay.run_metrics import HOLD
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result, load_result
 from hhsim.system.output_path import check_destination

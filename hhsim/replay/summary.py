@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from hhsim.kernels.tick.state import STATUS_HELD, STATUS_START_INSIDE
 from hhsim.metrics import metrics
 from hhsim.metrics.metrics import HandPoses, Statistics
-from hhsim.replay.run_metrics import FIGURE_SERIES, hold_slices, tick_figures
+from hhsim.metrics.run.force import TREMBLING
+from hhsim.metrics.run.registry import needed_columns, tick_figures
+from hhsim.metrics.run_ticks import RunTicks
 from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.replay.tremor_hold import is_frozen, tremor_variation
 from hhsim.scene.scene import Scene
@@ -23,8 +25,8 @@ Array = NDArray[Any]
 REFERENCE_TICKS = 16
 """Ticks of the hold at which the reference optimum is computed."""
 
-SERIES = (*FIGURE_SERIES, *("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction"))
-"""Datasets of the result file that the table is made from."""
+GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction")
+"""Datasets that figures of runs of their own begin from."""
 
 
 class TickSeries:
@@ -37,11 +39,12 @@ class TickSeries:
     def __init__(self, ticks: int) -> None:
         """Nothing is kept yet."""
         self.ticks = ticks
+        self._names = dict.fromkeys((*needed_columns(), *GRAPHIC_HAND))
         self._columns: dict[str, Array] = {}
 
     def keep(self, part: slice, block: dict[str, Array]) -> None:
         """Keep the ticks of a block, a slice of all ticks."""
-        for name in SERIES:
+        for name in self._names:
             values = block[name]
             if name not in self._columns:
                 self._columns[name] = np.zeros((self.ticks, *values.shape[1:]), values.dtype)
@@ -91,32 +94,34 @@ class ReplaySummary:
 def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared: WarmUp) -> ReplaySummary:
     """Compute the table."""
     ticks = scene.ticks
-    haptic = HandPoses(ticks.position, ticks.orientation, ticks.flexion)
-    graphic = HandPoses(series["graphic/position"], series["graphic/orientation"], series["graphic/flexion"])
-    figures = tick_figures(
-        series,
-        metrics.tracking_error(haptic, graphic).position_mm,
+    run = RunTicks(
+        columns=series,
+        ticks=series.ticks,
         phases=ticks.phases,
         rate=ticks.rate,
         fingers=len(options.fingers),
         all_pairs=scene.all_pairs,
     )
-    holds = hold_slices(ticks.phases, series.ticks)
-    excess = np.full(1, np.nan)
-    if holds:
-        held = np.concatenate([np.arange(hold.start, hold.stop) for hold in holds])
-        chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
-        abduction = series["graphic/abduction"]
-        excess = reference_excess(scene.hand, scene.tree.arrays(), options, haptic, graphic, abduction, chosen)
-        trembling = _repeated_with_tremor(scene, options, haptic, graphic, abduction, holds[0])
-        if trembling is not None:
-            # Of a frozen hold the spread says nothing that its mean does not.
-            del figures["force_variation_hold_std"]
-            figures["force_variation_tremor"] = trembling.mean
-            figures["force_variation_tremor_std"] = trembling.std
-    figures["tracking_excess"] = 100.0 * metrics.statistics(excess).mean
+    figures = {**tick_figures(run), **_figures_of_own_runs(scene, options, run)}
     rows = summary_rows(figures, ticks.rate)
     return ReplaySummary(rows, _notes(scene, options, series["status"], prepared), series.ticks, prepared)
+
+
+def _figures_of_own_runs(scene: Scene, options: SolverOptions, run: RunTicks) -> dict[str, float]:
+    """The figures that further runs of the solver are needed for: the reference optimum, and a trembling hold."""
+    if not run.holds:
+        return {"tracking_excess": np.nan}
+    haptic = HandPoses(scene.ticks.position, scene.ticks.orientation, scene.ticks.flexion)
+    graphic = HandPoses(run["graphic/position"], run["graphic/orientation"], run["graphic/flexion"])
+    abduction = run["graphic/abduction"]
+    held = np.flatnonzero(run.hold)
+    chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
+    excess = reference_excess(scene.hand, scene.tree.arrays(), options, haptic, graphic, abduction, chosen)
+    found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
+    trembling = _repeated_with_tremor(scene, options, haptic, graphic, abduction, run.holds[0])
+    if trembling is not None:
+        found |= {TREMBLING: trembling.mean, f"{TREMBLING}_std": trembling.std}
+    return found
 
 
 def _repeated_with_tremor(

@@ -6,16 +6,12 @@ from typing import Any
 
 from hhsim.gate.input_hash import differences, new_options, run_inputs
 from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
-from hhsim.replay.summary_table import LINES, SummaryRow, shown
+from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
 
 HOW = ("level", "max_error")
 """Options of a replay that say how it was run and not what was fed in."""
-TIME_NOISE = {"tick_cpu_p50": 0.10, "tick_wall_p50": 0.10, "tick_cpu_p99": 0.50}
-"""Share by which times of one run each may differ and say nothing: identical code differs by several percent from
-process to process in the median, and by tens of percent at p99."""
-NO_WORD = ("tick_cpu_max", "tick_wall_over_1ms")
-"""Times that single ticks decide about: a pause of the machine, not the method."""
 
 
 @dataclass(frozen=True)
@@ -83,19 +79,19 @@ def compare(base: Result, head: Result) -> Comparison:
 
 def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> ComparedFigure:
     """Set a figure beside the first result's."""
-    line = LINES[head.name]
+    metric = run_metrics()[head.name]
     known = math.isfinite(base.value) and math.isfinite(head.value)
     # Of what is shown as nothing there is no ratio worth telling: it is rounding, or would be infinite.
-    ratio = head.value / base.value if known and shown(0.0, line) not in (base.shown, head.shown) else math.nan
-    is_time = head.name.startswith("tick_")
-    if not (known and line.less_is_better) or head.name in NO_WORD or not comparison.comparable:
+    ratio = head.value / base.value if known and head.figure.shown(0.0) not in (base.shown, head.shown) else math.nan
+    # A time that single ticks decide about: a pause of the machine, not the method.
+    by_chance = math.isinf(metric.noise)
+    if not (known and metric.less_is_better) or by_chance or not comparison.comparable:
         return ComparedFigure(ratio, "")
-    if is_time and not comparison.same_machine:
+    if metric.noise > 0.0 and not comparison.same_machine:
         return ComparedFigure(ratio, NOT_COMPARABLE)
     if head.shown == base.shown:
         return ComparedFigure(ratio, SAME)
-    noise = TIME_NOISE.get(head.name, 0.0)
-    if 1.0 / (1.0 + noise) <= ratio <= 1.0 + noise:
+    if 1.0 / (1.0 + metric.noise) <= ratio <= 1.0 + metric.noise:
         return ComparedFigure(ratio, WITHIN)
     return ComparedFigure(ratio, WORSE if head.value > base.value else BETTER)
 

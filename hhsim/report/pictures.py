@@ -10,12 +10,12 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import FINGERS
 from hhsim.metrics.contact_points import ContactPoints, touching_points
 from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.hand_meshes import PIECES
 from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
 from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted
 from hhsim.render.viewpoint import View, clear_view
-from hhsim.replay.run_metrics import HOLD
 from hhsim.report.figure import DPI, INK, TEXT, ReportFigure, drawn_figure, new_figure, png_bytes
 from hhsim.result.reader import Result
 from hhsim.view.decimation import ShownTicks, shown_ticks

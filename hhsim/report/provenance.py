@@ -10,7 +10,6 @@ from hhsim.errors import InputError
 from hhsim.hand.model import FINGERS
 from hhsim.replay.stored_scene import PARTS
 from hhsim.report.compare import commit
-from hhsim.report.tick_table import fingers_of, tick_rate
 from hhsim.result.reader import Result
 
 NONE = "—"
@@ -28,7 +27,7 @@ def run_facts(result: Result) -> dict[str, str]:
     level = static["object/tree/level"]
     depth = int(level.max(initial=0))
     hand = scene.get("hand", {})
-    fingers = fingers_of(result)
+    fingers = result.fingers
     facts = {
         "object": object_name(result),
         "object, extent": f"{extent} mm, {len(static['object/faces']):,} triangles",
@@ -36,7 +35,7 @@ def run_facts(result: Result) -> dict[str, str]:
         "sphere tree": f"level {depth}, {int((level == depth).sum()):,} leaf spheres",
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
-        "ticks": f"{result.ticks:,} at {tick_rate(result):,g} Hz, {result.ticks / tick_rate(result):,.2f} s",
+        "ticks": f"{result.ticks:,} at {result.rate:,g} Hz, {result.ticks / result.rate:,.2f} s",
         "hand": _hand(hand),
         "fingers": "all five" if len(fingers) == len(FINGERS) else ", ".join(fingers) or "none",
         "method": str(solver.get("method", NONE)),

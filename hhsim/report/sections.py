@@ -8,7 +8,8 @@ import numpy as np
 
 from hhsim.errors import InputError
 from hhsim.gate.timing_test import BETTER, SAME, WORSE
-from hhsim.replay.summary_table import LINES, SummaryRow
+from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.summary_table import SummaryRow
 from hhsim.report.command_line import command_of, looking_again
 from hhsim.report.compare import Comparison, compared
 from hhsim.report.html import Html, commands, element, joined, listed, paragraph, table
@@ -155,7 +156,7 @@ def origin_section(runs: Sequence[ReportRun]) -> Html:
 
 
 def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
-    names = [name for name in LINES if any(_row(run, name) is not None for run in runs)]
+    names = [name for name in run_metrics() if any(_row(run, name) is not None for run in runs)]
     headings = ["figure", "unit", runs[0].label]
     for run in runs[1:]:
         headings += [run.label, f"to {runs[0].letter}"]

@@ -11,9 +11,10 @@ from hhsim.bench.run_errors import sampled
 from hhsim.errors import HhsimError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
-from hhsim.metrics import metrics
 from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
 from hhsim.metrics.mesh_penetration import contact_points as touching_places
+from hhsim.metrics.run.registry import tick_figures
+from hhsim.metrics.run_ticks import result_ticks
 from hhsim.render.speed_error_figure import PAPER_RANGE
 from hhsim.report.figure import (
     BUDGET,
@@ -120,14 +121,14 @@ def speed_error_figure(results: Sequence[Result], labels: Sequence[str] = ()) ->
 
 
 def _measured(label: str, result: Result) -> SpeedError:
-    contact = result["contacts/candidates"] > 0
-    ticks = metrics.tick_statistics(result["duration/total_cpu"][contact])
+    ticks = result_ticks(result)
+    figures = tick_figures(ticks)
     return SpeedError(
         label,
-        1e-6 * ticks.p50,
-        1e-6 * ticks.p99,
-        float(np.fmax.reduce(result["penetration_depth"], initial=0.0)) if result.ticks else np.nan,
-        _off_the_mesh(result, np.flatnonzero(contact)),
+        figures["tick_cpu_p50"],
+        figures["tick_cpu_p99"],
+        figures["penetration_max"] if result.ticks else np.nan,
+        _off_the_mesh(result, np.flatnonzero(ticks.contact)),
         float(result.summary.get("tracking_excess", np.nan)),
     )
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.metrics.run_metric import PAPER_RATE
+from hhsim.metrics.run_ticks import HOLD
 from hhsim.motion.trajectory import TickPhase
-from hhsim.replay.run_metrics import HOLD
-from hhsim.replay.summary_table import PAPER_RATE
 from hhsim.report.figure import (
     BUDGET,
     FINGER_COLORS,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hhsim.gate.suite import default_suite
-from hhsim.replay.summary_table import LINES, SummaryRow, shown
+from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
 
 OK, MISSED, SHORT, LATE, EMPTY = "within limits", "limits missed", "cut short", "ticks missed", "no ticks"
@@ -66,7 +66,7 @@ def _contact(figures: dict[str, SummaryRow]) -> str:
         return ""
     if near is not None and near.value == 0:
         return "The hand never comes near the object."
-    if depth.shown == shown(0.0, LINES["penetration_max"]):
+    if depth.shown == depth.figure.shown(0.0):
         return "The shown hand stays out of the object's spheres in every tick."
     return f"The shown hand is up to {depth.shown} {depth.unit} inside the object's spheres."
 
@@ -84,6 +84,5 @@ def _speed(result: Result, figures: dict[str, SummaryRow]) -> str:
 
 
 def _over(row: SummaryRow, limit: float) -> str:
-    line = LINES[row.name]
     unit = f" {row.unit}" if row.unit else ""
-    return f"{row.label} {row.shown}{unit} (limit {limit / line.scale:g})"
+    return f"{row.label} {row.shown}{unit} (limit {limit / row.figure.scale:g})"

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from hhsim.metrics import metrics
-from hhsim.replay.run_metrics import HOLD
+from hhsim.metrics.run_ticks import HOLD
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, OutputError
+from hhsim.hand.model import FINGERS
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.schema import (
     FORMAT,
@@ -80,6 +81,16 @@ class Result:
     def method(self) -> str:
         """The method that was run; "" where the file does not say."""
         return str(self.scene.get("solver", {}).get("method", ""))
+
+    @property
+    def rate(self) -> float:
+        """Ticks per second [Hz]; 1 kHz where the file does not say."""
+        return float(self.scene.get("rate", 1000.0))
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """Names of the fingers that were modelled."""
+        return tuple(self.scene.get("solver", {}).get("fingers", FINGERS))
 
     def __getitem__(self, name: str) -> Array:
         if name not in self._loaded:

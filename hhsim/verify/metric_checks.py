@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.metrics.run.registry import run_metrics
 from hhsim.result.reader import Result
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.file_checks import follows
@@ -14,12 +15,6 @@ SAME = 1e-9
 FLOOR = 0.01
 ROUNDING = {"force_ripple_hold": 1e-9, "force_variation_hold": 1e-9, "force_variation_hold_std": 1e-9}
 """Figures that are differences of large numbers: what rounding may leave of them [N, %]."""
-ELSEWHERE = {
-    "force_variation_tremor": "is of a run of its own, which the file does not hold",
-    "force_variation_tremor_std": "is of a run of its own, which the file does not hold",
-    "tracking_excess": "is against an optimum that only a solver can find",
-}
-"""Figures of the summary that do not follow from the ticks."""
 
 
 def metric_claims(result: Result) -> list[Claim]:
@@ -87,8 +82,9 @@ def _summary_claims(result: Result) -> list[Claim]:
     why = "sums in another order differ by less; 1e-9 N and 1e-9 % where rounding is all there is"
     claims = [judged("summary", said, values, SAME, "1", why, note="; ".join(wrong))]
     if missing:
-        note = "; ".join(f"{name} {ELSEWHERE[name]}" for name in sorted(missing) if name in ELSEWHERE)
-        other = [name for name in missing if name not in ELSEWHERE]
+        own_runs = {name: metric.own_run for name, metric in run_metrics().items() if metric.own_run}
+        note = "; ".join(f"{name} {own_runs[name]}" for name in sorted(missing) if name in own_runs)
+        other = [name for name in missing if name not in own_runs]
         if other:
             told = f"{len(other)} figures have no definition here, such as {other[0]}"
             note = "; ".join([*([note] if note else []), told])
@@ -132,7 +128,7 @@ def own_summary(result: Result) -> dict[str, float]:
         "force_hold_mean": held_force,
         "force_variation_hold": _mean(variation),
         "force_variation_hold_std": float(np.sqrt(_mean((variation - _mean(variation)) ** 2))),
-        "force_ripple_hold": max(ripples, default=np.nan),
+        "force_ripple_hold": max((ripple for ripple in ripples if ripple >= 0.0), default=np.nan),
         "force_step": 100.0 * step.max() / held_force if step.size and held_force >= FLOOR else np.nan,
         "tracking_palm": _mean(np.sqrt((apart[hold] ** 2).sum(axis=1))),
         "fingers_modelled": float(len(result.scene["solver"]["fingers"])),

@@ -18,10 +18,11 @@ from hhsim.errors import InputError
 from hhsim.gate.baseline import RecordedScene, load_baseline, write_baseline
 from hhsim.gate.gate import GateReport, gate_result
 from hhsim.gate.input_hash import TOLERANCE, differences
-from hhsim.gate.metrics import COUNTERS, ERRORS, RunFigures, run_figures
+from hhsim.gate.metrics import COUNTERS, RunFigures, run_figures
 from hhsim.gate.report import junit, markdown, number
-from hhsim.gate.suite import DEFAULT_SUITE, default_suite, load_suite, parse_suite
+from hhsim.gate.suite import default_suite, default_suite_text, load_suite, parse_suite
 from hhsim.gate.verdict import GateRow, judge_counters, judge_errors, judge_time, overall
+from hhsim.metrics.run.registry import judged_metrics
 from hhsim.result.reader import load_result
 
 Run = Callable[..., Any]
@@ -75,7 +76,7 @@ def missed(report: GateReport) -> list[str]:
 
 def test_figures_are_those_of_the_runs_own_table(stored: Path, figures: RunFigures) -> None:
     summary = load_result(stored).summary
-    for name in ERRORS:
+    for name in judged_metrics():
         if name in summary:
             assert figures.errors[name] == pytest.approx(summary[name], nan_ok=True, abs=1e-12), name
     assert figures.counters["work_units"] == round(summary["work_mean"] * summary["ticks"])
@@ -344,7 +345,9 @@ def test_a_result_is_held_to_the_limits_that_the_scenes_of_its_method_share() ->
     assert suite.limits_of("coupled")["tracking_excess"] == suite.limits["tracking_excess"] == 1.0
     assert suite.limits_of("progressive")["tracking_excess"] == 100.0
     assert suite.limits_of("penalty") == suite.limits, "no scene of it"
-    another = DEFAULT_SUITE + '[[scene]]\nname = "b"\nobject = "cup"\ntrajectory = "grasp"\nmethod = "progressive"\n'
+    another = (
+        default_suite_text() + '[[scene]]\nname = "b"\nobject = "cup"\ntrajectory = "grasp"\nmethod = "progressive"\n'
+    )
     assert parse_suite(another, Path(), "two").limits_of("progressive") == suite.limits, "they do not agree"
 
 
@@ -401,8 +404,8 @@ def test_the_docs_show_the_suites_own_names(repository: Path) -> None:
     text = page.split("```toml\n")[1].split("```")[0]
     (scene,) = parse_suite(text, Path(), "docs/gate.md").scenes
     assert scene.timed
-    assert all(f"`{name}`" in page for name in ERRORS)
-    assert parse_suite(DEFAULT_SUITE, Path(), "default").limit == 0.05
+    assert all(f"`{name}`" in page for name in judged_metrics())
+    assert parse_suite(default_suite_text(), Path(), "default").limit == 0.05
 
 
 @pytest.mark.parametrize(
@@ -418,7 +421,7 @@ def report_of(*rows: GateRow) -> GateReport:
 
 
 def test_markdown_shows_what_changed_and_folds_the_rest() -> None:
-    bad = GateRow("s|x", "error", "n", "a_label", "µm", 1e6, 5e-6, 0.0, 1e-6, "worse", False, "over the limit")
+    bad = GateRow("s|x", "error", "n", "a_label", "µm", 1e-6, 5e-6, 0.0, 1e-6, "worse", False, "over the limit")
     text = markdown(report_of(bad, row("same")))
     assert text.startswith("## ❌ hhsim gate\n\nworse: 1 of 2 figures missed their limit, against base\n")
     shown, folded = text.split("<details>")
@@ -431,7 +434,7 @@ def test_markdown_shows_what_changed_and_folds_the_rest() -> None:
 
 
 def test_junit_has_a_case_for_each_figure() -> None:
-    bad = GateRow("a", "error", "n", 'label <&">', "µm", 1e6, 5e-6, 0.0, 1e-6, "worse", False, 'over <the> "limit"')
+    bad = GateRow("a", "error", "n", 'label <&">', "µm", 1e-6, 5e-6, 0.0, 1e-6, "worse", False, 'over <the> "limit"')
     root = ElementTree.fromstring(junit(report_of(bad, row("same"), row("not comparable"))))
     counts = [(suite.get("name"), suite.get("tests"), suite.get("failures"), suite.get("errors")) for suite in root]
     assert counts == [("a", "1", "1", "0"), ("s", "2", "0", "1")]

@@ -18,10 +18,11 @@ from short_grasp import short_grasp, short_scene
 from hhsim.bench.table import Column, write_table
 from hhsim.errors import InputError, OutputError
 from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.run.registry import run_metrics
 from hhsim.render.viewpoint import View
 from hhsim.replay.replay import replay
 from hhsim.replay.summary import ReplaySummary
-from hhsim.replay.summary_table import LINES, stored_rows
+from hhsim.replay.summary_table import stored_rows
 from hhsim.report.figure import ReportFigure
 from hhsim.report.html import NO_TEXT
 from hhsim.report.report import FIGURES, check_report_destination, make_report, write_report
@@ -29,7 +30,6 @@ from hhsim.report.tick_table import figure_rows, report_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
-from hhsim.verify.metric_checks import ELSEWHERE
 
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
@@ -111,7 +111,7 @@ def test_a_run_that_was_cut_short_has_its_table_from_its_ticks(coupled: Path, tm
     short = load_result(changed(coupled, tmp_path, cut))
     rows = {row.name: row for row in figure_rows(short, report_ticks(short))}
     # These are of runs of their own.
-    assert whole.keys() - rows.keys() == ELSEWHERE.keys() & whole.keys()
+    assert whole.keys() - rows.keys() == {name for name in whole if run_metrics()[name].own_run}
     for name in rows.keys() & whole.keys():
         np.testing.assert_allclose(rows[name].value, whole[name].value, rtol=1e-12, err_msg=name)
     assert rows["candidates_max"].value > 0
@@ -221,7 +221,8 @@ def test_two_methods_on_one_scene_are_compared(coupled: Path, progressive: Path,
     labels = {row.name: row.label for row in stored_rows(one, 1000.0)}
     told = set()
     for name in labels.keys() & two.keys():
-        if LINES[name].less_is_better and not name.startswith("tick_") and not np.isnan([one[name], two[name]]).any():
+        metric = run_metrics()[name]
+        if metric.less_is_better and metric.noise == 0.0 and not np.isnan([one[name], two[name]]).any():
             cells = by_label[labels[name]]
             ratio, word = two[name] / one[name] if one[name] else np.nan, cells[4].split(" × ")[-1]
             expected = "same" if cells[2] == cells[3] else "worse" if two[name] > one[name] else "better"

@@ -498,7 +498,7 @@ def spoil_folder(path: Path) -> None:
         (spoil_text, "is no HDF5 file"),
         (spoil_cut, "cut short or damaged"),
         (spoil_empty, "is no HDF5 file"),
-        (spoil_newer, r"newer hhsim \(schema 4; this one reads up to 3\): upgrade hhsim"),
+        (spoil_newer, r"newer hhsim \(schema 4; this one reads 3\): upgrade hhsim"),
         (spoil_format, "its format is 'hhsim-tree', not 'hhsim-result'"),
         (spoil_no_format, "states no format"),
         (spoil_lacking, "lacks the dataset force/total"),

@@ -1,0 +1,54 @@
+"""Every figure of a run: the one list that summary, JSON, benches, gate and report read.
+
+Each module of this package that has `METRICS`, some `RunMetric`s, adds them by lying here.
+"""
+
+import importlib
+import pkgutil
+from functools import cache
+
+import hhsim.metrics.run
+from hhsim.metrics.run_metric import RunMetric
+from hhsim.metrics.run_ticks import RunTicks
+
+
+@cache
+def run_metrics() -> dict[str, RunMetric]:
+    """Every figure by its name, in the order of the table.
+
+    Raises:
+        ValueError: Two of them have one name, or a figure is neither computed from the ticks nor of runs of its own.
+    """
+    found: list[RunMetric] = []
+    for module in pkgutil.iter_modules(hhsim.metrics.run.__path__, f"{hhsim.metrics.run.__name__}."):
+        found += getattr(importlib.import_module(module.name), "METRICS", ())
+    metrics = {metric.name: metric for metric in sorted(found, key=lambda metric: metric.place)}
+    if len(metrics) < len(found):
+        raise ValueError(f"two run metrics of one name among {sorted(metric.name for metric in found)}")
+    strange = [metric.name for metric in found if (metric.compute is None) != bool(metric.own_run)]
+    if strange:
+        raise ValueError(f"run metrics with both or neither of compute and own_run: {strange}")
+    return metrics
+
+
+def needed_columns() -> tuple[str, ...]:
+    """Datasets of /tick that the figures are computed from."""
+    return tuple(dict.fromkeys(name for metric in run_metrics().values() for name in metric.needs))
+
+
+def tick_figures(run: RunTicks) -> dict[str, float]:
+    """Every figure that follows from the ticks, by name; SI units, or % where it is defined so."""
+    return {name: float(metric.compute(run)) for name, metric in run_metrics().items() if metric.compute is not None}
+
+
+def run_figure(name: str, run: RunTicks) -> float:
+    """One figure that follows from the ticks; as `tick_figures`."""
+    compute = run_metrics()[name].compute
+    if compute is None:
+        raise ValueError(f"{name} does not follow from the ticks")
+    return float(compute(run))
+
+
+def judged_metrics() -> dict[str, RunMetric]:
+    """The figures that the gate judges, by name."""
+    return {name: metric for name, metric in run_metrics().items() if metric.judged is not None}

@@ -1,0 +1,36 @@
+"""Ticks that did not get to where the user asked."""
+
+import numpy as np
+
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.metrics.run_metric import Judged, RunMetric
+
+METRICS = (
+    RunMetric(
+        name="stuck_ticks",
+        label="stuck ticks",
+        place=70,
+        needs=("status",),
+        compute=lambda run: float(np.count_nonzero(run["status"] & STATUS_STUCK)),
+        judged=Judged(limit=0.0),
+    ),
+    RunMetric(
+        name="lag_ticks",
+        label="ticks with lag",
+        place=71,
+        needs=("status",),
+        compute=lambda run: float(np.count_nonzero(run["status"] & STATUS_LAG)),
+        judged=Judged(limit=0.0),
+    ),
+    RunMetric(
+        name="lag_max",
+        label="lag, max",
+        digits=2,
+        unit="mm",
+        scale=1e-3,
+        place=72,
+        needs=("lag",),
+        compute=lambda run: run["lag"].max(initial=0.0),
+        judged=Judged(rounding=1e-9),
+    ),
+)

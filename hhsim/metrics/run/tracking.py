@@ -1,0 +1,35 @@
+"""How far the shown hand is from the user's in the hold."""
+
+from hhsim.metrics.metrics import palm_distance_mm, statistics
+from hhsim.metrics.run_metric import Judged, RunMetric
+from hhsim.metrics.run_ticks import RunTicks
+
+HAPTIC, GRAPHIC = "haptic/position", "graphic/position"
+
+
+def _palm_off(run: RunTicks) -> float:
+    return 1e-3 * statistics(palm_distance_mm(run[HAPTIC], run[GRAPHIC]), run.hold).mean
+
+
+METRICS = (
+    RunMetric(
+        name="tracking_excess",
+        label="coupling energy over the local optimum",
+        digits=3,
+        unit="%",
+        place=50,
+        own_run="is against an optimum that only a solver can find",
+        judged=Judged(rounding=1e-6, limit=1.0),
+    ),
+    RunMetric(
+        name="tracking_palm",
+        label="palm off the user's in the hold, mean",
+        digits=2,
+        unit="mm",
+        scale=1e-3,
+        place=51,
+        needs=(HAPTIC, GRAPHIC),
+        compute=_palm_off,
+        judged=Judged(rounding=1e-9, limit=0.02),
+    ),
+)

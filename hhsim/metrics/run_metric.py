@@ -1,0 +1,82 @@
+"""What a figure of a run is: its names, how it is shown, how it is judged, and how it is computed."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hhsim.metrics.run_ticks import RunTicks
+
+PAPER_RATE = 1000.0
+"""Ticks per second of the paper's haptic loop [Hz]."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A number under a name, and how a table shows it.
+
+    Attributes:
+        name: Of the attribute in the result file and of the key in JSON.
+        label: For people.
+        digits: Behind the point.
+        unit: Of what is shown.
+        scale: From what is shown to SI.
+        less_is_better: False where more is neither better nor worse.
+        paper: The paper's figure as printed there, in `unit`, or "".
+    """
+
+    name: str
+    label: str
+    digits: int = 0
+    unit: str = ""
+    scale: float = 1.0
+    less_is_better: bool = True
+    paper: str = ""
+
+    def shown(self, value: float) -> str:
+        """A value, SI or % where the figure is defined so, as the table shows it; "—" where it is undefined."""
+        # Rounded first: what rounds to nothing has no sign.
+        return "—" if math.isnan(value) else f"{round(value / self.scale, self.digits) + 0.0:,.{self.digits}f}"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How the gate judges a figure.
+
+    Attributes:
+        rounding: Values that differ by no more are the same [SI, or %].
+        limit: Largest value of a project that sets none [SI, or %]; None for no limit.
+    """
+
+    rounding: float = 0.0
+    limit: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunMetric(Figure):
+    """A figure of a run, in SI units, or in % where it is defined so; NaN where it is undefined.
+
+    One kind is computed from the ticks in the file, by `compute`. The other kind needs further runs of the solver
+    and does not follow from the file: `own_run` says what it is of, and `hhsim.replay.summary` computes it.
+
+    Attributes:
+        place: In the table; those of the same place are in the order of their modules.
+        needs: Datasets of /tick that `compute` reads.
+        compute: From the ticks; None for a figure of runs of its own.
+        own_run: Why it does not follow from the ticks, or "".
+        noise: Of a time, the share by which it may differ from run to run and say nothing; infinite where single ticks
+            decide, so that no two runs can be compared by it; 0 for what is exact.
+        per_tick: Whether it is a change from tick to tick: the paper's figure is then of ticks of 1 ms.
+        judged: How the gate judges it; None where it does not.
+        moving_hold: How it is shown where the hold's input moves, as a live hand's does.
+        moving_hold_only: Whether it is shown there alone.
+    """
+
+    place: int = 1000
+    needs: tuple[str, ...] = ()
+    compute: Callable[[RunTicks], float] | None = None
+    own_run: str = ""
+    noise: float = 0.0
+    per_tick: bool = False
+    judged: Judged | None = None
+    moving_hold: Figure | None = None
+    moving_hold_only: bool = False

@@ -1,0 +1,92 @@
+"""The ticks of a run as its figures see them: of a replay that has just ended, or of a result file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.motion.trajectory import TickPhase
+from hhsim.result.reader import Result
+
+Array = NDArray[Any]
+Mask = NDArray[np.bool_]
+
+HOLD = "hold"
+"""Phases of this name are held; in the others the hand moves."""
+
+
+class Columns(Protocol):
+    """Datasets of /tick by name, each with a row a tick."""
+
+    def __getitem__(self, name: str, /) -> Array:
+        """The dataset."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunTicks:
+    """What the figures of a run are computed from.
+
+    Attributes:
+        columns: Datasets of /tick by name; `run["force/total"]` is one of them.
+        ticks: How many.
+        phases: Of the motion.
+        rate: Ticks per second [Hz].
+        fingers: How many are modelled.
+        all_pairs: Of a hand body and an object sphere; 0 where that is not known.
+    """
+
+    columns: Columns
+    ticks: int
+    phases: Sequence[TickPhase]
+    rate: float
+    fingers: int
+    all_pairs: int = 0
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    @cached_property
+    def holds(self) -> list[slice]:
+        """The ticks of each hold."""
+        return hold_slices(self.phases, self.ticks)
+
+    @cached_property
+    def hold(self) -> Mask:
+        """Ticks in a hold, shape (T,)."""
+        mask = np.zeros(self.ticks, bool)
+        for part in self.holds:
+            mask[part] = True
+        return mask
+
+    @cached_property
+    def contact(self) -> Mask:
+        """Ticks in contact, those with candidate pairs, shape (T,)."""
+        return np.asarray(self.columns["contacts/candidates"] > 0)
+
+
+def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
+    """The ticks of a result.
+
+    Args:
+        result: Complete or not.
+        columns: In the place of the file's, such as computed anew.
+    """
+    level = result.static["object/tree/level"]
+    bodies = result.static["hand/phalanx_length"].size + result.static["hand/palm_radius"].size
+    return RunTicks(
+        columns=result if columns is None else columns,
+        ticks=result.ticks,
+        phases=result.phases,
+        rate=result.rate,
+        fingers=len(result.fingers),
+        all_pairs=bodies * int(np.sum(level == level.max())),
+    )
+
+
+def hold_slices(phases: Sequence[TickPhase], ticks: int) -> list[slice]:
+    """The ticks of each hold, of so many ticks."""
+    held = [phase for phase in phases if phase.name == HOLD and phase.first_tick < ticks]
+    return [slice(phase.first_tick, min(phase.last_tick + 1, ticks)) for phase in held]

@@ -1,0 +1,159 @@
+"""The figures of a run: each needs what it says, and one more file adds one everywhere."""
+
+import dataclasses
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from markdown_pages import Page
+from report_reader import read_page
+from short_grasp import short_grasp, short_scene
+
+import hhsim.metrics.run
+from hhsim.gate.gate import gate_result
+from hhsim.gate.metrics import run_figures
+from hhsim.gate.suite import default_suite, parse_suite
+from hhsim.metrics.run.registry import judged_metrics, needed_columns, run_figure, run_metrics, tick_figures
+from hhsim.metrics.run_metric import RunMetric
+from hhsim.metrics.run_ticks import RunTicks, result_ticks
+from hhsim.motion.trajectory import TickPhase
+from hhsim.replay.replay import replay
+from hhsim.replay.summary import ReplaySummary
+from hhsim.report.run import report_runs
+from hhsim.report.sections import figures_section
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import TICK_COLUMNS
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.metric_checks import metric_claims
+
+ONE_MORE = """
+from hhsim.metrics.run_metric import Judged, RunMetric
+
+METRICS = (
+    RunMetric(
+        name="lag_mean",
+        label="lag, mean",
+        digits=4,
+        unit="mm",
+        scale=1e-3,
+        place=73,
+        needs=("lag", "work/linearisations"),
+        compute=lambda run: run["lag"].mean() + 1e-3 * run["work/linearisations"].mean(),
+        judged=Judged(rounding=1e-9, limit=1e-4),
+    ),
+)
+"""
+"""A figure that needs a dataset that no other one needs."""
+
+
+@pytest.fixture(scope="module")
+def one_more(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A file more among the modules of the package."""
+    folder = tmp_path_factory.mktemp("metrics")
+    (folder / "lag_mean.py").write_text(ONE_MORE)
+    hhsim.metrics.run.__path__.append(str(folder))
+    run_metrics.cache_clear()
+    yield
+    hhsim.metrics.run.__path__.remove(str(folder))
+    sys.modules.pop("hhsim.metrics.run.lag_mean")
+    run_metrics.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def replayed(one_more: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplaySummary, Result]:
+    path = tmp_path_factory.mktemp("results") / "run.h5"
+    summary = replay(short_scene(short_grasp()), SolverOptions(), path, description={"level": 2})
+    return summary, load_result(path)
+
+
+def test_one_more_file_is_in_the_table_the_json_and_the_file(replayed: tuple[ReplaySummary, Result]) -> None:
+    summary, result = replayed
+    expected = float(result["lag"].mean() + 1e-3 * result["work/linearisations"].mean())
+    assert expected > 1e-4
+    row = summary.rows[-1]
+    assert (row.name, row.label, row.unit, row.shown) == ("lag_mean", "lag, mean", "mm", f"{1e3 * expected:.4f}")
+    assert summary.to_json()["lag_mean"] == result.summary["lag_mean"] == expected
+
+
+def test_one_more_file_is_judged_by_the_gate(replayed: tuple[ReplaySummary, Result]) -> None:
+    result = replayed[1]
+    assert run_figures(result).errors["lag_mean"] == result.summary["lag_mean"]
+    report = gate_result(result, default_suite(), result)
+    (row,) = (row for row in report.rows if row.name == "lag_mean")
+    assert (row.verdict, row.passed, row.limit) == ("same", False, 1e-4)
+    scene = '[[scene]]\nname = "a"\nobject = "cube"\ntrajectory = "pinch"\n'
+    suite = parse_suite(f"version = 1\n[limits]\nlag_mean = 1.0\n{scene}", Path(), "mine")
+    assert not gate_result(result, suite, None).missed
+
+
+def test_one_more_file_is_in_the_report_and_its_verdict(replayed: tuple[ReplaySummary, Result]) -> None:
+    summary, result = replayed
+    (run,) = report_runs([result])
+    assert "lag_mean" in run.verdict.missed
+    assert read_page(figures_section([run], [])).rows("Figures")[-1] == ["lag, mean", summary.rows[-1].shown, "mm", ""]
+    (cut,) = report_runs([dataclasses.replace(result, complete=False)])
+    assert cut.rows[-1].value == summary.rows[-1].value
+
+
+def test_the_referee_says_that_it_does_not_know_one_more(replayed: tuple[ReplaySummary, Result]) -> None:
+    (rest,) = (claim for claim in metric_claims(replayed[1]) if claim.name == "summary, rest")
+    assert rest.note.endswith("1 figures have no definition here, such as lag_mean")
+
+
+def ticks_of(names: tuple[str, ...], ticks: int) -> RunTicks:
+    shapes = {column.name: (ticks, *column.shape) for column in TICK_COLUMNS}
+    kinds = {column.name: column.dtype for column in TICK_COLUMNS}
+    columns = {name: np.ones(shapes[name], kinds[name]) for name in names}
+    phases = (TickPhase("approach", 0, 9), TickPhase("hold", 10, ticks - 1)) if ticks else ()
+    return RunTicks(columns, ticks, phases, 1000.0, 5, 100)
+
+
+@pytest.mark.parametrize("metric", run_metrics().values(), ids=run_metrics())
+@pytest.mark.parametrize("ticks", [0, 200])
+def test_a_figure_needs_what_it_says_and_no_tick_at_all(metric: RunMetric, ticks: int) -> None:
+    if metric.compute is None:
+        with pytest.raises(ValueError, match="does not follow from the ticks"):
+            run_figure(metric.name, ticks_of((), 0))
+        return
+    value = run_figure(metric.name, ticks_of(metric.needs, ticks))
+    assert math.isfinite(value) or ticks == 0
+
+
+def test_figures_of_a_file_are_those_of_its_run(replayed: tuple[ReplaySummary, Result]) -> None:
+    summary, result = replayed
+    figures = tick_figures(result_ticks(result))
+    assert set(needed_columns()) <= {column.name for column in TICK_COLUMNS}
+    for row in summary.rows:
+        if not run_metrics()[row.name].own_run:
+            np.testing.assert_equal(figures[row.name], row.value, err_msg=row.name)
+
+
+def test_two_figures_of_one_name_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("first", "second"):
+        (tmp_path / f"{module}.py").write_text(ONE_MORE)
+    monkeypatch.setattr(hhsim.metrics.run, "__path__", [*hhsim.metrics.run.__path__, str(tmp_path)])
+    run_metrics.cache_clear()
+    try:
+        with pytest.raises(ValueError, match="two run metrics of one name"):
+            run_metrics()
+    finally:
+        monkeypatch.undo()
+        run_metrics.cache_clear()
+        for module in ("first", "second"):
+            sys.modules.pop(f"hhsim.metrics.run.{module}")
+
+
+def test_the_documentation_says_which_do_not_follow_from_the_file(repository: Path) -> None:
+    page = Page.read(repository / "docs" / "metrics.md")
+    sentence = next(line for line in page.text.split("\n\n") if "do not follow from the file" in line)
+    assert {name for name in run_metrics() if f"`{name}`" in sentence} == {
+        name for name, metric in run_metrics().items() if metric.own_run
+    }
+
+
+def test_the_gate_judges_errors_that_have_less_as_better() -> None:
+    assert len(judged_metrics()) >= 10
+    assert all(metric.less_is_better for metric in judged_metrics().values())
