@@ -6,20 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.model import FINGERS, HandModel
-from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import (
-    WORK_BODIES,
-    WORK_CANDIDATES,
-    WORK_LINEARISATIONS,
-    WORK_QP_ITERATIONS,
-    WORK_ROWS,
-    WORK_TOUCHING,
-    WORK_UNITS,
-)
-from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.metrics.metrics import force_variation_rate, penetration
+from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
 
 Array = NDArray[Any]
@@ -83,39 +73,14 @@ class TickColumns:
         total = np.concatenate([self._total, record.total])
         finger = np.concatenate([self._finger, record.phalanx.sum(axis=2)])
         self._total, self._finger = total[-1:], finger[-1:]
+        given = {"input_seq": input_seq, **{f"haptic_{name}": values for name, values in haptic._asdict().items()}}
+        fields = {**given, **record._asdict()}
         return {
             "time": time,
-            "input_seq": input_seq,
-            "status": record.status.astype(np.int32),
-            "lag": record.lag,
-            **{f"haptic/{name}": values for name, values in haptic._asdict().items()},
-            "graphic/position": record.position,
-            "graphic/orientation": record.orientation,
-            "graphic/flexion": record.flexion,
-            "graphic/abduction": record.abduction,
-            "graphic/joints": record.joints,
+            **{column.name: column.taken(fields) for column in TICK_COLUMNS if column.source},
             "penetration_depth": depth.depth,
             "penetration_palm": depth.palm,
             "penetration_finger": depth.finger,
-            "force/phalanx": record.phalanx,
-            "force/fingertip_normal": record.fingertip_normal,
-            "force/palm_wrench": record.palm_wrench,
-            "force/total": record.total,
             "force_variation_rate": force_variation_rate(total)[1:],
             "force_variation_finger": force_variation_rate(finger)[1:],
-            "duration/detect": record.duration[:, DURATION_DETECT],
-            "duration/palm": record.duration[:, DURATION_PALM],
-            "duration/fingers": record.duration[:, DURATION_FINGERS],
-            "duration/force": record.duration[:, DURATION_FORCE],
-            "duration/total": record.duration_total,
-            "duration/total_cpu": record.duration_cpu,
-            "contacts/candidates": record.work[:, WORK_CANDIDATES],
-            "contacts/touching": record.work[:, WORK_TOUCHING],
-            "work/node_tests": record.work[:, COUNT_NODE_TESTS],
-            "work/pair_tests": record.work[:, COUNT_PAIR_TESTS],
-            "work/qp_iterations": record.work[:, WORK_QP_ITERATIONS],
-            "work/linearisations": record.work[:, WORK_LINEARISATIONS],
-            "work/rows": record.work[:, WORK_ROWS],
-            "work/bodies": record.work[:, WORK_BODIES],
-            "work/units": record.work[:, WORK_UNITS],
         }

@@ -4,10 +4,12 @@ Format `hhsim-result`. A change here raises `SCHEMA_VERSION`, and files of anoth
 all that a run needs, so that it can be run again from nothing but itself (`hhsim.replay.repeat`).
 """
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 FORMAT = "hhsim-result"
 SCHEMA_VERSION = 3
@@ -21,11 +23,82 @@ LIVE_EVENT = "live/event"
 """Its tables: one row a tick, as /tick; one row a sample of the glove; one row a line of the log."""
 
 
+class TickField(NamedTuple):
+    """A field of a tick's record, as the solver and the loop of a session hand it over.
+
+    Attributes:
+        name: Of the field.
+        type: Of its numbers.
+        shape: Of a tick's value.
+        parts: Names of the entries, of a field that several columns are taken from.
+    """
+
+    name: str
+    type: str = "<i8"
+    shape: tuple[int, ...] = ()
+    parts: tuple[str, ...] = ()
+
+
+LOOP_FIELDS = (
+    TickField("tick"),
+    TickField("time_ns"),
+    TickField("wakeup_ns"),
+    TickField("latency_ns"),
+    TickField("missed"),
+    TickField("input_seq"),
+    TickField("safety"),
+)
+"""What the loop of a session says of a tick before it is solved; `LIVE_TICK_COLUMNS` says what each is."""
+HAPTIC_FIELDS = (
+    TickField("haptic_position", "<f8", (3,)),
+    TickField("haptic_orientation", "<f8", (4,)),
+    TickField("haptic_flexion", "<f8", (5, 3)),
+    TickField("haptic_abduction", "<f8", (5,)),
+)
+"""What the solver is given."""
+SOLVER_FIELDS = (
+    TickField("status"),
+    TickField("position", "<f8", (3,)),
+    TickField("orientation", "<f8", (4,)),
+    TickField("flexion", "<f8", (5, 3)),
+    TickField("abduction", "<f8", (5,)),
+    TickField("joints", "<f8", (5, 4, 3)),
+    TickField("phalanx", "<f8", (5, 3, 3)),
+    TickField("fingertip_normal", "<f8", (5, 3)),
+    TickField("palm_wrench", "<f8", (6,)),
+    TickField("total", "<f8", (3,)),
+    TickField("duration", shape=(4,), parts=("detect", "palm", "fingers", "force")),
+    TickField("duration_total"),
+    TickField("duration_cpu"),
+    TickField(
+        "work",
+        shape=(10,),
+        parts=(
+            *("node_tests", "pair_tests", "gathers", "linearisations", "qp_iterations"),
+            *("candidates", "touching", "rows", "bodies", "units"),
+        ),
+    ),
+    TickField("lag", "<f8"),
+)
+"""What it makes of it, the fields of `hhsim.kernels.tick.block.TickRecord` in their order."""
+COMMAND_FIELDS = (TickField("command_bend", "<f8", (5,)), TickField("command_stiffness", "<f8", (5,)))
+"""What the glove was told."""
+TICK_FIELDS = (*LOOP_FIELDS, SOLVER_FIELDS[0], *HAPTIC_FIELDS, *SOLVER_FIELDS[1:], *COMMAND_FIELDS)
+"""The record of a tick of a session, field by field as it lies in the ring."""
+_PARTS = {field.name: field.parts for field in TICK_FIELDS}
+
+
 @dataclass(frozen=True)
 class Column:
-    """One dataset: `shape` is that of a tick's value, or of the whole array where it does not change with time.
+    """One dataset.
 
-    A size of -1 is any size.
+    Attributes:
+        name: Of the dataset.
+        shape: Of a tick's value, or of the whole array where it does not change with time; -1 is any size.
+        dtype: As it is stored.
+        units: SI.
+        long_name: What it is, for people.
+        source: Field of the record that it is taken from, as `field` or as `field.part`; "" where it is computed.
     """
 
     name: str
@@ -33,65 +106,84 @@ class Column:
     dtype: str
     units: str
     long_name: str
+    source: str = ""
+
+    def taken(self, record: Mapping[str, NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
+        """Its rows, from the fields of records by name; first axis the record."""
+        field, _, part = self.source.partition(".")
+        values = record[field]
+        return values[:, _PARTS[field].index(part)] if part else values
 
 
-def _hand(of: str, whose: str) -> tuple[Column, ...]:
-    return (
-        Column(f"{of}/position", (3,), "<f8", "m", f"palm centre of the {whose} hand, world"),
-        Column(f"{of}/orientation", (4,), "<f8", "1", f"palm orientation of the {whose} hand, unit quaternion w x y z"),
-        Column(f"{of}/flexion", (5, 3), "<f8", "rad", f"flexion of the {whose} hand, finger by joint, positive curls"),
-        Column(
-            f"{of}/abduction", (5,), "<f8", "rad", f"abduction of the {whose} hand, positive towards the thumb side"
-        ),
+def _hand(of: str, whose: str, field: str) -> tuple[Column, ...]:
+    columns = (
+        Column("position", (3,), "<f8", "m", f"palm centre of the {whose} hand, world"),
+        Column("orientation", (4,), "<f8", "1", f"palm orientation of the {whose} hand, unit quaternion w x y z"),
+        Column("flexion", (5, 3), "<f8", "rad", f"flexion of the {whose} hand, finger by joint, positive curls"),
+        Column("abduction", (5,), "<f8", "rad", f"abduction of the {whose} hand, positive towards the thumb side"),
     )
+    return tuple(replace(column, name=f"{of}/{column.name}", source=f"{field}{column.name}") for column in columns)
 
 
 TICK_COLUMNS: tuple[Column, ...] = (
     Column("time", (), "<f8", "s", "time of the tick since the start of the trajectory"),
-    Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0"),
+    Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0", "input_seq"),
     Column(
         "status",
         (),
         "<i4",
         "1",
         "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held",
+        "status",
     ),
-    Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended"),
-    *_hand("haptic", "haptic (measured)"),
-    *_hand("graphic", "graphic (shown)"),
+    Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended", "lag"),
+    *_hand("haptic", "haptic (measured)", "haptic_"),
+    *_hand("graphic", "graphic (shown)", ""),
     Column(
-        "graphic/joints", (5, 4, 3), "<f8", "m", "joint and tip positions of the graphic hand, proximal first, world"
+        "graphic/joints",
+        (5, 4, 3),
+        "<f8",
+        "m",
+        "joint and tip positions of the graphic hand, proximal first, world",
+        "joints",
     ),
     Column("penetration_depth", (), "<f8", "m", "deepest penetration of any hand body into any object leaf sphere"),
     Column("penetration_palm", (), "<f8", "m", "deepest penetration of the palm"),
     Column("penetration_finger", (5,), "<f8", "m", "deepest penetration of each finger; NaN: not modelled"),
-    Column("force/phalanx", (5, 3, 3), "<f8", "N", "contact force on each phalanx, finger by phalanx, world"),
-    Column("force/fingertip_normal", (5, 3), "<f8", "N", "normal force at each fingertip, world"),
+    Column(
+        "force/phalanx", (5, 3, 3), "<f8", "N", "contact force on each phalanx, finger by phalanx, world", "phalanx"
+    ),
+    Column("force/fingertip_normal", (5, 3), "<f8", "N", "normal force at each fingertip, world", "fingertip_normal"),
     Column(
         "force/palm_wrench",
         (6,),
         "<f8",
         "N,N·m",
         "coupling force (first three) and moment about the palm centre (Eq. 1), world",
+        "palm_wrench",
     ),
-    Column("force/total", (3,), "<f8", "N", "sum of all contact forces on the hand, world"),
+    Column("force/total", (3,), "<f8", "N", "sum of all contact forces on the hand, world", "total"),
     Column("force_variation_rate", (), "<f8", "%", "one-tick change of the total force's size; NaN below 0.01 N"),
     Column("force_variation_finger", (5,), "<f8", "%", "one-tick change of each finger's force size; NaN below 0.01 N"),
-    Column("duration/detect", (), "<i8", "ns", "wall time of contact detection"),
-    Column("duration/palm", (), "<i8", "ns", "wall time of the palm's (or the whole hand's) optimisation"),
-    Column("duration/fingers", (), "<i8", "ns", "wall time of the fingers' optimisation"),
-    Column("duration/force", (), "<i8", "ns", "wall time of the forces"),
-    Column("duration/total", (), "<i8", "ns", "wall time of the whole tick"),
-    Column("duration/total_cpu", (), "<i8", "ns", "CPU time of the whole tick, of all its threads"),
-    Column("contacts/candidates", (), "<i8", "1", "candidate pairs: within the margin"),
-    Column("contacts/touching", (), "<i8", "1", "pairs within 10 µm of each other after the tick"),
-    Column("work/node_tests", (), "<i8", "1", "sphere-tree nodes tested"),
-    Column("work/pair_tests", (), "<i8", "1", "exact distances between a hand body and a leaf sphere"),
-    Column("work/qp_iterations", (), "<i8", "1", "active-set changes, all problems of the tick"),
-    Column("work/linearisations", (), "<i8", "1", "times that the contacts were linearised"),
-    Column("work/rows", (), "<i8", "1", "most contacts in a program, those that others imply left out"),
-    Column("work/bodies", (), "<i8", "1", "most hand bodies, of 16, within the margin of the object"),
-    Column("work/units", (), "<i8", "1", "work of the tick, weighted; about a nanosecond each"),
+    Column("duration/detect", (), "<i8", "ns", "wall time of contact detection", "duration.detect"),
+    Column(
+        "duration/palm", (), "<i8", "ns", "wall time of the palm's (or the whole hand's) optimisation", "duration.palm"
+    ),
+    Column("duration/fingers", (), "<i8", "ns", "wall time of the fingers' optimisation", "duration.fingers"),
+    Column("duration/force", (), "<i8", "ns", "wall time of the forces", "duration.force"),
+    Column("duration/total", (), "<i8", "ns", "wall time of the whole tick", "duration_total"),
+    Column("duration/total_cpu", (), "<i8", "ns", "CPU time of the whole tick, of all its threads", "duration_cpu"),
+    Column("contacts/candidates", (), "<i8", "1", "candidate pairs: within the margin", "work.candidates"),
+    Column("contacts/touching", (), "<i8", "1", "pairs within 10 µm of each other after the tick", "work.touching"),
+    Column("work/node_tests", (), "<i8", "1", "sphere-tree nodes tested", "work.node_tests"),
+    Column(
+        "work/pair_tests", (), "<i8", "1", "exact distances between a hand body and a leaf sphere", "work.pair_tests"
+    ),
+    Column("work/qp_iterations", (), "<i8", "1", "active-set changes, all problems of the tick", "work.qp_iterations"),
+    Column("work/linearisations", (), "<i8", "1", "times that the contacts were linearised", "work.linearisations"),
+    Column("work/rows", (), "<i8", "1", "most contacts in a program, those that others imply left out", "work.rows"),
+    Column("work/bodies", (), "<i8", "1", "most hand bodies, of 16, within the margin of the object", "work.bodies"),
+    Column("work/units", (), "<i8", "1", "work of the tick, weighted; about a nanosecond each", "work.units"),
 )
 """Datasets under /tick, one row a tick; `name` is relative to /tick."""
 
@@ -128,21 +220,35 @@ STATIC_COLUMNS: tuple[Column, ...] = (
 
 LIVE_TICK_COLUMNS: tuple[Column, ...] = (
     Column("record", (), "<i8", "1", "number of the tick's record since the loop began; a gap: records that were lost"),
-    Column("period", (), "<i8", "1", "number of the tick's period since the loop began; a gap: periods without a tick"),
-    Column("deadline", (), "<i8", "ns", "CLOCK_MONOTONIC at which the tick was due"),
-    Column("wakeup", (), "<i8", "ns", "how long after the deadline slept for the loop woke"),
-    Column("latency", (), "<i8", "ns", "from the newest sample's bytes read to the command sent; -1: no new sample"),
-    Column("missed", (), "<i8", "1", "periods without a tick right before this one"),
-    Column("safety", (), "<i8", "1", "why the fingers were kept free, sum of bits; 0: they were not"),
-    Column("command_bend", (5,), "<f8", "1", "where each finger was told to stop, 0 flat to 1 fist"),
-    Column("command_stiffness", (5,), "<f8", "1", "how hard, 0 free to 1"),
+    Column(
+        "period",
+        (),
+        "<i8",
+        "1",
+        "number of the tick's period since the loop began; a gap: periods without a tick",
+        "tick",
+    ),
+    Column("deadline", (), "<i8", "ns", "CLOCK_MONOTONIC at which the tick was due", "time_ns"),
+    Column("wakeup", (), "<i8", "ns", "how long after the deadline slept for the loop woke", "wakeup_ns"),
+    Column(
+        "latency",
+        (),
+        "<i8",
+        "ns",
+        "from the newest sample's bytes read to the command sent; -1: no new sample",
+        "latency_ns",
+    ),
+    Column("missed", (), "<i8", "1", "periods without a tick right before this one", "missed"),
+    Column("safety", (), "<i8", "1", "why the fingers were kept free, sum of bits; 0: they were not", "safety"),
+    Column("command_bend", (5,), "<f8", "1", "where each finger was told to stop, 0 flat to 1 fist", "command_bend"),
+    Column("command_stiffness", (5,), "<f8", "1", "how hard, 0 free to 1", "command_stiffness"),
 )
 """Datasets under /live/tick, one row a tick of /tick."""
 
 EVENT_COLUMNS: tuple[Column, ...] = (
-    Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC of the event"),
-    Column("level", (), "<i8", "1", "0 information, 1 warning, 2 fault"),
-    Column("text", (), "S240", "1", "what happened, UTF-8"),
+    Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC of the event", "time_ns"),
+    Column("level", (), "<i8", "1", "0 information, 1 warning, 2 fault", "level"),
+    Column("text", (), "S240", "1", "what happened, UTF-8", "text"),
 )
 """Datasets under /live/event."""
 
@@ -151,15 +257,15 @@ def sample_columns(channels: int) -> tuple[Column, ...]:
     """Datasets under /live/sample, of a glove with so many channels: every sample that came, good or not."""
     return (
         Column("record", (), "<i8", "1", "number of the sample's record since the loop began; a gap: records lost"),
-        Column("seq", (), "<i8", "1", "number of the sample since the glove was opened, from 0"),
-        Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC when its bytes were read"),
-        Column("device_time", (), "<i8", "ns", "as the glove stamped it; -1: it does not"),
-        Column("device_seq", (), "<i8", "1", "as the glove numbered it; -1: it does not"),
-        Column("battery", (), "<i8", "%", "charge; -1: unknown"),
-        Column("good", (), "|u1", "1", "1: finite and in range; others were never used"),
+        Column("seq", (), "<i8", "1", "number of the sample since the glove was opened, from 0", "seq"),
+        Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC when its bytes were read", "time_ns"),
+        Column("device_time", (), "<i8", "ns", "as the glove stamped it; -1: it does not", "device_time_ns"),
+        Column("device_seq", (), "<i8", "1", "as the glove numbered it; -1: it does not", "device_seq"),
+        Column("battery", (), "<i8", "%", "charge; -1: unknown", "battery"),
+        Column("good", (), "|u1", "1", "1: finite and in range; others were never used", "good"),
         Column("channel", (channels,), "<f8", "1", "channels as the glove sent them; names and unit: /live"),
-        Column("flexion", (5, 3), "<f8", "rad", "flexion, finger by joint, positive curls"),
-        Column("abduction", (5,), "<f8", "rad", "abduction, positive towards the thumb side"),
+        Column("flexion", (5, 3), "<f8", "rad", "flexion, finger by joint, positive curls", "flexion"),
+        Column("abduction", (5,), "<f8", "rad", "abduction, positive towards the thumb side", "abduction"),
     )
 
 

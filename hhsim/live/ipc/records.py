@@ -4,7 +4,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from hhsim.kernels.tick.state import WORK_COUNTERS
+from hhsim.result.schema import TICK_FIELDS
 
 
 class Stage(IntEnum):
@@ -16,52 +16,10 @@ class Stage(IntEnum):
     ENDED = 3
 
 
-LIVE_TICK = np.dtype(
-    [
-        ("tick", np.int64),
-        ("time_ns", np.int64),
-        ("wakeup_ns", np.int64),
-        ("latency_ns", np.int64),
-        ("missed", np.int64),
-        ("input_seq", np.int64),
-        ("safety", np.int64),
-        ("status", np.int64),
-        ("haptic_position", np.float64, (3,)),
-        ("haptic_orientation", np.float64, (4,)),
-        ("haptic_flexion", np.float64, (5, 3)),
-        ("haptic_abduction", np.float64, (5,)),
-        ("position", np.float64, (3,)),
-        ("orientation", np.float64, (4,)),
-        ("flexion", np.float64, (5, 3)),
-        ("abduction", np.float64, (5,)),
-        ("joints", np.float64, (5, 4, 3)),
-        ("phalanx", np.float64, (5, 3, 3)),
-        ("fingertip_normal", np.float64, (5, 3)),
-        ("palm_wrench", np.float64, (6,)),
-        ("total", np.float64, (3,)),
-        ("duration", np.int64, (4,)),
-        ("duration_total", np.int64),
-        ("duration_cpu", np.int64),
-        ("work", np.int64, (WORK_COUNTERS,)),
-        ("lag", np.float64),
-        ("command_bend", np.float64, (5,)),
-        ("command_stiffness", np.float64, (5,)),
-    ],
-    align=True,
-)
-"""One tick of the loop.
+LIVE_TICK = np.dtype([(field.name, field.type, field.shape) for field in TICK_FIELDS], align=True)
+"""One tick of the loop; `hhsim.result.schema.LIVE_TICK_COLUMNS` says what the fields are that only a session has.
 
-| field | meaning |
-|---|---|
-| tick | number of the period since the loop began; periods that were missed leave gaps |
-| time_ns | CLOCK_MONOTONIC of the tick's deadline [ns] |
-| wakeup_ns | how long after the deadline that it slept for the loop woke; longer than a period: some went by |
-| latency_ns | from the newest sample's bytes read to the command sent, -1 where no new sample came |
-| missed | periods missed right before this tick |
-| input_seq | `seq` of the sample in use, -1 before the first |
-| safety | bits of `Safety` |
-| haptic_* | what the solver was given; the rest as in `hhsim.kernels.tick.block.TickRecord` |
-| command_* | what the glove was told |
+Periods that were missed leave gaps in `tick`; `input_seq` is the `seq` of the sample in use, -1 before the first.
 """
 
 EVENT = np.dtype([("time_ns", np.int64), ("level", np.int64), ("text", "S240")], align=True)

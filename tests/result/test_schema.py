@@ -1,0 +1,107 @@
+"""The table of a tick's columns: the solver's record, the ring of a session, the file and the docs follow from it."""
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+from markdown_pages import Page
+
+from hhsim.kernels.contact import detection
+from hhsim.kernels.tick import state, step
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.live.device import GLOVE_SAMPLE
+from hhsim.live.ipc.records import EVENT, LIVE_TICK
+from hhsim.replay.tick_columns import HapticTicks
+from hhsim.result.schema import (
+    EVENT_COLUMNS,
+    HAPTIC_FIELDS,
+    LIVE_TICK_COLUMNS,
+    SOLVER_FIELDS,
+    TICK_COLUMNS,
+    TICK_FIELDS,
+    Column,
+    sample_columns,
+)
+from hhsim.solver.workspace import tick_record
+
+
+def test_the_solvers_record_is_that_of_the_table() -> None:
+    assert tuple(field.name for field in SOLVER_FIELDS) == TickRecord._fields
+    for field, values in zip(SOLVER_FIELDS, tick_record(3), strict=True):
+        assert (values.dtype, values.shape) == (np.dtype(field.type), (3, *field.shape)), field.name
+    assert tuple(field.name for field in HAPTIC_FIELDS) == tuple(f"haptic_{name}" for name in HapticTicks._fields)
+
+
+@pytest.mark.parametrize(
+    ("field", "places", "prefix"),
+    [("duration", step, "DURATION_"), ("work", state, "WORK_"), ("work", detection, "COUNT_")],
+)
+def test_parts_of_a_field_lie_where_the_kernels_put_them(field: str, places: object, prefix: str) -> None:
+    parts = next(item.parts for item in TICK_FIELDS if item.name == field)
+    names = [name for name in vars(places) if name.startswith(prefix) and name != "WORK_COUNTERS"]
+    assert len(names) >= 3
+    assert {name.removeprefix(prefix).lower(): vars(places)[name] for name in names} == {
+        name.removeprefix(prefix).lower(): parts.index(name.removeprefix(prefix).lower()) for name in names
+    }
+    assert len(parts) == (state.WORK_COUNTERS if field == "work" else 4)
+
+
+@pytest.mark.parametrize(
+    ("columns", "record"),
+    [
+        (TICK_COLUMNS, LIVE_TICK),
+        (LIVE_TICK_COLUMNS, LIVE_TICK),
+        (sample_columns(3), GLOVE_SAMPLE),
+        (EVENT_COLUMNS, EVENT),
+    ],
+    ids=["tick", "live/tick", "live/sample", "live/event"],
+)
+def test_what_a_column_is_taken_from_fits_it(columns: tuple[Column, ...], record: np.dtype[np.void]) -> None:
+    rows = np.zeros(5, record)
+    taken = {column.name: column.taken(rows) for column in columns if column.source}
+    assert len(taken) >= 3
+    assert {name: values.shape for name, values in taken.items()} == {
+        column.name: (5, *column.shape) for column in columns if column.source
+    }
+    computed = {column.name for column in columns if not column.source}
+    assert computed <= {
+        *("time", "penetration_depth", "penetration_palm", "penetration_finger"),
+        *("force_variation_rate", "force_variation_finger", "record", "channel"),
+    }
+
+
+ONE_MORE = """
+    import sys
+    from pathlib import Path
+    from hhsim.result import schema
+    text = "times that pairs were looked for anew"
+    schema.TICK_COLUMNS += (schema.Column("work/gathers", (), "<i8", "1", text, "work.gathers"),)
+
+    from short_grasp import short_result
+    from hhsim.replay.repeat import run_again
+    result = short_result(Path(sys.argv[1]))
+    assert result["work/gathers"].sum() > 0
+    compared = {array.name: array for array in run_again(result).arrays}
+    assert compared["work/gathers"].identical
+"""
+
+
+def test_one_more_line_of_the_table_is_one_more_dataset(tmp_path: Path) -> None:
+    tests = Path(__file__).parents[1]
+    script = f"import sys; sys.path.insert(0, {str(tests)!r})\n{textwrap.dedent(ONE_MORE)}"
+    answer = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path / "run.h5")], capture_output=True, text=True, check=False
+    )
+    assert (answer.returncode, answer.stderr) == (0, "")
+
+
+def test_the_documentation_has_a_line_for_each_column_of_a_session(repository: Path) -> None:
+    page = Page.read(repository / "docs" / "files.md")
+    heading = page.text.index("## What a session adds")
+    section = page.text[heading : page.text.index("Ticks before the first input", heading)]
+    named = [name for line in section.splitlines() if line.startswith("| ") for name in line.split("|")[1].split(",")]
+    documented = [name.strip().removesuffix(" [ns]") for name in named if name.strip() != "dataset"]
+    assert documented == [column.name for column in LIVE_TICK_COLUMNS]
