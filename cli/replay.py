@@ -1,6 +1,7 @@
 """`hhsim replay`."""
 
 import math
+import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -215,6 +216,7 @@ def command(
             remarks.append(placement.text)
         scene = make_scene(mesh, chosen.tree, model, motion, rate=rate, mode=samples, seed=seed)
         description = {
+            "command": ["hhsim", *sys.argv[1:]],
             "object": object_,
             "object_mesh": mesh.sha256,
             "unit": unit,

@@ -1,6 +1,7 @@
 """The parts of a report that are tables: what was run, figures, differences, phases, session, machine, origin."""
 
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -10,7 +11,6 @@ from hhsim.errors import InputError
 from hhsim.gate.timing_test import BETTER, SAME, WORSE
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
-from hhsim.report.command_line import command_of, looking_again
 from hhsim.report.compare import Comparison, compared
 from hhsim.report.html import Html, commands, element, joined, listed, paragraph, table
 from hhsim.report.provenance import NONE, machine_facts, option_facts, origin_facts, run_facts
@@ -39,22 +39,27 @@ PHASE_HEADINGS = (
 
 def run_section(runs: Sequence[ReportRun], overview: Html) -> Html:
     """What was run, and the commands that do so again."""
-    lines = [command_of(run.result) for run in runs]
-    told = [line for line in lines if line]
+    typed = [shlex.join(run.result.command) for run in runs if run.result.command]
     made = [
-        paragraph("Made by" if len(told) == len(lines) else "Made, as far as a command made it, by", ":"),
-        commands(told),
+        paragraph("Made by" if len(typed) == len(runs) else "Made, as far as a command made it, by", ":"),
+        commands(typed),
     ]
     again = [line for run in runs for line in looking_again(run.result)]
     return joined(
         [
             overview,
             facts_table("What was run", runs, run_facts),
-            *(made if told else [paragraph("It was made by a program that calls the library: there is no command.")]),
+            *(made if typed else [paragraph("It was made by a program that calls the library: there is no command.")]),
             paragraph("To look at every tick, to check every claim, to run the same ticks again:"),
             commands(again),
         ]
     )
+
+
+def looking_again(result: Result) -> list[str]:
+    """Commands that show a result, check it, and run it again."""
+    name = shlex.quote(result.path.name)
+    return [f"hhsim view {name}", f"hhsim verify {name}", f"hhsim replay {name}"]
 
 
 def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result], Mapping[str, str]]) -> Html:

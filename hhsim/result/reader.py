@@ -83,6 +83,11 @@ class Result:
         return str(self.scene.get("solver", {}).get("method", ""))
 
     @property
+    def command(self) -> tuple[str, ...]:
+        """The command that made it, word by word as it was typed; empty where a program called the library."""
+        return tuple(str(word) for word in self.scene.get("command") or ())
+
+    @property
     def rate(self) -> float:
         """Ticks per second [Hz]; 1 kHz where the file does not say."""
         return float(self.scene.get("rate", 1000.0))

@@ -1,20 +1,20 @@
 """`hhsim report` as users meet it, and the commands that its page tells them."""
 
 import base64
-import importlib
-import importlib.metadata
 import json
 import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
-import click
 import pytest
 from report_reader import Page, read_page
+from short_grasp import short_result
 
 from hhsim.errors import InputError
-from hhsim.report.command_line import command_of, looking_again
+from hhsim.report.html import Html
+from hhsim.report.run import report_runs
+from hhsim.report.sections import run_section
 from hhsim.result.reader import Result, load_result
 
 Run = Callable[..., Any]
@@ -103,40 +103,18 @@ def test_what_cannot_be_reported_is_one_line(run: Run, tmp_path: Path) -> None:
     )
 
 
-def parameters(command: str) -> dict[str, Any]:
-    """What a command line says to click."""
-    (point,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
-    group = importlib.import_module(point.module).hhsim
-    program, name, *arguments = shlex.split(command)
-    assert program == "hhsim"
-    context = click.Context(group, info_name="hhsim", **group.context_settings)
-    return dict(group.get_command(context, name).make_context(name, arguments, context).params)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        "",
-        "--method progressive --level 2 --rate 500 --fingers index,thumb --hand left --seed 7",
-        "--method paper --level 2 --force kkt --linearisations 2 --margin 0.7 --frustum-ends flat",
-        "--method penalty --level 2 --stiffness 900,4,0.25 --penalty-stiffness 50000 --tremor 0.1,0.2",
-        "--level 2 --budget 100000 --tolerance 1e-7 --threads 2",
-    ],
-)
-def test_the_command_that_made_a_result_is_told(run: Run, tmp_path: Path, short: str, options: str) -> None:
-    typed = f"hhsim replay cube {short} {options} --out x.h5 --quiet"
+def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_path: Path, short: str) -> None:
+    typed = f"hhsim replay cube {short} --method progressive --level 2 --tremor '0.1, 0.2' --out x.h5 --quiet"
     answer = run(*shlex.split(typed)[1:])
     assert answer.code == 0, answer.err
     result = load_result(tmp_path / "x.h5")
-    told, meant = parameters(command_of(result)), parameters(typed)
-    # What a method chooses itself, and where the output goes, need no telling; the level of the tree is told always.
-    usual = {"out": None, "quiet": False, "level": result.scene["level"]}
-    assert {**told, **usual} == {**meant, **usual}
-    assert looking_again(result) == ["hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
+    assert list(result.command) == shlex.split(typed)
+    page = read_page(run_section(report_runs([result]), Html("")))
+    told = [line for block in page.all("pre") for line in block.text.splitlines()]
+    assert told == [typed, "hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
 
 
-def test_a_result_of_the_library_has_no_command(run: Run, tmp_path: Path, short: str) -> None:
-    assert run("replay", "cube", short, "--level", "2", "--out", "x.h5", "--quiet").code == 0
-    result = load_result(tmp_path / "x.h5")
-    result.scene.pop("trajectory")
-    assert command_of(result) == ""
+def test_a_result_of_the_library_has_no_command(tmp_path: Path) -> None:
+    result = short_result(tmp_path / "x.h5")
+    assert result.command == ()
+    assert "there is no command" in run_section(report_runs([result]), Html(""))

@@ -10,7 +10,6 @@ written where it was cut short:
 | pose | where the palm's pose came from |
 | limits | of the output, of safety, what was asked of the system, and what a bend is in angles (JSON) |
 | dry_run | 1: nothing was sent to the glove |
-| command | the command line (JSON) |
 | utc_offset | what has to be added to CLOCK_MONOTONIC to get the time since 1970, UTC [ns] |
 | counters * | of the device: frames, samples, rejected, other, malformed, resyncs, dropped, commands, … (JSON) |
 | lost_ticks, lost_samples, lost_events * | records that were overwritten before they could be written |
@@ -18,7 +17,7 @@ written where it was cut short:
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Self
@@ -40,6 +39,7 @@ from hhsim.result.schema import (
     LIVE_SAMPLE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
+    Column,
     sample_columns,
 )
 from hhsim.result.writer import ResultWriter
@@ -50,28 +50,6 @@ Records = NDArray[np.void]
 
 RINGS = ("ticks", "samples", "events")
 COUNTERS = tuple(item.name for item in fields(DeviceCounters))
-
-_LIVE_TICK_FIELDS = {
-    "period": "tick",
-    "deadline": "time_ns",
-    "wakeup": "wakeup_ns",
-    "latency": "latency_ns",
-    "missed": "missed",
-    "safety": "safety",
-    "command_bend": "command_bend",
-    "command_stiffness": "command_stiffness",
-}
-_SAMPLE_FIELDS = {
-    "seq": "seq",
-    "time": "time_ns",
-    "device_time": "device_time_ns",
-    "device_seq": "device_seq",
-    "battery": "battery",
-    "good": "good",
-    "flexion": "flexion",
-    "abduction": "abduction",
-}
-_EVENT_FIELDS = {"time": "time_ns", "level": "level", "text": "text"}
 
 
 class SessionWriter:
@@ -97,6 +75,7 @@ class SessionWriter:
         self.penetration_max = 0.0
         device = dict(facts.get("device", {}))
         self._channels = len(device.get("channels", ()))
+        self._sample_columns = sample_columns(self._channels)
         self._columns = TickColumns(setup.tree.arrays(), setup.hand, options)
         self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
         self._came = dict.fromkeys(RINGS, False)
@@ -108,6 +87,7 @@ class SessionWriter:
         static = static_arrays(setup.mesh, setup.tree, setup.hand, position, orientation)
         scene = {
             **description,
+            "command": list(setup.command),
             "motion": description.get("motion") or "live",
             "rate": setup.rate,
             "device": getattr(setup.device, "kind", ""),
@@ -115,7 +95,7 @@ class SessionWriter:
         }
         tables = {
             LIVE_TICK: LIVE_TICK_COLUMNS,
-            LIVE_SAMPLE: sample_columns(self._channels),
+            LIVE_SAMPLE: self._sample_columns,
             LIVE_EVENT: EVENT_COLUMNS,
         }
         header: dict[str, str | int] = {
@@ -124,7 +104,6 @@ class SessionWriter:
             "pose": str(facts.get("pose", "")),
             "limits": as_text(setup.limits_json()),
             "dry_run": int(setup.dry_run),
-            "command": as_text(list(setup.command)),
             "utc_offset": time.time_ns() - time.monotonic_ns(),
             "counters": as_text({}),
             **self._lost_attributes(),
@@ -202,7 +181,7 @@ class SessionWriter:
         blocks = [self._tick_block(first, records) for first, records in taken["ticks"]]
         ticks, live = [table for table, _ in blocks], [table for _, table in blocks]
         samples = [self._sample_block(first, records) for first, records in taken["samples"]]
-        events = [{name: records[of] for name, of in _EVENT_FIELDS.items()} for _, records in taken["events"]]
+        events = [_taken(EVENT_COLUMNS, records) for _, records in taken["events"]]
         tables = {LIVE_TICK: live, LIVE_SAMPLE: samples, LIVE_EVENT: events}
         others = {group: _joined(rows) for group, rows in tables.items()}
         self._writer.append(_joined(ticks), others, {LIVE: {**attributes, **self._lost_attributes()}})
@@ -225,15 +204,19 @@ class SessionWriter:
         self.tally.count(records)
         # A hand that is not finite has no depth, and hides none.
         self.penetration_max = float(np.fmax.reduce(ticks["penetration_depth"], initial=self.penetration_max))
-        live = {name: records[of] for name, of in _LIVE_TICK_FIELDS.items()}
-        return ticks, {"record": np.arange(first, first + len(records)), **live}
+        numbers = np.arange(first, first + len(records))
+        return ticks, {"record": numbers, **_taken(LIVE_TICK_COLUMNS, records)}
 
     def _sample_block(self, first: int, records: Records) -> dict[str, Array]:
         return {
             "record": np.arange(first, first + len(records)),
-            **{name: records[of] for name, of in _SAMPLE_FIELDS.items()},
+            **_taken(self._sample_columns, records),
             "channel": records["channels"][:, : self._channels],
         }
+
+
+def _taken(columns: Sequence[Column], records: Records) -> dict[str, Array]:
+    return {column.name: column.taken(records) for column in columns if column.source}
 
 
 def _joined(blocks: list[dict[str, Array]]) -> dict[str, Array]:

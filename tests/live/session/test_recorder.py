@@ -130,7 +130,7 @@ def test_the_file_says_how_the_session_was(session: Result) -> None:
     assert session.live is not None
     assert json.loads(session.live["device"]) == FACTS["device"]
     assert json.loads(session.live["real_time"]) == FACTS["real_time"]
-    assert json.loads(session.live["command"]) == ["hhsim", "live", "glove"]
+    assert session.command == ("hhsim", "live", "glove")
     counters = json.loads(session.live["counters"])
     assert list(counters.values()) == [counters[name] for name in counters]
     assert (counters["frames"], counters["commands_refused"]) == (1000, 1)
