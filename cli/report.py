@@ -52,6 +52,6 @@ def command(results: tuple[Path, ...], out: Path | None, as_json: bool, quiet: b
     if as_json:
         print_json({**report.to_json(), **files.to_json(), "seconds": time.perf_counter() - begin})
     elif not quiet:
-        for line in report.told():
+        for line in report.verdict_lines():
             print(line)
         print(f"the report is in {files.page}, with {len(files.pictures)} pictures beside it")

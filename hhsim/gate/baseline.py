@@ -27,8 +27,8 @@ class RecordedScene:
 
     Attributes:
         figures: What its run is judged by; `cpu_p50` is NaN.
-        times: p50 of each timed process [s]; empty where none was timed.
-        references: p50 of the reference workload before each [s].
+        times: Median of each timed process [s]; empty where none was timed.
+        references: Median of the reference workload before each [s].
     """
 
     figures: RunFigures
@@ -59,7 +59,7 @@ def write_baseline(path: Path, scenes: Mapping[str, RecordedScene], reference_ve
     """Write a baseline.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputError: The file cannot be written.
     """
     timed = any(scene.times for scene in scenes.values())
     document = {
@@ -80,7 +80,7 @@ def load_baseline(path: Path) -> Baseline:
     """Read a baseline.
 
     Raises:
-        InputError: no such file, no baseline, another version, or fields that are missing.
+        InputError: No such file, no baseline, another version, or fields that are missing.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))

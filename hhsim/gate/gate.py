@@ -95,7 +95,7 @@ def gate_suite(
         progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
-        InputError: hhsim refuses a scene: an unknown object, a bad option; the suite is wrong.
+        InputError: A scene that hhsim refuses: an unknown object, a bad option; or a suite that is wrong.
     """
     rows: list[GateRow] = []
     recorded: dict[str, RecordedScene] = {}
@@ -128,7 +128,7 @@ def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None
     Times are not judged: those of two runs that were not run in turn say nothing.
 
     Raises:
-        InputError: a result without ticks, or of too old a schema.
+        InputError: A result without ticks.
     """
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no ticks: there is nothing to judge")
@@ -262,7 +262,7 @@ def find_suite(path: Path | None, usual: Path) -> GateSuite:
     """The suite of a file, else that of the current folder, else the one that ships.
 
     Raises:
-        InputError: as `hhsim.gate.suite.load_suite`.
+        InputError: As `hhsim.gate.suite.load_suite`.
     """
     if path is not None:
         return load_suite(path)

@@ -80,7 +80,7 @@ def inputs_from_json(document: Mapping[str, Any], where: str) -> RunInputs:
     """Read what `dataclasses.asdict` made of inputs.
 
     Raises:
-        InputError: a field is missing or of another kind.
+        InputError: A field is missing or of another kind.
     """
     try:
         sums = {name: tuple(float(value) for value in document[name]) for name in ("tree", "hand", "motion")}

@@ -58,7 +58,7 @@ def run_figures(result: Result) -> RunFigures:
     """Judge a result by its ticks.
 
     Raises:
-        InputError: a dataset that the result's schema does not have, or a tree that is none.
+        InputError: A dataset that the result's schema does not have, or a tree that is none.
     """
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items()}
     return RunFigures(run_inputs(result), _errors(result), counters, cpu_p50(result))

@@ -35,9 +35,9 @@ def headline(report: GateReport) -> str:
     missed, unlike = len(report.missed), sum(row.verdict == "not comparable" for row in report.rows)
     parts = [f"{missed} of {len(report.rows)} figures missed their limit"] if missed else []
     parts += [f"{unlike} cannot be compared"] if unlike else []
-    said = "; ".join(parts) or f"all {len(report.rows)} figures within their limits"
+    outcome = "; ".join(parts) or f"all {len(report.rows)} figures within their limits"
     word = f"{report.verdict}: " if report.verdict else ""
-    return f"{word}{said}{f', against {report.against}' if report.against else ''}"
+    return f"{word}{outcome}{f', against {report.against}' if report.against else ''}"
 
 
 def reasons(rows: Sequence[GateRow]) -> list[str]:
@@ -75,13 +75,13 @@ def junit(report: GateReport) -> bytes:
         suite = ElementTree.SubElement(root, "testsuite", {"name": scene, **counts})
         for row in rows:
             case = ElementTree.SubElement(suite, "testcase", classname=f"hhsim.gate.gate.{scene}", name=row.name)
-            said = " | ".join(cells(row)[1:7]) + (f" | {row.reason}" if row.reason else "")
+            text = " | ".join(cells(row)[1:7]) + (f" | {row.reason}" if row.reason else "")
             if not row.passed:
-                ElementTree.SubElement(case, "failure", message=row.reason or row.verdict).text = said
+                ElementTree.SubElement(case, "failure", message=row.reason or row.verdict).text = text
             elif _unlike(row):
-                ElementTree.SubElement(case, "error", message=row.reason or row.verdict).text = said
+                ElementTree.SubElement(case, "error", message=row.reason or row.verdict).text = text
             else:
-                ElementTree.SubElement(case, "system-out").text = said
+                ElementTree.SubElement(case, "system-out").text = text
     for element in root.iter():
         element.attrib.update({name: _legal(value) for name, value in element.items()})
         element.text = _legal(element.text or "") or None

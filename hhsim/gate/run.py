@@ -44,7 +44,7 @@ class Side:
     """A python with an hhsim.
 
     Attributes:
-        name: base or head.
+        name: Base or head.
         python: Its interpreter.
         version: Of its hhsim.
         package: The folder that its hhsim is imported from.
@@ -64,8 +64,8 @@ class Side:
             read: Takes the result.
 
         Raises:
-            RunFailed: the run did not end well.
-            InputError: its result cannot be read.
+            RunFailed: The run did not end well.
+            InputError: Its result cannot be read.
         """
         with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
             out = Path(place) / "run.h5"
@@ -73,9 +73,9 @@ class Side:
             answer = run_python(self.python, MAIN, arguments, folder)
             if answer.returncode != 0:
                 lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
-                said = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
+                reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
                 raise RunFailed(
-                    f"{self.name} ({self.python}) cannot run scene {scene.name}: {said}",
+                    f"{self.name} ({self.python}) cannot run scene {scene.name}: {reason}",
                     side=self.name,
                     refused=answer.returncode == BAD_INPUT,
                 )
@@ -90,7 +90,7 @@ def find_side(name: str, python: Path) -> Side:
     """Look at a python and its hhsim.
 
     Raises:
-        InputError: no interpreter, or one without hhsim.
+        InputError: No interpreter, or one without hhsim.
     """
     try:
         answer = run_python(python, PROBE, [], Path.cwd())
@@ -131,7 +131,7 @@ def interleaved_times(
     """p50 [s] of so many processes of base and head, in turn, base first in every other pair.
 
     Raises:
-        RunFailed: a run did not end well.
+        RunFailed: A run did not end well.
     """
     times: dict[str, list[float]] = {"base": [], "head": []}
     with interruptible_between() as check_interrupt:
@@ -150,7 +150,7 @@ def times_beside_reference(
     """p50 [s] of so many processes, and of the reference workload right before each.
 
     Raises:
-        RunFailed: a run did not end well.
+        RunFailed: A run did not end well.
     """
     from hhsim.gate.machine_calibration import reference_p50
 

@@ -138,7 +138,7 @@ def load_suite(path: Path) -> GateSuite:
     """Read a suite.
 
     Raises:
-        InputError: no such file, no TOML, or a key, a name or a value that a suite does not have.
+        InputError: No such file, no TOML, or a key, a name or a value that a suite does not have.
     """
     return parse_suite(read_toml_text(path, "suite"), path.parent, str(path))
 
@@ -164,7 +164,7 @@ def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
         source: For messages.
 
     Raises:
-        InputError: as `load_suite`.
+        InputError: As `load_suite`.
     """
     table = parse_toml(text, source)
     check_keys(source, table, ("version", "baseline", "limits", "counters", "time", "scene"))

@@ -27,7 +27,7 @@ class TimeComparison:
 
     Attributes:
         base, head: Median over processes of the p50 [s], or [1] where it is divided by the reference workload.
-        ratio: head / base.
+        ratio: Head / base.
         spread: Of the larger side, (max - min) / median of its processes.
         verdict: One of the words; never `same`, which times cannot show.
     """
@@ -43,12 +43,12 @@ def compare_times(base: Sequence[float], head: Sequence[float], limit: float) ->
     """Compare the p50 of processes of two sides.
 
     Args:
-        base: p50 of each process, any unit.
+        base: Median of each process, any unit.
         head: The same, in the same unit.
         limit: Share by which head may be slower.
 
     Raises:
-        InputError: fewer than three processes of a side, or times that are not positive.
+        InputError: Fewer than three processes of a side, or times that are not positive.
     """
     for name, times in (("base", base), ("head", head)):
         if len(times) < LEAST_PROCESSES:
@@ -75,7 +75,7 @@ def chance_of_worse(spread: float, slower: float, limit: float, processes: int) 
         processes: Of each side, odd.
 
     Raises:
-        InputError: an even number of processes.
+        InputError: An even number of processes.
     """
     from scipy import integrate, stats
 

@@ -15,8 +15,8 @@ def round_cone_distance(points: Array, a: Array, b: Array, radius_a: float, radi
 
     Args:
         points: [m], shape (N, 3).
-        a: centre of the one sphere [m], shape (3,).
-        b: of the other.
+        a: Centre of the one sphere [m], shape (3,).
+        b: Of the other.
         radius_a: [m], not less than the other.
         radius_b: [m].
     """
@@ -43,9 +43,9 @@ def palm_spheres(palm_center: ArrayLike, position: ArrayLike, orientation: Array
     """World centres of the palm's spheres [m], shape (P, 3).
 
     Args:
-        palm_center: in the palm's frame [m], shape (P, 3).
-        position: of the palm [m], world, shape (3,).
-        orientation: palm to world, unit (w, x, y, z), shape (4,).
+        palm_center: In the palm's frame [m], shape (P, 3).
+        position: Of the palm [m], world, shape (3,).
+        orientation: Palm to world, unit (w, x, y, z), shape (4,).
     """
     quaternion, center = np.asarray(orientation, np.float64), np.asarray(palm_center, np.float64)
     w, v = float(quaternion[0]), quaternion[1:]
@@ -66,14 +66,14 @@ def brute_clearance(
     """Least signed distance [m] of one hand to all leaves, NaN for a hand that is nowhere.
 
     Args:
-        leaf_center: of the object's leaf spheres [m], world, shape (L, 3).
+        leaf_center: Of the object's leaf spheres [m], world, shape (L, 3).
         leaf_radius: [m], shape (L,).
         phalanx_radius: [m], shape (5, 4).
-        palm_center: of the palm's spheres [m], palm frame, shape (P, 3).
+        palm_center: Of the palm's spheres [m], palm frame, shape (P, 3).
         palm_radius: [m], shape (P,).
         joints: [m], world, shape (5, 4, 3).
-        position: of the palm [m], world, shape (3,).
-        orientation: palm to world, unit (w, x, y, z), shape (4,).
+        position: Of the palm [m], world, shape (3,).
+        orientation: Palm to world, unit (w, x, y, z), shape (4,).
     """
     joint, radius = np.asarray(joints, np.float64), np.asarray(phalanx_radius, np.float64)
     least = np.inf
@@ -94,11 +94,11 @@ def sphere_contact(leaf_center: Array, leaf_radius: Array, center: Array, radius
     Args:
         leaf_center: [m], shape (L, 3).
         leaf_radius: [m], shape (L,).
-        center: of the sphere [m], shape (3,).
-        radius: of the sphere [m].
+        center: Of the sphere [m], shape (3,).
+        radius: Of the sphere [m].
 
     Returns:
-        distance (L,) and point (L, 3); of a leaf with the same centre, the point is that centre.
+        Distance (L,) and point (L, 3); of a leaf with the same centre, the point is that centre.
     """
     away = center - leaf_center
     length = np.linalg.norm(away, axis=1)

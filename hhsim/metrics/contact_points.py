@@ -24,10 +24,10 @@ class ContactPoints(NamedTuple):
     """The touching pairs of all ticks, in the order of the ticks.
 
     Attributes:
-        tick: of each pair, from 0, shape (N,).
+        tick: Of each pair, from 0, shape (N,).
         body: 0 to 14 the phalanges, finger by finger, proximal first; 15 the palm; shape (N,).
-        point: of the hand's surface [m], world, shape (N, 3).
-        normal: unit, from the object to the hand, shape (N, 3).
+        point: Of the hand's surface [m], world, shape (N, 3).
+        normal: Unit, from the object to the hand, shape (N, 3).
     """
 
     tick: IntArray
@@ -48,12 +48,12 @@ def touching_points(
     """Every pair of a hand body and a leaf sphere that are no more than `touch` [m] apart, or inside each other.
 
     Args:
-        tree: the object, world.
-        shape: sizes of the hand.
-        placed: the ticks.
+        tree: The object, world.
+        shape: Sizes of the hand.
+        placed: The ticks.
         touch: [m]; what a result's contacts/touching counts is within `SolverOptions.touch`.
-        chosen: ticks to look at, in order; all where it is not given.
-        fingers: which fingers count, shape (5,), all where it is not given.
+        chosen: Ticks to look at, in order; all where it is not given.
+        fingers: Which fingers count, shape (5,), all where it is not given.
     """
     ticks = np.arange(len(placed.joints)) if chosen is None else np.asarray(chosen, np.int64)
     counted = np.ones(5, np.bool_) if fingers is None else np.asarray(fingers, np.bool_)

@@ -110,14 +110,14 @@ def penetration(
     interaction cycle", here with the palm too. From the stored arrays alone; nothing is taken from the solver.
 
     Args:
-        tree: the object's sphere tree, world.
+        tree: The object's sphere tree, world.
         phalanx_radius: [m], shape (5, 4).
-        palm_center: centres of the palm's spheres [m], palm frame, shape (P, 3).
+        palm_center: Centres of the palm's spheres [m], palm frame, shape (P, 3).
         palm_radius: [m], shape (P,).
-        joints: of the graphic hand [m], world, shape (T, 5, 4, 3).
-        position: palm of the graphic hand [m], world, shape (T, 3).
-        orientation: the same, unit quaternions (w, x, y, z), shape (T, 4).
-        fingers: which fingers count, shape (5,), all where it is not given; the others, which go through the object on
+        joints: Of the graphic hand [m], world, shape (T, 5, 4, 3).
+        position: Palm of the graphic hand [m], world, shape (T, 3).
+        orientation: The same, unit quaternions (w, x, y, z), shape (T, 4).
+        fingers: Which fingers count, shape (5,), all where it is not given; the others, which go through the object on
             purpose, are NaN.
     """
     palm, finger = hand_clearance(
@@ -172,7 +172,7 @@ def force_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> Array:
 
     Args:
         force: [N], shape (T, 3), or (T, 5, 3) for the fingers at once.
-        floor: undefined (NaN) where ‖F_{t-1}‖ is below this [N], and at the first tick.
+        floor: Undefined (NaN) where ‖F_{t-1}‖ is below this [N], and at the first tick.
 
     Returns:
         [%], shape (T,), or (T, 5).
@@ -195,8 +195,8 @@ def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike, floor: float =
 
     Args:
         force: [N], shape (T, 3) or (T, 5, 3).
-        input_seq: number of the sample that each tick used, shape (T,).
-        floor: as in `force_variation_rate`.
+        input_seq: Number of the sample that each tick used, shape (T,).
+        floor: As in `force_variation_rate`.
 
     Returns:
         [%], shape (T,) or (T, 5); NaN at ticks without a new sample and at the first sample.
@@ -219,9 +219,9 @@ def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], hig
 
     Args:
         force: [N], shape (T, 3), one uninterrupted phase.
-        rate: ticks per second [Hz].
-        low: lower end of the band [Hz], included.
-        high: upper end [Hz], included; what lies above rate/2 cannot be seen.
+        rate: Ticks per second [Hz].
+        low: Lower end of the band [Hz], included.
+        high: Upper end [Hz], included; what lies above rate/2 cannot be seen.
 
     Returns:
         RMS [N]; NaN with fewer than 4 · rate / low ticks (80 at 1 kHz), where the band cannot be told from the trend.
@@ -248,9 +248,9 @@ def force_step(force: ArrayLike, moving: Mask, hold: Mask, floor: float = FORCE_
 
     Args:
         force: [N], shape (T, 3).
-        moving: ticks in which the hand moves, shape (T,); each is compared with the tick before it.
-        hold: ticks in which it holds, shape (T,).
-        floor: undefined (NaN) where the mean hold force is below this [N], or a phase is empty.
+        moving: Ticks in which the hand moves, shape (T,); each is compared with the tick before it.
+        hold: Ticks in which it holds, shape (T,).
+        floor: Undefined (NaN) where the mean hold force is below this [N], or a phase is empty.
     """
     vectors = _vectors(force)
     change = np.linalg.norm(np.diff(vectors, axis=0), axis=1)[np.asarray(moving, dtype=bool)[1:]]
@@ -268,8 +268,8 @@ def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> Array:
     comes from.
 
     Args:
-        haptic: points of the haptic hand [m], world, shape (T, N, 3).
-        graphic: points of the graphic hand [m], world, shape (T, M, 3).
+        haptic: Points of the haptic hand [m], world, shape (T, N, 3).
+        graphic: Points of the graphic hand [m], world, shape (T, M, 3).
 
     Returns:
         [m]; NaN at the first tick.
@@ -291,8 +291,8 @@ def frozen_decay(force: ArrayLike, limit: float = FROZEN_LIMIT, floor: float = F
 
     Args:
         force: [N], shape (T, 3), from the first tick with frozen input on.
-        limit: relative change that counts as still.
-        floor: forces weaker than this [N] are measured against it.
+        limit: Relative change that counts as still.
+        floor: Forces weaker than this [N] are measured against it.
 
     Returns:
         Number of ticks, 0 if nothing moved; None if the last tick still changed, or with fewer than two ticks.
@@ -317,9 +317,9 @@ def tracking_energy(haptic: HandPoses, graphic: HandPoses, stiffness: ArrayLike)
     haptic palm, world.
 
     Args:
-        haptic: where the user's hand is.
-        graphic: where the shown hand is.
-        stiffness: diagonal of G, shape (21,): 3 times k_t [N/m], 3 times k_r [N·m/rad], 15 times k_θ [N·m/rad].
+        haptic: Where the user's hand is.
+        graphic: Where the shown hand is.
+        stiffness: Diagonal of G, shape (21,): 3 times k_t [N/m], 3 times k_r [N·m/rad], 15 times k_θ [N·m/rad].
     """
     diagonal = np.asarray(stiffness, dtype=np.float64)
     if diagonal.shape != (21,):

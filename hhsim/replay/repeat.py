@@ -36,12 +36,12 @@ class ArrayComparison:
     """One array of a result beside that of the second run.
 
     Attributes:
-        name: of the dataset under /tick.
-        identical: bit for bit, in every tick.
-        ticks: how many differ.
-        first_tick: the first that differs; -1 where none does.
-        largest: largest difference, in `units`; NaN where the values are not finite on one side only.
-        units: of the dataset.
+        name: Of the dataset under /tick.
+        identical: Bit for bit, in every tick.
+        ticks: How many differ.
+        first_tick: The first that differs; -1 where none does.
+        largest: Largest difference, in `units`; NaN where the values are not finite on one side only.
+        units: Of the dataset.
     """
 
     name: str
@@ -57,13 +57,13 @@ class RunAgain:
     """What a second run gave.
 
     Attributes:
-        path: the result.
-        complete: whether the file is whole; where it is not, the ticks that it has were run.
-        ticks: how many were run and compared.
-        ticks_stored: how many the file has. More than `ticks` where a session lost some: what followed on those that
+        path: The result.
+        complete: Whether the file is whole; where it is not, the ticks that it has were run.
+        ticks: How many were run and compared.
+        ticks_stored: How many the file has. More than `ticks` where a session lost some: what followed on those that
             were lost cannot be run.
-        arrays: all that are computed.
-        notes: what a reader should know besides, a sentence each.
+        arrays: All that are computed.
+        notes: What a reader should know besides, a sentence each.
     """
 
     path: Path
@@ -105,7 +105,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
 
     Args:
         result: Complete or not; of a replay or of a live session.
-        progress: called with what is being done, how much is done and how much there is.
+        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: An object, a tree or a hand that is not the one of the run; no ticks.

@@ -46,11 +46,11 @@ def static_arrays(
     """The arrays of `hhsim.result.schema.STATIC_COLUMNS`.
 
     Args:
-        mesh: the object's, world [m].
-        tree: its sphere tree, world [m].
-        hand: the hand.
-        object_position: origin of the object's own frame [m], shape (3,), world.
-        object_orientation: object to world, unit (w, x, y, z), shape (4,).
+        mesh: The object's, world [m].
+        tree: Its sphere tree, world [m].
+        hand: The hand.
+        object_position: Origin of the object's own frame [m], shape (3,), world.
+        object_orientation: Object to world, unit (w, x, y, z), shape (4,).
     """
     return {
         "object/vertices": mesh.vertices,
@@ -135,7 +135,7 @@ def stored_tree(result: Result) -> SphereTree:
     """The object's sphere tree, world [m].
 
     Raises:
-        InputError: arrays that are no tree.
+        InputError: Arrays that are no tree.
     """
     return _tree(result, "object/tree")
 
@@ -164,7 +164,7 @@ def stored_options(result: Result) -> SolverOptions:
     """The solver's options.
 
     Raises:
-        InputError: options that this hhsim does not have.
+        InputError: Options that this hhsim does not have.
     """
     said = dict(result.scene.get("solver", {}))
     known = {option.name for option in fields(SolverOptions)}

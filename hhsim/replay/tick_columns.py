@@ -31,9 +31,9 @@ class TickColumns:
     """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
 
     Args:
-        tree: the object's sphere tree, world.
-        hand: the hand.
-        options: of the solver; fingers that the scene does not use have no penetration.
+        tree: The object's sphere tree, world.
+        hand: The hand.
+        options: Of the solver; fingers that the scene does not use have no penetration.
     """
 
     def __init__(self, tree: TreeArrays, hand: HandModel, options: SolverOptions) -> None:
@@ -55,10 +55,10 @@ class TickColumns:
         """The columns of the next ticks.
 
         Args:
-            time: since the start of the motion [s], shape (B,).
-            input_seq: number of the input sample in use, shape (B,).
-            haptic: what the solver was given.
-            record: what it made of it.
+            time: Since the start of the motion [s], shape (B,).
+            input_seq: Number of the input sample in use, shape (B,).
+            haptic: What the solver was given.
+            record: What it made of it.
         """
         depth = penetration(
             self._tree,

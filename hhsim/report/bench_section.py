@@ -15,9 +15,9 @@ def bench_section(found: Table, name: str) -> Html:
         found: The table.
         name: Of its file.
     """
-    told = {str(key): str(value) for key, value in found.attributes.items()}
-    machine = json.loads(told.get("machine", "{}"))
-    about = f"{name}, written {told.get('created_utc', 'at an unknown time')} by hhsim {told.get('hhsim_version', '')}"
+    made = {str(key): str(value) for key, value in found.attributes.items()}
+    machine = json.loads(made.get("machine", "{}"))
+    about = f"{name}, written {made.get('created_utc', 'at an unknown time')} by hhsim {made.get('hhsim_version', '')}"
     where = f", on {machine['cpu']}" if machine.get("cpu") else ""
     options = [(key, json.dumps(value, ensure_ascii=False)) for key, value in found.options.items()]
     rows = [[shown_cell(row[column.name]) for column in found.columns] for row in found.rows]

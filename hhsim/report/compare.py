@@ -19,10 +19,10 @@ class Comparison:
     """One result beside the first one.
 
     Attributes:
-        scene: what differs in object, hand or motion; figures can only be compared where nothing does.
-        how: what differs in the way it was run: method, options, tree.
-        around: what differs besides: machine, versions, schema.
-        same_machine: whether times can be compared at all.
+        scene: What differs in object, hand or motion; figures can only be compared where nothing does.
+        how: What differs in the way it was run: method, options, tree.
+        around: What differs besides: machine, versions, schema.
+        same_machine: Whether times can be compared at all.
     """
 
     scene: tuple[str, ...]
@@ -48,8 +48,8 @@ class ComparedFigure:
     """One figure of a result beside that of the first.
 
     Attributes:
-        ratio: to the first one's; NaN where one of them is undefined, or shown as 0.
-        word: one of the gate's words, or "" where more is neither better nor worse.
+        ratio: To the first one's; NaN where one of them is undefined, or shown as 0.
+        word: One of the gate's words, or "" where more is neither better nor worse.
     """
 
     ratio: float
@@ -98,12 +98,12 @@ def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> Comp
 
 def _around(base: Result, head: Result) -> list[str]:
     found = [
-        f"{name}: {_told(base.machine.get(name))} and {_told(head.machine.get(name))}"
+        f"{name}: {_in_words(base.machine.get(name))} and {_in_words(head.machine.get(name))}"
         for name in sorted(base.machine.keys() | head.machine.keys())
         if base.machine.get(name) != head.machine.get(name)
     ]
     found += [
-        f"{name}: {_told(base.packages.get(name))} and {_told(head.packages.get(name))}"
+        f"{name}: {_in_words(base.packages.get(name))} and {_in_words(head.packages.get(name))}"
         for name in sorted(base.packages.keys() | head.packages.keys())
         if base.packages.get(name) != head.packages.get(name)
     ]
@@ -112,7 +112,7 @@ def _around(base: Result, head: Result) -> list[str]:
     if (base.git_revision, base.git_dirty) != (head.git_revision, head.git_dirty):
         found.append(f"commit: {commit(base)} and {commit(head)}")
     if base.complete != head.complete:
-        found.append(f"complete: {_told(base.complete)} and {_told(head.complete)}")
+        found.append(f"complete: {_in_words(base.complete)} and {_in_words(head.complete)}")
     return found
 
 
@@ -122,5 +122,5 @@ def commit(result: Result) -> str:
     return f"{result.git_revision[:12]}{changed}"
 
 
-def _told(value: Any) -> str:
+def _in_words(value: Any) -> str:
     return "none" if value is None else "yes" if value is True else "no" if value is False else str(value)

@@ -50,14 +50,14 @@ class ReportFigure:
     """One picture of a report.
 
     Attributes:
-        name: for files and anchors: lower case, digits and hyphens.
-        title: a few words.
-        caption: what is drawn and how to read it, plain text, a few sentences.
-        alt: what the picture says, for those who do not see it, plain text.
-        png: the picture.
-        width_px: its columns [pixels].
-        height_px: its rows [pixels].
-        phone_png: the same for a page that is narrow; None where `png` will do.
+        name: For files and anchors: lower case, digits and hyphens.
+        title: A few words.
+        caption: What is drawn and how to read it, plain text, a few sentences.
+        alt: What the picture says, for those who do not see it, plain text.
+        png: The picture.
+        width_px: Its columns [pixels].
+        height_px: Its rows [pixels].
+        phone_png: The same for a page that is narrow; None where `png` will do.
     """
 
     name: str

@@ -45,11 +45,11 @@ class TickTimes:
     """What is drawn of a result: times of ticks [s].
 
     Attributes:
-        label: of the result.
+        label: Of the result.
         all_cpu: CPU time of all ticks.
-        cpu: of those in contact; of all where none is.
-        wall: of the same ticks as `cpu`.
-        contact: whether they are those in contact.
+        cpu: Of those in contact; of all where none is.
+        wall: Of the same ticks as `cpu`.
+        contact: Whether they are those in contact.
     """
 
     label: str
@@ -63,11 +63,11 @@ def histogram_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> R
     """How long ticks took, CPU and wall, on a logarithmic axis with the line of 1 ms; p50 and p99 are marked.
 
     Args:
-        results: one or more; any may hold no tick.
-        labels: names of the results; the files' stems where none are given.
+        results: One or more; any may hold no tick.
+        labels: Names of the results; the files' stems where none are given.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: A file cannot be read.
     """
     runs = [_times(label, result) for label, result in zip(run_labels(results, labels), results, strict=True)]
     edges = _edges(runs)
@@ -180,16 +180,16 @@ def _caption(runs: Sequence[TickTimes]) -> str:
 
 
 def _alt(runs: Sequence[TickTimes]) -> str:
-    told = [f"Histogram{'s' if len(runs) > 1 else ''} of tick times."]
+    sentences = [f"Histogram{'s' if len(runs) > 1 else ''} of tick times."]
     for run in runs:
         cpu, wall = (metrics.tick_statistics(1e9 * values) for values in (run.cpu, run.wall))
         who = f"{run.label}: " if len(runs) > 1 else ""
         if cpu.count == 0:
-            told.append(f"{who}No tick.")
+            sentences.append(f"{who}No tick.")
             continue
         p50, p99, most = (time_text(1e-6 * value) for value in (cpu.p50, cpu.p99, cpu.max))
-        told.append(
+        sentences.append(
             f"{who}CPU time of {cpu.count:,} ticks{' in contact' if run.contact else ''}: median {p50}, p99 {p99}, "
             f"longest {most}; {100.0 * wall.over_budget:.2f} % took more than 1 ms of wall time."
         )
-    return " ".join(told)
+    return " ".join(sentences)

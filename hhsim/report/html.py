@@ -46,14 +46,14 @@ def element(tag: str, *content: str, **attributes: Attribute) -> Html:
         attributes: By name, a trailing or inner "_" for what Python has no letter for (`class_`, `aria_label`); True
             for one without a value; None and False leave it out.
     """
-    told = "".join(
+    named = "".join(
         f" {name.rstrip('_').replace('_', '-')}" + ("" if value is True else f'="{escaped(str(value))}"')
         for name, value in attributes.items()
         if value is not None and value is not False
     )
     if tag in VOID:
-        return Html(f"<{tag}{told}>")
-    return Html(f"<{tag}{told}>{joined(content)}</{tag}>")
+        return Html(f"<{tag}{named}>")
+    return Html(f"<{tag}{named}>{joined(content)}</{tag}>")
 
 
 def paragraph(*content: str, **attributes: Attribute) -> Html:
@@ -128,10 +128,10 @@ def picture(png: bytes, alt: str, width: int, height: int, phone: bytes | None =
     """A PNG that is part of the page.
 
     Args:
-        png: the picture.
-        alt: what it says, for those who do not see it.
-        width, height: its pixels.
-        phone: another PNG that takes its place on a narrow screen.
+        png: The picture.
+        alt: What it says, for those who do not see it.
+        width, height: Its pixels.
+        phone: Another PNG that takes its place on a narrow screen.
     """
     image = element("img", src=_data(png), alt=alt, width=width, height=height)
     if phone is None:

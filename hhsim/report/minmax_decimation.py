@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
-class Envelope(NamedTuple):
+class MinMaxBand(NamedTuple):
     """What a curve does in each of n stretches of the axis.
 
     Attributes:
-        at: middle of each stretch, shape (n,).
-        low, middle, high: least value, median and largest value there, NaN where no value is defined, shape (n,).
+        at: Middle of each stretch, shape (n,).
+        low, middle, high: Least value, median and largest value there, NaN where no value is defined, shape (n,).
     """
 
     at: FloatArray
@@ -22,17 +22,17 @@ class Envelope(NamedTuple):
     high: FloatArray
 
 
-def envelope(at: FloatArray, values: NDArray[np.floating], stretches: int) -> Envelope:
+def minmax_band(at: FloatArray, values: NDArray[np.floating], stretches: int) -> MinMaxBand:
     """The band of a curve; where it has no more values than stretches, the curve itself.
 
     Args:
-        at: where on the axis each value belongs, shape (T,).
-        values: shape (T,); NaN where undefined.
-        stretches: of about equally many values each.
+        at: Where on the axis each value belongs, shape (T,).
+        values: Shape (T,); NaN where undefined.
+        stretches: Of about equally many values each.
     """
     if len(values) <= stretches:
         whole = np.asarray(values, np.float64)
-        return Envelope(at, whole, whole, whole)
+        return MinMaxBand(at, whole, whole, whole)
     edges = np.linspace(0, len(values), stretches + 1).astype(np.int64)
     starts = edges[:-1]
     # NaN is no value: fmin and fmax pass it over.
@@ -40,4 +40,4 @@ def envelope(at: FloatArray, values: NDArray[np.floating], stretches: int) -> En
     middle = np.full(stretches, np.nan)
     for k in np.flatnonzero(np.isfinite(low)):
         middle[k] = np.nanmedian(values[edges[k] : edges[k + 1]])
-    return Envelope(0.5 * (at[starts] + at[edges[1:] - 1]), low, middle, high)
+    return MinMaxBand(0.5 * (at[starts] + at[edges[1:] - 1]), low, middle, high)

@@ -79,9 +79,9 @@ def _subtitle(runs: Sequence[ReportRun]) -> str:
 def _verdict(run: ReportRun, *, alone: bool) -> Html:
     found = run.verdict
     who = [] if alone else [element("b", run.label), " "]
-    said = " ".join(found.sentences)
+    text = " ".join(found.sentences)
     mood = MOODS.get(found.word, "note")
-    return paragraph(*who, element("strong", found.word), said, class_=f"verdict {mood}")
+    return paragraph(*who, element("strong", found.word), text, class_=f"verdict {mood}")
 
 
 def _compared(run: ReportRun, comparison: Comparison) -> Html:

@@ -49,11 +49,11 @@ class Moment:
     """One tick as it is drawn.
 
     Attributes:
-        graphic, haptic, body: the surfaces.
-        forces: that can be felt.
-        contacts: touching pairs.
-        view: from where it is seen.
-        sentence: what the picture says.
+        graphic, haptic, body: The surfaces.
+        forces: That can be felt.
+        contacts: Touching pairs.
+        view: From where it is seen.
+        sentence: What the picture says.
     """
 
     graphic: Surface
@@ -69,7 +69,7 @@ def overview_picture(result: Result) -> ReportFigure:
     """The hand on the object at `overview_tick`.
 
     Raises:
-        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
+        InputError: The result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     tick = overview_tick(result)
     moment = _moment(result, tick, None)
@@ -103,7 +103,7 @@ def overview_tick(result: Result) -> int:
     """The last tick of the first hold; where nothing is held the first one of the largest force, or the last of all.
 
     Raises:
-        InputError: the result holds no tick.
+        InputError: The result holds no tick.
     """
     if result.ticks and not any(phase.name == HOLD for phase in result.phases):
         size = np.nan_to_num(np.linalg.norm(result["force/total"], axis=1))
@@ -116,11 +116,11 @@ def held_picture(result: Result, view: View | None = None) -> ReportFigure:
     """Of the same tick as the overview the second half alone, as large as fits beside that of another result.
 
     Args:
-        result: what was run.
-        view: of the viewer; None for that of the overview.
+        result: What was run.
+        view: Of the viewer; None for that of the overview.
 
     Raises:
-        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
+        InputError: The result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     tick = overview_tick(result)
     figure = hand_picture(result, tick, view)
@@ -131,7 +131,7 @@ def overview_view(result: Result) -> View:
     """From where the overview looks.
 
     Raises:
-        InputError: the result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
+        InputError: The result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     return _moment(result, overview_tick(result), None).view
 
@@ -140,13 +140,13 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
     """The hand at one tick, with contact points and forces.
 
     Args:
-        result: what was run.
-        tick: number of the tick, from 0.
-        view: azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or for the
+        result: What was run.
+        tick: Number of the tick, from 0.
+        view: Azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or for the
             clearest of some where much is hidden there.
 
     Raises:
-        InputError: no such tick, or the result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
+        InputError: No such tick, or the result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     usual = overview_view(result) if view is None else None
     moment = _moment(result, tick, None if view is None else View(*view), usual)
@@ -181,7 +181,7 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
     if view is None:
         vectors = np.array([arrow(one) for one in forces]).reshape(-1, 3)
         view = clear_view(graphic, body, contacts.point, vectors, usual)
-    return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, _told(result, tick, ticks, forces))
+    return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, _alt_text(result, tick, ticks, forces))
 
 
 def _shown(result: Result, tick: int) -> ShownTicks:
@@ -241,7 +241,7 @@ def _where(result: Result, tick: int) -> str:
     return next((phase.name for phase in result.phases if phase.first_tick <= tick <= phase.last_tick), "no phase")
 
 
-def _told(result: Result, tick: int, ticks: ShownTicks, forces: list[PhalanxForce]) -> str:
+def _alt_text(result: Result, tick: int, ticks: ShownTicks, forces: list[PhalanxForce]) -> str:
     touching = [finger for f, finger in enumerate(FINGERS) if any(one.name.startswith(finger) for one in forces)]
     if any(one.name == PIECES[15] for one in forces):
         touching.append("palm")

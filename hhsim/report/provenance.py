@@ -55,13 +55,13 @@ def run_facts(result: Result) -> dict[str, str]:
 
 def machine_facts(result: Result) -> dict[str, str]:
     """What it ran on."""
-    told = {str(name): str(value) for name, value in result.machine.items()}
+    machine = {str(name): str(value) for name, value in result.machine.items()}
     packages = ", ".join(f"{name} {version}" for name, version in sorted(result.packages.items()))
     return {
-        "processor": told.get("cpu", NONE),
-        "cores": told.get("cores", NONE),
-        "system": told.get("system", NONE),
-        "Python": told.get("python", NONE),
+        "processor": machine.get("cpu", NONE),
+        "cores": machine.get("cores", NONE),
+        "system": machine.get("system", NONE),
+        "Python": machine.get("python", NONE),
         "threads of a tick": str(result.scene.get("solver", {}).get("threads", NONE)),
         "hhsim": result.hhsim_version,
         "commit": commit(result),
@@ -105,7 +105,7 @@ def file_digest(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal digits.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: It cannot be read.
     """
     digest = hashlib.sha256()
     try:
@@ -120,14 +120,14 @@ def file_digest(path: Path) -> str:
 def _hand(hand: Mapping[str, Any]) -> str:
     if not hand:
         return NONE
-    told = str(hand.get("side", ""))
-    return f"{told}, {1e3 * hand['length']:.0f} mm long" if "length" in hand else told
+    side = str(hand.get("side", ""))
+    return f"{side}, {1e3 * hand['length']:.0f} mm long" if "length" in hand else side
 
 
 def _coupling(stiffness: Mapping[str, Any]) -> str:
     names = (("translation", "N/m"), ("rotation", "N·m/rad"), ("flexion", "N·m/rad"))
-    told = [f"{name} {stiffness[name]:g} {unit}" for name, unit in names if name in stiffness]
-    return ", ".join(told) or NONE
+    parts = [f"{name} {stiffness[name]:g} {unit}" for name, unit in names if name in stiffness]
+    return ", ".join(parts) or NONE
 
 
 def _session(live: Mapping[str, Any]) -> dict[str, str]:

@@ -57,11 +57,11 @@ class Report:
     """A report that is not written yet.
 
     Attributes:
-        title: of the page.
-        html: the page.
+        title: Of the page.
+        html: The page.
         pictures: PNGs by the name that each file gets.
-        runs: what was computed of each result.
-        comparisons: of each but the first one with the first one.
+        runs: What was computed of each result.
+        comparisons: Of each but the first one with the first one.
     """
 
     title: str
@@ -70,7 +70,7 @@ class Report:
     runs: tuple[ReportRun, ...]
     comparisons: tuple[Comparison, ...]
 
-    def told(self) -> list[str]:
+    def verdict_lines(self) -> list[str]:
         """The verdicts, a line each."""
         lines = [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
         compared = zip(self.runs[1:], self.comparisons)
@@ -108,8 +108,8 @@ class ReportFiles:
     """Where a report is.
 
     Attributes:
-        page: the HTML.
-        pictures: the PNG files.
+        page: The HTML.
+        pictures: The PNG files.
     """
 
     page: Path
@@ -128,7 +128,7 @@ def make_report(paths: Sequence[Path], *, progress: Progress | None = None) -> R
         progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
-        InputError: no file, or one that is neither a result nor a table of hhsim bench.
+        InputError: No file, or one that is neither a result nor a table of hhsim bench.
     """
     if not paths:
         raise InputError("a report needs at least one result")
@@ -157,7 +157,7 @@ def check_report_destination(destination: Path) -> Path:
         Where the page goes.
 
     Raises:
-        OutputError: as `hhsim.system.output_path.check_destination`; or a file is there that hhsim report did not
+        OutputError: As `hhsim.system.output_path.check_destination`; or a file is there that hhsim report did not
         write.
     """
     if destination.suffix.lower() in (".html", ".htm"):
@@ -186,7 +186,7 @@ def write_report(report: Report, destination: Path) -> ReportFiles:
         destination: As for `check_report_destination`. Of NAME.html the pictures are NAME-….png beside it.
 
     Raises:
-        OutputError: as `check_report_destination`; or a picture's name is taken, and no page of a report is there that
+        OutputError: As `check_report_destination`; or a picture's name is taken, and no page of a report is there that
             it could belong to; or a full disk.
     """
     page = check_report_destination(destination)

@@ -19,13 +19,13 @@ class ReportRun:
     """One result.
 
     Attributes:
-        result: the file.
-        label: its name in the report.
-        prefix: of the names of its pictures and anchors.
-        rows: the table that replay prints.
-        session: the table of a live session; empty for a replay, and where the recording was cut short.
-        phases: a line each.
-        verdict: by the gate's default limits.
+        result: The file.
+        label: Its name in the report.
+        prefix: Of the names of its pictures and anchors.
+        rows: The table that replay prints.
+        session: The table of a live session; empty for a replay, and where the recording was cut short.
+        phases: A line each.
+        verdict: By the gate's default limits.
     """
 
     result: Result
@@ -51,7 +51,7 @@ def report_runs(results: Sequence[Result]) -> list[ReportRun]:
     """Compute what a report says of each result; more than one are labelled by letters.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: A file cannot be read.
     """
     return [_run(result, i, len(results)) for i, result in enumerate(results)]
 

@@ -97,7 +97,7 @@ def difference_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparis
         items += [f"Run otherwise: {text}." for text in comparison.how] or ["Run in the same way."]
         items += [f"Around it: {text}." for text in comparison.around]
         for word in (BETTER, WORSE):
-            names = [label for label, said in words.items() if said == word]
+            names = [label for label, found in words.items() if found == word]
             if names:
                 items.append(f"{word.capitalize()} than {runs[0].letter}: {'; '.join(names)}.")
         parts += [element("h3", f"{run.label} against {runs[0].label}"), listed(items)]

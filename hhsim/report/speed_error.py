@@ -54,11 +54,11 @@ class SpeedError:
     """One point; NaN where a figure is undefined.
 
     Attributes:
-        label: of the result.
+        label: Of the result.
         p50, p99: CPU time of a tick in contact [s].
-        depth: deepest in the leaf spheres, all ticks [m].
-        mesh: deepest in the true mesh, or farthest that a contact point is off it, of sampled ticks [m].
-        excess: coupling energy above the optimum, mean of the hold [%].
+        depth: Deepest in the leaf spheres, all ticks [m].
+        mesh: Deepest in the true mesh, or farthest that a contact point is off it, of sampled ticks [m].
+        excess: Coupling energy above the optimum, mean of the hold [%].
     """
 
     label: str
@@ -90,11 +90,11 @@ def speed_error_figure(results: Sequence[Result], labels: Sequence[str] = ()) ->
     """Each result as a point: CPU time of a tick in contact, p50 to p99, against what replay knows of the error.
 
     Args:
-        results: one or more; any may hold no tick, or no tick in contact.
-        labels: names of the results; the files' stems where none are given.
+        results: One or more; any may hold no tick, or no tick in contact.
+        labels: Names of the results; the files' stems where none are given.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: A file cannot be read.
     """
     points = [_measured(label, result) for label, result in zip(run_labels(results, labels), results, strict=True)]
 
@@ -244,10 +244,10 @@ def _caption(points: Sequence[SpeedError]) -> str:
 
 
 def _alt(points: Sequence[SpeedError]) -> str:
-    told = ["CPU time against three errors."]
+    sentences = ["CPU time against three errors."]
     for point in points:
         if not np.isfinite(point.p50):
-            told.append(f"{point.label}: no tick in contact.")
+            sentences.append(f"{point.label}: no tick in contact.")
             continue
         off = f"{1e3 * point.mesh:.3g} mm off the mesh" if np.isfinite(point.mesh) else "off the mesh not measured"
         over = (
@@ -255,8 +255,8 @@ def _alt(points: Sequence[SpeedError]) -> str:
             if np.isfinite(point.excess)
             else "no optimum computed"
         )
-        told.append(
+        sentences.append(
             f"{point.label}: {time_text(point.p50)} to {time_text(point.p99)}, {1e6 * point.depth:.3g} µm deep in the "
             f"spheres, {off}, {over}."
         )
-    return " ".join(told)
+    return " ".join(sentences)

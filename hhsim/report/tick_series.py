@@ -27,12 +27,12 @@ class ReportColumns:
     In single precision, so that the ten minutes of a session at 1 kHz are 40 MB.
 
     Attributes:
-        time: since the start of the motion [s], in double precision.
-        cpu, wall: of the whole tick [s].
-        candidates, touching: pairs.
-        depth: deepest in the leaf spheres [m].
-        variation: one-tick change of the total force's size [%]; NaN where it is undefined.
-        force: sizes of forces by the names of `FORCES` [N], shape (T, 7).
+        time: Since the start of the motion [s], in double precision.
+        cpu, wall: Of the whole tick [s].
+        candidates, touching: Pairs.
+        depth: Deepest in the leaf spheres [m].
+        variation: One-tick change of the total force's size [%]; NaN where it is undefined.
+        force: Sizes of forces by the names of `FORCES` [N], shape (T, 7).
     """
 
     time: FloatArray
@@ -70,7 +70,7 @@ def report_columns(result: Result) -> ReportColumns:
     """Read a result, block by block.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: The file cannot be read.
     """
     time = np.empty(result.ticks)
     single = {name: np.empty(result.ticks, np.float32) for name in SCALES}

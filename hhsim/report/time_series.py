@@ -24,7 +24,7 @@ from hhsim.report.figure import (
     run_style,
     time_text,
 )
-from hhsim.report.minmax_decimation import envelope
+from hhsim.report.minmax_decimation import minmax_band
 from hhsim.report.tick_series import FORCES, ReportColumns, report_columns
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
@@ -56,11 +56,11 @@ class Run:
     """A result as it is drawn.
 
     Attributes:
-        label: in the legend.
-        columns: its ticks.
-        phases: of its motion.
-        rate: ticks a second; NaN where the file does not say.
-        worst: of a single result its worst ticks, which are marked.
+        label: In the legend.
+        columns: Its ticks.
+        phases: Of its motion.
+        rate: Ticks a second; NaN where the file does not say.
+        worst: Of a single result its worst ticks, which are marked.
     """
 
     label: str
@@ -75,9 +75,9 @@ class Panel:
     """One of the panels.
 
     Attributes:
-        title: with the unit.
+        title: With the unit.
         height: [inches] on the page.
-        legend: lines of legend that it needs on the page and on a phone.
+        legend: Lines of legend that it needs on the page and on a phone.
     """
 
     title: str
@@ -92,11 +92,11 @@ def series_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> Repo
     runs are drawn as the band from the least to the largest value.
 
     Args:
-        results: one or more; any may hold no tick.
-        labels: names of the results in the legend; the files' stems where none are given.
+        results: One or more; any may hold no tick.
+        labels: Names of the results in the legend; the files' stems where none are given.
 
     Raises:
-        InputError: a file cannot be read.
+        InputError: A file cannot be read.
     """
     runs = [
         Run(
@@ -190,7 +190,7 @@ def _curve(
     if len(at) <= AS_THEY_ARE:
         axes.plot(at, values, color=color, linestyle=dashes, linewidth=width, label=label)
         return
-    band = envelope(at, values, STRETCHES)
+    band = minmax_band(at, values, STRETCHES)
     axes.fill_between(band.at, band.low, band.high, color=color, alpha=0.3, linewidth=0.0)
     axes.plot(band.at, band.middle, color=color, linestyle=dashes, linewidth=width, label=label)
 
@@ -362,17 +362,17 @@ def _caption(runs: Sequence[Run]) -> str:
 
 def _alt(runs: Sequence[Run]) -> str:
     several = len(runs) > 1
-    told = [f"Five panels over time{f', {len(runs)} results' if several else ''}."]
+    sentences = [f"Five panels over time{f', {len(runs)} results' if several else ''}."]
     for run in runs:
         columns, who = run.columns, f"{run.label}: " if several else ""
         if columns.ticks == 0:
-            told.append(f"{who}No tick.")
+            sentences.append(f"{who}No tick.")
             continue
         force, depth = (float(np.nanmax(values, initial=0.0)) for values in (columns.force[:, 0], columns.depth))
         fast, slow = (time_text(float(extreme(columns.cpu))) for extreme in (np.min, np.max))
-        told.append(
+        sentences.append(
             f"{who}The total force reaches {force:.2f} N. Ticks take {fast} to {slow} of CPU time, with up to "
             f"{int(columns.candidates.max()):,} pairs within the margin. "
             + (f"The deepest penetration is {1e6 * depth:.3g} µm." if depth > 0.0 else "Nothing penetrates.")
         )
-    return " ".join(told)
+    return " ".join(sentences)

@@ -17,10 +17,10 @@ class Verdict:
     """Of one result.
 
     Attributes:
-        word: one of the words.
-        sentences: what it rests on, the limits that were missed last.
-        missed: names of the figures that are over their limits.
-        judged: how many have a limit, and a value here.
+        word: One of the words.
+        sentences: What it rests on, the limits that were missed last.
+        missed: Names of the figures that are over their limits.
+        judged: How many have a limit, and a value here.
     """
 
     word: str
@@ -43,21 +43,21 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
         if name in figures and math.isfinite(figures[name].value)
     }
     missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
-    said = [] if result.complete else [f"The run was stopped after {result.ticks:,} ticks; what follows is of these."]
-    said += [_contact(figures), _speed(result, figures)]
+    parts = [] if result.complete else [f"The run was stopped after {result.ticks:,} ticks; what follows is of these."]
+    parts += [_contact(figures), _speed(result, figures)]
     # A tick that never was is in no figure of the ticks.
     late = int(result.summary.get("missed", 0))
     if late:
-        said.append(f"{late:,} periods of the session had no tick at all, beside the {result.ticks:,} that had one.")
+        parts.append(f"{late:,} periods of the session had no tick at all, beside the {result.ticks:,} that had one.")
     if missed:
-        told = "; ".join(_over(figures[name], limits[name]) for name in missed)
-        said.append(f"Over the limits that hhsim gate has by default: {told}.")
+        over = "; ".join(_over(figures[name], limits[name]) for name in missed)
+        parts.append(f"Over the limits that hhsim gate has by default: {over}.")
     elif limits:
-        said.append(
+        parts.append(
             f"All {len(limits)} figures that hhsim gate has a default limit for, and that are defined here, hold it."
         )
     word = MISSED if missed else SHORT if not result.complete else LATE if late else OK
-    return Verdict(word, tuple(sentence for sentence in said if sentence), missed, len(limits))
+    return Verdict(word, tuple(part for part in parts if part), missed, len(limits))
 
 
 def _contact(figures: dict[str, SummaryRow]) -> str:
@@ -75,12 +75,12 @@ def _speed(result: Result, figures: dict[str, SummaryRow]) -> str:
     p50, p99, over = (figures.get(name) for name in ("tick_cpu_p50", "tick_cpu_p99", "tick_wall_over_1ms"))
     if p50 is None or p99 is None or math.isnan(p50.value):
         return ""
-    told = f"A tick in contact takes {p50.shown} {p50.unit} of CPU time in the median, {p99.shown} {p99.unit} at p99"
+    text = f"A tick in contact takes {p50.shown} {p50.unit} of CPU time in the median, {p99.shown} {p99.unit} at p99"
     if over is None or math.isnan(over.value):
-        return f"{told}."
+        return f"{text}."
     late = round(0.01 * over.value * result.ticks)
     count = f"{late:,}" if late else "none"
-    return f"{told}; {count} of {result.ticks:,} ticks took more than 1 ms by the wall clock."
+    return f"{text}; {count} of {result.ticks:,} ticks took more than 1 ms by the wall clock."
 
 
 def _over(row: SummaryRow, limit: float) -> str:

@@ -18,11 +18,11 @@ class WorstTick:
     """One of them.
 
     Attributes:
-        kind: why it was chosen.
-        tick: its number, from 0; of several equal ones the first.
-        value: of what it was chosen for, SI.
-        unit: of `value`: s, m or N.
-        sentence: what happened, for people.
+        kind: Why it was chosen.
+        tick: Its number, from 0; of several equal ones the first.
+        value: Of what it was chosen for, SI.
+        unit: Of `value`: s, m or N.
+        sentence: What happened, for people.
     """
 
     kind: WorstKind
@@ -36,7 +36,7 @@ def worst_ticks(result: Result) -> list[WorstTick]:
     """At most one tick of each kind; a kind that did not happen (no depth, no step, no lag) is left out.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: The file cannot be read.
     """
     if result.ticks == 0:
         return []

@@ -84,8 +84,8 @@ def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], heading: str, 
         code(f"hhsim view {shlex.quote(run.result.path.name)}"), f" shows it, at {tick:,} on the timeline “tick”."
     )
     body = element("div", element("div", image), element("div", facts, how), class_="pair")
-    said = (paragraph(worst.sentence) for worst in worsts)
-    return element("article", element(heading, title), *said, body)
+    sentences = (paragraph(worst.sentence) for worst in worsts)
+    return element("article", element(heading, title), *sentences, body)
 
 
 def _number(value: Any, digits: int) -> str:

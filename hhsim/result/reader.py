@@ -110,8 +110,8 @@ class Result:
         """Datasets of /tick, so many ticks at a time: a long session does not fit into memory whole.
 
         Args:
-            names: of the datasets.
-            size: ticks of a block; the last one may have fewer.
+            names: Of the datasets.
+            size: Ticks of a block; the last one may have fewer.
 
         Yields:
             The arrays of the next block by name.
@@ -125,7 +125,7 @@ class Result:
         """One tick of datasets of /tick, without reading the others.
 
         Raises:
-            InputError: there is no such tick.
+            InputError: There is no such tick.
         """
         if not 0 <= tick < self.ticks:
             raise InputError(f"{self.path} has no tick {tick}: it has {self.ticks:,}, counted from 0")
@@ -145,7 +145,7 @@ class Result:
         """Ticks of the first phase of that name.
 
         Raises:
-            InputError: the result has no such phase.
+            InputError: The result has no such phase.
         """
         for phase in self.phases:
             if phase.name == name:
@@ -158,7 +158,7 @@ def load_result(path: str | Path) -> Result:
     """Open a result file, complete or not.
 
     Raises:
-        InputError: no such file, no HDF5, no result, another schema, or datasets that are missing or misshapen.
+        InputError: No such file, no HDF5, no result, another schema, or datasets that are missing or misshapen.
     """
     path = Path(path)
     with _opened(path) as file:
@@ -195,7 +195,7 @@ def check_result_destination(path: Path) -> None:
     """Look, before the work, for what would keep a result from being written to `path`.
 
     Raises:
-        OutputError: as `hhsim.system.output_path.check_destination`; a name that does not end as one of a result; or a
+        OutputError: As `hhsim.system.output_path.check_destination`; a name that does not end as one of a result; or a
         file is
             there that is no result, which a slip of the pen must not destroy.
     """

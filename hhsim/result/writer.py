@@ -43,15 +43,15 @@ class ResultWriter:
     that says where it is; a file without any tick is removed.
 
     Args:
-        path: where the result goes; an existing result there is replaced when the new one is complete.
-        scene: every option of the run, as JSON-able values.
-        static: the arrays of `STATIC_COLUMNS` by name.
-        phases: phases of the trajectory, where they are known already.
-        tables: of a live session, columns by group; they grow with the ticks.
-        attributes: of their groups.
+        path: Where the result goes; an existing result there is replaced when the new one is complete.
+        scene: Every option of the run, as JSON-able values.
+        static: The arrays of `STATIC_COLUMNS` by name.
+        phases: Phases of the trajectory, where they are known already.
+        tables: Of a live session, columns by group; they grow with the ticks.
+        attributes: Of their groups.
 
     Raises:
-        OutputError: the file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
+        OutputError: The file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
     """
 
     path: Path
@@ -112,13 +112,13 @@ class ResultWriter:
         """Write the next ticks, and what else there is, and flush them.
 
         Args:
-            block: one array for each of `TICK_COLUMNS`, by its name; each of shape (ticks, *column.shape). Nothing at
+            block: One array for each of `TICK_COLUMNS`, by its name; each of shape (ticks, *column.shape). Nothing at
                 all where no tick came.
-            others: the same for `tables`, by group.
-            attributes: of groups, to set or to replace.
+            others: The same for `tables`, by group.
+            attributes: Of groups, to set or to replace.
 
         Raises:
-            OutputError: the disk is full or gone; the ticks before stay readable.
+            OutputError: The disk is full or gone; the ticks before stay readable.
         """
         given = {_TICK: block, **(others or {})}
         blocks = {group: _rows(of, self._tables[group].columns) for group, of in given.items() if of}
@@ -141,8 +141,8 @@ class ResultWriter:
         """Write the summary, mark the file complete and give it its final name.
 
         Args:
-            summary: the figures of the table that `hhsim replay` prints, by name.
-            phases: phases of the trajectory, where they were not known at the start.
+            summary: The figures of the table that `hhsim replay` prints, by name.
+            phases: Phases of the trajectory, where they were not known at the start.
 
         Returns:
             Where the result is.

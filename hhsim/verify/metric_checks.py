@@ -78,16 +78,16 @@ def _summary_claims(result: Result) -> list[Claim]:
         if value > SAME
     ]
     missing = [name for name in result.summary if name not in own]
-    said = "the figures of the summary are those of the ticks"
+    says = "the figures of the summary are those of the ticks"
     why = "sums in another order differ by less; 1e-9 N and 1e-9 % where rounding is all there is"
-    claims = [judged("summary", said, values, SAME, "1", why, note="; ".join(wrong))]
+    claims = [judged("summary", says, values, SAME, "1", why, note="; ".join(wrong))]
     if missing:
         own_runs = {name: metric.own_run for name, metric in run_metrics().items() if metric.own_run}
         note = "; ".join(f"{name} {own_runs[name]}" for name in sorted(missing) if name in own_runs)
         other = [name for name in missing if name not in own_runs]
         if other:
-            told = f"{len(other)} figures have no definition here, such as {other[0]}"
-            note = "; ".join([*([note] if note else []), told])
+            unknown = f"{len(other)} figures have no definition here, such as {other[0]}"
+            note = "; ".join([*([note] if note else []), unknown])
         claims.append(
             Claim("summary, rest", "figures that do not follow from the ticks", NOT_JUDGED, checked=0, note=note)
         )

@@ -25,7 +25,7 @@ from hhsim.report import tick_series as report_columns
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import ReportFigure, time_text
 from hhsim.report.histogram import histogram_figure
-from hhsim.report.minmax_decimation import envelope
+from hhsim.report.minmax_decimation import minmax_band
 from hhsim.report.pictures import hand_picture, overview_picture, overview_tick
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
@@ -70,7 +70,7 @@ def pixels(png: bytes) -> NDArray[np.uint8]:
 @given(st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=200), st.integers(1, 40))
 def test_a_band_holds_every_value_and_no_more(values: list[float], stretches: int) -> None:
     array = np.array(values)
-    band = envelope(np.arange(len(array), dtype=np.float64), array, stretches)
+    band = minmax_band(np.arange(len(array), dtype=np.float64), array, stretches)
     assert len(band.at) == min(stretches, len(array))
     assert (np.diff(band.at) > 0.0).all()
     defined = array[~np.isnan(array)]

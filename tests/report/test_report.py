@@ -189,10 +189,10 @@ def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dot
 
     good = make_report((changed(coupled, tmp_path, still),))
     assert good.runs[0].verdict.word == "within limits"
-    assert "stays out of the object's spheres" in good.told()[0]
+    assert "stays out of the object's spheres" in good.verdict_lines()[0]
     bad = make_report((changed(coupled, tmp_path, deep),))
     assert bad.runs[0].verdict.missed == ("penetration_max", "stuck_ticks")
-    assert "penetration, max 8,250.000 µm (limit 1); stuck ticks 3 (limit 0)" in bad.told()[0]
+    assert "penetration, max 8,250.000 µm (limit 1); stuck ticks 3 (limit 0)" in bad.verdict_lines()[0]
     assert "limits missed" in next(
         e.text for e in read_page(bad.html).all("p") if "verdict" in str(e.attributes.get("class"))
     )
@@ -257,7 +257,7 @@ def test_another_scene_or_another_machine_is_not_compared(coupled: Path, tmp_pat
 
     report = make_report((coupled, changed(coupled, tmp_path, moved)))
     assert report.comparisons[0].scene == ("trajectory",)
-    assert "Not comparable: not the same scene (trajectory)." in report.told()[2]
+    assert "Not comparable: not the same scene (trajectory)." in report.verdict_lines()[2]
     rows = read_page(report.html).rows("Figures side by side")[1:]
     assert not any(word in row[4] for row in rows for word in ("better", "worse", "same"))
     report = make_report((coupled, changed(coupled, tmp_path, foreign)))

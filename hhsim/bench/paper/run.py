@@ -59,8 +59,8 @@ class Variation:
     """Change of the index finger's force from tick to tick in one hold [%], mean and standard deviation.
 
     Attributes:
-        size: of the force's size, shape (2,).
-        component: of each component, shape (3, 2); NaN for a small one (`CARRIES`).
+        size: Of the force's size, shape (2,).
+        component: Of each component, shape (3, 2); NaN for a small one (`CARRIES`).
     """
 
     size: Array
@@ -99,19 +99,19 @@ class SceneRun:
     be gigabytes.
 
     Attributes:
-        stage: what was played.
-        options: of the solver.
-        candidates, touching: pairs near each other, and touching, at each tick, shape (T,).
-        status: of each tick, shape (T,).
-        digest: of the poses.
-        shown: the ends of the holds and the middles of the slides, in order; none for instances.
-        curves: forces; None for instances.
-        contact: ticks with candidate pairs, of those phases in which fingers close, hold or slide, shape (T,).
-        depth: deepest in the object's spheres at each tick [m], shape (T,).
-        touches: what was demanded, and how far each was from happening [m], at every hold of every motion.
-        variation: of the index finger's force in the first hold, by the names of NOISES; none for instances.
-        cpu, wall: of every tick in each repetition, shape (T,).
-        parts: detection, palm, fingers, force of every tick in each repetition, shape (T, 4).
+        stage: What was played.
+        options: Of the solver.
+        candidates, touching: Pairs near each other, and touching, at each tick, shape (T,).
+        status: Of each tick, shape (T,).
+        digest: Of the poses.
+        shown: The ends of the holds and the middles of the slides, in order; none for instances.
+        curves: Forces; None for instances.
+        contact: Ticks with candidate pairs, of those phases in which fingers close, hold or slide, shape (T,).
+        depth: Deepest in the object's spheres at each tick [m], shape (T,).
+        touches: What was demanded, and how far each was from happening [m], at every hold of every motion.
+        variation: Of the index finger's force in the first hold, by the names of NOISES; none for instances.
+        cpu, wall: Of every tick in each repetition, shape (T,).
+        parts: Detection, palm, fingers, force of every tick in each repetition, shape (T, 4).
     """
 
     stage: Stage
@@ -168,7 +168,7 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
     """Play a scene for the first time and measure everything.
 
     Raises:
-        HhsimError: the solver cannot hold the scene's contacts.
+        HhsimError: The solver cannot hold the scene's contacts.
     """
     records = _run(stage, options)
     record = joined_record(records)
@@ -208,7 +208,7 @@ def play_again(run: SceneRun) -> None:
     """Play a scene once more, for its times.
 
     Raises:
-        HhsimError: the poses are not those of the first time.
+        HhsimError: The poses are not those of the first time.
     """
     record = joined_record(_run(run.stage, run.options))
     if _digest(record) != run.digest:

@@ -49,16 +49,16 @@ class PaperRow:
     """One figure of the paper, and one method's.
 
     Attributes:
-        name: of the row, the same for all methods.
-        figure: of the paper, or its section.
-        label: for people.
-        method: of the solver.
-        unit: of the values, SI or %.
-        paper: the paper's figure; NaN where it prints none.
-        paper_text: as it is printed, such as "< 1 ms".
-        ours: measured.
-        bar: ours must not be above it; NaN where there is none.
-        note: where the figure comes from, or what belongs to it.
+        name: Of the row, the same for all methods.
+        figure: Of the paper, or its section.
+        label: For people.
+        method: Of the solver.
+        unit: Of the values, SI or %.
+        paper: The paper's figure; NaN where it prints none.
+        paper_text: As it is printed, such as "< 1 ms".
+        ours: Measured.
+        bar: Ours must not be above it; NaN where there is none.
+        note: Where the figure comes from, or what belongs to it.
     """
 
     name: str

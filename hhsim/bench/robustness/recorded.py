@@ -115,7 +115,7 @@ def bench_recorded(
         options: of all runs.
         progress: called with the recording, the runs done and all runs.
     """
-    asked = options or RecordedOptions()
+    options = options or RecordedOptions()
     hands = {side: HandModel.default(side) for side in ("right", "left")}
     each = len(objects) * len(solvers)
     with interruptible_between() as check:
@@ -130,7 +130,7 @@ def bench_recorded(
             motion = motion if motion.name else replace(motion, name=file.stem)
             hand = hands["left" if motion.hand == "left" else "right"]
             for placed in objects:
-                yield from _runs(motion, file.stem, hand, placed, solvers, asked, check)
+                yield from _runs(motion, file.stem, hand, placed, solvers, options, check)
     if progress is not None:
         progress("recordings", len(files) * each, len(files) * each)
 
@@ -141,11 +141,11 @@ def _runs(
     hand: HandModel,
     at: BenchObject,
     solvers: Sequence[SolverOptions],
-    asked: RecordedOptions,
+    options: RecordedOptions,
     check: Callable[[], None],
 ) -> Iterator[RecordedFigures]:
     try:
-        scene, text = _scene(motion, hand, at, asked)
+        scene, text = _scene(motion, hand, at, options)
     except HhsimError as error:
         for solver in solvers:
             yield RecordedFigures(recording=name, object=at.name, method=solver.method, reason=str(error))
@@ -157,26 +157,26 @@ def _runs(
             method=solver.method,
             placement=text,
             samples=motion.sample_count,
-            rate=asked.rate,
+            rate=options.rate,
             fastest=fastest_fingertip(scene.ticks, hand),
         )
         try:
-            yield run_scene(scene, solver, known, asked.seed, check)
+            yield run_scene(scene, solver, known, options.seed, check)
         except HhsimError as error:
             yield replace(known, reason=str(error))
 
 
-def _scene(motion: Trajectory, hand: HandModel, at: BenchObject, asked: RecordedOptions) -> tuple[Scene, str]:
+def _scene(motion: Trajectory, hand: HandModel, at: BenchObject, options: RecordedOptions) -> tuple[Scene, str]:
     text, middle = "", 0.0
-    if asked.place == "auto":
+    if options.place == "auto":
         placement = place_at_grasp(motion, hand, at.tree)
         motion, text, middle = placement.motion, placement.text, placement.time
-    scene = make_scene(at.mesh, at.tree, hand, motion, rate=asked.rate, mode=asked.mode)
+    scene = make_scene(at.mesh, at.tree, hand, motion, rate=options.rate, mode=options.mode)
     total = scene.ticks.tick_count
-    if asked.ticks is None or asked.ticks >= total:
+    if options.ticks is None or options.ticks >= total:
         return scene, text
-    first = min(max(0, round(middle * asked.rate) - asked.ticks // 2), total - asked.ticks)
-    return replace(scene, ticks=_part(scene.ticks, slice(first, first + asked.ticks))), text
+    first = min(max(0, round(middle * options.rate) - options.ticks // 2), total - options.ticks)
+    return replace(scene, ticks=_part(scene.ticks, slice(first, first + options.ticks))), text
 
 
 def _part(ticks: TickInput, part: slice) -> TickInput:
