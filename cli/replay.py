@@ -216,7 +216,6 @@ def command(
             remarks.append(placement.text)
         scene = make_scene(mesh, chosen.tree, model, motion, rate=rate, mode=samples, seed=seed)
         description = {
-            "command": ["hhsim", *sys.argv[1:]],
             "object": object_,
             "object_mesh": mesh.sha256,
             "unit": unit,
@@ -236,7 +235,15 @@ def command(
             "seed": seed,
         }
         settle = viewer.settle if viewer is not None else None
-        summary = run(scene, solver, destination, description=description, before_ticks=settle, progress=report)
+        summary = run(
+            scene,
+            solver,
+            destination,
+            description=description,
+            command=("hhsim", *sys.argv[1:]),
+            before_ticks=settle,
+            progress=report,
+        )
         if viewer is not None:
             viewer.show(destination, report)
     if as_json:

@@ -4,7 +4,7 @@ The ticks run in compiled blocks; each block is measured and written before the 
 ticks.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ def replay(
     destination: str | Path,
     *,
     description: Mapping[str, Any] | None = None,
+    command: Sequence[str] = (),
     before_ticks: Callable[[], None] | None = None,
     progress: Progress | None = None,
 ) -> ReplaySummary:
@@ -43,6 +44,7 @@ def replay(
         destination: The result file; an existing result there is replaced when the new one is complete.
         description: What else the file is to say of how the scene came about, as plain values: more than the scene
             says of itself, or something else.
+        command: That makes the result, word by word, for the file to say; empty where a program calls this.
         before_ticks: Called once, when all is ready for the first tick: the place to wait for what would disturb ticks.
         progress: Called with what is being done, how much is done and how much there is.
 
@@ -71,7 +73,9 @@ def replay(
     }
     series = TickSeries(total)
     columns = TickColumns(tree, scene.hand, options)
-    with ResultWriter(Path(destination), scene=described, static=static, phases=ticks.phases) as writer:
+    with ResultWriter(
+        Path(destination), scene=described, static=static, phases=ticks.phases, command=command
+    ) as writer:
         if before_ticks is not None:
             before_ticks()
         with interruptible_between() as check_interrupt:

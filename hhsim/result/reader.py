@@ -71,6 +71,8 @@ class Result:
     """The arrays of `STATIC_COLUMNS` by name."""
     live: Mapping[str, Any] | None = field(default=None, repr=False)
     """What a live session says of itself, the attributes of /live; None for a replay."""
+    command: tuple[str, ...] = ()
+    """The command that made it, word by word as it was typed; empty where a program called the library."""
     git_revision: str = UNKNOWN
     """Commit of the hhsim that wrote it."""
     git_dirty: bool | str = UNKNOWN
@@ -81,11 +83,6 @@ class Result:
     def method(self) -> str:
         """The method that was run; "" where the file does not say."""
         return str(self.scene.get("solver", {}).get("method", ""))
-
-    @property
-    def command(self) -> tuple[str, ...]:
-        """The command that made it, word by word as it was typed; empty where a program called the library."""
-        return tuple(str(word) for word in self.scene.get("command") or ())
 
     @property
     def rate(self) -> float:
@@ -186,6 +183,7 @@ def load_result(path: str | Path) -> Result:
             summary=_attributes(file["summary"]),
             static={column.name: _frozen(file[column.name][...]) for column in STATIC_COLUMNS},
             live=_attributes(file[LIVE]) if LIVE in file else None,
+            command=tuple(json.loads(attributes.get("command", "[]"))),
             git_revision=str(attributes.get("git_revision", UNKNOWN)),
             git_dirty=_git_dirty(attributes.get("git_dirty", UNKNOWN)),
         )

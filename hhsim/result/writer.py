@@ -49,6 +49,7 @@ class ResultWriter:
         phases: Phases of the trajectory, where they are known already.
         tables: Of a live session, columns by group; they grow with the ticks.
         attributes: Of their groups.
+        command: That makes it, as it was typed; empty where a program calls the library.
 
     Raises:
         OutputError: The file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
@@ -66,6 +67,7 @@ class ResultWriter:
         phases: Sequence[TickPhase] = (),
         tables: Mapping[str, Sequence[Column]] | None = None,
         attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
+        command: Sequence[str] = (),
     ) -> None:
         check_result_destination(path)
         self._destination = path
@@ -80,6 +82,7 @@ class ResultWriter:
             undo.callback(self.path.unlink, missing_ok=True)
             self._file = h5py.File(self.path, "w")
             undo.callback(self._close)
+            self._file.attrs["command"] = json.dumps(list(command), ensure_ascii=False)
             self._write_header(scene, static, phases, attributes or {})
             undo.pop_all()
 

@@ -108,6 +108,7 @@ def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
         "machine",
         "packages",
         "scene",
+        "command",
         "complete",
     }
 

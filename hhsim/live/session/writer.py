@@ -87,7 +87,6 @@ class SessionWriter:
         static = static_arrays(setup.mesh, setup.tree, setup.hand, position, orientation)
         scene = {
             **description,
-            "command": list(setup.command),
             "motion": description.get("motion") or "live",
             "rate": setup.rate,
             "device": getattr(setup.device, "kind", ""),
@@ -109,7 +108,9 @@ class SessionWriter:
             **self._lost_attributes(),
             "ended": "",
         }
-        self._writer = ResultWriter(path, scene=scene, static=static, tables=tables, attributes={LIVE: header})
+        self._writer = ResultWriter(
+            path, scene=scene, static=static, tables=tables, attributes={LIVE: header}, command=setup.command
+        )
 
     def __enter__(self) -> Self:
         return self
