@@ -10,7 +10,7 @@ import click
 def _read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
     """Read names of fingers with commas between, in any order; they come back in the hand's."""
     from hhsim.errors import UnknownNameError
-    from hhsim.hand.model import FINGERS
+    from hhsim.hand.fingers import FINGERS
 
     if value is None:
         return None

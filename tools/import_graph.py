@@ -12,7 +12,7 @@ PACKAGES = (
     "hhsim",
     *(f"hhsim.kernels{part}" for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".qp", ".tick")),
     *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.motion", "hhsim.result", "hhsim.recordings"),
-    *("hhsim.metrics", "hhsim.scene", "hhsim.solver", "hhsim.replay", "hhsim.verify"),
+    *("hhsim.metrics", "hhsim.scene", "hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.verify"),
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
     *(f"hhsim.live{part}" for part in ("", ".link", ".devices", ".pose", ".ipc", ".loop", ".session", ".simulators")),

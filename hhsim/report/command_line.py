@@ -5,10 +5,11 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.replay.stored_scene import WHOLE_SINCE
 from hhsim.result.reader import Result
-from hhsim.solver.options import DEFAULTS, PAPER_DEFAULTS, SolverOptions, Stiffness
+from hhsim.solver.method import METHODS
+from hhsim.solver.options import SolverOptions, Stiffness
 
 RATE = 1000.0
 """Ticks per second of a replay that is told none [Hz]."""
@@ -55,7 +56,7 @@ def _options(scene: Mapping[str, Any]) -> dict[str, str]:
     solver: Mapping[str, Any] = scene.get("solver", {})
     method = str(solver.get("method", "coupled"))
     usual = {**{name: getattr(SolverOptions(), name) for name in ("qp", "tolerance", "frustum_ends", "threads")}}
-    usual |= {"budget": None, **(PAPER_DEFAULTS if method == "paper" else DEFAULTS)}
+    usual |= {"budget": None, **METHODS[method].defaults}
     found: dict[str, str] = {}
 
     def tell(option: str, value: Any, default: Any = None) -> None:

@@ -14,7 +14,7 @@ from hhsim.kernels.hand.kinematics import DOF, HandArrays
 from hhsim.kernels.parallel.thread_team import assemble, dismiss
 from hhsim.kernels.qp.active_set import QpWork, new_work
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
-from hhsim.kernels.tick.state import TickOptions
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.thread_team_worker import help_out
 
 ARRIVAL = 1.0

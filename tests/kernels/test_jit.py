@@ -171,14 +171,15 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature(tmp_path: Path) 
         from hhsim.hand.model import HandModel
         from hhsim.metrics.metrics import penetration
         from hhsim.solver.hand_solver import HandSolver
-        from hhsim.solver.options import METHODS, THREADED_METHODS, SolverOptions
+        from hhsim.solver.method import METHODS
+        from hhsim.solver.options import SolverOptions
         from hhsim.solver.compile import warm_up
 
         hand = HandModel.default()
         tree = bumpy_ball(300)
-        for method in METHODS:
+        for method, promised in METHODS.items():
             for force in ("kkt", "paper"):
-                threads = 2 if method in THREADED_METHODS else 1
+                threads = 2 if promised.takes_threads else 1
                 options = SolverOptions(method=method, force=force, threads=threads)
                 warm_up(hand, options)
                 solver = HandSolver(hand, tree.arrays(), options)

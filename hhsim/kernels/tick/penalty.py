@@ -57,7 +57,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import CONTACT_ROWS, count_within, evaluate, find_contacts
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.hand.kinematics import (
@@ -71,11 +71,13 @@ from hhsim.kernels.hand.kinematics import (
 )
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Record, as_int64, jit, jit_vector
+from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.tick.block import TickRecord, record_tick
 from hhsim.kernels.tick.force import FORCE_PAPER, clear_forces, fingertip_normal_forces, palm_wrench, proxy_forces
+from hhsim.kernels.tick.method import tick
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
     STATUS_FULL,
     UNITS_LINEARISATION,
@@ -88,10 +90,9 @@ from hhsim.kernels.tick.state import (
     WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
-    TickOptions,
 )
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick.tick import begin_tick, set_haptic, spent_units
+from hhsim.kernels.tick.tick import begin_tick, spent_units
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -408,11 +409,18 @@ def _forces(options: TickOptions, hand: HandArrays, tree: TreeArrays, state: Rec
     palm_wrench(state.pose, state.haptic, state.stiffness, state.scratch, forces)
 
 
+class Penalty(NamedTuple):
+    """Spring-dampers; `work` is one record of PENALTY_STATE, shape (1,)."""
+
+    options: TickOptions
+    dynamics: PenaltyOptions
+    work: NDArray[np.void]
+
+
+@tick.of(Penalty)
 @jit
-def tick_penalty(
-    hand: HandArrays, tree: TreeArrays, options: TickOptions, penalty: PenaltyOptions, state: Record, work: Record
-) -> int:
-    """Move the graphic hand for one period under its springs towards the haptic hand (`set_haptic`); status bits."""
+def _tick(method: Penalty, hand: HandArrays, tree: TreeArrays, state: Record, qp: QpWork) -> int:
+    options, penalty, work = method.options, method.dynamics, method.work[0]
     began = monotonic_ns()
     begin_tick(options, state)
     problem, contacts, duration = state.problem, state.contacts, state.step.duration
@@ -469,32 +477,3 @@ def _touching(candidates: Record, touch: float) -> int:
     if candidates.nearest[PALM_BODY] <= touch:
         touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], touch)
     return touching
-
-
-@jit
-def run_block_penalty(
-    hand: HandArrays,
-    tree: TreeArrays,
-    options: TickOptions,
-    penalty: PenaltyOptions,
-    states: NDArray[np.void],
-    works: NDArray[np.void],
-    position: Array,
-    orientation: Array,
-    flexion: Array,
-    abduction: Array,
-    record: TickRecord,
-) -> int:
-    """Run one tick for each row of the haptic input, as `kernels.block.run_block`; returns the ticks done."""
-    state, work = states[0], works[0]
-    for i in range(position.shape[0]):
-        cpu = thread_cpu_ns()
-        wall = monotonic_ns()
-        status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
-        status |= tick_penalty(hand, tree, options, penalty, state, work)
-        wall = monotonic_ns() - wall
-        cpu = thread_cpu_ns() - cpu
-        record_tick(state, status, wall, cpu, i, record)
-        if status & STATUS_FULL:
-            return i + 1
-    return position.shape[0]

@@ -1,6 +1,4 @@
-"""What a tick keeps and is told: its state from tick to tick, its options, its status bits and work counters."""
-
-from typing import NamedTuple
+"""What a tick keeps from one to the next, its status bits and work counters."""
 
 import numpy as np
 
@@ -15,11 +13,6 @@ from hhsim.kernels.tick.progressive import PROGRESSIVE_WORK
 from hhsim.kernels.tick.second_order import CORRECTION_WORK
 from hhsim.kernels.tick.step import ACTIVE_CONTACTS, STEP
 
-METHOD_COUPLED = 0
-METHOD_PROGRESSIVE = 1
-METHOD_PAPER = 2
-METHOD_PENALTY = 3
-
 STATUS_STUCK = 1
 """The tick kept the last feasible configuration although the haptic hand asked for a motion."""
 STATUS_LAG = 2
@@ -32,9 +25,6 @@ STATUS_FULL = 16
 """More pairs were near than the arrays hold."""
 STATUS_ABDUCTION_HELD = 32
 """The abduction of the haptic hand was not followed, since that left no feasible step."""
-
-TOUCH = 1e-5
-"""Pairs nearer than this [m] count as touching, for a hand of the usual size."""
 
 WORK_LINEARISATIONS = 3
 WORK_QP_ITERATIONS = 4
@@ -56,40 +46,6 @@ UNITS_QP_ITERATION = 1500
 
 Only their ratios matter: the same input takes the same units on any machine.
 """
-
-
-class TickOptions(NamedTuple):
-    """How a tick works; lengths in metres.
-
-    | field | meaning |
-    |---|---|
-    | method | METHOD_COUPLED, METHOD_PROGRESSIVE or METHOD_PAPER |
-    | force_model | FORCE_KKT or FORCE_PAPER |
-    | linearisations | most of them in a tick |
-    | budget | work units after which no further linearisation begins |
-    | margin | pairs up to this far enter the program; the longest step near the object |
-    | skin | pairs up to this much farther are kept at hand between ticks |
-    | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
-    | settled | a step shorter than this ends the tick |
-    | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
-    | longest_correction | for curvature, in units of √G δ, see `kernels.second_order` |
-    | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
-    | touch | pairs nearer than this count as touching |
-    """
-
-    method: int
-    force_model: int
-    linearisations: int
-    budget: int
-    margin: float
-    skin: float
-    offset: float
-    settled: float
-    tolerance: float
-    relaxation: float
-    longest_correction: float
-    contact_stiffness: float
-    touch: float
 
 
 TICK_STATE = np.dtype(

@@ -9,8 +9,8 @@ from hhsim.kernels.jit import as_int64, jit
 from hhsim.kernels.parallel.thread_team import NOTHING, TASK_DISTANCES, TASK_STOP, rest, waiting_task
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.progressive import solve_items
-from hhsim.kernels.tick.state import TickOptions
 
 Indices = NDArray[np.int64]
 
@@ -58,15 +58,4 @@ def help_out(
                 state.crew.work[:],
             )
         else:
-            solve_items(
-                state.pose,
-                state.problem,
-                state.contacts,
-                state.warm,
-                options.tolerance,
-                options.relaxation,
-                options.longest_correction,
-                state.progressive,
-                state.crew,
-                qp,
-            )
+            solve_items(options, state, qp)

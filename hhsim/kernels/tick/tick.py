@@ -11,6 +11,7 @@ configuration and ends at the last feasible one, the graphic hand never penetrat
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,17 +30,16 @@ from hhsim.kernels.hand.kinematics import (
     HandArrays,
     motion_bounds,
 )
-from hhsim.kernels.hand.pose import copy_configuration, is_finite_configuration, move, update_kinematics
+from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, move, update_kinematics
 from hhsim.kernels.jit import Record, as_bool, jit, jit_inline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
-from hhsim.kernels.tick.progressive import solve_progressive
+from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program, tick
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
-    METHOD_COUPLED,
-    METHOD_PROGRESSIVE,
     STATUS_ABDUCTION_HELD,
     STATUS_FULL,
     STATUS_HELD,
@@ -57,7 +57,6 @@ from hhsim.kernels.tick.state import (
     WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
-    TickOptions,
 )
 from hhsim.kernels.tick.step import (
     DURATION_DETECT,
@@ -78,8 +77,6 @@ REACH_GROWTH = 4.0
 
 A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin.
 """
-ROUND_TRIP = 3.0
-"""A tick that has moved the hand this many times as far as it got solves palm and fingers together."""
 PARTED_MARGINS = 10.0
 """How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
@@ -128,25 +125,12 @@ def least_distance(candidates: Record) -> float:
 
 
 @jit
-def _farthest_joint(joints: Array, others: Array) -> float:
-    """Greatest distance [m] between a joint or tip of one hand, shape (5, 4, 3), and the same one of another."""
-    far = 0.0
-    for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT + 1):
-            square = 0.0
-            for i in range(3):
-                square += (joints[f, k, i] - others[f, k, i]) ** 2
-            far = max(far, square)
-    return math.sqrt(far)
-
-
-@jit
 def _still_parted(options: TickOptions, state: Record) -> bool:
     # Palm and fingers that came to nothing apart do so again from where solving them together has led: the hand would
     # be pulled to and fro for ever. They stay together until the user's hand has left that place.
     if not state.parted:
         return False
-    return _farthest_joint(state.parted_joints, state.haptic.joints) <= PARTED_MARGINS * options.margin
+    return farthest_joint(state.parted_joints, state.haptic.joints) <= PARTED_MARGINS * options.margin
 
 
 @jit
@@ -155,18 +139,6 @@ def solve_together(state: Record) -> None:
     state.together = True
     state.parted = True
     state.parted_joints[:] = state.haptic.joints[:]
-
-
-@jit
-def goes_round(options: TickOptions, state: Record, done: int) -> bool:
-    """Whether palm and fingers apart pull each other to and fro, after so many linearisations.
-
-    A palm that yields to a finger and is pulled back by the next program can do so until the tick ends, without one
-    step that fails. A long way that leads nowhere is known by its ends.
-    """
-    if options.method != METHOD_PROGRESSIVE or state.together or 2 * done < options.linearisations:
-        return False
-    return state.moved > ROUND_TRIP * _farthest_joint(state.pose.joints, state.start_joints)
 
 
 @jit
@@ -401,42 +373,10 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
 
 
 @jit
-def _solve(options: TickOptions, state: Record, qp: QpWork) -> int:
-    if options.method == METHOD_COUPLED or state.together:
-        return solve_coupled(
-            state.pose,
-            state.problem,
-            state.contacts,
-            state.warm,
-            options.tolerance,
-            options.relaxation,
-            options.longest_correction,
-            state.coupled,
-            state.correction,
-            qp,
-            state.step,
-        )
-    return solve_progressive(
-        state.pose,
-        state.problem,
-        state.contacts,
-        state.warm,
-        options.tolerance,
-        options.relaxation,
-        options.longest_correction,
-        state.progressive,
-        state.correction,
-        qp,
-        state.crew,
-        state.step,
-    )
-
-
-@jit
 def _cap_lag(state: Record) -> None:
     # A program's step can be longer than any way that is left, where a soft direction is all but free: no point of the
     # hand has further to go than from where it is shown to where the user has it.
-    state.lag = min(state.lag, _farthest_joint(state.pose.joints, state.haptic.joints))
+    state.lag = min(state.lag, farthest_joint(state.pose.joints, state.haptic.joints))
 
 
 @jit
@@ -458,19 +398,16 @@ def _settle_forces(hand: HandArrays, tree: TreeArrays, options: TickOptions, sta
     build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
     for j in range(DOF):
         state.problem.target[j] /= state.problem.inverse_root[j]
-    together = state.together
-    state.together = True
-    if _solve(options, state, qp) == OPTIMAL:
+    if solve_coupled(options, state, qp) == OPTIMAL:
         keep_active(state.contacts, state.step, state.active)
-    state.together = together
 
 
 @jit
-def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> int:
+def finish_tick(method: Any, hand: HandArrays, tree: TreeArrays, state: Record, qp: QpWork) -> int:
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
     began = monotonic_ns()
     status = 0
-    candidates = state.candidates
+    options, candidates = method.options, state.candidates
     unsafe = 0.0
     for body in range(BODY_COUNT):
         unsafe += state.since_safe[body]
@@ -497,8 +434,7 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
         touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
-    strained = state.progressive.variables > 6 and options.method == METHOD_PROGRESSIVE
-    if (status & STATUS_LAG or strained) and options.force_model != FORCE_PAPER:
+    if (status & STATUS_LAG or is_strained(method, state)) and options.force_model != FORCE_PAPER:
         # The program's time belongs to the forces, which count it below.
         palm, fingers = state.step.duration[DURATION_PALM], state.step.duration[DURATION_FINGERS]
         _settle_forces(hand, tree, options, state, qp)
@@ -527,14 +463,18 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
 
 
 @jit
-def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> int:
-    """Bring the graphic hand as near to the haptic hand (`set_haptic`) as the object allows; returns status bits."""
+def converge(solver: Any, method: Any, hand: HandArrays, tree: TreeArrays, state: Record, qp: QpWork) -> int:
+    """Go from linearisation to linearisation until the hand stands still; returns status bits.
+
+    `solver` is what `solve_program` knows how to solve programs by: the method itself, or something else in its place.
+    """
+    options = method.options
     begin_tick(options, state)
     status = 0
     for i in range(options.linearisations):
         if i > 0 and spent_units(state) >= options.budget:
             break
-        if goes_round(options, state, i):
+        if is_oscillating(method, state, i):
             solve_together(state)
         contacts = prepare(hand, tree, options, state)
         if contacts < 0:
@@ -542,7 +482,7 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record
             break
         solved = OPTIMAL
         while contacts > 0:
-            solved = _solve(options, state, qp)
+            solved = solve_program(solver, state, qp)
             if solved != OPTIMAL or not clip_target(hand, options, state):
                 break
         if solved != OPTIMAL:
@@ -551,7 +491,19 @@ def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record
             break
         if advance(hand, tree, options, state):
             break
-    return status | finish_tick(hand, tree, options, state, qp)
+    return status | finish_tick(method, hand, tree, state, qp)
+
+
+@tick.of(Coupled)
+@jit
+def _tick_coupled(method: Coupled, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+    return converge(method, method, hand, surface, state, qp)
+
+
+@tick.of(Progressive)
+@jit
+def _tick_progressive(method: Progressive, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+    return converge(method, method, hand, surface, state, qp)
 
 
 @jit
