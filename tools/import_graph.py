@@ -10,7 +10,10 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 PACKAGES = (
     "hhsim",
-    *(f"hhsim.kernels{part}" for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".qp", ".tick")),
+    *(
+        f"hhsim.kernels{part}"
+        for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
+    ),
     *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.motion", "hhsim.result", "hhsim.recordings"),
     *("hhsim.metrics", "hhsim.scene", "hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.verify"),
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp"),

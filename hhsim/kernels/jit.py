@@ -11,6 +11,7 @@ detection the surface, and only what a run uses is compiled.
 import ast
 import functools
 import hashlib
+import importlib
 import inspect
 import os
 import re
@@ -284,9 +285,16 @@ class GenericKernel(Protocol):
 class Generic:
     """How the implementations of a `generic` kernel are declared and found."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, module: str) -> None:
+        self.module = module
         self.implementations: dict[type, Callable[..., Any]] = {}
+
+    def find(self, kind: type) -> Callable[..., Any] | None:
+        """The implementation for a type; the modules that hold some are imported when one is missed."""
+        if kind not in self.implementations:
+            for module in implementing_kernels().get(self.module, ()):
+                importlib.import_module(module)
+        return self.implementations.get(kind)
 
     def of(self, kind: type) -> Callable[[F], F]:
         """Declare the kernel below as the implementation for a NamedTuple as first argument."""
@@ -299,7 +307,10 @@ class Generic:
 
     def __call__(self, first: Any, *others: Any) -> Any:
         """Call the implementation from Python."""
-        return self.implementations[type(first)](first, *others)
+        found = self.find(type(first))
+        if found is None:
+            raise TypeError(f"a kernel of {self.module} is not implemented for {type(first).__name__}")
+        return found(first, *others)
 
 
 def generic(function: Callable[..., Any]) -> GenericKernel:
@@ -308,7 +319,7 @@ def generic(function: Callable[..., Any]) -> GenericKernel:
     The function below says what it takes and gives, and has no body. Which implementation a caller gets is known when
     the caller is compiled, so that none but those in use are.
     """
-    table = Generic(function.__name__)
+    table = Generic(function.__module__)
 
     @functools.wraps(function)
     def choose(*arguments: Any) -> Any:
@@ -325,7 +336,7 @@ def generic(function: Callable[..., Any]) -> GenericKernel:
 
 
 def _forward(table: Generic, kind: types.Type, parameters: str) -> Callable[..., Any] | None:
-    target = table.implementations.get(getattr(kind, "instance_class", type(None)))
+    target = table.find(getattr(kind, "instance_class", type(None)))
     if target is None:
         return None
     scope: dict[str, Any] = {"target": target}

@@ -1,14 +1,15 @@
-"""The graphic hand's solver: one object's sphere tree, one hand, one tick after another."""
+"""The graphic hand's solver: one object's surface, one hand, one tick after another."""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_FULL, STATUS_START_INSIDE
@@ -28,14 +29,15 @@ class HandSolver:
 
     Args:
         hand: The hand.
-        tree: The object's sphere tree in the world frame.
+        surface: The object's, world frame: the arrays of a surface of `hhsim.kernels.surfaces`, such as those of a
+            sphere tree.
         options: Method, stiffness and lengths.
     """
 
-    def __init__(self, hand: HandModel, tree: TreeArrays, options: SolverOptions) -> None:
+    def __init__(self, hand: HandModel, surface: Any, options: SolverOptions) -> None:
         """Allocate the workspaces; nothing is computed yet."""
         self.options = options
-        self.workspace = TickWorkspace(hand, tree, options)
+        self.workspace = TickWorkspace(hand, surface, options)
         self.engine = METHODS[options.method].engine(self.workspace)
         self._started = False
 
@@ -116,20 +118,9 @@ class HandSolver:
         rotation = np.empty((3, 3))
         quaternion_to_matrix(np.array(pose.orientation), rotation)
         hand, palm, finger = workspace.hand, np.empty(1), np.empty((1, FINGER_COUNT))
-        clearances(
-            hand.radius,
-            hand.palm_x,
-            hand.palm_y,
-            hand.palm_z,
-            hand.palm_radius,
-            workspace.surface,
-            np.ascontiguousarray(joints)[None],
-            np.array(pose.position)[None],
-            rotation[None],
-            10.0 * self.options.margin,
-            palm,
-            finger,
-        )
+        shape = HandSurface(hand.radius, hand.palm_x, hand.palm_y, hand.palm_z, hand.palm_radius)
+        placed = PlacedHands(np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
+        clearances(workspace.surface, shape, placed, 10.0 * self.options.margin, palm, finger)
         used = self.options.modelled()[:PALM_BODY:PHALANX_COUNT]
         return float(min(palm[0], finger[0, used].min(initial=np.inf)))
 
@@ -175,11 +166,11 @@ class HandSolver:
     def _retreat(self) -> None:
         """Shift the hand by the least distance that frees it, over 26 directions and the one away from the object."""
         workspace = self.workspace
-        pose, tree = workspace.states[0].pose, workspace.surface
+        pose = workspace.states[0].pose
         origin = pose.position.copy()
         directions = [np.array(d) - 1.0 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
         joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
-        away = joints.reshape(-1, 3).mean(axis=0) - np.array([tree.x[0], tree.y[0], tree.z[0]])
+        away = joints.reshape(-1, 3).mean(axis=0) - workspace.center()
         if np.linalg.norm(away) > 0.0:
             directions.insert(0, away)
         step = self.options.margin

@@ -8,18 +8,20 @@ from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import CONTACT_ROWS, PALM_PAIRS
+from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.contact.surface import Surface
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.qp.active_set import new_work
-from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import TICK_STATE, WORK_COUNTERS
+from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
 from hhsim.kernels.tick.tick import gather_anew
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.surface import surface_of
 from hhsim.solver.tick_threads import Crew
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
@@ -64,14 +66,14 @@ class TickWorkspace:
         crew: Threads that help.
     """
 
-    def __init__(self, model: HandModel, surface: TreeArrays, options: SolverOptions) -> None:
+    def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
         """Allocate; nothing is computed yet."""
         self.model = model
         self.hand = model.arrays()
         self.surface = surface
         self.options = options
         self.tick_options = tick_options(options)
-        self.states = tick_state(options.stiffness.diagonal(), options.modelled())
+        self.states = tick_state(options.stiffness.diagonal(), options.modelled(), surface_of(surface))
         self.qp = new_work(DOF, ROW_CAPACITY)
         self.crew = Crew(self.states, options.threads if JIT_ENABLED else 1)
 
@@ -87,23 +89,31 @@ class TickWorkspace:
     def full(self) -> HhsimError:
         """What to say where more pairs are near than the arrays hold."""
         return HhsimError(
-            f"more than {CONTACT_ROWS:,} contacts, or {PALM_PAIRS:,} pairs of palm and object spheres, lie within the "
-            f"margin of {self.options.margin * 1e3:g} mm: use a smaller --margin or a coarser sphere tree"
+            f"more than {CONTACT_ROWS:,} contacts, or more pairs of one part of the hand and the object than there is "
+            f"room for, lie within the margin of {self.options.margin * 1e3:g} mm: use a smaller --margin or a coarser "
+            "sphere tree"
         )
+
+    def center(self) -> NDArray[np.float64]:
+        """A point that a hand inside the object gets away from [m], world, shape (3,)."""
+        return surface_of(self.surface).center(self.surface)
 
     def run_block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:
         """Run one tick of a compiled method for each row of the haptic input; returns the ticks done."""
         return int(run_block(method, self.hand, self.surface, self.states, self.qp, haptic, record))
 
 
-def tick_state(stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | None = None) -> Any:
+def tick_state(
+    stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | None = None, surface: Surface = SPHERES
+) -> Any:
     """A fresh state, a record array of shape (1,): all modelled bodies still to be gathered.
 
     Args:
         stiffness: The coupling's G, shape (21,).
         modelled: Which bodies the scene uses, shape (16,); all where it is not given.
+        surface: The object's.
     """
-    states = zeroed(TICK_STATE)
+    states = zeroed(tick_state_dtype(surface.candidates))
     state = states[0]
     for pose in (state.pose, state.safe, state.haptic):
         pose.orientation[0] = 1.0

@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import PHALANX_PAIRS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
@@ -38,6 +37,7 @@ from hhsim.kernels.hand.pose import farthest_joint, update_kinematics
 from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions

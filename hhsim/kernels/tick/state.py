@@ -1,8 +1,11 @@
 """What a tick keeps from one to the next, its status bits and work counters."""
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 
-from hhsim.kernels.contact.detection import CANDIDATES, CONTACT_ROWS, CONTACTS
+from hhsim.kernels.contact.detection import CONTACT_ROWS, CONTACTS
 from hhsim.kernels.contact.linearise import PROBLEM
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import HAND_POSE
@@ -48,76 +51,81 @@ Only their ratios matter: the same input takes the same units on any machine.
 """
 
 
-TICK_STATE = np.dtype(
-    [
-        ("pose", HAND_POSE),
-        ("safe", HAND_POSE),
-        ("haptic", HAND_POSE),
-        ("candidates", CANDIDATES),
-        ("contacts", CONTACTS),
-        ("problem", PROBLEM),
-        ("step", STEP),
-        ("warm", ACTIVE_CONTACTS),
-        ("active", ACTIVE_CONTACTS),
-        ("unclipped_motion", np.float64),
-        ("clipped", np.bool_),
-        ("crew", CREW),
-        ("coupled", COUPLED_WORK),
-        ("progressive", PROGRESSIVE_WORK),
-        ("correction", CORRECTION_WORK),
-        ("forces", FORCES),
-        ("motion", np.float64, (BODY_COUNT,)),
-        ("since_safe", np.float64, (BODY_COUNT,)),
-        ("modelled", np.int8, (BODY_COUNT,)),
-        ("trust", np.float64),
-        ("reach", np.float64),
-        ("moved", np.float64),
-        ("lag", np.float64),
-        ("relaxed", np.bool_),
-        ("hold_abduction", np.bool_),
-        ("together", np.bool_),
-        ("parted", np.bool_),
-        ("parted_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
-        ("start_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
-        ("accepted", np.bool_),
-        ("full", np.bool_),
-        ("bad_steps", np.int64),
-        ("work", np.int64, (WORK_COUNTERS,)),
-        ("excess", np.float64, (CONTACT_ROWS,)),
-        ("stiffness", np.float64, (DOF,)),
-        ("scratch", np.float64, (3,)),
-    ],
-    align=True,
-)
-"""Everything that lives from tick to tick, and the workspaces.
+@cache
+def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
+    """Everything that lives from tick to tick, and the workspaces.
 
-| field | meaning |
-|---|---|
-| pose | the graphic hand |
-| safe | the last configuration without penetration |
-| haptic | the haptic hand: the last good input |
-| candidates, contacts | near pairs and contact records |
-| problem, step | the program and the step that solves it |
-| warm | contacts active in the last program, to start the next one from |
-| active | contacts active at the last accepted step: they carry the forces |
-| unclipped_motion | how far the step of the program with the true target would go [m] |
-| clipped | the program at hand has a nearer target, see `clip_target` |
-| crew | threads that share the work of a tick |
-| coupled, progressive, correction | workspaces of the methods |
-| forces | of this tick |
-| motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
-| modelled | 1 for bodies that the scene uses; the others follow the haptic hand through the object |
-| trust, lag | longest step near the object, distance still to go [m] |
-| reach | pairs up to this far enter the program, and no step near the object is longer [m]; at most the margin |
-| moved | how far the farthest point of the hand can have moved in this tick [m] |
-| relaxed | this tick asks contacts nearer than the offset only not to come nearer |
-| together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
-| parted, parted_joints | palm and fingers apart came to nothing near here: the haptic hand's joints there [m] |
-| start_joints | joints of the graphic hand where this tick began [m] |
-| hold_abduction | this tick keeps the abduction, since following it left no feasible step |
-| full | this tick met more pairs than the arrays hold |
-| accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
-| work | counters of this tick |
-| excess | workspace of `kernels.dominance` |
-| stiffness | G |
-"""
+    | field | meaning |
+    |---|---|
+    | pose | the graphic hand |
+    | safe | the last configuration without penetration |
+    | haptic | the haptic hand: the last good input |
+    | candidates, contacts | near pairs and contact records |
+    | problem, step | the program and the step that solves it |
+    | warm | contacts active in the last program, to start the next one from |
+    | active | contacts active at the last accepted step: they carry the forces |
+    | unclipped_motion | how far the step of the program with the true target would go [m] |
+    | clipped | the program at hand has a nearer target, see `clip_target` |
+    | crew | threads that share the work of a tick |
+    | coupled, progressive, correction | workspaces of the methods |
+    | forces | of this tick |
+    | motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
+    | modelled | 1 for bodies that the scene uses; the others follow the haptic hand through the object |
+    | trust, lag | longest step near the object, distance still to go [m] |
+    | reach | pairs up to this far enter the program, and no step near the object is longer [m]; at most the margin |
+    | moved | how far the farthest point of the hand can have moved in this tick [m] |
+    | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
+    | together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
+    | parted, parted_joints | palm and fingers apart came to nothing near here: the haptic hand's joints there [m] |
+    | start_joints | joints of the graphic hand where this tick began [m] |
+    | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
+    | full | this tick met more pairs than the arrays hold |
+    | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
+    | work | counters of this tick |
+    | excess | workspace of `kernels.dominance` |
+    | stiffness | G |
+
+    Args:
+        candidates: Dtype of the near pairs with the surface at hand.
+    """
+    return np.dtype(
+        [
+            ("pose", HAND_POSE),
+            ("safe", HAND_POSE),
+            ("haptic", HAND_POSE),
+            ("candidates", candidates),
+            ("contacts", CONTACTS),
+            ("problem", PROBLEM),
+            ("step", STEP),
+            ("warm", ACTIVE_CONTACTS),
+            ("active", ACTIVE_CONTACTS),
+            ("unclipped_motion", np.float64),
+            ("clipped", np.bool_),
+            ("crew", CREW),
+            ("coupled", COUPLED_WORK),
+            ("progressive", PROGRESSIVE_WORK),
+            ("correction", CORRECTION_WORK),
+            ("forces", FORCES),
+            ("motion", np.float64, (BODY_COUNT,)),
+            ("since_safe", np.float64, (BODY_COUNT,)),
+            ("modelled", np.int8, (BODY_COUNT,)),
+            ("trust", np.float64),
+            ("reach", np.float64),
+            ("moved", np.float64),
+            ("lag", np.float64),
+            ("relaxed", np.bool_),
+            ("hold_abduction", np.bool_),
+            ("together", np.bool_),
+            ("parted", np.bool_),
+            ("parted_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+            ("start_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+            ("accepted", np.bool_),
+            ("full", np.bool_),
+            ("bad_steps", np.int64),
+            ("work", np.int64, (WORK_COUNTERS,)),
+            ("excess", np.float64, (CONTACT_ROWS,)),
+            ("stiffness", np.float64, (DOF,)),
+            ("scratch", np.float64, (3,)),
+        ],
+        align=True,
+    )

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, count_within, evaluate, find_contacts
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.parallel_detection import evaluate_together, worth_sharing
 from hhsim.kernels.contact.redundant_contacts import drop_dominated
@@ -25,7 +25,6 @@ from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     DOF,
     FINGER_COUNT,
-    PALM_BODY,
     PHALANX_COUNT,
     HandArrays,
     motion_bounds,
@@ -34,7 +33,6 @@ from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finit
 from hhsim.kernels.jit import Record, as_bool, jit, jit_inline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
 from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program, tick
@@ -106,13 +104,13 @@ def set_haptic(
 
 
 @jit_inline
-def evaluate_pose(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
+def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
     pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
     if state.crew.members > 1 and worth_sharing(margin, skin, candidates, state.crew):
-        return evaluate_together(hand, pose, tree, margin, skin, candidates, state.crew, state.work)
-    return evaluate(hand, pose, tree, margin, skin, candidates, state.work)
+        return evaluate_together(hand, pose, surface, margin, skin, candidates, state.crew, state.work)
+    return evaluate(hand, pose, surface, margin, skin, candidates, state.work)
 
 
 @jit
@@ -189,32 +187,19 @@ def _aim(state: Record) -> None:
 
 
 @jit
-def _count_near(margin: float, candidates: Record) -> tuple[int, int]:
-    bodies, pairs = 0, 0
-    for body in range(BODY_COUNT):
-        if candidates.nearest[body] <= margin:
-            bodies += 1
-            if body < PALM_BODY:
-                pairs += count_within(candidates.distance[body], candidates.count[body], margin)
-            else:
-                pairs += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], margin)
-    return bodies, pairs
-
-
-@jit
-def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
+def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Contacts and program at the present configuration; returns the number of contacts, -1 where they do not fit."""
     began = monotonic_ns()
     candidates = state.candidates
     reach = min(state.reach, state.trust)
-    status = find_contacts(hand, state.pose, candidates, reach, tree.radius.shape[0], state.contacts)
+    status = find_contacts(surface, hand, state.pose, candidates, reach, state.contacts)
     if status != 0:
         return -1
     drop_dominated(hand, reach, state.contacts, state.excess[:])
     _aim(state)
     state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]
-    bodies, pairs = _count_near(options.margin, candidates)
+    bodies, pairs = pairs_near(surface, candidates, options.margin)
     state.work[WORK_BODIES] = max(state.work[WORK_BODIES], bodies)
     state.work[WORK_LINEARISATIONS] += 1
     state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], pairs)
@@ -247,7 +232,7 @@ def _take_back(state: Record) -> None:
 
 
 @jit
-def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
+def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """After a program without solution: make the next one easier. False where nothing is left to try."""
     if not state.relaxed:
         state.relaxed = True
@@ -259,7 +244,7 @@ def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
     if moved > 0.0:
         _take_back(state)
         state.trust *= 0.25
-        state.full = evaluate_pose(hand, tree, options, state) != 0
+        state.full = evaluate_pose(hand, surface, options, state) != 0
         return not state.full
     if not state.hold_abduction:
         state.hold_abduction = True
@@ -316,7 +301,7 @@ def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> bool:
 
 
 @jit
-def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
+def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """Take the step as far as the pairs at hand vouch for and judge it by the true distances.
 
     True where the tick is done.
@@ -334,7 +319,7 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
         moved = fraction * state.motion[body]
         candidates.slack[body] -= moved
         state.since_safe[body] += moved
-    status = evaluate_pose(hand, tree, options, state)
+    status = evaluate_pose(hand, surface, options, state)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
     state.moved += fraction * longest
     if fraction < 1.0 or state.clipped:
@@ -366,7 +351,7 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
             _take_back(state)
             state.lag = wanted
             state.trust *= 0.25
-            state.full = evaluate_pose(hand, tree, options, state) != 0
+            state.full = evaluate_pose(hand, surface, options, state) != 0
             done = state.full
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
@@ -380,13 +365,13 @@ def _cap_lag(state: Record) -> None:
 
 
 @jit
-def _settle_forces(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> None:
+def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: Record, qp: QpWork) -> None:
     # A tick that ends on its way shows a configuration that is no optimum, and the multipliers of its last program
     # belong to another one. What touches at the configuration shown bears the coupling as far as it can: one more
     # program, of the touching contacts only, that standing still satisfies, so that the forces stay within the
     # coupling's own. The same where the palm has yielded to a finger: it stands at the edge of what the finger's own
     # program allows, and there that program's multipliers grow without bound.
-    contacts = find_contacts(hand, state.pose, state.candidates, options.touch, tree.radius.shape[0], state.contacts)
+    contacts = find_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
     state.active.count = 0
     if contacts != 0 or state.contacts.start[FINGER_COUNT + 1] == 0:
         return
@@ -403,7 +388,7 @@ def _settle_forces(hand: HandArrays, tree: TreeArrays, options: TickOptions, sta
 
 
 @jit
-def finish_tick(method: Any, hand: HandArrays, tree: TreeArrays, state: Record, qp: QpWork) -> int:
+def finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
     began = monotonic_ns()
     status = 0
@@ -413,7 +398,7 @@ def finish_tick(method: Any, hand: HandArrays, tree: TreeArrays, state: Record, 
         unsafe += state.since_safe[body]
     if unsafe > 0.0:
         _take_back(state)
-        if evaluate_pose(hand, tree, options, state) != 0:
+        if evaluate_pose(hand, surface, options, state) != 0:
             status |= STATUS_FULL
     if state.full:
         status |= STATUS_FULL
@@ -426,22 +411,17 @@ def finish_tick(method: Any, hand: HandArrays, tree: TreeArrays, state: Record, 
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
         _cap_lag(state)
-    touching = 0
-    for body in range(PALM_BODY):
-        if candidates.nearest[body] <= options.touch:
-            touching += count_within(candidates.distance[body], candidates.count[body], options.touch)
-    if candidates.nearest[PALM_BODY] <= options.touch:
-        touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], options.touch)
+    _, touching = pairs_near(surface, candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
     if (status & STATUS_LAG or is_strained(method, state)) and options.force_model != FORCE_PAPER:
         # The program's time belongs to the forces, which count it below.
         palm, fingers = state.step.duration[DURATION_PALM], state.step.duration[DURATION_FINGERS]
-        _settle_forces(hand, tree, options, state, qp)
+        _settle_forces(hand, surface, options, state, qp)
         state.step.duration[DURATION_PALM] = palm
         state.step.duration[DURATION_FINGERS] = fingers
     if options.force_model == FORCE_PAPER:
-        find_contacts(hand, state.pose, candidates, options.touch, tree.radius.shape[0], state.contacts)
+        find_contacts(surface, hand, state.pose, candidates, options.touch, state.contacts)
     hand_forces(
         hand,
         state.pose,
@@ -463,7 +443,7 @@ def finish_tick(method: Any, hand: HandArrays, tree: TreeArrays, state: Record, 
 
 
 @jit
-def converge(solver: Any, method: Any, hand: HandArrays, tree: TreeArrays, state: Record, qp: QpWork) -> int:
+def converge(solver: Any, method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Go from linearisation to linearisation until the hand stands still; returns status bits.
 
     `solver` is what `solve_program` knows how to solve programs by: the method itself, or something else in its place.
@@ -476,7 +456,7 @@ def converge(solver: Any, method: Any, hand: HandArrays, tree: TreeArrays, state
             break
         if is_oscillating(method, state, i):
             solve_together(state)
-        contacts = prepare(hand, tree, options, state)
+        contacts = prepare(hand, surface, options, state)
         if contacts < 0:
             status |= STATUS_FULL
             break
@@ -486,12 +466,12 @@ def converge(solver: Any, method: Any, hand: HandArrays, tree: TreeArrays, state
             if solved != OPTIMAL or not clip_target(hand, options, state):
                 break
         if solved != OPTIMAL:
-            if recover(hand, tree, options, state):
+            if recover(hand, surface, options, state):
                 continue
             break
-        if advance(hand, tree, options, state):
+        if advance(hand, surface, options, state):
             break
-    return status | finish_tick(method, hand, tree, state, qp)
+    return status | finish_tick(method, hand, surface, state, qp)
 
 
 @tick.of(Coupled)
@@ -507,7 +487,7 @@ def _tick_progressive(method: Progressive, hand: HandArrays, surface: Any, state
 
 
 @jit
-def gather_anew(hand: HandArrays, tree: TreeArrays, options: TickOptions, states: NDArray[np.void]) -> int:
+def gather_anew(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> int:
     """Take the graphic hand's configuration as it now stands: kinematics, near pairs, distances; returns 0 or FULL."""
     state = states[0]
     for body in range(BODY_COUNT):
@@ -515,4 +495,4 @@ def gather_anew(hand: HandArrays, tree: TreeArrays, options: TickOptions, states
         state.candidates.slack[body] = -np.inf if state.modelled[body] == 1 else np.inf
         state.candidates.count[body] = 0
         state.candidates.fresh[body] = 0.0
-    return evaluate_pose(hand, tree, options, state)
+    return evaluate_pose(hand, surface, options, state)

@@ -10,8 +10,6 @@ if TYPE_CHECKING:
 
 
 def _engine(workspace: "TickWorkspace") -> "Engine":
-    # Declares what the ticks of its type do.
-    import hhsim.kernels.tick.progressive  # noqa: F401
     from hhsim.kernels.tick.method import Progressive
     from hhsim.solver.linearising_engine import LinearisingEngine
 
