@@ -11,7 +11,6 @@ from hhsim.registry import Registry
 
 if TYPE_CHECKING:
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
-    from hhsim.solver.workspace import TickWorkspace
 
 USUAL: Mapping[str, Any] = {"force": "kkt", "linearisations": 12, "margin": 1e-3}
 """Defaults of the options that a method may set otherwise: force model, linearisations, margin [m]."""
@@ -41,7 +40,7 @@ class Method:
 
     Attributes:
         summary: One line for help texts and tables.
-        engine: Makes the engine; imports what it needs only then.
+        engine: Makes the engine for a `hhsim.solver.workspace.TickWorkspace`; imports what it needs only then.
         never_penetrates: Promised; a method that does not promise it is measured, and misses no bar by it.
         takes_threads: Its ticks can be shared among threads.
         refuses_backends: Why it takes no QP solver but ours, with `{qp}` for the one that was asked for; "" where it
@@ -50,7 +49,7 @@ class Method:
     """
 
     summary: str
-    engine: Callable[["TickWorkspace"], Engine]
+    engine: Callable[[Any], Engine]
     never_penetrates: bool = False
     takes_threads: bool = False
     refuses_backends: str = "it solves its own programs and takes no QP solver, not {qp}"
