@@ -12,7 +12,6 @@ import ast
 import functools
 import hashlib
 import importlib
-import inspect
 import os
 import re
 import stat
@@ -26,7 +25,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core.caching import FunctionCache
-from numba.extending import overload
+from numba.core.typing.templates import AbstractTemplate, infer_global
 
 Record: TypeAlias = Any
 """One record of a structured array; its fields are read and written as attributes."""
@@ -326,20 +325,24 @@ def generic(function: Callable[..., Any]) -> GenericKernel:
         return table(*arguments)
 
     choose.of = table.of  # type: ignore[attr-defined]
-    parameters = ", ".join(inspect.signature(function).parameters)
-    first = parameters.split(", ")[0]
-    # numba asks for a function of the same parameters, by name.
-    scope: dict[str, Any] = {"call": lambda kind: _forward(table, kind, parameters)}
-    exec(f"def choose_type({parameters}):\n    return call({first})\n", scope)
-    overload(choose, jit_options={"error_model": "numpy", "nogil": True})(scope["choose_type"])
+
+    class Chosen(AbstractTemplate):  # type: ignore[misc]
+        """How numba types a call: as one of the implementation, without a function in between to compile."""
+
+        key = choose
+
+        def _target(self, kind: types.Type) -> types.Dispatcher | None:
+            found = table.find(getattr(kind, "instance_class", type(None)))
+            return None if found is None else types.Dispatcher(found)
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            target = self._target(args[0])
+            return None if target is None else target.get_call_type(self.context, args, kws)
+
+        def get_impl_key(self, sig: Any) -> Any:
+            target = self._target(sig.args[0])
+            assert target is not None
+            return target.get_overload(sig)
+
+    infer_global(choose, types.Function(Chosen))
     return cast(GenericKernel, choose)
-
-
-def _forward(table: Generic, kind: types.Type, parameters: str) -> Callable[..., Any] | None:
-    target = table.find(getattr(kind, "instance_class", type(None)))
-    if target is None:
-        return None
-    scope: dict[str, Any] = {"target": target}
-    exec(f"def forward({parameters}):\n    return target({parameters})\n", scope)
-    forward: Callable[..., Any] = scope["forward"]
-    return forward

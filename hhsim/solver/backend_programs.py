@@ -16,7 +16,7 @@ from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
-from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
+from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import STATUS_FULL
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
@@ -32,23 +32,35 @@ MULTIPLIER_FLOOR = 1e-9
 """Multipliers [N] that interior-point backends leave on inactive rows are below this."""
 
 
-class ProgramSolver(NamedTuple):
-    """What solves a tick's programs in Python: it writes the state's `step` and says whether there is a solution."""
+class PythonPrograms(NamedTuple):
+    """A method whose programs are solved in Python: `solve` writes the state's `step` and says whether it could."""
 
+    options: TickOptions
+    method: Coupled | Progressive
     solve: Callable[[], bool]
 
 
-@solve_program.of(ProgramSolver)
-def _solve_in_python(solver: ProgramSolver, state: Any, qp: QpWork) -> int:
-    return OPTIMAL if solver.solve() else INFEASIBLE
+@solve_program.of(PythonPrograms)
+def _solve(given: PythonPrograms, state: Any, qp: QpWork) -> int:
+    return OPTIMAL if given.solve() else INFEASIBLE
 
 
-def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve_program: Callable[[], bool]) -> int:
+@is_oscillating.of(PythonPrograms)
+def _is_oscillating(given: PythonPrograms, state: Any, done: int) -> bool:
+    return bool(is_oscillating(given.method, state, done))
+
+
+@is_strained.of(PythonPrograms)
+def _is_strained(given: PythonPrograms, state: Any) -> bool:
+    return bool(is_strained(given.method, state))
+
+
+def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve: Callable[[], bool]) -> int:
     """One tick after `set_haptic`, with any way to solve a linearisation's program; returns the tick's status bits."""
     # Interpreted, so that it can call Python; what it calls is compiled.
     tick = getattr(converge, "py_func", converge)
-    state = workspace.states[0]
-    return int(tick(ProgramSolver(solve_program), method, workspace.hand, workspace.surface, state, workspace.qp))
+    given = PythonPrograms(method.options, method, solve)
+    return int(tick(given, workspace.hand, workspace.surface, workspace.states[0], workspace.qp))
 
 
 def run_block_with_backend(
@@ -57,14 +69,14 @@ def run_block_with_backend(
     """Run one tick for each haptic configuration with the QP solver that the options name; returns the ticks done."""
     state, backend = workspace.states[0], workspace.options.qp
 
-    def solve_program() -> bool:
+    def solve_one() -> bool:
         if isinstance(method, Coupled) or state.together:
             return _solve_coupled(state, backend)
         return _solve_progressive(method.options, state, workspace.qp, backend)
 
     for i, sample in enumerate(zip(*haptic)):
         cpu, wall = thread_cpu_ns(), monotonic_ns()
-        status = set_haptic(workspace.hand, *sample, state) | drive_tick(workspace, method, solve_program)
+        status = set_haptic(workspace.hand, *sample, state) | drive_tick(workspace, method, solve_one)
         wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
         record_tick(state, status, wall, cpu, i, record)
         if status & STATUS_FULL:

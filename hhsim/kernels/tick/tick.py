@@ -388,11 +388,14 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
 
 
 @jit
-def finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
-    """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
+def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: bool, state: Record, qp: QpWork) -> int:
+    """Return to the last feasible configuration, count what touches, compute the forces; returns status bits.
+
+    `strained`: the last program's multipliers are no forces, see `is_strained`.
+    """
     began = monotonic_ns()
     status = 0
-    options, candidates = method.options, state.candidates
+    candidates = state.candidates
     unsafe = 0.0
     for body in range(BODY_COUNT):
         unsafe += state.since_safe[body]
@@ -414,7 +417,7 @@ def finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     _, touching = pairs_near(surface, candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
-    if (status & STATUS_LAG or is_strained(method, state)) and options.force_model != FORCE_PAPER:
+    if (status & STATUS_LAG or strained) and options.force_model != FORCE_PAPER:
         # The program's time belongs to the forces, which count it below.
         palm, fingers = state.step.duration[DURATION_PALM], state.step.duration[DURATION_FINGERS]
         _settle_forces(hand, surface, options, state, qp)
@@ -442,12 +445,11 @@ def finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     return status
 
 
+@tick.of(Coupled)
+@tick.of(Progressive)
 @jit
-def converge(solver: Any, method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
-    """Go from linearisation to linearisation until the hand stands still; returns status bits.
-
-    `solver` is what `solve_program` knows how to solve programs by: the method itself, or something else in its place.
-    """
+def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+    """Go from linearisation to linearisation until the hand stands still; returns status bits."""
     options = method.options
     begin_tick(options, state)
     status = 0
@@ -462,7 +464,7 @@ def converge(solver: Any, method: Any, hand: HandArrays, surface: Any, state: Re
             break
         solved = OPTIMAL
         while contacts > 0:
-            solved = solve_program(solver, state, qp)
+            solved = solve_program(method, state, qp)
             if solved != OPTIMAL or not clip_target(hand, options, state):
                 break
         if solved != OPTIMAL:
@@ -471,19 +473,7 @@ def converge(solver: Any, method: Any, hand: HandArrays, surface: Any, state: Re
             break
         if advance(hand, surface, options, state):
             break
-    return status | finish_tick(method, hand, surface, state, qp)
-
-
-@tick.of(Coupled)
-@jit
-def _tick_coupled(method: Coupled, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
-    return converge(method, method, hand, surface, state, qp)
-
-
-@tick.of(Progressive)
-@jit
-def _tick_progressive(method: Progressive, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
-    return converge(method, method, hand, surface, state, qp)
+    return status | finish_tick(hand, surface, options, is_strained(method, state), state, qp)
 
 
 @jit
