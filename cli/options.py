@@ -6,11 +6,13 @@ from typing import Any
 
 import click
 
+from hhsim.solver.method import METHODS
+
 
 def _read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
     """Read names of fingers with commas between, in any order; they come back in the hand's."""
     from hhsim.errors import UnknownNameError
-    from hhsim.hand.model import FINGERS
+    from hhsim.hand.fingers import FINGERS
 
     if value is None:
         return None
@@ -43,11 +45,10 @@ json = click.option("--json", "as_json", is_flag=True, help="Print one JSON docu
 quiet = click.option("--quiet", "-q", is_flag=True, help="Show no progress and no table; errors still show.")
 method = click.option(
     "--method",
-    type=click.Choice(["coupled", "progressive", "paper", "penalty"]),
+    type=click.Choice(METHODS.names()),
     default="coupled",
     show_default=True,
-    help="coupled: one program for the whole hand; progressive: the paper's way made safe, first the palm, then each "
-    "finger; paper: the paper's way as printed; penalty: spring-dampers at the contacts and no program.",
+    help="; ".join(f"{name}: {known.summary}" for name, known in METHODS.items()) + ".",
 )
 fingers = click.option(
     "--fingers",

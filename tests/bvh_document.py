@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.motion.quaternion import rotation_matrix
 from hhsim.recordings.frames import world_matrix
 from hhsim.recordings.recording import Recording

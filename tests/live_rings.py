@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
 
 from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.devices.registry import DeviceConfig
 from hhsim.live.ipc.config import LiveSetup
@@ -75,7 +76,7 @@ def solved_ticks(setup: LiveSetup) -> Records:
     solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
     rows = np.zeros(700, LIVE_TICK)
     for i, row in enumerate(rows):
-        haptic = [getattr(ticks, name)[i : i + 1] for name in ("position", "orientation", "flexion", "abduction")]
+        haptic = HapticBlock(*(getattr(ticks, name)[i : i + 1] for name in HapticBlock._fields))
         record = tick_record(1)
         solver.tick(haptic, record)
         for name, values in record._asdict().items():

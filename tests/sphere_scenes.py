@@ -19,7 +19,6 @@ from hhsim.kernels.tick import tick as kernel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.progressive import solve_progressive
-from hhsim.kernels.tick.state import METHOD_COUPLED
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
@@ -141,25 +140,22 @@ def set_pose(hand: HandModel, pose: Any, motion: Motion, tick: int = 0) -> None:
 
 def prepared(solver: HandSolver, motion: Motion, tick: int, relaxed: bool = False) -> int:
     """Bring a solver that stands before `tick` to that tick's first program; returns the number of contacts."""
-    state, options = solver.states[0], solver.tick_options
+    state, options = solver.workspace.states[0], solver.workspace.tick_options
     position, orientation, flexion, abduction = (values[tick] for values in motion)
-    assert kernel.set_haptic(solver.hand, position, orientation, flexion, abduction, state) == 0
+    assert kernel.set_haptic(solver.workspace.hand, position, orientation, flexion, abduction, state) == 0
     kernel.begin_tick(options, state)
     state.reach = options.margin
     state.relaxed = relaxed
-    evaluate(solver.hand, state.pose, solver.tree, options.margin, options.skin, state.candidates, state.work)
-    return int(kernel.prepare(solver.hand, solver.tree, options, state))
+    hand, surface = solver.workspace.hand, solver.workspace.surface
+    evaluate(hand, state.pose, surface, options.margin, options.skin, state.candidates, state.work)
+    return int(kernel.prepare(hand, surface, options, state))
 
 
 def solve_prepared(solver: HandSolver) -> int:
     """Solve the prepared program by the solver's method; the step is in the state. Returns the kernel's status."""
-    state, options = solver.states[0], solver.tick_options
-    coupled = options.method == METHOD_COUPLED
-    lengths = options.tolerance, options.relaxation, options.longest_correction
-    given = state.pose, state.problem, state.contacts, state.warm, *lengths
-    if coupled:
-        return int(solve_coupled(*given, state.coupled, state.correction, solver.qp, state.step))
-    return int(solve_progressive(*given, state.progressive, state.correction, solver.qp, state.crew, state.step))
+    workspace = solver.workspace
+    solve = solve_coupled if solver.options.method == "coupled" else solve_progressive
+    return int(solve(workspace.tick_options, workspace.states[0], workspace.qp))
 
 
 _brute = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp"})

@@ -13,7 +13,8 @@ from markdown_pages import Page
 from short_grasp import short_scene
 from verify_document import documented_faults
 
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.kernels.tick import state as tick_state
 from hhsim.mesh.generators import cube
 from hhsim.mesh.mesh import Mesh
@@ -24,7 +25,8 @@ from hhsim.replay.tremor_hold import ONSET, TREMOR
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
-from hhsim.solver.options import DEFAULTS, METHODS, PAPER_DEFAULTS, SolverOptions, Stiffness
+from hhsim.solver.method import METHODS, USUAL
+from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED
 from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
@@ -103,7 +105,7 @@ def test_every_measure_and_dataset_is_documented() -> None:
         (1000.0 * metrics.RIPPLE_BINS / metrics.RIPPLE_BAND[0], 80.0, "less than 80 ms"),
         (metrics.TICK_BUDGET, 1_000_000, "The budget is 1 ms"),
         (metrics.FROZEN_LIMIT, 1e-6, "more than a millionth"),
-        (tick_state.TOUCH, 1e-5, "within 10 µm"),
+        (TOUCH, 1e-5, "within 10 µm"),
         ((TREMOR.tremor_position, TREMOR.tremor_frequency), (1e-4, 10.0), "tremor of 0.1 mm and 0.2° at 10 Hz"),
         (ONSET, 0.1, "without its first 0.1 s"),
         (REFERENCE_LINEARISATIONS, 400, "up to 400 linearisations"),
@@ -124,8 +126,8 @@ def test_defaults_of_the_options_are_those_of_the_code() -> None:
     table = {spans(row[0])[0]: row[1] for row in METHODS_PAGE.rows() if len(row) == 3 and row[0].startswith("`--")}
     spring = Stiffness()
     assert table == {
-        "--linearisations": f"{DEFAULTS['linearisations']}; `paper` {PAPER_DEFAULTS['linearisations']}",
-        "--margin": f"{1e3 * DEFAULTS['margin']:g} mm; `paper` {1e3 * PAPER_DEFAULTS['margin']:g} mm (its Δr)",
+        "--linearisations": f"{USUAL['linearisations']}; `paper` {METHODS['paper'].defaults['linearisations']}",
+        "--margin": f"{1e3 * USUAL['margin']:g} mm; `paper` {1e3 * METHODS['paper'].defaults['margin']:g} mm (its Δr)",
         "--stiffness": f"{spring.translation:g} N/m, {spring.rotation:g} N·m/rad, {spring.flexion:g} N·m/rad",
         "--penalty-stiffness": f"{spring.penalty:,.0f} N/m",
         "--tolerance": f"10⁻{'⁰¹²³⁴⁵⁶⁷⁸⁹'[round(-np.log10(SolverOptions().tolerance))]}",

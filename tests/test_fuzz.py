@@ -190,8 +190,9 @@ class Slipping(HandSolver):
 
     def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
         record = super().run(position, orientation, flexion, abduction)
+        tree = self.workspace.surface
         bad = (record.total != 0.0).any(axis=1) & (flexion[:, 1, 1] > 0.7)
-        record.joints[bad] += (self.tree.x[0], self.tree.y[0], self.tree.z[0]) - record.joints[bad, 1:2, 1:2]
+        record.joints[bad] += (tree.x[0], tree.y[0], tree.z[0]) - record.joints[bad, 1:2, 1:2]
         return record
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, save_figure, see_balls, shade

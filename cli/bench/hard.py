@@ -77,7 +77,7 @@ def command(
     from hhsim.bench.robustness.hard import COLUMNS, bench_hard, missed, table_rows
     from hhsim.bench.table import check_table_destination, write_table
     from hhsim.errors import UnknownNameError
-    from hhsim.solver.options import METHODS
+    from hhsim.solver.method import METHODS
     from hhsim.system.output_path import dated_destination
 
     for method in methods or ():

@@ -134,7 +134,8 @@ def command(
     from hhsim.bench.table import check_table_destination, write_table
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import object_names
-    from hhsim.solver.options import METHODS, SAFE_METHODS, SolverOptions
+    from hhsim.solver.method import METHODS, never_penetrates
+    from hhsim.solver.options import SolverOptions
     from hhsim.system.output_path import RESULTS, dated_destination
     from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
@@ -158,7 +159,7 @@ def command(
         for name, (mesh, usual) in meshes.items():
             tree = cached_sphere_tree(mesh, TreeOptions(level=level or usual), report)
             for solver in solvers:
-                kept = RESULTS / "failures" if keep is None and solver.method in SAFE_METHODS else keep
+                kept = RESULTS / "failures" if keep is None and never_penetrates(solver.method) else keep
                 cases.append(
                     StressCase(
                         object=name,
@@ -196,7 +197,7 @@ def command(
 
 def _print(figures: "Sequence[StressFigures]") -> None:
     from hhsim.bench.robustness.stress_metrics import total
-    from hhsim.solver.options import SAFE_METHODS
+    from hhsim.solver.method import never_penetrates
 
     methods = list(dict.fromkeys(row.method for row in figures))
     totals = [total([row for row in figures if row.method == method]) for method in methods]
@@ -209,7 +210,7 @@ def _print(figures: "Sequence[StressFigures]") -> None:
             what = what if failure.reproduced else f"{failure.kind} at tick {failure.tick:,}, only in the whole run"
             print(f"{row.object}, {row.method}: {what}: {failure.command}")
     for row in totals:
-        if row.method in SAFE_METHODS:
+        if never_penetrates(row.method):
             print(f"{row.method}: {'no limit missed' if row.safe else 'LIMIT MISSED'}")
 
 

@@ -114,7 +114,7 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
         recording: where it goes, "" for nowhere.
         now_ns: CLOCK_MONOTONIC [ns].
     """
-    from hhsim.hand.model import FINGERS
+    from hhsim.hand.fingers import FINGERS
     from hhsim.result.safety import why_free
 
     if status["ticks"] == 0:

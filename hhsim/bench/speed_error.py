@@ -27,7 +27,8 @@ from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import METHODS, SolverOptions
+from hhsim.solver.method import METHODS
+from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import ACTIVE_SET, available_backends
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.trees.builder import MOST_LEVEL, TreeOptions, cached_sphere_tree

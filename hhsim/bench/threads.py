@@ -26,7 +26,8 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import THREADED_METHODS, SolverOptions
+from hhsim.solver.method import methods_that
+from hhsim.solver.options import SolverOptions
 from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 FloatArray = NDArray[np.float64]
@@ -90,7 +91,7 @@ class ThreadsOptions:
         for kind, names, known in (
             ("object", self.objects, object_names()),
             ("case", self.cases, MOTIONS),
-            ("method", self.methods, THREADED_METHODS),
+            ("method", self.methods, methods_that("takes_threads")),
         ):
             for name in names:
                 if name not in known:

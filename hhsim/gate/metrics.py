@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.gate.input_hash import RunInputs, run_inputs
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.metrics.run_metric import Figure

@@ -12,7 +12,7 @@ from typing import Any
 from hhsim.errors import InputError
 from hhsim.gate.metrics import COUNTERS
 from hhsim.metrics.run.registry import judged_metrics
-from hhsim.solver.options import METHODS
+from hhsim.solver.method import METHODS
 from hhsim.system.toml_document import check_keys, checked_table, parse_toml, read_toml_text
 
 SUITE_FILE = "hhsim-gate.toml"

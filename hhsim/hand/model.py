@@ -40,6 +40,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand.fingers import FINGERS
 from hhsim.hand.palm_mesh import palm_mesh
 from hhsim.kernels.hand.kinematics import HandArrays, forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
@@ -52,7 +53,7 @@ from hhsim.trees.sphere_tree import SphereTree
 FloatArray = NDArray[np.float64]
 Side = Literal["right", "left"]
 
-FINGERS = ("thumb", "index", "middle", "ring", "little")
+
 DEFAULT_HAND_LENGTH = 0.19
 BREADTH_PER_LENGTH = 0.085 / 0.19
 HAND_LENGTH_RANGE = (0.05, 0.40)

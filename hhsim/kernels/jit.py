@@ -3,20 +3,29 @@
 numba's file cache sees edits of the file that holds a function but not of the functions it calls, and would then return
 yesterday's callee. The kernels of a module therefore lie in a folder named by a digest of that module's source, of the
 sources of all kernel modules that it imports, directly or not, of the numba version and of the CPU.
+
+A `generic` kernel has one implementation for each type of its first argument: so does a tick know its method, and
+detection the surface, and only what a run uses is compiled.
 """
 
 import ast
 import functools
 import hashlib
+import importlib
 import os
+import re
 import stat
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, cast
+from typing import Any, Protocol, TypeAlias, TypeVar, cast
 
 import numba
 import numpy as np
+from numba import types
+from numba.core.caching import FunctionCache
+from numba.core.typing.templates import AbstractTemplate, infer_global
 
 Record: TypeAlias = Any
 """One record of a structured array; its fields are read and written as attributes."""
@@ -73,6 +82,15 @@ def source_of(module: str) -> Path | None:
     return next((file for file in found if file.is_file()), None)
 
 
+def _import_statements(source: str) -> Iterator[ast.stmt]:
+    # The statements alone are parsed: whole modules would cost every start a tenth of a second and more.
+    for found in re.finditer(r"^[ \t]*((?:from|import)[ \t][^\n(]*(?:\([^)]*\))?[^\n]*)", source, re.MULTILINE):
+        try:
+            yield from ast.parse(found.group(1).strip()).body
+        except SyntaxError:  # a line of a docstring
+            continue
+
+
 @functools.cache
 def imported_kernels(module: str) -> tuple[str, ...]:
     """Modules of the kernels that a module of them imports, in whatever form and wherever in the file."""
@@ -81,7 +99,7 @@ def imported_kernels(module: str) -> tuple[str, ...]:
         return ()
     package = module if source.name == "__init__.py" else module.rpartition(".")[0]
     named: list[str] = []
-    for node in ast.walk(ast.parse(source.read_bytes())):
+    for node in _import_statements(source.read_text(encoding="utf-8")):
         if isinstance(node, ast.Import):
             named += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -89,6 +107,21 @@ def imported_kernels(module: str) -> tuple[str, ...]:
             base = ".".join([*above, *([node.module] if node.module else [])])
             named += [base, *(f"{base}.{alias.name}" for alias in node.names)]
     return tuple(dict.fromkeys(name for name in named if source_of(name) is not None))
+
+
+@functools.cache
+def implementing_kernels() -> dict[str, tuple[str, ...]]:
+    """For each module that declares `generic` kernels, the modules that implement them."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(SOURCES.rglob("*.py")):
+        source = path.read_text(encoding="utf-8")
+        generics = set(re.findall(r"^@(\w+)\.of\(", source, re.MULTILINE))
+        if generics:
+            module = ".".join([PACKAGE, *path.relative_to(SOURCES).with_suffix("").parts])
+            for node in _import_statements(source):
+                if isinstance(node, ast.ImportFrom) and not generics.isdisjoint(alias.name for alias in node.names):
+                    found.setdefault(str(node.module), []).append(module)
+    return {module: tuple(others) for module, others in found.items()}
 
 
 @functools.cache
@@ -101,15 +134,21 @@ def module_digest(module: str) -> str:
         if name not in closure:
             closure.add(name)
             waiting.extend(imported_kernels(name))
-    digest = hashlib.sha256(numba.__version__.encode())
-    digest.update(str(numba.config.CPU_NAME or _host_cpu()).encode())
-    digest.update(str(numba.config.BOUNDSCHECK).encode())
+            waiting.extend(implementing_kernels().get(name, ()))
+    digest = _machine_digest()
     for name in sorted(closure):
         source = source_of(name)
         assert source is not None, f"{name} is no module of {PACKAGE}"
         digest.update(name.encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def _machine_digest() -> "hashlib._Hash":
+    digest = hashlib.sha256(numba.__version__.encode())
+    digest.update(str(numba.config.CPU_NAME or _host_cpu()).encode())
+    digest.update(str(numba.config.BOUNDSCHECK).encode())
+    return digest
 
 
 @functools.cache
@@ -130,17 +169,72 @@ def module_cache(module: str) -> Path:
     return KERNEL_CACHE / f"{module.removeprefix(f'{PACKAGE}.')}-{module_digest(module)}"
 
 
-def _compile(function: F, **options: Any) -> F:
-    folder = module_cache(function.__module__)
-    _folders.add(folder)
-    # Only while the decorator runs: other packages of the process keep their own cache folder.
+class _KernelCache:
+    """The file cache of one kernel, in numba's place for it.
+
+    What was compiled for a type that is declared outside of the kernels lies apart, in a folder named by that type's
+    source: its edits are seen, and other programs, which do not know the type, never meet it.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+        self._own = FunctionCache(function)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._own, name)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Compiled code for a signature, None where there is none."""
+        return self._for(sig).load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep compiled code for its signature."""
+        self._for(sig).save_overload(sig, data)
+
+    def _for(self, sig: Any) -> Any:
+        sources = {source for argument in getattr(sig, "args", sig) for source in _foreign_sources(argument)}
+        return _foreign_cache(self._function, tuple(sorted(sources))) if sources else self._own
+
+
+def _foreign_sources(argument: types.Type) -> Iterator[str]:
+    """Files outside of the kernels that declare the NamedTuple that a type is, or those in it."""
+    if isinstance(argument, types.NamedTuple | types.NamedUniTuple):
+        module = argument.instance_class.__module__
+        if source_of(module) is None:
+            yield str(sys.modules[module].__file__)
+        for inner in argument.types:
+            yield from _foreign_sources(inner)
+
+
+@functools.cache
+def _foreign_cache(function: Callable[..., Any], sources: tuple[str, ...]) -> Any:
+    digest = _machine_digest()
+    for source in sources:
+        digest.update(Path(source).read_bytes())
+    return _in_folder(module_cache(function.__module__) / digest.hexdigest()[:16], lambda: FunctionCache(function))
+
+
+T = TypeVar("T")
+
+
+def _in_folder(folder: Path, make: Callable[[], T]) -> T:
+    # Only while a cache is made: other packages of the process keep their own cache folder.
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(folder)
     try:
-        compiled: F = numba.njit(cache=True, error_model="numpy", nogil=True, **options)(function)
+        return make()
     finally:
         numba.config.CACHE_DIR = before
-    return compiled
+
+
+def _compile(function: F, **options: Any) -> F:
+    compiled = numba.njit(error_model="numpy", nogil=True, **options)(function)
+    # A kernel of somebody else's is compiled in every process: what it calls cannot be followed from here.
+    if JIT_ENABLED and source_of(function.__module__) is not None:
+        folder = module_cache(function.__module__)
+        _folders.add(folder)
+        compiled._cache = _in_folder(folder, lambda: _KernelCache(function))
+    return cast(F, compiled)
 
 
 def cached_kernels() -> int:
@@ -175,3 +269,80 @@ def jit_vector(function: F) -> F:
     inside.
     """
     return _compile(function, fastmath={"reassoc", "contract", "arcp"})
+
+
+class GenericKernel(Protocol):
+    """A kernel that `generic` has made, for numba and for Python."""
+
+    def __call__(self, first: Any, *others: Any) -> Any:
+        """Call the implementation for the type of the first argument."""
+
+    def of(self, kind: type) -> Callable[[F], F]:
+        """Declare the kernel below as the implementation for a NamedTuple as first argument."""
+
+
+class Generic:
+    """How the implementations of a `generic` kernel are declared and found."""
+
+    def __init__(self, module: str) -> None:
+        self.module = module
+        self.implementations: dict[type, Callable[..., Any]] = {}
+
+    def find(self, kind: type) -> Callable[..., Any] | None:
+        """The implementation for a type; the modules that hold some are imported when one is missed."""
+        if kind not in self.implementations:
+            for module in implementing_kernels().get(self.module, ()):
+                importlib.import_module(module)
+        return self.implementations.get(kind)
+
+    def of(self, kind: type) -> Callable[[F], F]:
+        """Declare the kernel below as the implementation for a NamedTuple as first argument."""
+
+        def declare(function: F) -> F:
+            self.implementations[kind] = function
+            return function
+
+        return declare
+
+    def __call__(self, first: Any, *others: Any) -> Any:
+        """Call the implementation from Python."""
+        found = self.find(type(first))
+        if found is None:
+            raise TypeError(f"a kernel of {self.module} is not implemented for {type(first).__name__}")
+        return found(first, *others)
+
+
+def generic(function: Callable[..., Any]) -> GenericKernel:
+    """A kernel with an implementation for each type of its first argument, declared by `@name.of(Type)`.
+
+    The function below says what it takes and gives, and has no body. Which implementation a caller gets is known when
+    the caller is compiled, so that none but those in use are.
+    """
+    table = Generic(function.__module__)
+
+    @functools.wraps(function)
+    def choose(*arguments: Any) -> Any:
+        return table(*arguments)
+
+    choose.of = table.of  # type: ignore[attr-defined]
+
+    class Chosen(AbstractTemplate):  # type: ignore[misc]
+        """How numba types a call: as one of the implementation, without a function in between to compile."""
+
+        key = choose
+
+        def _target(self, kind: types.Type) -> types.Dispatcher | None:
+            found = table.find(getattr(kind, "instance_class", type(None)))
+            return None if found is None else types.Dispatcher(found)
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            target = self._target(args[0])
+            return None if target is None else target.get_call_type(self.context, args, kws)
+
+        def get_impl_key(self, sig: Any) -> Any:
+            target = self._target(sig.args[0])
+            assert target is not None
+            return target.get_overload(sig)
+
+    infer_global(choose, types.Function(Chosen))
+    return cast(GenericKernel, choose)

@@ -12,6 +12,7 @@ A signed distance is negative inside; distances are in metres.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,38 @@ from numpy.typing import NDArray
 from hhsim.kernels.jit import jit, jit_inline, jit_vector
 
 Array = NDArray[np.float64]
+
+
+class RoundCone(NamedTuple):
+    """A round cone as the queries take it; a sphere is one of length 0.
+
+    | field | meaning |
+    |---|---|
+    | x, y, z | a, centre of the larger sphere [m] |
+    | ux, uy, uz | unit axis from a to b |
+    | length | [m] |
+    | tan_slope, inverse_length | see `cone_slope` |
+    | radius | of the larger sphere [m] |
+    | drop | by how much the smaller one is smaller [m] |
+    """
+
+    x: float
+    y: float
+    z: float
+    ux: float
+    uy: float
+    uz: float
+    length: float
+    tan_slope: float
+    inverse_length: float
+    radius: float
+    drop: float
+
+
+@jit_inline
+def sphere_cone(x: float, y: float, z: float, radius: float) -> RoundCone:
+    """A sphere as a round cone."""
+    return RoundCone(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, radius, 0.0)
 
 
 @jit
@@ -71,24 +104,15 @@ def round_cone_distances(
     z: Array,
     radius: Array,
     count: int,
-    ax: float,
-    ay: float,
-    az: float,
-    ux: float,
-    uy: float,
-    uz: float,
-    length: float,
-    tan_slope: float,
-    inverse_length: float,
-    radius_a: float,
-    radius_drop: float,
+    cone: RoundCone,
     distance_out: Array,
     parameter_out: Array,
 ) -> None:
     """Signed distances [m] and axis parameters of `count` spheres against one round cone, structure of arrays.
 
-    (a, u, length) is the axis, radius_drop = r_a - r_b. Branch-free, so that it runs on the vector unit.
+    Branch-free, so that it runs on the vector unit.
     """
+    ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     for i in range(count):
         dx = x[i] - ax
         dy = y[i] - ay

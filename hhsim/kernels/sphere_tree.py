@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.jit import jit
-from hhsim.kernels.round_cone_distance import round_cone_parameter
+from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -43,31 +43,16 @@ class TreeArrays(NamedTuple):
 
 @jit
 def gather_round_cone(
-    tree: TreeArrays,
-    ax: float,
-    ay: float,
-    az: float,
-    ux: float,
-    uy: float,
-    uz: float,
-    length: float,
-    tan_slope: float,
-    inverse_length: float,
-    radius_a: float,
-    radius_drop: float,
-    margin: float,
-    stack: Indices,
-    index_out: Indices,
+    tree: TreeArrays, cone: RoundCone, margin: float, stack: Indices, index_out: Indices
 ) -> tuple[int, float, int]:
     """Leaves whose signed distance to a round cone is at most `margin` [m].
-
-    A sphere is the round cone of length 0.
 
     Returns:
         (count, clearance, node tests): `index_out[:count]` holds the node indices of the leaves; every leaf left out is
         at least `clearance` [m] away (more than the margin; infinite when none was left out). count is -1 where
         `index_out` is too small.
     """
+    ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     clearance = np.inf
     count = 0
     tests = 1
@@ -105,26 +90,12 @@ def gather_round_cone(
 
 
 @jit
-def nearest_leaf_round_cone(
-    tree: TreeArrays,
-    ax: float,
-    ay: float,
-    az: float,
-    ux: float,
-    uy: float,
-    uz: float,
-    length: float,
-    tan_slope: float,
-    inverse_length: float,
-    radius_a: float,
-    radius_drop: float,
-    limit: float,
-    stack: Indices,
-) -> tuple[float, int]:
+def nearest_leaf_round_cone(tree: TreeArrays, cone: RoundCone, limit: float, stack: Indices) -> tuple[float, int]:
     """Least signed distance [m] of a round cone to the leaves, and that leaf's node index.
 
     Only distances below `limit` are looked for; (limit, -1) where there is none.
     """
+    ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     best = limit
     best_leaf = -1
     stack[0] = 0

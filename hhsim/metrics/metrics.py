@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
-from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
 from hhsim.kernels.sphere_tree import TreeArrays
 
 Array = NDArray[np.float64]
@@ -148,20 +148,19 @@ def hand_clearance(
     center = np.ascontiguousarray(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3).T)
     ticks = joint_array.shape[0]
     palm, finger = np.empty(ticks), np.empty((ticks, 5))
-    clearances(
+    shape = HandSurface(
         np.ascontiguousarray(phalanx_radius, dtype=np.float64),
         center[0],
         center[1],
         center[2],
         np.ascontiguousarray(palm_radius, dtype=np.float64),
-        tree,
+    )
+    placed = PlacedHands(
         joint_array,
         np.ascontiguousarray(position, dtype=np.float64),
         _rotation_matrices(np.asarray(orientation, dtype=np.float64)),
-        float(limit),
-        palm,
-        finger,
     )
+    clearances(tree, shape, placed, float(limit), palm, finger)
     return palm, finger
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import as_numbers
 

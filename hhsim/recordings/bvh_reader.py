@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.bvh_parser import Bvh, Joint, read_bvh
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.unit_detection import ANGLE_UNITS
 from hhsim.system.toml_document import check_keys, checked_number, checked_table, parse_toml, read_toml_text

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import HandSide, RawChannel
 from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation

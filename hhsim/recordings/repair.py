@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, FINGERS, HandModel, default_fingers
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, HandModel, default_fingers
 from hhsim.motion.resample import interpolate_orientation
 from hhsim.motion.sample_flags import MENDED, SampleFlag, mark, marked
 from hhsim.motion.trajectory import Phase, Trajectory

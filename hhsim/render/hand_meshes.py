@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.render.triangle_soup import SKIN, Surface, mesh_surface, round_cone_surface, with_nail
 

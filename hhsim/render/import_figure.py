@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.hand_displacement import turn

@@ -12,7 +12,7 @@ from hhsim.bench.paper.run import SceneRun
 from hhsim.bench.paper.scenarios import CASES
 from hhsim.bench.paper.scene import held_ticks
 from hhsim.errors import OutputError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.step import DURATION_DETECT
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.render.rasterizer import save_figure

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, OutputError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.paper.run import Pose, SceneRun
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE

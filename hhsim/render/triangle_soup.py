@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.mesh import Mesh

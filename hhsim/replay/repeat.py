@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hhsim import __version__
 from hhsim.errors import InputError
-from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_tree
 from hhsim.replay.tick_columns import HapticTicks, TickColumns
 from hhsim.result.reader import Result
@@ -210,7 +210,7 @@ def _solve(solver: HandSolver, haptic: HapticTicks, live: bool) -> TickRecord:
     record, row = tick_record(count), tick_record(1)
     for i in range(count):
         # A tick whose pairs did not fit says so in its status, and the loop went on.
-        solver.tick([np.ascontiguousarray(values[i : i + 1]) for values in haptic], row)
+        solver.tick(HapticBlock(*(np.ascontiguousarray(values[i : i + 1]) for values in haptic)), row)
         for values, value in zip(record, row):
             values[i] = value[0]
     return record

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.hand.model import FINGERS
 from hhsim.metrics.contact_points import ContactPoints, touching_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD

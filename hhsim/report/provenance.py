@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.replay.stored_scene import PARTS
 from hhsim.report.compare import commit
 from hhsim.result.reader import Result

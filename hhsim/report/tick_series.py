@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.result.reader import Result
 from hhsim.view.plots import force_values
 

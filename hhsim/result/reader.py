@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, OutputError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.schema import (
     FORMAT,

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand.model import DEFAULT_HAND_LENGTH, FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.scene.finger_closure import Closing, body_distances, make_work

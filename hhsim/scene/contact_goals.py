@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact
 from hhsim.scene.object_regions import object_region
 from hhsim.trees.sphere_tree import SphereTree

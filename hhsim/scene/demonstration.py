@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import HandSide, Trajectory
 from hhsim.scene.object_pose import Wanted, place_object

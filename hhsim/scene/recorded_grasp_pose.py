@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
+from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import placed_hand, rotations
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.motion.quaternion import quaternion, rotation_matrix

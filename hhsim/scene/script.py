@@ -69,7 +69,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import object_names
 from hhsim.motion.tremor import LIMITS, Disturbance
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, parse_touch

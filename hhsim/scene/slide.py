@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.scene.finger_closure import Closing, body_distances, make_work

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import object_names
 from hhsim.system.toml_document import check_keys
 

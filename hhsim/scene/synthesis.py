@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.motion.quaternion import quaternion_from_matrix
 from hhsim.motion.trajectory import Phase, Trajectory

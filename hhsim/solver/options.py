@@ -8,44 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand.model import FINGERS
-from hhsim.kernels.hand.kinematics import BODY_COUNT, PHALANX_COUNT
-from hhsim.kernels.parallel.thread_team import PARTS
-from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
-from hhsim.kernels.tick.penalty import PenaltyOptions
-from hhsim.kernels.tick.state import (
-    METHOD_COUPLED,
-    METHOD_PAPER,
-    METHOD_PENALTY,
-    METHOD_PROGRESSIVE,
-    TOUCH,
-    TickOptions,
-)
+from hhsim.hand.fingers import BODIES, FINGERS, PHALANGES
+from hhsim.solver.method import METHODS, methods_that
 
-METHODS = {
-    "coupled": METHOD_COUPLED,
-    "progressive": METHOD_PROGRESSIVE,
-    "paper": METHOD_PAPER,
-    "penalty": METHOD_PENALTY,
-}
-SAFE_METHODS = ("coupled", "progressive")
-"""Methods that promise that nothing penetrates: the others are measured, and only these can miss a bar."""
-THREADED_METHODS = ("coupled", "progressive")
-"""Methods whose ticks can be shared among threads."""
-FORCES = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
+FORCES = ("kkt", "paper")
 FRUSTUM_ENDS = ("spheres", "flat")
+PARTS = len(FINGERS) + 1
+"""Of a tick, that threads can share."""
+TOUCH = 1e-5
+"""Pairs nearer than this [m] count as touching, for a hand of the usual size."""
 
 LEAST_TOLERANCE, GREATEST_TOLERANCE = 1e-12, 1e-6
-RELAXATION = 100.0
-"""How many tolerances rows that contradict each other are moved back by."""
-UNLIMITED = 2**62
-"""A budget of work units that no tick uses up."""
-
 BY_METHOD: Any = None
 """Default of an option whose default depends on the method; no option keeps this value."""
-DEFAULTS: dict[str, Any] = {"force": "kkt", "linearisations": 12, "margin": 1e-3}
-PAPER_DEFAULTS: dict[str, Any] = {"force": "paper", "linearisations": 1, "margin": 5e-4}
-"""Of method `paper`, as printed: forces by Eq. 14, one linearisation a tick, Δr = 0.5 mm."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +60,7 @@ class SolverOptions:
     """Options of the solver; lengths in metres.
 
     Attributes:
-        method: `coupled`, `progressive`, `paper` or `penalty`.
+        method: One of `hhsim.solver.method.METHODS`.
         qp: `active-set`, or a backend that qpsolvers offers; `paper` takes no other, `penalty` needs none.
         force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
         fingers: Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand
@@ -132,13 +107,12 @@ class SolverOptions:
 
     def __post_init__(self) -> None:
         """Refuse unknown names and impossible lengths."""
-        if self.method not in METHODS:
-            raise UnknownNameError("method", self.method, METHODS)
-        for name, value in (PAPER_DEFAULTS if self.method == "paper" else DEFAULTS).items():
+        method = METHODS[self.method]
+        for name, value in method.defaults.items():
             if getattr(self, name) is BY_METHOD:
                 object.__setattr__(self, name, value)
-        if self.method == "paper" and self.qp != "active-set":
-            raise InputError(f"method paper is solved by active-set, as the paper has it, not by {self.qp}")
+        if method.refuses_backends and self.qp != "active-set":
+            raise InputError(method.refuses_backends.format(qp=self.qp))
         if self.force not in FORCES:
             raise UnknownNameError("force model", self.force, FORCES)
         if self.frustum_ends not in FRUSTUM_ENDS:
@@ -156,11 +130,9 @@ class SolverOptions:
             )
         if self.threads > 1 and self.qp != "active-set":
             raise InputError(f"threads is {self.threads}, but '{self.qp}' is driven in one thread: use active-set")
-        if self.threads > 1 and self.method not in THREADED_METHODS:
-            known = " and ".join(THREADED_METHODS)
+        if self.threads > 1 and not method.takes_threads:
+            known = " and ".join(methods_that("takes_threads"))
             raise InputError(f"threads is {self.threads}, but '{self.method}' runs in one thread; {known} take several")
-        if self.method == "penalty" and self.qp != "active-set":
-            raise InputError(f"method penalty solves no quadratic program: it has no use for the QP solver {self.qp}")
         for name in ("period", "response"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -196,38 +168,10 @@ class SolverOptions:
 
     def modelled(self) -> NDArray[np.bool_]:
         """Which bodies the scene uses, shape (16,): the phalanges of its fingers, and the palm."""
-        bodies = np.ones(BODY_COUNT, bool)
+        bodies = np.ones(BODIES, bool)
         for f, finger in enumerate(FINGERS):
-            bodies[PHALANX_COUNT * f : PHALANX_COUNT * (f + 1)] = finger in self.fingers
+            bodies[PHALANGES * f : PHALANGES * (f + 1)] = finger in self.fingers
         return bodies
-
-    def tick_options(self) -> TickOptions:
-        """The kernels' form. The relaxation, what contradicting rows may be given up, is 100 tolerances."""
-        root = math.sqrt(self.stiffness.translation)
-        return TickOptions(
-            method=METHODS[self.method],
-            force_model=FORCES[self.force],
-            linearisations=self.linearisations,
-            budget=UNLIMITED if self.budget is None else self.budget,
-            margin=self.margin,
-            skin=self.skin,
-            offset=self.offset,
-            settled=self.settled,
-            tolerance=self.tolerance * self.margin * root,
-            relaxation=RELAXATION * self.tolerance * self.margin * root,
-            longest_correction=self.margin * root,
-            contact_stiffness=self.stiffness.contact,
-            touch=self.touch,
-        )
-
-    def penalty_options(self) -> PenaltyOptions:
-        """The dynamics of `penalty` in the kernels' form."""
-        return PenaltyOptions(
-            period=self.period,
-            response=self.response,
-            stiffness=self.stiffness.penalty,
-            damping=self.stiffness.penalty * self.contact_response,
-        )
 
     def to_json(self) -> dict[str, Any]:
         """All options as plain values."""

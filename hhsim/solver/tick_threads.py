@@ -4,17 +4,17 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import PHALANX_PAIRS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import DOF, HandArrays
 from hhsim.kernels.parallel.thread_team import assemble, dismiss
 from hhsim.kernels.qp.active_set import QpWork, new_work
-from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
-from hhsim.kernels.tick.state import TickOptions
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.thread_team_worker import help_out
 
 ARRIVAL = 1.0
@@ -41,11 +41,11 @@ class Crew:
         """Allocate what each helper works in; no thread is started."""
         self.states = states
         self.worth = WORTH_SHARING
-        self.rooms = [_Room() for _ in range(threads - 1)]
+        self.rooms = [_Room(states) for _ in range(threads - 1)]
         self._compiled = False
 
     @contextmanager
-    def at_work(self, hand: HandArrays, tree: TreeArrays, options: TickOptions) -> Iterator[None]:
+    def at_work(self, hand: HandArrays, surface: Any, options: TickOptions) -> Iterator[None]:
         """Have the helpers at hand; however the block ends, none of them is left.
 
         Raises:
@@ -56,7 +56,7 @@ class Crew:
             return
         shared = self.states[0].crew
         word = shared.word[:]
-        given = (hand, tree, options, self.states)
+        given = (hand, surface, options, self.states)
         dismiss(word)
         if not self._compiled:
             # Here and not in a helper: a block of ticks would begin without it.
@@ -92,20 +92,20 @@ class Crew:
 class _Room:
     """What a helper works in, so that it writes nothing that another thread writes."""
 
-    def __init__(self) -> None:
+    def __init__(self, states: NDArray[np.void]) -> None:
         self.qp: QpWork = new_work(DOF, ROW_CAPACITY)
-        self.stack = np.zeros(STACK_SIZE, np.int64)
-        self.scratch = np.zeros(PHALANX_PAIRS, np.int64)
+        candidates = states[0].candidates
+        self.walk = Walk(np.zeros_like(candidates.stack), np.zeros_like(candidates.scratch))
 
-    def help_out(self, given: tuple[HandArrays, TreeArrays, TickOptions, NDArray[np.void]]) -> None:
-        help_out(*given, self.qp, self.stack, self.scratch)
+    def help_out(self, given: tuple[HandArrays, Any, TickOptions, NDArray[np.void]]) -> None:
+        help_out(*given, self.qp, self.walk)
 
 
 class _Helper(threading.Thread):
     def __init__(
         self,
         room: _Room,
-        given: tuple[HandArrays, TreeArrays, TickOptions, NDArray[np.void]],
+        given: tuple[HandArrays, Any, TickOptions, NDArray[np.void]],
         arrived: threading.Semaphore,
     ) -> None:
         super().__init__(name="hhsim-helper", daemon=True)

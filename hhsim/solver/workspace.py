@@ -1,27 +1,119 @@
-"""Allocation of the arrays that the tick's kernels work in."""
+"""What the ticks of one hand and one object work in."""
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.paper import PAPER_STATE
-from hhsim.kernels.tick.penalty import PENALTY_STATE
-from hhsim.kernels.tick.state import TICK_STATE, WORK_COUNTERS
+from hhsim.errors import HhsimError
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import CONTACT_ROWS
+from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.contact.surface import Surface
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.qp.active_set import new_work
+from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
+from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
+from hhsim.kernels.tick.tick import gather_anew
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.surface import surface_of
+from hhsim.solver.tick_threads import Crew
+
+FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
+RELAXATION = 100.0
+"""How many tolerances rows that contradict each other are moved back by."""
+UNLIMITED = 2**62
+"""A budget of work units that no tick uses up."""
 
 
-def tick_state(stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | None = None) -> Any:
+def tick_options(options: SolverOptions) -> TickOptions:
+    """The solver's options in the kernels' form; tolerances in units of √G times a length."""
+    tolerance = options.tolerance * options.margin * math.sqrt(options.stiffness.translation)
+    return TickOptions(
+        force_model=FORCE_MODELS[options.force],
+        linearisations=options.linearisations,
+        budget=UNLIMITED if options.budget is None else options.budget,
+        margin=options.margin,
+        skin=options.skin,
+        offset=options.offset,
+        settled=options.settled,
+        tolerance=tolerance,
+        relaxation=RELAXATION * options.tolerance * options.margin * math.sqrt(options.stiffness.translation),
+        longest_correction=options.margin * math.sqrt(options.stiffness.translation),
+        contact_stiffness=options.stiffness.contact,
+        touch=options.touch,
+    )
+
+
+class TickWorkspace:
+    """One hand, one object, and the memory of their ticks, of whatever method.
+
+    Args:
+        model: The hand.
+        surface: The object's, world frame.
+        options: Method, stiffness and lengths.
+
+    Attributes:
+        hand: The hand in the kernels' form.
+        tick_options: The options in the kernels' form.
+        states: The tick's state, shape (1,).
+        qp: Workspace of the active-set solver.
+        crew: Threads that help.
+    """
+
+    def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
+        """Allocate; nothing is computed yet."""
+        self.model = model
+        self.hand = model.arrays()
+        self.surface = surface
+        self.options = options
+        self.tick_options = tick_options(options)
+        self.states = tick_state(options.stiffness.diagonal(), options.modelled(), surface_of(surface))
+        self.qp = new_work(DOF, ROW_CAPACITY)
+        self.crew = Crew(self.states, options.threads if JIT_ENABLED else 1)
+
+    def gather(self) -> None:
+        """Let the tick's lists follow a configuration that was set from outside.
+
+        Raises:
+            HhsimError: More pairs are near than the arrays hold.
+        """
+        if gather_anew(self.hand, self.surface, self.tick_options, self.states) != 0:
+            raise self.full()
+
+    def full(self) -> HhsimError:
+        """What to say where more pairs are near than the arrays hold."""
+        return HhsimError(
+            f"more than {CONTACT_ROWS:,} contacts, or more pairs of one part of the hand and the object than there is "
+            f"room for, lie within the margin of {self.options.margin * 1e3:g} mm: use a smaller --margin or a coarser "
+            "sphere tree"
+        )
+
+    def center(self) -> NDArray[np.float64]:
+        """A point that a hand inside the object gets away from [m], world, shape (3,)."""
+        return surface_of(self.surface).center(self.surface)
+
+    def run_block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:
+        """Run one tick of a compiled method for each row of the haptic input; returns the ticks done."""
+        return int(run_block(method, self.hand, self.surface, self.states, self.qp, haptic, record))
+
+
+def tick_state(
+    stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | None = None, surface: Surface = SPHERES
+) -> Any:
     """A fresh state, a record array of shape (1,): all modelled bodies still to be gathered.
 
     Args:
         stiffness: The coupling's G, shape (21,).
         modelled: Which bodies the scene uses, shape (16,); all where it is not given.
+        surface: The object's.
     """
-    # Written, and not only asked for: the system would else hand out the pages one by one, in the ticks that are timed.
-    memory = np.empty(1, TICK_STATE)
-    memory.view(np.uint8)[:] = 0
-    states = memory.view(np.recarray)
+    states = zeroed(tick_state_dtype(surface.candidates))
     state = states[0]
     for pose in (state.pose, state.safe, state.haptic):
         pose.orientation[0] = 1.0
@@ -34,18 +126,10 @@ def tick_state(stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | Non
     return states
 
 
-def paper_state(closed: bool) -> Any:
-    """What method `paper` keeps besides the tick's state, a record array of shape (1,)."""
-    memory = np.empty(1, PAPER_STATE)
-    memory.view(np.uint8)[:] = 0
-    states = memory.view(np.recarray)
-    states[0].closed = closed
-    return states
-
-
-def penalty_state() -> Any:
-    """A fresh state of the method `penalty`, at rest, a record array of shape (1,)."""
-    memory = np.empty(1, PENALTY_STATE)
+def zeroed(dtype: np.dtype[Any]) -> Any:
+    """A fresh record array of shape (1,)."""
+    # Written, and not only asked for: the system would else hand out the pages one by one, in the ticks that are timed.
+    memory = np.empty(1, dtype)
     memory.view(np.uint8)[:] = 0
     return memory.view(np.recarray)
 

@@ -15,7 +15,7 @@ from hhsim.kernels.tick.state import (
 )
 from hhsim.replay.stored_scene import PARTS, checksums
 from hhsim.result.reader import Result
-from hhsim.solver.options import SAFE_METHODS
+from hhsim.solver.method import never_penetrates
 from hhsim.verify.claim import HOLDS, NOT_CLAIMED, Claim, all_true, judged
 
 FloatArray = NDArray[np.float64]
@@ -136,7 +136,7 @@ def _durations(result: Result) -> Claim:
 
 def _work(result: Result) -> list[Claim]:
     """The weighted work against its parts; only how many rows each program but the largest had is not stored."""
-    if result.scene["solver"]["method"] not in SAFE_METHODS:
+    if not never_penetrates(result.scene["solver"]["method"]):
         return []
     work = {name: np.asarray(result[f"work/{name}"], np.int64) for name in ("node_tests", "pair_tests", "units")}
     steps, rows = np.asarray(result["work/linearisations"]), np.asarray(result["work/rows"])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.result.reader import Result
-from hhsim.solver.options import SAFE_METHODS
+from hhsim.solver.method import never_penetrates
 from hhsim.verify.contacts import PALM, Pairs, near_pairs
 from hhsim.verify.file_checks import follows, leaves
 from hhsim.verify.kinematics import Configurations, Posed, configurations, own_hand, pose, turn_between
@@ -72,7 +72,7 @@ class JudgedTicks:
     @property
     def safe(self) -> bool:
         """Whether the method promises that nothing penetrates."""
-        return self.options["method"] in SAFE_METHODS
+        return never_penetrates(self.options["method"])
 
     @property
     def touch(self) -> float:

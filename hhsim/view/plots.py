@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -12,16 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
+from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.tick.state import TOUCH
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import touching_points
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
+from hhsim.solver.options import TOUCH
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
 from hhsim.view.decimation import ShownTicks, shown_ticks

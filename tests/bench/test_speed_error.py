@@ -23,7 +23,8 @@ from hhsim.errors import HhsimError, InputError, UnknownNameError
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.render.speed_error_figure import PEERS, draw_speed_error
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import METHODS, SolverOptions
+from hhsim.solver.method import METHODS
+from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import ACTIVE_SET, available_backends
 from hhsim.system.picture_path import check_picture
 

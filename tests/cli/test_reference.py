@@ -11,6 +11,7 @@ import pytest
 from command_lines import parse
 
 from hhsim.errors import HhsimError
+from hhsim.hand.fingers import FINGERS
 
 Run = Callable[..., Any]
 
@@ -112,7 +113,6 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     from hhsim.bench.paper import bench as bench_paper
     from hhsim.bench.qp import recorded_problems as qp_harvest
     from hhsim.gate.suite import default_suite
-    from hhsim.hand import model as hand
     from hhsim.live.devices import opengloves as opengloves_glove
     from hhsim.live.devices import registry as devices
     from hhsim.live.ipc import config as live_setup
@@ -133,7 +133,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     yield "hhsim replay", "--penalty-stiffness", f"{coupling.penalty:.0f}"
     yield "hhsim replay", "--tolerance", f"{usual.tolerance:g}".replace("e-0", "e-")
     yield "hhsim replay", "--frustum-ends", usual.frustum_ends
-    assert usual.budget is None and usual.fingers == hand.FINGERS
+    assert usual.budget is None and usual.fingers == FINGERS
     suites = (
         ("paper", bench_paper.PaperOptions(), ("methods", "instances", "repetitions")),
         ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "levels")),

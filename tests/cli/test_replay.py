@@ -278,7 +278,8 @@ def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
 
 
 def test_the_choices_of_the_command_are_those_of_the_library() -> None:
-    from hhsim.solver.options import FORCES, METHODS
+    from hhsim.solver.method import METHODS
+    from hhsim.solver.options import FORCES
 
     command = importlib.import_module("hhsim.cli.replay").command
     choices = {option.name: set(getattr(option.type, "choices", ())) for option in command.params}

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 import hhsim.hand.model
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand.model import FINGERS, HandModel, Side, default_fingers
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel, Side, default_fingers
 from hhsim.kernels.hand.kinematics import BODY_COUNT, forward_kinematics
 from hhsim.kernels.round_cone_distance import cone_slope
 

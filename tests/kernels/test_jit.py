@@ -8,11 +8,12 @@ import sys
 import tempfile
 import textwrap
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 
 import hhsim
-from hhsim.kernels.jit import cache_root, imported_kernels
+from hhsim.kernels.jit import cache_root, generic, imported_kernels, jit
 
 PACKAGE = Path(hhsim.__file__).parent
 
@@ -121,6 +122,91 @@ def test_the_digest_follows_every_kernel_that_a_module_takes_a_function_from(pat
     assert used <= set(imported_kernels(module))
 
 
+def test_an_edit_of_an_implementation_makes_the_callers_of_its_generic_kernel_stale(copy: Path) -> None:
+    # The tick imports neither the surface nor the method: both are declared for the types that it is given.
+    modules = ("tick.block", "contact.penetration", "round_cone_distance")
+    edits = {"surfaces/spheres.py": {"tick.block", "contact.penetration"}, "tick/progressive.py": {"tick.block"}}
+    before = {module: kernel_cache(copy, module) for module in modules}
+    for name, stale in edits.items():
+        source = copy / "hhsim" / "kernels" / name
+        source.write_text(source.read_text() + "\n# one more line\n")
+        after = {module: kernel_cache(copy, module) for module in modules}
+        assert {module for module in modules if after[module] != before[module]} == stale
+        before = after
+
+
+class Metres(NamedTuple):
+    value: float
+
+
+class Feet(NamedTuple):
+    value: float
+
+
+@generic
+def in_metres(length: Any, times: float) -> float:
+    """A length, so many times, in metres."""
+    return 0.0
+
+
+@in_metres.of(Metres)
+@jit
+def _metres(length: Any, times: float) -> float:
+    return length.value * times  # type: ignore[no-any-return]
+
+
+@in_metres.of(Feet)
+@jit
+def _feet(length: Any, times: float) -> float:
+    return length.value * times * 0.3048  # type: ignore[no-any-return]
+
+
+@jit
+def total(length: Any, count: int) -> float:
+    found = 0.0
+    for _ in range(count):
+        found += in_metres(length, 2.0)
+    return found
+
+
+def test_a_generic_kernel_is_chosen_by_type_from_kernels_and_from_python() -> None:
+    assert in_metres(Metres(3.0), 2.0) == 6.0
+    assert in_metres(Feet(10.0), 1.0) == pytest.approx(3.048)
+    assert total(Metres(3.0), 4) == 24.0
+    assert total(Feet(10.0), 1) == pytest.approx(6.096)
+    with pytest.raises(TypeError, match="not implemented for float"):
+        in_metres(3.0, 1.0)
+
+
+def test_what_is_compiled_for_a_foreign_type_lies_apart(copy: Path) -> None:
+    script = (
+        "import numpy as np, surface; from hhsim.kernels.contact.surface import cone_distance\n"
+        "from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances\n"
+        "shape = HandSurface(np.zeros((5, 4)), *np.zeros((4, 1)))\n"
+        "placed = PlacedHands(np.zeros((1, 5, 4, 3)), np.zeros((1, 3)), np.eye(3)[None])\n"
+        "palm, finger = np.empty(1), np.empty((1, 5))\n"
+        "clearances(surface.Level(0.5), shape, placed, 9.0, palm, finger)\n"
+        "print(palm[0], sum(clearances.stats.cache_hits.values()))"
+    )
+    source = (
+        "from typing import NamedTuple\nfrom hhsim.kernels.jit import jit\n"
+        "from hhsim.kernels.contact.surface import cone_distance\n"
+        "class Level(NamedTuple):\n    height: float\n"
+        "@cone_distance.of(Level)\n@jit\ndef away(level, cone, limit, stack):\n    return min(limit, {} + cone.z)\n"
+    )
+
+    def found(offset: float) -> str:
+        (copy / "surface.py").write_text(source.format(offset))
+        environment = {**os.environ, "PYTHONPATH": str(copy), "HHSIM_CACHE_DIR": str(copy / "cache")}
+        return subprocess.run(
+            [sys.executable, "-B", "-c", script], cwd=copy, env=environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    assert found(1.0) == "1.0 0\n"
+    assert found(1.0) == "1.0 1\n", "not taken from the cache"
+    assert found(2.0) == "2.0 0\n", "the surface of before"
+
+
 def test_an_edit_elsewhere_keeps_the_compiled_kernels(copy: Path) -> None:
     before = kernel_cache(copy)
     source = copy / "hhsim" / "metrics" / "metrics.py"
@@ -171,14 +257,15 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature(tmp_path: Path) 
         from hhsim.hand.model import HandModel
         from hhsim.metrics.metrics import penetration
         from hhsim.solver.hand_solver import HandSolver
-        from hhsim.solver.options import METHODS, THREADED_METHODS, SolverOptions
+        from hhsim.solver.method import METHODS
+        from hhsim.solver.options import SolverOptions
         from hhsim.solver.compile import warm_up
 
         hand = HandModel.default()
         tree = bumpy_ball(300)
-        for method in METHODS:
+        for method, promised in METHODS.items():
             for force in ("kkt", "paper"):
-                threads = 2 if method in THREADED_METHODS else 1
+                threads = 2 if promised.takes_threads else 1
                 options = SolverOptions(method=method, force=force, threads=threads)
                 warm_up(hand, options)
                 solver = HandSolver(hand, tree.arrays(), options)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.kernels.round_cone_distance import (
+    RoundCone,
     cone_slope,
     round_cone_distances,
     sphere_pair_distances,
@@ -221,12 +222,8 @@ def test_vector_kernel_is_the_scalar_kernel(seed: int, kind: str) -> None:
     direction = (b - a) * inverse
     distance_out, parameter_out = np.full(count + 3, np.nan), np.full(count + 3, np.nan)
     x, y, z = (np.ascontiguousarray(center[:, i]) for i in range(3))
-    ax, ay, az = (float(v) for v in a)
-    ux, uy, uz = (float(v) for v in direction)
-    round_cone_distances(
-        x, y, z, radius, count, ax, ay, az, ux, uy, uz, length, tangent, inverse, radius_a, radius_a - radius_b,
-        distance_out, parameter_out,
-    )  # fmt: skip
+    cone = RoundCone._make(map(float, (*a, *direction, length, tangent, inverse, radius_a, radius_a - radius_b)))
+    round_cone_distances(x, y, z, radius, count, cone, distance_out, parameter_out)
     for i in range(count):
         distance, s = kernel(center[i], float(radius[i]), a, b, radius_a, radius_b)
         assert distance_out[i] == pytest.approx(distance, abs=1e-14)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.round_cone_distance import cone_slope, sphere_round_cone_distance
+from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, sphere_round_cone_distance
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
 
 Array = NDArray[np.float64]
@@ -49,11 +49,11 @@ class Cone:
     def __init__(self, a: Array, b: Array, radius_a: float, radius_b: float) -> None:
         self.a, self.b, self.radius_a, self.radius_b = a, b, radius_a, radius_b
         self.length = float(np.linalg.norm(b - a))
-        self.tangent, self.inverse = cone_slope(self.length, radius_a, radius_b)
-        direction = (b - a) * self.inverse
-        self.ax, self.ay, self.az = (float(v) for v in a)
-        self.ux, self.uy, self.uz = (float(v) for v in direction)
-        self.drop = radius_a - radius_b
+        tangent, inverse = cone_slope(self.length, radius_a, radius_b)
+        direction = (b - a) * inverse
+        self.record = RoundCone._make(
+            map(float, (*a, *direction, self.length, tangent, inverse, radius_a, radius_a - radius_b))
+        )
 
     def distances(self, tree: TreeArrays) -> Array:
         """Signed distance [m] to every leaf, in the order of the leaves."""
@@ -75,20 +75,12 @@ def random_cone(random: np.random.Generator) -> Cone:
 
 def gather(tree: TreeArrays, cone: Cone, margin: float, room: int) -> tuple[int, float, int, Indices]:
     index = np.full(room, -7, dtype=np.int64)
-    c = cone
-    count, clearance, tests = gather_round_cone(
-        tree, c.ax, c.ay, c.az, c.ux, c.uy, c.uz, c.length, c.tangent, c.inverse, c.radius_a, c.drop,
-        margin, np.empty(STACK_SIZE, dtype=np.int64), index,
-    )  # fmt: skip
+    count, clearance, tests = gather_round_cone(tree, cone.record, margin, np.empty(STACK_SIZE, dtype=np.int64), index)
     return int(count), float(clearance), int(tests), index
 
 
 def nearest(tree: TreeArrays, cone: Cone, limit: float) -> tuple[float, int]:
-    c = cone
-    distance, leaf = nearest_leaf_round_cone(
-        tree, c.ax, c.ay, c.az, c.ux, c.uy, c.uz, c.length, c.tangent, c.inverse, c.radius_a, c.drop,
-        limit, np.empty(STACK_SIZE, dtype=np.int64),
-    )  # fmt: skip
+    distance, leaf = nearest_leaf_round_cone(tree, cone.record, limit, np.empty(STACK_SIZE, dtype=np.int64))
     return float(distance), int(leaf)
 
 

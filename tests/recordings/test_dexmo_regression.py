@@ -8,7 +8,7 @@ from conftest import Run
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.column_map import JOINT_NAMES

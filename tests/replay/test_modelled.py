@@ -7,7 +7,8 @@ import pytest
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import (

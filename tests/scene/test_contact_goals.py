@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact

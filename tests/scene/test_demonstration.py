@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import placed_hand
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.motion.quaternion import rotation_matrix
 from hhsim.motion.trajectory import Trajectory

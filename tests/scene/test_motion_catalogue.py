@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.catalogue import load_object, object_names

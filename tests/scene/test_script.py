@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.script import Script, ScriptPhase, parse_script, read_script
 

@@ -233,7 +233,7 @@ def test_place_puts_the_graphic_hand_where_it_is_told() -> None:
     solver = HandSolver(RIGHT, TREES[300].arrays(), SolverOptions())
     place = Motion(*(values[0] for values in still(1, [0.0, 0.0, 0.2], flexion=np.full((5, 3), 0.2))))
     solver.place(*place)
-    np.testing.assert_array_equal(solver.states[0].pose.position, place.position)
+    np.testing.assert_array_equal(solver.workspace.states[0].pose.position, place.position)
     record = solver.run(*still(1, [0.0, 0.0, 0.2], flexion=np.full((5, 3), 0.2)))
     np.testing.assert_allclose(record.joints[0], RIGHT.joints(*place), atol=1e-15)
 

@@ -27,11 +27,12 @@ from hhsim.replay.replay import replay
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import THREADED_METHODS, SolverOptions
+from hhsim.solver.method import methods_that
+from hhsim.solver.options import SolverOptions
 from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 from hhsim.trees.sphere_tree import SphereTree
 
-METHODS = pytest.mark.parametrize("method", THREADED_METHODS)
+METHODS = pytest.mark.parametrize("method", methods_that("takes_threads"))
 
 
 @pytest.fixture(scope="module")
@@ -51,13 +52,13 @@ def helpers() -> list[threading.Thread]:
 
 def posted(solver: HandSolver) -> int:
     """How many tasks the crew of a solver has been given."""
-    return int(solver.states[0].crew.word[TICKET]) >> NUMBER_SHIFT
+    return int(solver.workspace.states[0].crew.word[TICKET]) >> NUMBER_SHIFT
 
 
 def run(hand: HandModel, tree: SphereTree, motion: Motion, worth: int = 0, **options: Any) -> tuple[TickRecord, int]:
     """A motion in two blocks, everything that can be shared shared, and how many tasks were posted."""
     solver = HandSolver(hand, tree.arrays(), SolverOptions(**options))
-    solver.crew.worth = worth
+    solver.workspace.crew.worth = worth
     half = len(motion.position) // 2
     first = solver.run(*motion.part(0, half))
     second = solver.run(*motion.part(half, len(motion.position)))
@@ -134,7 +135,7 @@ def test_no_helper_outlives_an_error_of_its_own(hand: HandModel, monkeypatch: py
     def fail(*_: Any) -> None:
         raise MemoryError("no room")
 
-    solver.crew._compiled = True
+    solver.workspace.crew._compiled = True
     monkeypatch.setattr(hhsim.solver.tick_threads, "help_out", fail)
     with pytest.raises(MemoryError, match="no room"):
         solver.run(*motion)
@@ -150,7 +151,9 @@ def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
     try:
         with (
             pytest.raises(KeyboardInterrupt),
-            solver.crew.at_work(solver.hand, solver.tree, solver.tick_options),
+            solver.workspace.crew.at_work(
+                solver.workspace.hand, solver.workspace.surface, solver.workspace.tick_options
+            ),
         ):
             assert len(helpers()) == 2
             signal.raise_signal(signal.SIGINT)
@@ -158,7 +161,7 @@ def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
     finally:
         signal.signal(signal.SIGINT, before)
     assert helpers() == []
-    assert solver.states[0].crew.members == 1
+    assert solver.workspace.states[0].crew.members == 1
 
 
 def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> None:
@@ -172,7 +175,7 @@ def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> Non
         from hhsim.solver.options import SolverOptions
 
         solver = HandSolver(HandModel.default(), bumpy_ball(20).arrays(), SolverOptions(threads=3))
-        assert solver.crew.rooms == []
+        assert solver.workspace.crew.rooms == []
         record = solver.run(*still(2, [0.0, 0.0, 0.2]))
         print(record.position.tolist() == still(2, [0.0, 0.0, 0.2]).position.tolist())
         """

@@ -14,7 +14,8 @@ from rerun_files import SETTINGS, Recording, listening
 from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError, OutputError
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.render.hand_meshes import PHALANGES, piece_poses
 from hhsim.result.reader import Result, load_result
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION

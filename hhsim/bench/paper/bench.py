@@ -18,7 +18,8 @@ from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.solver.compile import warm_up
-from hhsim.solver.options import METHODS, SolverOptions
+from hhsim.solver.method import METHODS
+from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.thread_pool import usual_threads
 from hhsim.trees.builder import TreeOptions, cached_sphere_tree

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from hhsim.bench.paper.contact_check import check_holds
 from hhsim.errors import HhsimError
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.mesh.catalogue import load_object

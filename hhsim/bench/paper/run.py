@@ -17,8 +17,8 @@ from hhsim.bench.paper.contact_check import hold_distances
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.bench.paper.scene import RATE, Stage, held_ticks
 from hhsim.errors import HhsimError
+from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import hand_shape
-from hhsim.hand.model import FINGERS
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import HandPoses, component_variation_rate, force_variation_rate, hand_clearance

@@ -18,13 +18,14 @@ from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.kernels.tick.coupled import coupled_groups, solve_coupled
+from hhsim.kernels.tick.method import Coupled, Progressive
 from hhsim.kernels.tick.progressive import YIELD_SCALE, finger_rhs, solve_progressive
-from hhsim.kernels.tick.state import METHOD_COUPLED, WORK_CANDIDATES, WORK_LINEARISATIONS
+from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_LINEARISATIONS
 from hhsim.kernels.tick.step import guess_rows
 from hhsim.kernels.tick.tick import set_haptic
 from hhsim.motion.tick_motion import HandMotion
 from hhsim.scene.scene import Scene, make_scene
-from hhsim.solver.external_qp_loop import drive_tick
+from hhsim.solver.backend_programs import drive_tick
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -129,30 +130,23 @@ def _programs(
 
 def harvest_tick(solver: HandSolver, haptic: HandMotion, tick: int, source: str) -> list[Program]:
     """Run one tick of a solver that stands before it; returns its programs in the order in which they are solved."""
-    state, options = solver.states[0], solver.tick_options
+    workspace = solver.workspace
+    state, options = workspace.states[0], workspace.tick_options
+    kind = Coupled if solver.options.method == "coupled" else Progressive
     taken: list[Program] = []
     own = ProgramSolver()
 
     def solve_program() -> bool:
-        arguments = (
-            state.pose,
-            state.problem,
-            state.contacts,
-            state.warm,
-            options.tolerance,
-            options.relaxation,
-            options.longest_correction,
-        )
-        if options.method == METHOD_COUPLED or state.together:
+        if kind is Coupled or state.together:
             taken.append(_coupled(state, options, source))
-            return bool(solve_coupled(*arguments, state.coupled, state.correction, solver.qp, state.step) == OPTIMAL)
-        status = solve_progressive(*arguments, state.progressive, state.correction, solver.qp, state.crew, state.step)
+            return bool(solve_coupled(options, state, workspace.qp) == OPTIMAL)
+        status = solve_progressive(options, state, workspace.qp)
         taken.extend(_progressive(state, options, source, own))
         return bool(status == OPTIMAL)
 
     position, orientation, flexion, abduction = haptic.part(tick, tick + 1)
-    set_haptic(solver.hand, position[0], orientation[0], flexion[0], abduction[0], state)
-    drive_tick(solver.hand, solver.tree, options, state, solver.qp, solve_program)
+    set_haptic(workspace.hand, position[0], orientation[0], flexion[0], abduction[0], state)
+    drive_tick(workspace, kind(options), solve_program)
     return taken
 
 

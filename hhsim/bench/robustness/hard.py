@@ -23,7 +23,8 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.motion.analytic_motion import HapticMotion
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SAFE_METHODS, SolverOptions
+from hhsim.solver.method import never_penetrates
+from hhsim.solver.options import SolverOptions
 
 Progress = Callable[[str, int, int], None]
 
@@ -229,7 +230,7 @@ def table_rows(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
 
 def missed(results: Sequence[CaseResult]) -> list[CaseResult]:
     """Results of the methods that promise to pass, and did not."""
-    return [result for result in results if result.method in SAFE_METHODS and not result.passed]
+    return [result for result in results if never_penetrates(result.method) and not result.passed]
 
 
 def _told(error: Exception) -> str:

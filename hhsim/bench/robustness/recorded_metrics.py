@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hhsim.bench.robustness.failure import SAFE_DEPTH
 from hhsim.bench.table import Column
 from hhsim.metrics.metrics import statistics
-from hhsim.solver.options import SAFE_METHODS
+from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
 
 
@@ -59,7 +59,7 @@ class RecordedFigures(CpuTimes):
     @property
     def missed(self) -> bool:
         """Whether a limit was missed: no run, or a method that promises safety and is not safe."""
-        return bool(self.reason) or (self.method in SAFE_METHODS and not self.safe)
+        return bool(self.reason) or (never_penetrates(self.method) and not self.safe)
 
 
 COLUMNS = (

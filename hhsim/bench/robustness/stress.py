@@ -62,7 +62,7 @@ def run_case(
     for motion in case.targets().blocks(case.ticks, BLOCK):
         first = measure.ticks
         record = solver.run(*motion)
-        depth = recorded_penetration(case.hand, solver.tree, record)
+        depth = recorded_penetration(case.hand, solver.workspace.surface, record)
         stretch.append((motion, recorded_motion(record).copy()))
         failing = measure.add(motion, record, depth)
         for kind, ticks in failing.items():

@@ -6,7 +6,7 @@ from typing import Any
 
 from hhsim.bench.robustness.failure import SAFE_DEPTH
 from hhsim.bench.table import Column
-from hhsim.solver.options import SAFE_METHODS
+from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
 
 
@@ -77,7 +77,7 @@ class StressFigures(CpuTimes):
     @property
     def missed(self) -> bool:
         """Whether a limit was missed: the method promises safety and is not safe."""
-        return self.method in SAFE_METHODS and not self.safe
+        return never_penetrates(self.method) and not self.safe
 
 
 COLUMNS = (

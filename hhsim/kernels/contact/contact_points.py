@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import jit
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.round_cone_distance import cone_slope, round_cone_parameter
+from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, round_cone_parameter
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 SURE = 1e-12
@@ -98,9 +98,8 @@ def touching_pairs(
             ends = (ax, ay, az, ax + dx, ay + dy, az + dz)
             if _farthest_moved(ends, seen[part]) + SURE < free[part]:
                 continue
-            found, clearance, _ = gather_round_cone(
-                tree, ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop, touch, stack, index
-            )
+            cone = RoundCone(ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop)
+            found, clearance, _ = gather_round_cone(tree, cone, touch, stack, index)
             free[part] = clearance - touch if found == 0 else -1.0
             for i in range(6):
                 seen[part, i] = ends[i]

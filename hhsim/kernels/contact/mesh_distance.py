@@ -15,7 +15,7 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import jit
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside
-from hhsim.kernels.round_cone_distance import cone_slope, round_cone_parameter
+from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, round_cone_parameter
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
@@ -205,9 +205,8 @@ def touching_points(
             tan_slope, inverse_length = cone_slope(length, radius, phalanx_radius[f, k + 1])
             ux, uy, uz = dx * inverse_length, dy * inverse_length, dz * inverse_length
             drop = radius - phalanx_radius[f, k + 1]
-        found, _, _ = gather_round_cone(
-            tree, ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop, touch, stack, index
-        )
+        cone = RoundCone(ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop)
+        found, _, _ = gather_round_cone(tree, cone, touch, stack, index)
         for i in range(found):
             if count >= point_out.shape[0]:
                 return -1

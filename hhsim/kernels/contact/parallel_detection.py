@@ -1,9 +1,12 @@
 """Detection by the whole crew: as `kernels.contact.evaluate`, each finger and the palm by whoever is free."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import evaluate_range, part_cost
+from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.parallel.thread_team import (
@@ -16,7 +19,6 @@ from hhsim.kernels.parallel.thread_team import (
     sort_parts,
     take_item,
 )
-from hhsim.kernels.sphere_tree import TreeArrays
 
 Indices = NDArray[np.int64]
 
@@ -42,7 +44,7 @@ def worth_sharing(margin: float, skin: float, candidates: Record, crew: Record) 
 def evaluate_together(
     hand: HandArrays,
     pose: Record,
-    tree: TreeArrays,
+    surface: Any,
     margin: float,
     skin: float,
     candidates: Record,
@@ -56,7 +58,15 @@ def evaluate_together(
     word = crew.word[:]
     post(word, as_int64(TASK_DISTANCES), crew.parts)
     evaluate_items(
-        hand, pose, tree, margin, skin, candidates, crew, candidates.stack[:], candidates.scratch[:], crew.work[:]
+        hand,
+        pose,
+        surface,
+        margin,
+        skin,
+        candidates,
+        crew,
+        Walk(candidates.stack[:], candidates.scratch[:]),
+        crew.work[:],
     )
     await_done(word, crew.parts)
     status = 0
@@ -71,16 +81,15 @@ def evaluate_together(
 def evaluate_items(
     hand: HandArrays,
     pose: Record,
-    tree: TreeArrays,
+    surface: Any,
     margin: float,
     skin: float,
     candidates: Record,
     crew: Record,
-    stack: Indices,
-    scratch: Indices,
+    walk: Walk,
     counted: Indices,
 ) -> None:
-    """Do items of the task TASK_DISTANCES until none is left; `stack` and `scratch` are the thread's own."""
+    """Do items of the task TASK_DISTANCES until none is left; `walk` is the thread's own."""
     word = crew.word[:]
     while True:
         item = take_item(word, as_int64(TASK_DISTANCES))
@@ -90,6 +99,6 @@ def evaluate_items(
         first = PHALANX_COUNT * part
         last = first + PHALANX_COUNT if part < FINGER_COUNT else first + 1
         crew.status[item] = evaluate_range(
-            hand, pose, tree, margin, skin, first, last, candidates, stack, scratch, counted[item]
+            hand, pose, surface, margin, skin, first, last, candidates, walk, counted[item]
         )
         item_done(word)

@@ -5,52 +5,70 @@ object's spheres in a cycle; here the palm counts too. Phalanges are placed by t
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import jit
-from hhsim.kernels.round_cone_distance import cone_slope
-from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, nearest_leaf_round_cone
+from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, sphere_cone
+from hhsim.kernels.sphere_tree import STACK_SIZE
 
 Array = NDArray[np.float64]
 
 
+class HandSurface(NamedTuple):
+    """What the hand's surface is made of.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | phalanx_radius | at each joint and at the tip, not growing towards the tip [m] | (5, 4) |
+    | palm_x, palm_y, palm_z | centres of the palm's spheres [m], palm frame | (P,) |
+    | palm_radius | [m] | (P,) |
+    """
+
+    phalanx_radius: Array
+    palm_x: Array
+    palm_y: Array
+    palm_z: Array
+    palm_radius: Array
+
+
+class PlacedHands(NamedTuple):
+    """Where hands are, tick by tick, world.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | joints | joint centres and tip sphere centre [m] | (T, 5, 4, 3) |
+    | position | palm origin [m] | (T, 3) |
+    | rotation | palm to world | (T, 3, 3) |
+    """
+
+    joints: Array
+    position: Array
+    rotation: Array
+
+
 @jit
 def clearances(
-    phalanx_radius: Array,
-    palm_x: Array,
-    palm_y: Array,
-    palm_z: Array,
-    palm_radius: Array,
-    tree: TreeArrays,
-    joints: Array,
-    position: Array,
-    rotation: Array,
-    limit: float,
-    palm_out: Array,
-    finger_out: Array,
+    surface: Any, shape: HandSurface, placed: PlacedHands, limit: float, palm_out: Array, finger_out: Array
 ) -> None:
-    """Least signed distance [m] of the palm and of each finger to the object's leaf spheres, negative inside.
+    """Least signed distance [m] of the palm and of each finger to the object's surface, negative inside.
 
     Args:
-        phalanx_radius: radius at each joint and at the tip, not growing towards the tip [m], shape (5, 4).
-        palm_x: centres of the palm's spheres [m], palm frame, shape (P,); palm_y and palm_z likewise.
-        palm_y: see palm_x.
-        palm_z: see palm_x.
-        palm_radius: their radii [m], shape (P,).
-        tree: the object, world.
-        joints: joint centres and tip sphere centre [m], world, shape (T, 5, 4, 3).
-        position: palm origin [m], world, shape (T, 3).
-        rotation: palm to world, shape (T, 3, 3).
-        limit: distances from here on [m] are not looked for; `limit` stands for them.
-        palm_out: shape (T,) [m]; NaN where the palm's pose is.
-        finger_out: shape (T, 5) [m]; NaN where a joint is.
+        surface: The object's, world.
+        shape: The hand.
+        placed: Its ticks.
+        limit: Distances from here on [m] are not looked for; `limit` stands for them.
+        palm_out: Shape (T,) [m]; NaN where the palm's pose is.
+        finger_out: Shape (T, 5) [m]; NaN where a joint is.
     """
+    joints, palm_x, palm_y, palm_z = placed.joints, shape.palm_x, shape.palm_y, shape.palm_z
     stack = np.empty(STACK_SIZE, dtype=np.int64)
     for tick in range(joints.shape[0]):
-        p, r = position[tick], rotation[tick]
+        p, r = placed.position[tick], placed.rotation[tick]
         best = limit
         for i in range(palm_x.shape[0]):
             x = p[0] + r[0, 0] * palm_x[i] + r[0, 1] * palm_y[i] + r[0, 2] * palm_z[i]
@@ -59,9 +77,7 @@ def clearances(
             if math.isnan(x + y + z):
                 best = np.nan
                 break
-            best = nearest_leaf_round_cone(
-                tree, x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, palm_radius[i], 0.0, best, stack
-            )[0]
+            best = cone_distance(surface, sphere_cone(x, y, z, shape.palm_radius[i]), best, stack)
         palm_out[tick] = best
         for f in range(FINGER_COUNT):
             best = limit
@@ -72,10 +88,9 @@ def clearances(
                 if math.isnan(length):
                     best = np.nan
                     break
-                radius, tip_radius = phalanx_radius[f, k], phalanx_radius[f, k + 1]
+                radius, tip_radius = shape.phalanx_radius[f, k], shape.phalanx_radius[f, k + 1]
                 tan_slope, inverse_length = cone_slope(length, radius, tip_radius)
-                best = nearest_leaf_round_cone(
-                    tree,
+                cone = RoundCone(
                     a[0],
                     a[1],
                     a[2],
@@ -87,7 +102,6 @@ def clearances(
                     inverse_length,
                     radius,
                     radius - tip_radius,
-                    best,
-                    stack,
-                )[0]
+                )
+                best = cone_distance(surface, cone, best, stack)
             finger_out[tick, f] = best

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, forward_kinematics
 from hhsim.kernels.jit import jit
-from hhsim.kernels.round_cone_distance import round_cone_parameter
+from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 from hhsim.kernels.sphere_tree import TreeArrays, nearest_leaf_round_cone
 
 Array = NDArray[np.float64]
@@ -48,8 +48,7 @@ def phalanx_distance(
 ) -> tuple[float, int]:
     """Least signed distance [m] of a phalanx to the leaves, and that leaf's node; (limit, -1) where none is nearer."""
     a, u = work.joints[finger, phalanx], work.direction[finger, phalanx]
-    return nearest_leaf_round_cone(
-        tree,
+    cone = RoundCone(
         a[0],
         a[1],
         a[2],
@@ -61,17 +60,15 @@ def phalanx_distance(
         hand.inverse_length[finger, phalanx],
         hand.radius[finger, phalanx],
         hand.radius[finger, phalanx] - hand.radius[finger, phalanx + 1],
-        limit,
-        work.stack,
     )
+    return nearest_leaf_round_cone(tree, cone, limit, work.stack)
 
 
 @jit
 def sphere_distance(tree: TreeArrays, center: Array, radius: float, limit: float, work: ClosingWork) -> float:
     """Least signed distance [m] of a sphere to the leaves; `limit` where none is nearer."""
-    distance, _ = nearest_leaf_round_cone(
-        tree, center[0], center[1], center[2], 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, radius, 0.0, limit, work.stack
-    )
+    cone = RoundCone(center[0], center[1], center[2], 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, radius, 0.0)
+    distance, _ = nearest_leaf_round_cone(tree, cone, limit, work.stack)
     return distance
 
 

@@ -4,6 +4,8 @@ What lives from tick to tick is kept in one structured array: a kernel gets a si
 pass, and count references to, every array in it on every call.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -100,3 +102,16 @@ def is_finite_configuration(position: Array, orientation: Array, flexion: Array,
         for k in range(PHALANX_COUNT):
             total += abs(flexion[f, k])
     return total < LARGEST and 1e-12 < square < LARGEST
+
+
+@jit
+def farthest_joint(joints: Array, others: Array) -> float:
+    """Greatest distance [m] between a joint or tip of one hand, shape (5, 4, 3), and the same one of another."""
+    far = 0.0
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            square = 0.0
+            for i in range(3):
+                square += (joints[f, k, i] - others[f, k, i]) ** 2
+            far = max(far, square)
+    return math.sqrt(far)

@@ -1,6 +1,6 @@
 """Blocks of ticks: many in one compiled call, each of them timed and recorded."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +10,21 @@ from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.jit import Record, jit
 from hhsim.kernels.parallel.thread_team import crew_cpu_ns
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.tick.state import STATUS_FULL, TickOptions
-from hhsim.kernels.tick.tick import set_haptic, tick
+from hhsim.kernels.tick.method import tick
+from hhsim.kernels.tick.state import STATUS_FULL
+from hhsim.kernels.tick.tick import set_haptic
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+
+class HapticBlock(NamedTuple):
+    """The user's hand at each tick of a block, world: [m] (B, 3), (w, x, y, z) (B, 4), [rad] (B, 5, 3) and (B, 5)."""
+
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
 
 
 class TickRecord(NamedTuple):
@@ -61,33 +70,32 @@ def record_tick(state: Record, status: int, wall: int, cpu: int, i: int, record:
 
 @jit
 def run_block(
+    method: Any,
     hand: HandArrays,
-    tree: TreeArrays,
-    options: TickOptions,
+    surface: Any,
     states: NDArray[np.void],
     qp: QpWork,
-    position: Array,
-    orientation: Array,
-    flexion: Array,
-    abduction: Array,
+    haptic: HapticBlock,
     record: TickRecord,
 ) -> int:
-    """Run one tick for each row of the haptic input, shapes (B, 3), (B, 4), (B, 5, 3), (B, 5); returns the ticks done.
+    """Run one tick of a method for each row of the haptic input; returns the ticks done.
 
-    Fewer than B only where the pairs did not fit (STATUS_FULL in the last row). What is timed is all that a haptic loop
-    would do with a sample: taking the input, detection, programs and forces; copying to the record is not part of a
-    tick. The CPU time is that of all threads that the tick keeps busy, with what they spend on waiting for work.
+    Fewer than all only where the pairs did not fit (STATUS_FULL in the last row). What is timed is all that a haptic
+    loop would do with a sample: taking the input, detection, programs and forces; copying to the record is not part of
+    a tick. The CPU time is that of all threads that the tick keeps busy, with what they spend on waiting for work.
     """
     state = states[0]
-    for i in range(position.shape[0]):
+    for i in range(haptic.position.shape[0]):
         cpu = crew_cpu_ns(state.crew)
         wall = monotonic_ns()
-        status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
-        status |= tick(hand, tree, options, state, qp)
+        status = set_haptic(
+            hand, haptic.position[i], haptic.orientation[i], haptic.flexion[i], haptic.abduction[i], state
+        )
+        status |= tick(method, hand, surface, state, qp)
         wall = monotonic_ns() - wall
         cpu = crew_cpu_ns(state.crew) - cpu
         record_tick(state, status, wall, cpu, i, record)
         if status & STATUS_FULL:
             # Not by leaving the loop for something behind it: compiled, that costs every tick 0.4 µs.
             return i + 1
-    return position.shape[0]
+    return haptic.position.shape[0]

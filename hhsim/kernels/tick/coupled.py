@@ -12,6 +12,8 @@ from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
+from hhsim.kernels.tick.method import Coupled, is_oscillating, is_strained, solve_program
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
@@ -49,23 +51,12 @@ def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, 
 
 
 @jit
-def solve_coupled(
-    pose: Record,
-    problem: Record,
-    contacts: Record,
-    active: Record,
-    tolerance: float,
-    relaxation: float,
-    longest: float,
-    work: Record,
-    correction: Record,
-    qp: QpWork,
-    step: Record,
-) -> int:
+def solve_coupled(options: TickOptions, state: Record, qp: QpWork) -> int:
     """Solve the coupled program.
 
-    `step` is written where the status is OPTIMAL. Returns a status of `kernels.active_set`.
+    The state's `step` is written where the status is OPTIMAL. Returns a status of `kernels.qp.active_set`.
     """
+    problem, contacts, active, work, step = state.problem, state.contacts, state.warm, state.coupled, state.step
     coupled_groups(contacts, work.group_start, work.group_stop, work.group_block)
     began = monotonic_ns()
     guessed = as_int64(0)
@@ -81,8 +72,8 @@ def solve_coupled(
         work.group_stop[:],
         work.group_block[:],
         problem.target[:],
-        tolerance,
-        relaxation,
+        options.tolerance,
+        options.relaxation,
         work.guess[:],
         guessed,
         qp,
@@ -99,7 +90,7 @@ def solve_coupled(
     for j in range(DOF):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     correct_for_curvature(
-        pose,
+        state.pose,
         contacts,
         problem.inverse_root[:],
         step.row[:],
@@ -116,12 +107,30 @@ def solve_coupled(
         work.group_start[:],
         work.group_stop[:],
         work.group_block[:],
-        tolerance,
-        longest,
-        correction,
+        options.tolerance,
+        options.longest_correction,
+        state.correction,
         qp,
     )
     for j in range(DOF):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
+
+
+@solve_program.of(Coupled)
+@jit
+def _solve(method: Coupled, state: Record, qp: QpWork) -> int:
+    return solve_coupled(method.options, state, qp)
+
+
+@is_oscillating.of(Coupled)
+@jit
+def _is_oscillating(method: Coupled, state: Record, done: int) -> bool:
+    return False
+
+
+@is_strained.of(Coupled)
+@jit
+def _is_strained(method: Coupled, state: Record) -> bool:
+    return False

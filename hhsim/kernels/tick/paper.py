@@ -23,22 +23,24 @@ Nothing is checked afterwards, no step is bounded. Where the paper is silent:
 - More linearisations than one a tick, which the paper does not have, repeat steps 1 to 3 from the new graphic hand.
 """
 
-import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import PHALANX_PAIRS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.hand.pose import update_kinematics
+from hhsim.kernels.hand.pose import farthest_joint, update_kinematics
 from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
 from hhsim.kernels.tick.force import hand_forces
+from hhsim.kernels.tick.method import tick
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.paper_constraints import (
     LIMITS,
     limit_rows,
@@ -59,7 +61,6 @@ from hhsim.kernels.tick.state import (
     WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
-    TickOptions,
 )
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.kernels.tick.tick import spent_units
@@ -283,6 +284,21 @@ def _solve_finger(
     return free
 
 
+class Paper(NamedTuple):
+    """The method as printed.
+
+    | field | meaning |
+    |---|---|
+    | options | margin is Δr |
+    | palm | the palm's sphere tree, palm frame |
+    | work | one record of PAPER_STATE, shape (1,) |
+    """
+
+    options: TickOptions
+    palm: TreeArrays
+    work: NDArray[np.void]
+
+
 @jit
 def _touching(touch: float, state: Record, paper: Record) -> None:
     # What Eq. 14 sums over: the pairs of this tick that are in contact at its end.
@@ -300,32 +316,10 @@ def _touching(touch: float, state: Record, paper: Record) -> None:
     state.work[WORK_TOUCHING] = row
 
 
+@tick.of(Paper)
 @jit
-def _farthest_joint(pose: Record, haptic: Record) -> float:
-    far = 0.0
-    for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT + 1):
-            square = 0.0
-            for i in range(3):
-                square += (pose.joints[f, k, i] - haptic.joints[f, k, i]) ** 2
-            far = max(far, square)
-    return math.sqrt(far)
-
-
-@jit
-def tick_paper(
-    hand: HandArrays,
-    palm: TreeArrays,
-    tree: TreeArrays,
-    options: TickOptions,
-    state: Record,
-    paper: Record,
-    qp: QpWork,
-) -> int:
-    """Bring the graphic hand towards the haptic one (`kernels.tick.set_haptic`) by the paper's method.
-
-    `palm` is the palm's sphere tree in the palm frame; options.margin is Δr. Returns status bits.
-    """
+def _tick(method: Paper, hand: HandArrays, tree: TreeArrays, state: Record, qp: QpWork) -> int:
+    options, palm, paper = method.options, method.palm, method.work[0]
     pose, haptic = state.pose, state.haptic
     state.work[:] = 0
     state.step.duration[:] = 0
@@ -383,7 +377,7 @@ def tick_paper(
     state.work[WORK_UNITS] = spent_units(state)
     state.work[WORK_QP_ITERATIONS] = state.step.iterations
     if stuck:
-        state.lag = _farthest_joint(pose, haptic)
+        state.lag = farthest_joint(pose.joints, haptic.joints)
         return STATUS_STUCK
     return 0
 

@@ -13,11 +13,13 @@ its cone frustum, and the sphere at its thin end: the joint's (Section III-B), o
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, PALM_PAIRS, PHALANX_PAIRS
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.hand.frustum import foot, in_range, place_frustum, threshold
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
+from hhsim.kernels.round_cone_distance import sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
+from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -116,17 +118,7 @@ def gather_knuckle(
     """Append the pairs of a finger's first joint sphere, which belongs to the palm; returns as `gather_palm`."""
     found, _, tests = gather_round_cone(
         tree,
-        center[0],
-        center[1],
-        center[2],
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        hand.radius[finger, 0],
-        0.0,
+        sphere_cone(center[0], center[1], center[2], hand.radius[finger, 0]),
         growth,
         candidates.stack[:],
         candidates.scratch[:],

@@ -52,13 +52,13 @@ What the method cannot do is what it is here to show: it penetrates wherever it 
 and a hand that moves further in a tick than pairs are looked for ends up inside, or comes out on the other side.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
-from hhsim.kernels.contact.detection import CONTACT_ROWS, count_within, evaluate, find_contacts
+from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.detection import CONTACT_ROWS, evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
@@ -71,11 +71,12 @@ from hhsim.kernels.hand.kinematics import (
 )
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Record, as_int64, jit, jit_vector
+from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.tick.block import TickRecord, record_tick
 from hhsim.kernels.tick.force import FORCE_PAPER, clear_forces, fingertip_normal_forces, palm_wrench, proxy_forces
+from hhsim.kernels.tick.method import tick
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
     STATUS_FULL,
     UNITS_LINEARISATION,
@@ -88,10 +89,9 @@ from hhsim.kernels.tick.state import (
     WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
-    TickOptions,
 )
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick.tick import begin_tick, set_haptic, spent_units
+from hhsim.kernels.tick.tick import begin_tick, spent_units
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -157,26 +157,26 @@ PENALTY_STATE = np.dtype(
 
 
 @jit
-def _evaluate(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
+def _evaluate(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     # A hand deep inside has more pairs near than there is room for: then the deepest have to do.
-    if evaluate(hand, state.pose, tree, options.margin, options.skin, state.candidates, state.work) == 0:
+    if evaluate(hand, state.pose, surface, options.margin, options.skin, state.candidates, state.work) == 0:
         return True
     reach = 0.0
     for _ in range(DEPTHS):
-        if evaluate(hand, state.pose, tree, reach, 0.0, state.candidates, state.work) == 0:
+        if evaluate(hand, state.pose, surface, reach, 0.0, state.candidates, state.work) == 0:
             return True
         reach = 2.0 * reach - options.margin
     return False
 
 
 @jit
-def _find(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
+def _find(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     # Contacts among the pairs known to be complete; again the deepest where they are too many.
     reach = options.margin
     for body in range(BODY_COUNT):
         reach = min(reach, state.candidates.slack[body])
     for _ in range(DEPTHS):
-        if find_contacts(hand, state.pose, state.candidates, reach, tree.radius.shape[0], state.contacts) == 0:
+        if find_contacts(surface, hand, state.pose, state.candidates, reach, state.contacts) == 0:
             return True
         reach = 0.0 if reach > 0.0 else 2.0 * reach - options.margin
     return False
@@ -385,11 +385,11 @@ def _minimise(problem: Record, contacts: Record, alpha: float, rounds: int, work
 
 
 @jit
-def _forces(options: TickOptions, hand: HandArrays, tree: TreeArrays, state: Record, work: Record) -> None:
+def _forces(options: TickOptions, hand: HandArrays, surface: Any, state: Record, work: Record) -> None:
     forces, contacts = state.forces, state.contacts
     clear_forces(forces)
     if options.force_model == FORCE_PAPER:
-        find_contacts(hand, state.pose, state.candidates, options.touch, tree.radius.shape[0], contacts)
+        find_contacts(surface, hand, state.pose, state.candidates, options.touch, contacts)
         proxy_forces(
             state.pose, state.haptic, contacts, options.touch, options.contact_stiffness, state.scratch, forces
         )
@@ -408,15 +408,22 @@ def _forces(options: TickOptions, hand: HandArrays, tree: TreeArrays, state: Rec
     palm_wrench(state.pose, state.haptic, state.stiffness, state.scratch, forces)
 
 
+class Penalty(NamedTuple):
+    """Spring-dampers; `work` is one record of PENALTY_STATE, shape (1,)."""
+
+    options: TickOptions
+    dynamics: PenaltyOptions
+    work: NDArray[np.void]
+
+
+@tick.of(Penalty)
 @jit
-def tick_penalty(
-    hand: HandArrays, tree: TreeArrays, options: TickOptions, penalty: PenaltyOptions, state: Record, work: Record
-) -> int:
-    """Move the graphic hand for one period under its springs towards the haptic hand (`set_haptic`); status bits."""
+def _tick(method: Penalty, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+    options, penalty, work = method.options, method.dynamics, method.work[0]
     began = monotonic_ns()
     begin_tick(options, state)
     problem, contacts, duration = state.problem, state.contacts, state.step.duration
-    status = 0 if _find(hand, tree, options, state) else STATUS_FULL
+    status = 0 if _find(hand, surface, options, state) else STATUS_FULL
     _aim(hand, penalty, state, work)
     build_rows(hand, state.pose, contacts, 0.0, state.relaxed, problem)
     _springs(penalty, contacts, problem.rhs, work)
@@ -449,52 +456,12 @@ def tick_penalty(
         state.candidates.slack[body] -= state.motion[body]
     move(state.pose, state.step.delta, problem.abduction_step, 1.0)
     update_kinematics(hand, state.pose)
-    if not _evaluate(hand, tree, options, state):
+    if not _evaluate(hand, surface, options, state):
         status |= STATUS_FULL
-    state.work[WORK_TOUCHING] = _touching(state.candidates, options.touch)
+    _, state.work[WORK_TOUCHING] = pairs_near(surface, state.candidates, options.touch)
     state.work[WORK_UNITS] = spent_units(state)
     moved = monotonic_ns()
     duration[DURATION_DETECT] += moved - solved
-    _forces(options, hand, tree, state, work)
+    _forces(options, hand, surface, state, work)
     duration[DURATION_FORCE] += monotonic_ns() - moved
     return status
-
-
-@jit
-def _touching(candidates: Record, touch: float) -> int:
-    touching = 0
-    for body in range(PALM_BODY):
-        if candidates.nearest[body] <= touch:
-            touching += count_within(candidates.distance[body], candidates.count[body], touch)
-    if candidates.nearest[PALM_BODY] <= touch:
-        touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], touch)
-    return touching
-
-
-@jit
-def run_block_penalty(
-    hand: HandArrays,
-    tree: TreeArrays,
-    options: TickOptions,
-    penalty: PenaltyOptions,
-    states: NDArray[np.void],
-    works: NDArray[np.void],
-    position: Array,
-    orientation: Array,
-    flexion: Array,
-    abduction: Array,
-    record: TickRecord,
-) -> int:
-    """Run one tick for each row of the haptic input, as `kernels.block.run_block`; returns the ticks done."""
-    state, work = states[0], works[0]
-    for i in range(position.shape[0]):
-        cpu = thread_cpu_ns()
-        wall = monotonic_ns()
-        status = set_haptic(hand, position[i], orientation[i], flexion[i], abduction[i], state)
-        status |= tick_penalty(hand, tree, options, penalty, state, work)
-        wall = monotonic_ns() - wall
-        cpu = thread_cpu_ns() - cpu
-        record_tick(state, status, wall, cpu, i, record)
-        if status & STATUS_FULL:
-            return i + 1
-    return position.shape[0]

@@ -18,9 +18,13 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.parallel.thread_team import NOTHING, TASK_FINGERS, await_done, item_done, post, sort_parts, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
+from hhsim.kernels.tick.coupled import solve_coupled
+from hhsim.kernels.tick.method import Progressive, is_oscillating, is_strained, solve_program
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import CORRECTION_WORK, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
 
@@ -31,6 +35,8 @@ YIELD_WEIGHT = 1e-4
 """Share of its stiffness that a joint keeps in the palm's program."""
 YIELD_SCALE = 100.0
 """1 / √YIELD_WEIGHT: what its columns are multiplied by there."""
+ROUND_TRIP = 3.0
+"""A tick that has moved the hand this many times as far as it got solves palm and fingers together."""
 PALM_GROUPS = 1 + 2 * FINGER_COUNT
 
 FINGER_WORK = np.dtype(
@@ -143,19 +149,9 @@ def _join(problem: Record, contacts: Record, finger: int, work: Record) -> None:
 
 
 @jit
-def _solve_palm(
-    pose: Record,
-    problem: Record,
-    contacts: Record,
-    active: Record,
-    tolerance: float,
-    relaxation: float,
-    longest: float,
-    work: Record,
-    correction: Record,
-    qp: QpWork,
-    step: Record,
-) -> int:
+def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
+    problem, contacts, active, step = state.problem, state.contacts, state.warm, state.step
+    work, tolerance = state.progressive, options.tolerance
     step.count = 0
     for j in range(DOF):
         step.delta[j] = 0.0
@@ -181,7 +177,7 @@ def _solve_palm(
         # A joint's row is longer here by YIELD_SCALE; to the finger's own program the step must be as exact as its
         # other steps.
         tolerance / YIELD_SCALE if work.variables > 6 else tolerance,
-        relaxation,
+        options.relaxation,
         work.guess[:],
         guessed,
         qp,
@@ -198,7 +194,7 @@ def _solve_palm(
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     if work.variables == 6:
         correct_for_curvature(
-            pose,
+            state.pose,
             contacts,
             problem.inverse_root[:],
             step.row[:],
@@ -216,8 +212,8 @@ def _solve_palm(
             work.palm_stop[:],
             work.palm_block[:],
             tolerance,
-            longest,
-            correction,
+            options.longest_correction,
+            state.correction,
             qp,
         )
     for j in range(6):
@@ -227,22 +223,12 @@ def _solve_palm(
 
 
 @jit
-def solve_finger(
-    pose: Record,
-    problem: Record,
-    contacts: Record,
-    active: Record,
-    finger: int,
-    tolerance: float,
-    relaxation: float,
-    longest: float,
-    work: Record,
-    qp: QpWork,
-) -> None:
-    """Solve one finger's program for the palm step at hand, into work.finger[finger].
+def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -> None:
+    """Solve one finger's program for the palm step at hand, into state.progressive.finger[finger].
 
-    Apart from `qp` it writes only there and in the finger's own rows of work.rhs.
+    Apart from `qp` it writes only there and in the finger's own rows of state.progressive.rhs.
     """
+    problem, contacts, active, work = state.problem, state.contacts, state.warm, state.progressive
     own = work.finger[finger]
     offset = 6 + PHALANX_COUNT * finger
     start, stop = contacts.start[finger + 1], contacts.start[finger + 2]
@@ -252,7 +238,7 @@ def solve_finger(
     own.stop[1] = limit_start(contacts, finger + 1)
     finger_rhs(problem, start, stop, work.palm_step[:], work.rhs[:])
     finger_rhs(problem, own.start[1], own.stop[1], work.palm_step[:], work.rhs[:])
-    if not _keeps_unmoved_rows(start, stop, problem.block, relaxation * problem.inverse_root[0], work.rhs):
+    if not _keeps_unmoved_rows(start, stop, problem.block, options.relaxation * problem.inverse_root[0], work.rhs):
         own.iterations = 0
         own.status = INFEASIBLE
         return
@@ -269,8 +255,8 @@ def solve_finger(
         own.stop[:],
         own.block[:],
         own.target[:],
-        tolerance,
-        relaxation,
+        options.tolerance,
+        options.relaxation,
         own.guess[:],
         guessed,
         qp,
@@ -289,7 +275,7 @@ def solve_finger(
     for k in range(PHALANX_COUNT):
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
     correct_for_curvature(
-        pose,
+        state.pose,
         contacts,
         problem.inverse_root[:],
         own.row[:],
@@ -306,8 +292,8 @@ def solve_finger(
         own.start[:],
         own.stop[:],
         own.block[:],
-        tolerance,
-        longest,
+        options.tolerance,
+        options.longest_correction,
         own.correction,
         qp,
     )
@@ -334,43 +320,22 @@ def _take_finger(finger: int, work: Record, step: Record) -> int:
 
 
 @jit
-def solve_items(
-    pose: Record,
-    problem: Record,
-    contacts: Record,
-    active: Record,
-    tolerance: float,
-    relaxation: float,
-    longest: float,
-    work: Record,
-    crew: Record,
-    qp: QpWork,
-) -> None:
+def solve_items(options: TickOptions, state: Record, qp: QpWork) -> None:
     """Do items of the task TASK_FINGERS until none is left; `qp` is the thread's own."""
+    crew = state.crew
     word = crew.word[:]
     while True:
         item = take_item(word, as_int64(TASK_FINGERS))
         if item == NOTHING:
             return
-        solve_finger(pose, problem, contacts, active, crew.part[item], tolerance, relaxation, longest, work, qp)
+        solve_finger(options, state, crew.part[item], qp)
         item_done(word)
 
 
 @jit
-def _solve_fingers(
-    pose: Record,
-    problem: Record,
-    contacts: Record,
-    active: Record,
-    tolerance: float,
-    relaxation: float,
-    longest: float,
-    work: Record,
-    qp: QpWork,
-    crew: Record,
-    step: Record,
-) -> None:
+def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
     # The program of every finger that has a contact, by whoever of the crew is free.
+    problem, contacts, crew, step = state.problem, state.contacts, state.crew, state.step
     touched = as_int64(0)
     for f in range(FINGER_COUNT):
         contact_count = contacts.start[f + 2] - contacts.start[f + 1]
@@ -388,29 +353,17 @@ def _solve_fingers(
         word = crew.word[:]
         sort_parts(crew, touched)
         post(word, as_int64(TASK_FINGERS), touched)
-        solve_items(pose, problem, contacts, active, tolerance, relaxation, longest, work, crew, qp)
+        solve_items(options, state, qp)
         await_done(word, touched)
     else:
         for i in range(touched):
-            solve_finger(pose, problem, contacts, active, crew.part[i], tolerance, relaxation, longest, work, qp)
+            solve_finger(options, state, crew.part[i], qp)
 
 
 @jit
-def solve_progressive(
-    pose: Record,
-    problem: Record,
-    contacts: Record,
-    active: Record,
-    tolerance: float,
-    relaxation: float,
-    longest: float,
-    work: Record,
-    correction: Record,
-    qp: QpWork,
-    crew: Record,
-    step: Record,
-) -> int:
+def solve_progressive(options: TickOptions, state: Record, qp: QpWork) -> int:
     """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL."""
+    problem, contacts, work, step = state.problem, state.contacts, state.progressive, state.step
     work.variables = 6
     for j in range(6):
         work.palm_target[j] = problem.target[j]
@@ -423,15 +376,13 @@ def solve_progressive(
         work.yields[f] = -1
     while True:
         began = monotonic_ns()
-        status = _solve_palm(
-            pose, problem, contacts, active, tolerance, relaxation, longest, work, correction, qp, step
-        )
+        status = _solve_palm(options, state, qp)
         solved = monotonic_ns()
         step.duration[DURATION_PALM] += solved - began
         if status != OPTIMAL:
             return status
         joined = False
-        _solve_fingers(pose, problem, contacts, active, tolerance, relaxation, longest, work, qp, crew, step)
+        _solve_fingers(options, state, qp)
         for f in range(FINGER_COUNT):
             if contacts.start[f + 2] == contacts.start[f + 1]:
                 continue
@@ -445,3 +396,29 @@ def solve_progressive(
         step.duration[DURATION_FINGERS] += monotonic_ns() - solved
         if not joined:
             return OPTIMAL
+
+
+@solve_program.of(Progressive)
+@jit
+def _solve(method: Progressive, state: Record, qp: QpWork) -> int:
+    if state.together:
+        return solve_coupled(method.options, state, qp)
+    return solve_progressive(method.options, state, qp)
+
+
+@is_oscillating.of(Progressive)
+@jit
+def _is_oscillating(method: Progressive, state: Record, done: int) -> bool:
+    # A palm that yields to a finger and is pulled back by the next program can do so until the tick ends, without one
+    # step that fails. A long way that leads nowhere is known by its ends.
+    if state.together or 2 * done < method.options.linearisations:
+        return False
+    return state.moved > ROUND_TRIP * farthest_joint(state.pose.joints, state.start_joints)
+
+
+@is_strained.of(Progressive)
+@jit
+def _is_strained(method: Progressive, state: Record) -> bool:
+    # A palm that has yielded to a finger stands at the edge of what the finger's own program allows, and there that
+    # program's multipliers grow without bound.
+    return state.progressive.variables > 6

@@ -1,10 +1,11 @@
-"""What a tick keeps and is told: its state from tick to tick, its options, its status bits and work counters."""
+"""What a tick keeps from one to the next, its status bits and work counters."""
 
-from typing import NamedTuple
+from functools import cache
+from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.contact.detection import CANDIDATES, CONTACT_ROWS, CONTACTS
+from hhsim.kernels.contact.detection import CONTACT_ROWS, CONTACTS
 from hhsim.kernels.contact.linearise import PROBLEM
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import HAND_POSE
@@ -14,11 +15,6 @@ from hhsim.kernels.tick.force import FORCES
 from hhsim.kernels.tick.progressive import PROGRESSIVE_WORK
 from hhsim.kernels.tick.second_order import CORRECTION_WORK
 from hhsim.kernels.tick.step import ACTIVE_CONTACTS, STEP
-
-METHOD_COUPLED = 0
-METHOD_PROGRESSIVE = 1
-METHOD_PAPER = 2
-METHOD_PENALTY = 3
 
 STATUS_STUCK = 1
 """The tick kept the last feasible configuration although the haptic hand asked for a motion."""
@@ -32,9 +28,6 @@ STATUS_FULL = 16
 """More pairs were near than the arrays hold."""
 STATUS_ABDUCTION_HELD = 32
 """The abduction of the haptic hand was not followed, since that left no feasible step."""
-
-TOUCH = 1e-5
-"""Pairs nearer than this [m] count as touching, for a hand of the usual size."""
 
 WORK_LINEARISATIONS = 3
 WORK_QP_ITERATIONS = 4
@@ -58,110 +51,81 @@ Only their ratios matter: the same input takes the same units on any machine.
 """
 
 
-class TickOptions(NamedTuple):
-    """How a tick works; lengths in metres.
+@cache
+def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
+    """Everything that lives from tick to tick, and the workspaces.
 
     | field | meaning |
     |---|---|
-    | method | METHOD_COUPLED, METHOD_PROGRESSIVE or METHOD_PAPER |
-    | force_model | FORCE_KKT or FORCE_PAPER |
-    | linearisations | most of them in a tick |
-    | budget | work units after which no further linearisation begins |
-    | margin | pairs up to this far enter the program; the longest step near the object |
-    | skin | pairs up to this much farther are kept at hand between ticks |
-    | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
-    | settled | a step shorter than this ends the tick |
-    | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
-    | longest_correction | for curvature, in units of √G δ, see `kernels.second_order` |
-    | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
-    | touch | pairs nearer than this count as touching |
+    | pose | the graphic hand |
+    | safe | the last configuration without penetration |
+    | haptic | the haptic hand: the last good input |
+    | candidates, contacts | near pairs and contact records |
+    | problem, step | the program and the step that solves it |
+    | warm | contacts active in the last program, to start the next one from |
+    | active | contacts active at the last accepted step: they carry the forces |
+    | unclipped_motion | how far the step of the program with the true target would go [m] |
+    | clipped | the program at hand has a nearer target, see `clip_target` |
+    | crew | threads that share the work of a tick |
+    | coupled, progressive, correction | workspaces of the methods |
+    | forces | of this tick |
+    | motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
+    | modelled | 1 for bodies that the scene uses; the others follow the haptic hand through the object |
+    | trust, lag | longest step near the object, distance still to go [m] |
+    | reach | pairs up to this far enter the program, and no step near the object is longer [m]; at most the margin |
+    | moved | how far the farthest point of the hand can have moved in this tick [m] |
+    | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
+    | together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
+    | parted, parted_joints | palm and fingers apart came to nothing near here: the haptic hand's joints there [m] |
+    | start_joints | joints of the graphic hand where this tick began [m] |
+    | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
+    | full | this tick met more pairs than the arrays hold |
+    | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
+    | work | counters of this tick |
+    | excess | workspace of `kernels.dominance` |
+    | stiffness | G |
+
+    Args:
+        candidates: Dtype of the near pairs with the surface at hand.
     """
-
-    method: int
-    force_model: int
-    linearisations: int
-    budget: int
-    margin: float
-    skin: float
-    offset: float
-    settled: float
-    tolerance: float
-    relaxation: float
-    longest_correction: float
-    contact_stiffness: float
-    touch: float
-
-
-TICK_STATE = np.dtype(
-    [
-        ("pose", HAND_POSE),
-        ("safe", HAND_POSE),
-        ("haptic", HAND_POSE),
-        ("candidates", CANDIDATES),
-        ("contacts", CONTACTS),
-        ("problem", PROBLEM),
-        ("step", STEP),
-        ("warm", ACTIVE_CONTACTS),
-        ("active", ACTIVE_CONTACTS),
-        ("unclipped_motion", np.float64),
-        ("clipped", np.bool_),
-        ("crew", CREW),
-        ("coupled", COUPLED_WORK),
-        ("progressive", PROGRESSIVE_WORK),
-        ("correction", CORRECTION_WORK),
-        ("forces", FORCES),
-        ("motion", np.float64, (BODY_COUNT,)),
-        ("since_safe", np.float64, (BODY_COUNT,)),
-        ("modelled", np.int8, (BODY_COUNT,)),
-        ("trust", np.float64),
-        ("reach", np.float64),
-        ("moved", np.float64),
-        ("lag", np.float64),
-        ("relaxed", np.bool_),
-        ("hold_abduction", np.bool_),
-        ("together", np.bool_),
-        ("parted", np.bool_),
-        ("parted_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
-        ("start_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
-        ("accepted", np.bool_),
-        ("full", np.bool_),
-        ("bad_steps", np.int64),
-        ("work", np.int64, (WORK_COUNTERS,)),
-        ("excess", np.float64, (CONTACT_ROWS,)),
-        ("stiffness", np.float64, (DOF,)),
-        ("scratch", np.float64, (3,)),
-    ],
-    align=True,
-)
-"""Everything that lives from tick to tick, and the workspaces.
-
-| field | meaning |
-|---|---|
-| pose | the graphic hand |
-| safe | the last configuration without penetration |
-| haptic | the haptic hand: the last good input |
-| candidates, contacts | near pairs and contact records |
-| problem, step | the program and the step that solves it |
-| warm | contacts active in the last program, to start the next one from |
-| active | contacts active at the last accepted step: they carry the forces |
-| unclipped_motion | how far the step of the program with the true target would go [m] |
-| clipped | the program at hand has a nearer target, see `clip_target` |
-| crew | threads that share the work of a tick |
-| coupled, progressive, correction | workspaces of the methods |
-| forces | of this tick |
-| motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
-| modelled | 1 for bodies that the scene uses; the others follow the haptic hand through the object |
-| trust, lag | longest step near the object, distance still to go [m] |
-| reach | pairs up to this far enter the program, and no step near the object is longer [m]; at most the margin |
-| moved | how far the farthest point of the hand can have moved in this tick [m] |
-| relaxed | this tick asks contacts nearer than the offset only not to come nearer |
-| together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
-| parted, parted_joints | palm and fingers apart came to nothing near here: the haptic hand's joints there [m] |
-| start_joints | joints of the graphic hand where this tick began [m] |
-| hold_abduction | this tick keeps the abduction, since following it left no feasible step |
-| full | this tick met more pairs than the arrays hold |
-| accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
-| work | counters of this tick |
-| excess | workspace of `kernels.dominance` |
-| stiffness | G |
-"""
+    return np.dtype(
+        [
+            ("pose", HAND_POSE),
+            ("safe", HAND_POSE),
+            ("haptic", HAND_POSE),
+            ("candidates", candidates),
+            ("contacts", CONTACTS),
+            ("problem", PROBLEM),
+            ("step", STEP),
+            ("warm", ACTIVE_CONTACTS),
+            ("active", ACTIVE_CONTACTS),
+            ("unclipped_motion", np.float64),
+            ("clipped", np.bool_),
+            ("crew", CREW),
+            ("coupled", COUPLED_WORK),
+            ("progressive", PROGRESSIVE_WORK),
+            ("correction", CORRECTION_WORK),
+            ("forces", FORCES),
+            ("motion", np.float64, (BODY_COUNT,)),
+            ("since_safe", np.float64, (BODY_COUNT,)),
+            ("modelled", np.int8, (BODY_COUNT,)),
+            ("trust", np.float64),
+            ("reach", np.float64),
+            ("moved", np.float64),
+            ("lag", np.float64),
+            ("relaxed", np.bool_),
+            ("hold_abduction", np.bool_),
+            ("together", np.bool_),
+            ("parted", np.bool_),
+            ("parted_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+            ("start_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+            ("accepted", np.bool_),
+            ("full", np.bool_),
+            ("bad_steps", np.int64),
+            ("work", np.int64, (WORK_COUNTERS,)),
+            ("excess", np.float64, (CONTACT_ROWS,)),
+            ("stiffness", np.float64, (DOF,)),
+            ("scratch", np.float64, (3,)),
+        ],
+        align=True,
+    )

@@ -1,16 +1,18 @@
 """What the helpers of a crew do while a block of ticks runs in another thread."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.parallel_detection import evaluate_items
+from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.jit import as_int64, jit
 from hhsim.kernels.parallel.thread_team import NOTHING, TASK_DISTANCES, TASK_STOP, rest, waiting_task
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.progressive import solve_items
-from hhsim.kernels.tick.state import TickOptions
 
 Indices = NDArray[np.int64]
 
@@ -18,19 +20,18 @@ Indices = NDArray[np.int64]
 @jit
 def help_out(
     hand: HandArrays,
-    tree: TreeArrays,
+    surface: Any,
     options: TickOptions,
     states: NDArray[np.void],
     qp: QpWork,
-    stack: Indices,
-    scratch: Indices,
+    walk: Walk,
 ) -> None:
     """Do items of the tick's tasks until the crew is dismissed.
 
     Args:
-        hand, tree, options, states: those of the block that runs in the crew's first thread.
+        hand, surface, options, states: those of the block that runs in the crew's first thread.
         qp: a workspace of this thread's own.
-        stack, scratch: room for a walk of the tree, this thread's own.
+        walk: this thread's own.
     """
     state = states[0]
     word = state.crew.word[:]
@@ -48,25 +49,13 @@ def help_out(
             evaluate_items(
                 hand,
                 state.pose,
-                tree,
+                surface,
                 options.margin,
                 options.skin,
                 state.candidates,
                 state.crew,
-                stack,
-                scratch,
+                walk,
                 state.crew.work[:],
             )
         else:
-            solve_items(
-                state.pose,
-                state.problem,
-                state.contacts,
-                state.warm,
-                options.tolerance,
-                options.relaxation,
-                options.longest_correction,
-                state.progressive,
-                state.crew,
-                qp,
-            )
+            solve_items(options, state, qp)

@@ -11,12 +11,13 @@ configuration and ends at the last feasible one, the graphic hand never penetrat
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, count_within, evaluate, find_contacts
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.parallel_detection import evaluate_together, worth_sharing
 from hhsim.kernels.contact.redundant_contacts import drop_dominated
@@ -24,22 +25,19 @@ from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     DOF,
     FINGER_COUNT,
-    PALM_BODY,
     PHALANX_COUNT,
     HandArrays,
     motion_bounds,
 )
-from hhsim.kernels.hand.pose import copy_configuration, is_finite_configuration, move, update_kinematics
+from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, move, update_kinematics
 from hhsim.kernels.jit import Record, as_bool, jit, jit_inline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
-from hhsim.kernels.tick.progressive import solve_progressive
+from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program, tick
+from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
-    METHOD_COUPLED,
-    METHOD_PROGRESSIVE,
     STATUS_ABDUCTION_HELD,
     STATUS_FULL,
     STATUS_HELD,
@@ -57,7 +55,6 @@ from hhsim.kernels.tick.state import (
     WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
-    TickOptions,
 )
 from hhsim.kernels.tick.step import (
     DURATION_DETECT,
@@ -78,8 +75,6 @@ REACH_GROWTH = 4.0
 
 A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin.
 """
-ROUND_TRIP = 3.0
-"""A tick that has moved the hand this many times as far as it got solves palm and fingers together."""
 PARTED_MARGINS = 10.0
 """How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
@@ -109,13 +104,13 @@ def set_haptic(
 
 
 @jit_inline
-def evaluate_pose(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
+def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
     pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
     if state.crew.members > 1 and worth_sharing(margin, skin, candidates, state.crew):
-        return evaluate_together(hand, pose, tree, margin, skin, candidates, state.crew, state.work)
-    return evaluate(hand, pose, tree, margin, skin, candidates, state.work)
+        return evaluate_together(hand, pose, surface, margin, skin, candidates, state.crew, state.work)
+    return evaluate(hand, pose, surface, margin, skin, candidates, state.work)
 
 
 @jit
@@ -128,25 +123,12 @@ def least_distance(candidates: Record) -> float:
 
 
 @jit
-def _farthest_joint(joints: Array, others: Array) -> float:
-    """Greatest distance [m] between a joint or tip of one hand, shape (5, 4, 3), and the same one of another."""
-    far = 0.0
-    for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT + 1):
-            square = 0.0
-            for i in range(3):
-                square += (joints[f, k, i] - others[f, k, i]) ** 2
-            far = max(far, square)
-    return math.sqrt(far)
-
-
-@jit
 def _still_parted(options: TickOptions, state: Record) -> bool:
     # Palm and fingers that came to nothing apart do so again from where solving them together has led: the hand would
     # be pulled to and fro for ever. They stay together until the user's hand has left that place.
     if not state.parted:
         return False
-    return _farthest_joint(state.parted_joints, state.haptic.joints) <= PARTED_MARGINS * options.margin
+    return farthest_joint(state.parted_joints, state.haptic.joints) <= PARTED_MARGINS * options.margin
 
 
 @jit
@@ -155,18 +137,6 @@ def solve_together(state: Record) -> None:
     state.together = True
     state.parted = True
     state.parted_joints[:] = state.haptic.joints[:]
-
-
-@jit
-def goes_round(options: TickOptions, state: Record, done: int) -> bool:
-    """Whether palm and fingers apart pull each other to and fro, after so many linearisations.
-
-    A palm that yields to a finger and is pulled back by the next program can do so until the tick ends, without one
-    step that fails. A long way that leads nowhere is known by its ends.
-    """
-    if options.method != METHOD_PROGRESSIVE or state.together or 2 * done < options.linearisations:
-        return False
-    return state.moved > ROUND_TRIP * _farthest_joint(state.pose.joints, state.start_joints)
 
 
 @jit
@@ -217,32 +187,19 @@ def _aim(state: Record) -> None:
 
 
 @jit
-def _count_near(margin: float, candidates: Record) -> tuple[int, int]:
-    bodies, pairs = 0, 0
-    for body in range(BODY_COUNT):
-        if candidates.nearest[body] <= margin:
-            bodies += 1
-            if body < PALM_BODY:
-                pairs += count_within(candidates.distance[body], candidates.count[body], margin)
-            else:
-                pairs += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], margin)
-    return bodies, pairs
-
-
-@jit
-def prepare(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> int:
+def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Contacts and program at the present configuration; returns the number of contacts, -1 where they do not fit."""
     began = monotonic_ns()
     candidates = state.candidates
     reach = min(state.reach, state.trust)
-    status = find_contacts(hand, state.pose, candidates, reach, tree.radius.shape[0], state.contacts)
+    status = find_contacts(surface, hand, state.pose, candidates, reach, state.contacts)
     if status != 0:
         return -1
     drop_dominated(hand, reach, state.contacts, state.excess[:])
     _aim(state)
     state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]
-    bodies, pairs = _count_near(options.margin, candidates)
+    bodies, pairs = pairs_near(surface, candidates, options.margin)
     state.work[WORK_BODIES] = max(state.work[WORK_BODIES], bodies)
     state.work[WORK_LINEARISATIONS] += 1
     state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], pairs)
@@ -275,7 +232,7 @@ def _take_back(state: Record) -> None:
 
 
 @jit
-def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
+def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """After a program without solution: make the next one easier. False where nothing is left to try."""
     if not state.relaxed:
         state.relaxed = True
@@ -287,7 +244,7 @@ def recover(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
     if moved > 0.0:
         _take_back(state)
         state.trust *= 0.25
-        state.full = evaluate_pose(hand, tree, options, state) != 0
+        state.full = evaluate_pose(hand, surface, options, state) != 0
         return not state.full
     if not state.hold_abduction:
         state.hold_abduction = True
@@ -344,7 +301,7 @@ def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> bool:
 
 
 @jit
-def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record) -> bool:
+def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """Take the step as far as the pairs at hand vouch for and judge it by the true distances.
 
     True where the tick is done.
@@ -362,7 +319,7 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
         moved = fraction * state.motion[body]
         candidates.slack[body] -= moved
         state.since_safe[body] += moved
-    status = evaluate_pose(hand, tree, options, state)
+    status = evaluate_pose(hand, surface, options, state)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
     state.moved += fraction * longest
     if fraction < 1.0 or state.clipped:
@@ -394,59 +351,27 @@ def advance(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Rec
             _take_back(state)
             state.lag = wanted
             state.trust *= 0.25
-            state.full = evaluate_pose(hand, tree, options, state) != 0
+            state.full = evaluate_pose(hand, surface, options, state) != 0
             done = state.full
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
 
 
 @jit
-def _solve(options: TickOptions, state: Record, qp: QpWork) -> int:
-    if options.method == METHOD_COUPLED or state.together:
-        return solve_coupled(
-            state.pose,
-            state.problem,
-            state.contacts,
-            state.warm,
-            options.tolerance,
-            options.relaxation,
-            options.longest_correction,
-            state.coupled,
-            state.correction,
-            qp,
-            state.step,
-        )
-    return solve_progressive(
-        state.pose,
-        state.problem,
-        state.contacts,
-        state.warm,
-        options.tolerance,
-        options.relaxation,
-        options.longest_correction,
-        state.progressive,
-        state.correction,
-        qp,
-        state.crew,
-        state.step,
-    )
-
-
-@jit
 def _cap_lag(state: Record) -> None:
     # A program's step can be longer than any way that is left, where a soft direction is all but free: no point of the
     # hand has further to go than from where it is shown to where the user has it.
-    state.lag = min(state.lag, _farthest_joint(state.pose.joints, state.haptic.joints))
+    state.lag = min(state.lag, farthest_joint(state.pose.joints, state.haptic.joints))
 
 
 @jit
-def _settle_forces(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> None:
+def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: Record, qp: QpWork) -> None:
     # A tick that ends on its way shows a configuration that is no optimum, and the multipliers of its last program
     # belong to another one. What touches at the configuration shown bears the coupling as far as it can: one more
     # program, of the touching contacts only, that standing still satisfies, so that the forces stay within the
     # coupling's own. The same where the palm has yielded to a finger: it stands at the edge of what the finger's own
     # program allows, and there that program's multipliers grow without bound.
-    contacts = find_contacts(hand, state.pose, state.candidates, options.touch, tree.radius.shape[0], state.contacts)
+    contacts = find_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
     state.active.count = 0
     if contacts != 0 or state.contacts.start[FINGER_COUNT + 1] == 0:
         return
@@ -458,16 +383,16 @@ def _settle_forces(hand: HandArrays, tree: TreeArrays, options: TickOptions, sta
     build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
     for j in range(DOF):
         state.problem.target[j] /= state.problem.inverse_root[j]
-    together = state.together
-    state.together = True
-    if _solve(options, state, qp) == OPTIMAL:
+    if solve_coupled(options, state, qp) == OPTIMAL:
         keep_active(state.contacts, state.step, state.active)
-    state.together = together
 
 
 @jit
-def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> int:
-    """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
+def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: bool, state: Record, qp: QpWork) -> int:
+    """Return to the last feasible configuration, count what touches, compute the forces; returns status bits.
+
+    `strained`: the last program's multipliers are no forces, see `is_strained`.
+    """
     began = monotonic_ns()
     status = 0
     candidates = state.candidates
@@ -476,7 +401,7 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
         unsafe += state.since_safe[body]
     if unsafe > 0.0:
         _take_back(state)
-        if evaluate_pose(hand, tree, options, state) != 0:
+        if evaluate_pose(hand, surface, options, state) != 0:
             status |= STATUS_FULL
     if state.full:
         status |= STATUS_FULL
@@ -489,23 +414,17 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
         _cap_lag(state)
-    touching = 0
-    for body in range(PALM_BODY):
-        if candidates.nearest[body] <= options.touch:
-            touching += count_within(candidates.distance[body], candidates.count[body], options.touch)
-    if candidates.nearest[PALM_BODY] <= options.touch:
-        touching += count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], options.touch)
+    _, touching = pairs_near(surface, candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
-    strained = state.progressive.variables > 6 and options.method == METHOD_PROGRESSIVE
     if (status & STATUS_LAG or strained) and options.force_model != FORCE_PAPER:
         # The program's time belongs to the forces, which count it below.
         palm, fingers = state.step.duration[DURATION_PALM], state.step.duration[DURATION_FINGERS]
-        _settle_forces(hand, tree, options, state, qp)
+        _settle_forces(hand, surface, options, state, qp)
         state.step.duration[DURATION_PALM] = palm
         state.step.duration[DURATION_FINGERS] = fingers
     if options.force_model == FORCE_PAPER:
-        find_contacts(hand, state.pose, candidates, options.touch, tree.radius.shape[0], state.contacts)
+        find_contacts(surface, hand, state.pose, candidates, options.touch, state.contacts)
     hand_forces(
         hand,
         state.pose,
@@ -526,36 +445,39 @@ def finish_tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state:
     return status
 
 
+@tick.of(Coupled)
+@tick.of(Progressive)
 @jit
-def tick(hand: HandArrays, tree: TreeArrays, options: TickOptions, state: Record, qp: QpWork) -> int:
-    """Bring the graphic hand as near to the haptic hand (`set_haptic`) as the object allows; returns status bits."""
+def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+    """Go from linearisation to linearisation until the hand stands still; returns status bits."""
+    options = method.options
     begin_tick(options, state)
     status = 0
     for i in range(options.linearisations):
         if i > 0 and spent_units(state) >= options.budget:
             break
-        if goes_round(options, state, i):
+        if is_oscillating(method, state, i):
             solve_together(state)
-        contacts = prepare(hand, tree, options, state)
+        contacts = prepare(hand, surface, options, state)
         if contacts < 0:
             status |= STATUS_FULL
             break
         solved = OPTIMAL
         while contacts > 0:
-            solved = _solve(options, state, qp)
+            solved = solve_program(method, state, qp)
             if solved != OPTIMAL or not clip_target(hand, options, state):
                 break
         if solved != OPTIMAL:
-            if recover(hand, tree, options, state):
+            if recover(hand, surface, options, state):
                 continue
             break
-        if advance(hand, tree, options, state):
+        if advance(hand, surface, options, state):
             break
-    return status | finish_tick(hand, tree, options, state, qp)
+    return status | finish_tick(hand, surface, options, is_strained(method, state), state, qp)
 
 
 @jit
-def gather_anew(hand: HandArrays, tree: TreeArrays, options: TickOptions, states: NDArray[np.void]) -> int:
+def gather_anew(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> int:
     """Take the graphic hand's configuration as it now stands: kinematics, near pairs, distances; returns 0 or FULL."""
     state = states[0]
     for body in range(BODY_COUNT):
@@ -563,4 +485,4 @@ def gather_anew(hand: HandArrays, tree: TreeArrays, options: TickOptions, states
         state.candidates.slack[body] = -np.inf if state.modelled[body] == 1 else np.inf
         state.candidates.count[body] = 0
         state.candidates.fresh[body] = 0.0
-    return evaluate_pose(hand, tree, options, state)
+    return evaluate_pose(hand, surface, options, state)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_FULL, STATUS_HELD, WORK_TOUCHING
 from hhsim.live.device import GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
 from hhsim.live.devices.plausibility import GloveWatch
@@ -95,7 +95,7 @@ class LiveLoop:
         self._row = self._rows[0]
         self._record = TickRecord(*(self._rows[name] for name in TickRecord._fields))
         names = ("haptic_position", "haptic_orientation", "haptic_flexion", "haptic_abduction")
-        self._haptic = [self._rows[name] for name in names]
+        self._haptic = HapticBlock(*(self._rows[name] for name in names))
         self._position, self._orientation, self._flexion, self._abduction = (part[0] for part in self._haptic)
         self._graphic, self._phalanx = self._record.flexion[0], self._record.phalanx[0]
         self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)

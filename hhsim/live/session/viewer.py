@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError, OutputError
-from hhsim.hand.model import FINGERS
+from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup, read_setup
 from hhsim.live.ipc.records import Stage

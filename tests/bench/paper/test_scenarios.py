@@ -8,7 +8,8 @@ import pytest
 from hhsim.bench.paper.contact_check import check_holds
 from hhsim.bench.paper.scenarios import Scenario, paper_scenarios
 from hhsim.errors import UnknownNameError
-from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.motion_catalogue import load_script

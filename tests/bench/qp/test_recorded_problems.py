@@ -87,7 +87,7 @@ def test_harvesting_a_tick_does_to_the_hand_what_running_it_does() -> None:
         driven.run(*(values[:1] for values in motion))
         for tick in range(1, 60):
             harvest_tick(driven, HandMotion(*motion), tick, "")
-            np.testing.assert_allclose(driven.states[0].pose.position, record.position[tick], atol=1e-7)
+            np.testing.assert_allclose(driven.workspace.states[0].pose.position, record.position[tick], atol=1e-7)
         assert record_clearance(HAND, BALL, record).min() >= -1e-6
 
 
@@ -101,7 +101,7 @@ def test_a_harvested_program_is_the_tick_s() -> None:
     taken = harvest_tick(solver, HandMotion(*motion), 30, "here")
     assert taken
     program = taken[-1]
-    problem, _ = coupled_problem(solver.states[0])
+    problem, _ = coupled_problem(solver.workspace.states[0])
     assert (program.kind, program.source, program.variables) == ("coupled", "here", 21)
     weight = np.sqrt(problem.stiffness)
     # contact_problem also holds the limits of fingers that touch nothing.

@@ -34,7 +34,8 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.motion.analytic_motion import HapticMotion, still
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import METHODS, SolverOptions
+from hhsim.solver.method import METHODS
+from hhsim.solver.options import SolverOptions
 
 Array = NDArray[np.float64]
 
@@ -66,7 +67,7 @@ class Faulty(HandSolver):
         elif self.fault == "lost":
             record.joints[tick] = np.nan
         elif self.fault == "limit":
-            record.flexion[tick, 2, 1] = self.model.flexion_max[2, 1] + 1e-6
+            record.flexion[tick, 2, 1] = self.workspace.model.flexion_max[2, 1] + 1e-6
         elif self.fault == "stuck":
             # Kept where it was forty ticks before, far above the ball.
             for values in (record.position, record.joints):

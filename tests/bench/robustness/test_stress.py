@@ -20,7 +20,8 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import METHODS, SolverOptions
+from hhsim.solver.method import METHODS
+from hhsim.solver.options import SolverOptions
 
 Array = NDArray[np.float64]
 
@@ -50,8 +51,9 @@ class Planted(HandSolver):
     def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
         record = super().run(position, orientation, flexion, abduction)
         right = (record.work[:, WORK_TOUCHING] > 0) & (position[:, 0] > 0.02)
+        tree = self.workspace.surface
         inside = np.flatnonzero(right & (flexion[:, 1, 0] > 0.9))
-        center = np.array([self.tree.x[0], self.tree.y[0], self.tree.z[0]])
+        center = np.array([tree.x[0], tree.y[0], tree.z[0]])
         record.joints[inside, 1] += center - record.joints[inside, 1, 1:2]
         record.position[inside] = center
         record.total[right & (flexion[:, 4, 1] > 1.6), 1] = np.inf

@@ -17,12 +17,12 @@ from hhsim.kernels.contact.detection import (
     COUNT_NODE_TESTS,
     COUNT_PAIR_TESTS,
     FULL,
-    PHALANX_PAIRS,
     evaluate,
     find_contacts,
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, motion_bounds
 from hhsim.kernels.hand.pose import move, update_kinematics
+from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -73,7 +73,7 @@ def assert_exactly_the_near_pairs(state: Any, hand: HandModel, tree: SphereTree,
 def detect(state: Any, hand: HandModel, tree: SphereTree, margin: float, skin: float) -> None:
     arrays, nodes = hand.arrays(), tree.arrays()
     assert evaluate(arrays, state.pose, nodes, margin, skin, state.candidates, state.work) == 0
-    assert find_contacts(arrays, state.pose, state.candidates, margin, len(tree.radius), state.contacts) == 0
+    assert find_contacts(nodes, arrays, state.pose, state.candidates, margin, state.contacts) == 0
 
 
 def test_the_oracle_of_these_tests_is_the_union_of_spheres_along_the_axis() -> None:
@@ -232,7 +232,7 @@ def test_more_pairs_than_there_is_room_for_are_reported() -> None:
     two = sphere_tree(np.repeat(places, half, axis=0), np.full(2 * half, 1e-3))
     state.candidates.slack[:] = -np.inf
     assert evaluate(arrays, state.pose, two.arrays(), 1e-3, 0.0, state.candidates, state.work) == 0
-    assert find_contacts(arrays, state.pose, state.candidates, 1e-3, len(two.radius), state.contacts) == FULL
+    assert find_contacts(two.arrays(), arrays, state.pose, state.candidates, 1e-3, state.contacts) == FULL
 
 
 def test_a_skin_that_holds_too_many_pairs_is_given_up() -> None:

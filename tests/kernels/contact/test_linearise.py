@@ -54,7 +54,7 @@ def scene(seed: int) -> tuple[HandModel, SphereTree, Motion, Any]:
     set_pose(hand, state.pose, at)
     arrays = hand.arrays()
     assert evaluate(arrays, state.pose, tree.arrays(), 3e-3, 0.0, state.candidates, state.work) == 0
-    assert find_contacts(arrays, state.pose, state.candidates, 3e-3, len(tree.radius), state.contacts) == 0
+    assert find_contacts(tree.arrays(), arrays, state.pose, state.candidates, 3e-3, state.contacts) == 0
     return hand, tree, at, state
 
 

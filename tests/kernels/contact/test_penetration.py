@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
 
@@ -91,7 +91,8 @@ def run_clearances(
     x, y, z = np.ascontiguousarray(palm.T)
     rotation, position = np.ascontiguousarray(pose[:, :, :3]), np.ascontiguousarray(pose[:, :, 3])
     palm_out, finger_out = np.full(len(joints), np.inf), np.full((len(joints), 5), np.inf)
-    clearances(phalanx_radius, x, y, z, palm_radius, tree, joints, position, rotation, limit, palm_out, finger_out)
+    shape, placed = HandSurface(phalanx_radius, x, y, z, palm_radius), PlacedHands(joints, position, rotation)
+    clearances(tree, shape, placed, limit, palm_out, finger_out)
     return palm_out, finger_out
 
 
@@ -148,7 +149,8 @@ def penetration_depths(
 ) -> None:
     """Clearances of a whole hand, none looked for beyond 0, as depths; written to palm (T,) and finger (T, 5)."""
     spheres = (hand.palm_x, hand.palm_y, hand.palm_z, hand.palm_radius)
-    clearances(hand.radius, *spheres, tree, joints, position, rotation, 0.0, palm, finger)
+    shape, placed = HandSurface(hand.radius, *spheres), PlacedHands(joints, position, rotation)
+    clearances(tree, shape, placed, 0.0, palm, finger)
     palm[:], finger[:] = 0.0 - palm, 0.0 - finger
 
 

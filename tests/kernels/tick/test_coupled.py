@@ -33,7 +33,7 @@ def harvest(method: str, motion: Motion, every: int) -> Any:
 
 def multipliers(solver: HandSolver, rows: NDArray[np.int64]) -> Array:
     """λ of each of these rows in the step that the solver proposes, shape (rows,)."""
-    step = solver.states[0].step
+    step = solver.workspace.states[0].step
     whole = np.zeros(ROW_CAPACITY)
     np.add.at(whole, step.row[: step.count], step.multiplier[: step.count])
     found: Array = whole[rows]
@@ -52,7 +52,7 @@ def test_another_solver_finds_the_same_optimum(backend: str, exact: float, seed:
     programs, loaded = 0, 0
     for solver in harvest("coupled", random_targets(HAND, TICKS, seed), 7):
         assert solve_prepared(solver) == OPTIMAL
-        problem, rows = coupled_problem(solver.states[0])
+        problem, rows = coupled_problem(solver.workspace.states[0])
         multiplier = multipliers(solver, rows)
         own = optimum(problem, multiplier)
         theirs = solve(problem, backend)
@@ -72,7 +72,7 @@ def test_the_step_satisfies_every_row_and_keeps_the_loaded_ones(seed: int) -> No
     # The step is the optimum, corrected for curvature within the rows that carry force.
     programs = 0
     for solver in harvest("coupled", random_targets(HAND, TICKS, seed, sweep=True), 7):
-        state = solver.states[0]
+        state = solver.workspace.states[0]
         assert solve_prepared(solver) == OPTIMAL
         problem, rows = coupled_problem(state)
         slack = problem.matrix @ state.step.delta - problem.rhs
@@ -87,13 +87,13 @@ def test_the_step_does_not_depend_on_the_guess() -> None:
     motion = random_targets(HAND, TICKS, 4)
     compared = 0
     for solver in harvest("coupled", motion, 11):
-        state = solver.states[0]
+        state = solver.workspace.states[0]
         assert solve_prepared(solver) == OPTIMAL
-        warm, iterations = state.step.delta.copy(), int(solver.qp.counts[1])
+        warm, iterations = state.step.delta.copy(), int(solver.workspace.qp.counts[1])
         state.warm.count = 0
         assert solve_prepared(solver) == OPTIMAL
         np.testing.assert_allclose(state.step.delta, warm, rtol=1e-7, atol=1e-9)
-        compared += int(solver.qp.counts[1]) != iterations
+        compared += int(solver.workspace.qp.counts[1]) != iterations
     assert compared > 3, "no guess ever changed the way to the solution"
 
 
@@ -105,7 +105,7 @@ def test_standing_still_is_always_allowed_when_relaxed() -> None:
         solver.run(*motion.part(tick, tick + 9))
         if tick + 9 >= TICKS or prepared(solver, motion, tick + 9, relaxed=True) == 0:
             continue
-        problem, _ = coupled_problem(solver.states[0])
+        problem, _ = coupled_problem(solver.workspace.states[0])
         assert (problem.rhs <= 0.0).all()
         assert solve_prepared(solver) == OPTIMAL
         seen += 1
@@ -115,7 +115,7 @@ def test_standing_still_is_always_allowed_when_relaxed() -> None:
 def test_contradicting_rows_are_reported_and_nothing_is_written() -> None:
     motion = random_targets(HAND, TICKS, 6)
     for solver in harvest("coupled", motion, 5):
-        state = solver.states[0]
+        state = solver.workspace.states[0]
         if state.contacts.start[-1] < 2:
             continue
         problem = state.problem

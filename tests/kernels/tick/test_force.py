@@ -10,9 +10,8 @@ from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, palm_spheres, s
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import TOUCH
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import TOUCH, SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -48,7 +47,7 @@ def press(hand: HandModel, method: str, force: str, flat: bool = False, ticks: i
     solver.run(*straight_line(start, goal, 300))
     record = solver.run(*still(ticks, *(values[0] for values in goal)))
     graphic = Motion(record.position[-1:], record.orientation[-1:], record.flexion[-1:], record.abduction[-1:])
-    return Hold(hand, options, goal, graphic, record, solver.states[0])
+    return Hold(hand, options, goal, graphic, record, solver.workspace.states[0])
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,7 @@ from hhsim.kernels.tick.state import (
     WORK_TOUCHING,
 )
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.methods.paper import PaperEngine
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -236,8 +237,8 @@ def test_place_takes_any_configuration_and_its_euler_angles() -> None:
     solver = HandSolver(RIGHT, BALL.arrays(), SolverOptions(method="paper"))
     turned = Rotation.from_euler("xyz", [2.0, 1.4, -2.5])
     solver.place(np.array([0.0, 0.0, 0.2]), turned.as_quat(scalar_first=True), CURL, np.zeros(5))
-    assert solver.paper is not None
-    found = Rotation.from_euler("xyz", solver.paper[0].euler)
+    assert isinstance(solver.engine, PaperEngine)
+    found = Rotation.from_euler("xyz", solver.engine.method.work[0].euler)
     assert (found * turned.inv()).magnitude() < 1e-12
 
 

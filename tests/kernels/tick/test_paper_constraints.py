@@ -16,11 +16,11 @@ from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.euler import euler_axes
 from hhsim.kernels.hand.frustum import frustum_shapes, place_frustum
-from hhsim.kernels.tick.paper import finger_program
+from hhsim.kernels.tick.paper import PAPER_STATE, finger_program
 from hhsim.kernels.tick.paper_constraints import limit_rows, palm_contacts, palm_rows, phalanx_contacts
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect
 from hhsim.solver.options import Stiffness
-from hhsim.solver.workspace import paper_state, tick_state
+from hhsim.solver.workspace import tick_state, zeroed
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -46,7 +46,8 @@ def scene(seed: int, angles: Array) -> tuple[HandModel, SphereTree, Motion, Any,
         random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
         random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
     )
-    state, paper = tick_state(ROOT**2)[0], paper_state(True)[0]
+    state, paper = tick_state(ROOT**2)[0], zeroed(PAPER_STATE)[0]
+    paper.closed = True
     set_pose(hand, state.pose, at)
     frustum_shapes(hand.arrays(), paper.shapes)
     paper.lowest[:], paper.highest[:] = hand.flexion_min, hand.flexion_max

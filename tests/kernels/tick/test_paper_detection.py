@@ -13,9 +13,10 @@ from sphere_scenes import Motion, cloud, palm_spheres, set_pose
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
+from hhsim.kernels.tick.paper import PAPER_STATE
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect, finger_is_free, palm_is_free
 from hhsim.solver.options import Stiffness
-from hhsim.solver.workspace import paper_state, tick_state
+from hhsim.solver.workspace import tick_state, zeroed
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -75,7 +76,8 @@ def scene(seed: int, closed: bool) -> tuple[HandModel, SphereTree, Motion, Any, 
         random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
         random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
     )
-    state, paper = tick_state(Stiffness().diagonal())[0], paper_state(closed)[0]
+    state, paper = tick_state(Stiffness().diagonal())[0], zeroed(PAPER_STATE)[0]
+    paper.closed = closed
     set_pose(hand, state.pose, at)
     frustum_shapes(hand.arrays(), paper.shapes)
     return hand, tree, at, state, paper
@@ -175,7 +177,8 @@ def test_a_large_sphere_beyond_a_joint_is_in_contact_by_the_printed_range_alone(
     assert gap > 5e-3
     tree = SphereTree(np.repeat(center[None], 2, axis=0), np.full(2, radius), np.arange(2), np.array([-1, 0]))
     for closed, expected in ((False, 1), (True, 0)):
-        state, paper = tick_state(Stiffness().diagonal())[0], paper_state(closed)[0]
+        state, paper = tick_state(Stiffness().diagonal())[0], zeroed(PAPER_STATE)[0]
+        paper.closed = closed
         set_pose(RIGHT, state.pose, at)
         frustum_shapes(RIGHT.arrays(), paper.shapes)
         detect(RIGHT.arrays(), RIGHT.palm_tree.arrays(), tree.arrays(), GROWTH, state, paper)

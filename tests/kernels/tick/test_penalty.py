@@ -18,13 +18,13 @@ from hhsim.kernels.tick.penalty import LIMIT_WEIGHT
 from hhsim.kernels.tick.state import (
     STATUS_HELD,
     STATUS_START_INSIDE,
-    TOUCH,
     WORK_CANDIDATES,
     WORK_QP_ITERATIONS,
     WORK_TOUCHING,
 )
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.methods.penalty import PenaltyEngine
+from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -174,13 +174,13 @@ def test_the_step_is_the_least_value_of_its_function() -> None:
     options = SolverOptions(method="penalty", linearisations=40)
     solver = HandSolver(HAND, BALL.arrays(), options)
     motion = random_targets(HAND, 600, 3, sweep=True)
-    assert solver.penalty is not None
+    assert isinstance(solver.engine, PenaltyEngine)
     loaded, rounds = 0, 0
     share = options.response / options.period
     alpha = (1.0 + share) ** 2
     for tick in range(600):
         record = solver.run(*motion.part(tick, tick + 1))
-        state, work = solver.states[0], solver.penalty[0]
+        state, work = solver.workspace.states[0], solver.engine.method.work[0]
         total = int(state.contacts.start[6])
         if total == 0:
             continue

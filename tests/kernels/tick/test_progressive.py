@@ -26,7 +26,7 @@ def joined(state: Any) -> list[int]:
 def test_palm_and_fingers_are_the_optima_of_their_own_programs(seed: int) -> None:
     plain, palms, fingers = 0, 0, 0
     for solver in harvest("progressive", random_targets(HAND, TICKS, seed), 7):
-        state = solver.states[0]
+        state = solver.workspace.states[0]
         assert solve_prepared(solver) == OPTIMAL
         if joined(state):
             continue
@@ -61,7 +61,7 @@ def test_palm_and_fingers_are_the_optima_of_their_own_programs(seed: int) -> Non
 def test_every_step_satisfies_all_rows_of_the_whole_hand(seed: int) -> None:
     solved, yielded = 0, 0
     for solver in harvest("progressive", random_targets(HAND, TICKS, seed, sweep=True), 5):
-        state = solver.states[0]
+        state = solver.workspace.states[0]
         problem, _ = coupled_problem(state)
         if solve_prepared(solver) != OPTIMAL:
             assert solve(problem, "quadprog").status == "infeasible"
@@ -90,7 +90,7 @@ def palm_first(problem: QpProblem, fingers: list[int]) -> Array:
 def test_a_yielding_palm_yields_no_more_than_it_must(seed: int) -> None:
     seen = 0
     for solver in harvest("progressive", random_targets(HAND, TICKS, seed), 5):
-        state = solver.states[0]
+        state = solver.workspace.states[0]
         if solve_prepared(solver) != OPTIMAL or not joined(state):
             continue
         problem, _ = coupled_problem(state)
@@ -121,7 +121,7 @@ def test_the_palm_yields_where_joints_cannot_free_a_finger() -> None:
     solver = HandSolver(HAND, tree.arrays(), SolverOptions(method="progressive"))
     solver.run(*still(1, np.zeros(3)))
     assert prepared(solver, target, 0) > 0
-    state = solver.states[0]
+    state = solver.workspace.states[0]
     assert state.contacts.start[1] == 0, "the palm itself touches nothing"
     assert solve_prepared(solver) == OPTIMAL
     assert joined(state) == [1]

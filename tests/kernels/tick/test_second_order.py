@@ -36,7 +36,7 @@ def lagrangian_curvature(state: Any) -> Array:
 def test_the_correction_is_newtons_on_the_loaded_rows(seed: int) -> None:
     compared, shortened = 0, 0
     for solver in harvest("coupled", random_targets(HAND, TICKS, seed), 4):
-        state, longest = solver.states[0], solver.tick_options.longest_correction
+        state, longest = solver.workspace.states[0], solver.workspace.tick_options.longest_correction
         assert solve_prepared(solver) == OPTIMAL
         problem, rows = coupled_problem(state)
         multiplier = multipliers(solver, rows)
@@ -64,7 +64,7 @@ def test_the_correction_is_newtons_on_the_loaded_rows(seed: int) -> None:
             continue
         # Conjugate gradients stop at a hundredth of the residual.
         apart = float(np.linalg.norm(correction - newton))
-        assert apart <= 0.05 * float(np.linalg.norm(newton)) + solver.tick_options.tolerance * STRETCH
+        assert apart <= 0.05 * float(np.linalg.norm(newton)) + solver.workspace.tick_options.tolerance * STRETCH
         compared += 1
     assert compared > 5
     assert shortened > 0

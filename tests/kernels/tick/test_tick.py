@@ -12,14 +12,14 @@ from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, 
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
-from hhsim.kernels.tick.block import run_block
+from hhsim.kernels.tick.block import HapticBlock
+from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import (
     STATUS_FULL,
     STATUS_HELD,
     STATUS_LAG,
     STATUS_START_INSIDE,
     STATUS_STUCK,
-    TOUCH,
     WORK_CANDIDATES,
     WORK_LINEARISATIONS,
     WORK_QP_ITERATIONS,
@@ -27,7 +27,7 @@ from hhsim.kernels.tick.state import (
 )
 from hhsim.kernels.tick.tick import set_haptic
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import TOUCH, SolverOptions
 from hhsim.solver.workspace import tick_record
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -124,9 +124,12 @@ def test_set_haptic_reports_what_it_refuses() -> None:
     solver = HandSolver(HAND, BALL.arrays(), SolverOptions())
     position, orientation, flexion, abduction = (values[0] for values in still(1, FREE))
     nowhere = np.full(3, np.nan)
-    assert set_haptic(solver.hand, position, orientation, flexion, abduction, solver.states[0]) == 0
-    assert set_haptic(solver.hand, nowhere, orientation, flexion, abduction, solver.states[0]) == STATUS_HELD
-    np.testing.assert_array_equal(solver.states[0].haptic.position, FREE)
+    assert set_haptic(solver.workspace.hand, position, orientation, flexion, abduction, solver.workspace.states[0]) == 0
+    assert (
+        set_haptic(solver.workspace.hand, nowhere, orientation, flexion, abduction, solver.workspace.states[0])
+        == STATUS_HELD
+    )
+    np.testing.assert_array_equal(solver.workspace.states[0].haptic.position, FREE)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -215,7 +218,7 @@ def test_more_contacts_than_there_is_room_for_end_the_block() -> None:
     motion = straight_line(still(1, FREE), still(1, np.array(FREE) - [0.0, 0.0, 0.06]), 60)
     solver.run(*motion.part(0, 1))
     record = tick_record(60)
-    done = run_block(solver.hand, solver.tree, solver.tick_options, solver.states, solver.qp, *motion, record)
+    done = solver.workspace.run_block(Coupled(solver.workspace.tick_options), HapticBlock(*motion), record)
     assert done < 60
     assert record.status[done - 1] & STATUS_FULL
     assert not (record.status[: done - 1] & STATUS_FULL).any()

@@ -11,6 +11,7 @@ import pytest
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
 from numpy.typing import NDArray
 
+from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import FingerCommand
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.records import LIVE_TICK, Stage
@@ -116,7 +117,7 @@ def test_one_tick_at_a_time_gives_the_bytes_of_many(method: str) -> None:
     rows = np.zeros(1, LIVE_TICK)
     record = whole._replace(**{name: rows[name] for name in whole._fields})
     for i in range(60):
-        haptic = [position[i : i + 1], orientation[i : i + 1], flexion[i : i + 1], np.zeros((1, 5))]
+        haptic = HapticBlock(position[i : i + 1], orientation[i : i + 1], flexion[i : i + 1], np.zeros((1, 5)))
         assert solver.tick(haptic, record) == whole.status[i]
         for name in set(whole._fields) - set(TIMINGS):
             np.testing.assert_array_equal(rows[name][0], getattr(whole, name)[i], err_msg=f"{name} of tick {i}")

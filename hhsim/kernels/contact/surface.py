@@ -1,0 +1,98 @@
+"""What the surface of an object is to a tick: five kernels, declared for the type of its arrays.
+
+A surface keeps its near pairs with each hand body in a record of its own type, its candidates; what detection needs of
+them all is in `SHARED_CANDIDATES`. A pair is one body and one piece of the surface: a leaf sphere, a triangle.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
+from hhsim.kernels.jit import Record, generic
+from hhsim.kernels.round_cone_distance import RoundCone
+
+Indices = NDArray[np.int64]
+
+SHARED_CANDIDATES = [
+    ("count", np.int64, (BODY_COUNT,)),
+    ("slack", np.float64, (BODY_COUNT,)),
+    ("fresh", np.float64, (BODY_COUNT,)),
+    ("nearest", np.float64, (BODY_COUNT,)),
+]
+"""Fields of the candidates of every surface.
+
+| field | meaning |
+|---|---|
+| count | pairs of each body |
+| slack | least distance that any piece left out can still have [m]; negative infinity: to be gathered |
+| fresh | slack when the body was gathered [m] |
+| nearest | least signed distance of each body, infinite where it has no pair [m] |
+
+And two of the surface's own size, int64: `scratch` and `stack`, for a walk.
+"""
+
+
+class Walk(NamedTuple):
+    """What a walk through a hierarchy works in; each thread has its own."""
+
+    stack: Indices
+    scratch: Indices
+
+
+class Surface(NamedTuple):
+    """A surface that objects can have; a module of `hhsim.kernels.surfaces` declares one as `SURFACE`.
+
+    | field | meaning |
+    |---|---|
+    | summary | one line for help texts |
+    | arrays | the NamedTuple that its kernels are declared for |
+    | candidates | dtype of its candidates |
+    | center | a point [m] (3,) that a hand inside gets away from, of such arrays |
+    """
+
+    summary: str
+    arrays: type
+    candidates: "np.dtype[Any]"
+    center: Callable[[Any], NDArray[np.float64]]
+
+
+@generic
+def gather_pairs(
+    surface: Any, hand: HandArrays, pose: Record, body: int, reach: float, candidates: Record, walk: Walk, work: Indices
+) -> bool:
+    """List the pairs of one body up to `reach` [m], and set its count and slack; False where there is no room."""
+
+
+@generic
+def measure_pairs(surface: Any, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
+    """Signed distances of the listed pairs of a body, which has at least one; returns the least [m]."""
+
+
+@generic
+def pairs_within(surface: Any, candidates: Record, body: int, limit: float) -> int:
+    """How many measured pairs of a body are at most `limit` [m] apart."""
+
+
+@generic
+def record_pairs(
+    surface: Any,
+    hand: HandArrays,
+    pose: Record,
+    body: int,
+    candidates: Record,
+    limit: float,
+    row: int,
+    contacts: Record,
+) -> int:
+    """Write contact records of a body's measured pairs up to `limit` [m], from `row` on.
+
+    Returns the row after the last, -1 where there is no room.
+    """
+
+
+@generic
+def cone_distance(surface: Any, cone: RoundCone, limit: float, stack: Indices) -> float:
+    """Least signed distance [m] between a round cone and the surface; `limit` where none is below it."""

@@ -1,0 +1,375 @@
+"""The leaf spheres of the object's sphere tree, as in the paper."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
+from hhsim.kernels.contact.surface import (
+    SHARED_CANDIDATES,
+    Surface,
+    Walk,
+    cone_distance,
+    gather_pairs,
+    measure_pairs,
+    pairs_within,
+    record_pairs,
+)
+from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.jit import Record, jit, jit_inline, jit_vector
+from hhsim.kernels.round_cone_distance import RoundCone, round_cone_distances, sphere_cone, sphere_pair_distances
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PHALANX_PAIRS = 4096
+PALM_PAIRS = 16384
+"""Room for the near pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred."""
+
+CANDIDATES = np.dtype(
+    [
+        ("x", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("y", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("z", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("radius", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("leaf", np.int64, (PALM_BODY, PHALANX_PAIRS)),
+        ("distance", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("parameter", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("hand_x", np.float64, (PALM_PAIRS,)),
+        ("hand_y", np.float64, (PALM_PAIRS,)),
+        ("hand_z", np.float64, (PALM_PAIRS,)),
+        ("hand_radius", np.float64, (PALM_PAIRS,)),
+        ("object_x", np.float64, (PALM_PAIRS,)),
+        ("object_y", np.float64, (PALM_PAIRS,)),
+        ("object_z", np.float64, (PALM_PAIRS,)),
+        ("object_radius", np.float64, (PALM_PAIRS,)),
+        ("palm_sphere", np.int64, (PALM_PAIRS,)),
+        ("palm_leaf", np.int64, (PALM_PAIRS,)),
+        ("palm_distance", np.float64, (PALM_PAIRS,)),
+        *SHARED_CANDIDATES,
+        ("scratch", np.int64, (PHALANX_PAIRS,)),
+        ("stack", np.int64, (STACK_SIZE,)),
+    ],
+    align=True,
+)
+"""Gathered pairs and their distances.
+
+| field | meaning |
+|---|---|
+| x, y, z, radius | object spheres near each phalanx [m], world |
+| leaf | their node in the tree |
+| distance, parameter | signed distance [m] and axis parameter of the nearest sphere |
+| hand_x, hand_y, hand_z, hand_radius | palm sphere of each palm pair [m], palm frame |
+| object_x, object_y, object_z, object_radius | object sphere of each palm pair [m], world |
+| palm_sphere, palm_leaf | their indices |
+| palm_distance | signed distance [m] |
+| scratch, stack | of a walk |
+"""
+
+
+@jit_inline
+def _phalanx(hand: HandArrays, pose: Record, f: int, k: int) -> RoundCone:
+    return RoundCone(
+        pose.joints[f, k, 0],
+        pose.joints[f, k, 1],
+        pose.joints[f, k, 2],
+        pose.direction[f, k, 0],
+        pose.direction[f, k, 1],
+        pose.direction[f, k, 2],
+        hand.length[f, k],
+        hand.tan_slope[f, k],
+        hand.inverse_length[f, k],
+        hand.radius[f, k],
+        hand.radius[f, k] - hand.radius[f, k + 1],
+    )
+
+
+@jit
+def _gather_phalanx(
+    tree: TreeArrays,
+    hand: HandArrays,
+    pose: Record,
+    body: int,
+    reach: float,
+    candidates: Record,
+    walk: Walk,
+    work: Indices,
+) -> bool:
+    f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
+    count, clearance, tests = gather_round_cone(tree, _phalanx(hand, pose, f, k), reach, walk.stack, walk.scratch)
+    work[COUNT_NODE_TESTS] += tests
+    if count < 0:
+        return False
+    for i in range(count):
+        node = walk.scratch[i]
+        candidates.leaf[body, i] = node
+        candidates.x[body, i] = tree.x[node]
+        candidates.y[body, i] = tree.y[node]
+        candidates.z[body, i] = tree.z[node]
+        candidates.radius[body, i] = tree.radius[node]
+    candidates.count[body] = count
+    candidates.slack[body] = clearance
+    return True
+
+
+@jit
+def _gather_palm(
+    tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
+) -> bool:
+    rotation, position = pose.rotation, pose.position
+    capacity = PALM_PAIRS
+    total = 0
+    slack = np.inf
+    for sphere in range(hand.palm_radius.shape[0]):
+        hx, hy, hz = hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere]
+        cone = sphere_cone(
+            position[0] + rotation[0, 0] * hx + rotation[0, 1] * hy + rotation[0, 2] * hz,
+            position[1] + rotation[1, 0] * hx + rotation[1, 1] * hy + rotation[1, 2] * hz,
+            position[2] + rotation[2, 0] * hx + rotation[2, 1] * hy + rotation[2, 2] * hz,
+            hand.palm_radius[sphere],
+        )
+        count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
+        work[COUNT_NODE_TESTS] += tests
+        slack = min(slack, clearance)
+        if count < 0 or total + count > capacity:
+            return False
+        for i in range(count):
+            node = walk.scratch[i]
+            candidates.hand_x[total] = hx
+            candidates.hand_y[total] = hy
+            candidates.hand_z[total] = hz
+            candidates.hand_radius[total] = hand.palm_radius[sphere]
+            candidates.object_x[total] = tree.x[node]
+            candidates.object_y[total] = tree.y[node]
+            candidates.object_z[total] = tree.z[node]
+            candidates.object_radius[total] = tree.radius[node]
+            candidates.palm_sphere[total] = sphere
+            candidates.palm_leaf[total] = node
+            total += 1
+    candidates.count[PALM_BODY] = total
+    candidates.slack[PALM_BODY] = slack
+    return True
+
+
+@gather_pairs.of(TreeArrays)
+@jit
+def _gather(
+    tree: TreeArrays,
+    hand: HandArrays,
+    pose: Record,
+    body: int,
+    reach: float,
+    candidates: Record,
+    walk: Walk,
+    work: Indices,
+) -> bool:
+    if body < PALM_BODY:
+        return _gather_phalanx(tree, hand, pose, body, reach, candidates, walk, work)
+    return _gather_palm(tree, hand, pose, reach, candidates, walk, work)
+
+
+@jit_vector
+def _least(values: Array, count: int) -> float:
+    least = 1e300
+    for i in range(count):
+        v = values[i]
+        least = v if v < least else least
+    return least
+
+
+@jit_vector
+def _count_within(distance: Array, count: int, limit: float) -> int:
+    within = 0
+    for i in range(count):
+        within += 1 if distance[i] <= limit else 0
+    return within
+
+
+@measure_pairs.of(TreeArrays)
+@jit
+def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
+    count = candidates.count[body]
+    if body < PALM_BODY:
+        round_cone_distances(
+            candidates.x[body],
+            candidates.y[body],
+            candidates.z[body],
+            candidates.radius[body],
+            count,
+            _phalanx(hand, pose, body // PHALANX_COUNT, body % PHALANX_COUNT),
+            candidates.distance[body],
+            candidates.parameter[body],
+        )
+        return _least(candidates.distance[body], count)
+    sphere_pair_distances(
+        candidates.hand_x,
+        candidates.hand_y,
+        candidates.hand_z,
+        candidates.hand_radius,
+        candidates.object_x,
+        candidates.object_y,
+        candidates.object_z,
+        candidates.object_radius,
+        count,
+        pose.position,
+        pose.rotation,
+        candidates.palm_distance,
+    )
+    return _least(candidates.palm_distance[:], count)
+
+
+@pairs_within.of(TreeArrays)
+@jit
+def _within(tree: TreeArrays, candidates: Record, body: int, limit: float) -> int:
+    if body < PALM_BODY:
+        return _count_within(candidates.distance[body], candidates.count[body], limit)
+    return _count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], limit)
+
+
+@jit
+def _palm_contacts(
+    tree: TreeArrays, pose: Record, candidates: Record, margin: float, row: int, contacts: Record
+) -> int:
+    # Arrays are read out of their records before the loop: within it that costs a reference count each time.
+    hand_x, hand_y, hand_z = candidates.hand_x, candidates.hand_y, candidates.hand_z
+    object_x, object_y, object_z = candidates.object_x, candidates.object_y, candidates.object_z
+    hand_radius, object_radius = candidates.hand_radius, candidates.object_radius
+    distance, sphere, leaf = candidates.palm_distance, candidates.palm_sphere, candidates.palm_leaf
+    body_out, key_out, point_out, normal_out = contacts.body, contacts.key, contacts.point, contacts.normal
+    distance_out, slides_out = contacts.distance, contacts.slides
+    hand_radius_out, object_radius_out = contacts.hand_radius, contacts.object_radius
+    position, rotation, leaf_total = pose.position, pose.rotation, tree.radius.shape[0]
+    px, py, pz = position[0], position[1], position[2]
+    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
+    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
+    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
+    capacity = body_out.shape[0]
+    for i in range(candidates.count[PALM_BODY]):
+        d = distance[i]
+        if d > margin:
+            continue
+        if row >= capacity:
+            return -1
+        hx, hy, hz = hand_x[i], hand_y[i], hand_z[i]
+        nx = px + r00 * hx + r01 * hy + r02 * hz - object_x[i]
+        ny = py + r10 * hx + r11 * hy + r12 * hz - object_y[i]
+        nz = pz + r20 * hx + r21 * hy + r22 * hz - object_z[i]
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if length > 0.0:
+            scale = 1.0 / length
+            nx, ny, nz = nx * scale, ny * scale, nz * scale
+        else:
+            # Concentric spheres: every direction is as good; out of the back of the hand is where it can retreat.
+            nx, ny, nz = r02, r12, r22
+        reach = object_radius[i] + d
+        body_out[row] = PALM_BODY
+        key_out[row] = (PALM_BODY + sphere[i]) * leaf_total + leaf[i]
+        normal_out[0, row] = nx
+        normal_out[1, row] = ny
+        normal_out[2, row] = nz
+        point_out[0, row] = object_x[i] + reach * nx
+        point_out[1, row] = object_y[i] + reach * ny
+        point_out[2, row] = object_z[i] + reach * nz
+        distance_out[row] = d
+        hand_radius_out[row] = hand_radius[i]
+        object_radius_out[row] = object_radius[i]
+        slides_out[row] = 0
+        row += 1
+    return row
+
+
+@jit
+def _phalanx_contacts(
+    tree: TreeArrays,
+    hand: HandArrays,
+    pose: Record,
+    body: int,
+    candidates: Record,
+    margin: float,
+    row: int,
+    contacts: Record,
+) -> int:
+    f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
+    x, y, z, radius = candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body]
+    distance, parameter, leaf = candidates.distance[body], candidates.parameter[body], candidates.leaf[body]
+    body_out, key_out, point_out, normal_out = contacts.body, contacts.key, contacts.point, contacts.normal
+    distance_out, slides_out = contacts.distance, contacts.slides
+    hand_radius_out, object_radius_out = contacts.hand_radius, contacts.object_radius
+    joint, direction, rotation, leaf_total = (
+        pose.joints[f, k],
+        pose.direction[f, k],
+        pose.rotation,
+        tree.radius.shape[0],
+    )
+    length, radius_a = hand.length[f, k], hand.radius[f, k]
+    radius_drop = hand.radius[f, k] - hand.radius[f, k + 1]
+    jx, jy, jz = joint[0], joint[1], joint[2]
+    ux, uy, uz = length * direction[0], length * direction[1], length * direction[2]
+    capacity = body_out.shape[0]
+    for i in range(candidates.count[body]):
+        d = distance[i]
+        if d > margin:
+            continue
+        if row >= capacity:
+            return -1
+        s = parameter[i]
+        cx, cy, cz = x[i], y[i], z[i]
+        nx, ny, nz = jx + s * ux - cx, jy + s * uy - cy, jz + s * uz - cz
+        square = nx * nx + ny * ny + nz * nz
+        if square > 0.0:
+            scale = 1.0 / math.sqrt(square)
+            nx, ny, nz = nx * scale, ny * scale, nz * scale
+        else:
+            nx, ny, nz = rotation[0, 2], rotation[1, 2], rotation[2, 2]
+        reach = radius[i] + d
+        body_out[row] = body
+        key_out[row] = body * leaf_total + leaf[i]
+        normal_out[0, row] = nx
+        normal_out[1, row] = ny
+        normal_out[2, row] = nz
+        point_out[0, row] = cx + reach * nx
+        point_out[1, row] = cy + reach * ny
+        point_out[2, row] = cz + reach * nz
+        distance_out[row] = d
+        hand_radius_out[row] = radius_a - s * radius_drop
+        object_radius_out[row] = radius[i]
+        slides_out[row] = 1 if 0.0 < s < 1.0 else 0
+        row += 1
+    return row
+
+
+@record_pairs.of(TreeArrays)
+@jit
+def _record(
+    tree: TreeArrays,
+    hand: HandArrays,
+    pose: Record,
+    body: int,
+    candidates: Record,
+    limit: float,
+    row: int,
+    contacts: Record,
+) -> int:
+    if body < PALM_BODY:
+        return _phalanx_contacts(tree, hand, pose, body, candidates, limit, row, contacts)
+    return _palm_contacts(tree, pose, candidates, limit, row, contacts)
+
+
+@cone_distance.of(TreeArrays)
+@jit
+def _cone_distance(tree: TreeArrays, cone: RoundCone, limit: float, stack: Indices) -> float:
+    return nearest_leaf_round_cone(tree, cone, limit, stack)[0]
+
+
+def _center(tree: TreeArrays) -> Array:
+    return np.array([tree.x[0], tree.y[0], tree.z[0]])
+
+
+SURFACE = Surface(
+    summary="the leaf spheres of the object's sphere tree",
+    arrays=TreeArrays,
+    candidates=CANDIDATES,
+    center=_center,
+)

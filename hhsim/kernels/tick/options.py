@@ -1,0 +1,35 @@
+"""What a tick is told: the lengths and tolerances that steer it."""
+
+from typing import NamedTuple
+
+
+class TickOptions(NamedTuple):
+    """How a tick works; lengths in metres.
+
+    | field | meaning |
+    |---|---|
+    | force_model | FORCE_KKT or FORCE_PAPER |
+    | linearisations | most of them in a tick |
+    | budget | work units after which no further linearisation begins |
+    | margin | pairs up to this far enter the program; the longest step near the object |
+    | skin | pairs up to this much farther are kept at hand between ticks |
+    | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
+    | settled | a step shorter than this ends the tick |
+    | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
+    | longest_correction | for curvature, in units of √G δ, see `kernels.second_order` |
+    | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
+    | touch | pairs nearer than this count as touching |
+    """
+
+    force_model: int
+    linearisations: int
+    budget: int
+    margin: float
+    skin: float
+    offset: float
+    settled: float
+    tolerance: float
+    relaxation: float
+    longest_correction: float
+    contact_stiffness: float
+    touch: float

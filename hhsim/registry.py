@@ -1,0 +1,59 @@
+"""Registries: what can be added to hhsim by one new file.
+
+Each is a package whose modules declare one record; its name is the module's, with hyphens for underscores. A module is
+found by its name alone and imported when its record is asked for, so that listing names costs nothing.
+"""
+
+import pkgutil
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from types import ModuleType
+from typing import Generic, TypeVar, cast
+
+from hhsim.errors import UnknownNameError
+
+T = TypeVar("T")
+
+
+class Registry(Mapping[str, T], Generic[T]):
+    """The records that the modules of a package declare, by name.
+
+    Args:
+        package: Its dotted name.
+        attribute: Name of the record in each module.
+        kind: What an unknown name is told to be none of.
+        first: Names in the order in which they are listed; others follow by the alphabet.
+    """
+
+    def __init__(self, package: str, attribute: str, kind: str, first: tuple[str, ...] = ()) -> None:
+        self.package = package
+        self.attribute = attribute
+        self.kind = kind
+        self.first = first
+
+    def _module(self) -> ModuleType:
+        return import_module(self.package)
+
+    def names(self) -> list[str]:
+        """Every name, without importing a record."""
+        found = {module.name.replace("_", "-") for module in pkgutil.iter_modules(self._module().__path__)}
+        return [name for name in self.first if name in found] + sorted(found - set(self.first))
+
+    def __getitem__(self, name: str) -> T:
+        """The record of a name.
+
+        Raises:
+            UnknownNameError: Nothing is called so.
+        """
+        if name not in self.names():
+            raise UnknownNameError(self.kind, name, self.names())
+        return cast(T, getattr(import_module(f"{self.package}.{name.replace('-', '_')}"), self.attribute))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names())
+
+    def __len__(self) -> int:
+        return len(self.names())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names()

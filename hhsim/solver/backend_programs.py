@@ -1,0 +1,131 @@
+"""The programs of a tick solved by any installed QP solver.
+
+The tick is the kernels' own, `hhsim.kernels.tick.tick.converge`, run as Python: detection, rows, steps and forces are
+the compiled ones, only the solving differs, and a program that a backend fails on is treated as one without solution.
+In the progressive method our solver decides which fingers join the palm's program, since few backends tell infeasible
+from unsolved.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
+from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.state import STATUS_FULL
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
+from hhsim.kernels.tick.tick import converge, set_haptic
+from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
+from hhsim.solver.qp import QpProblem, QpStatus, solve
+from hhsim.solver.workspace import TickWorkspace
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+MULTIPLIER_FLOOR = 1e-9
+"""Multipliers [N] that interior-point backends leave on inactive rows are below this."""
+
+
+class PythonPrograms(NamedTuple):
+    """A method whose programs are solved in Python: `solve` writes the state's `step` and says whether it could."""
+
+    options: TickOptions
+    method: Coupled | Progressive
+    solve: Callable[[], bool]
+
+
+@solve_program.of(PythonPrograms)
+def _solve(given: PythonPrograms, state: Any, qp: QpWork) -> int:
+    return OPTIMAL if given.solve() else INFEASIBLE
+
+
+@is_oscillating.of(PythonPrograms)
+def _is_oscillating(given: PythonPrograms, state: Any, done: int) -> bool:
+    return bool(is_oscillating(given.method, state, done))
+
+
+@is_strained.of(PythonPrograms)
+def _is_strained(given: PythonPrograms, state: Any) -> bool:
+    return bool(is_strained(given.method, state))
+
+
+def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve: Callable[[], bool]) -> int:
+    """One tick after `set_haptic`, with any way to solve a linearisation's program; returns the tick's status bits."""
+    # Interpreted, so that it can call Python; what it calls is compiled.
+    tick = getattr(converge, "py_func", converge)
+    given = PythonPrograms(method.options, method, solve)
+    return int(tick(given, workspace.hand, workspace.surface, workspace.states[0], workspace.qp))
+
+
+def run_block_with_backend(
+    workspace: TickWorkspace, method: Coupled | Progressive, haptic: HapticBlock, record: TickRecord
+) -> int:
+    """Run one tick for each haptic configuration with the QP solver that the options name; returns the ticks done."""
+    state, backend = workspace.states[0], workspace.options.qp
+
+    def solve_one() -> bool:
+        if isinstance(method, Coupled) or state.together:
+            return _solve_coupled(state, backend)
+        return _solve_progressive(method.options, state, workspace.qp, backend)
+
+    for i, sample in enumerate(zip(*haptic)):
+        cpu, wall = thread_cpu_ns(), monotonic_ns()
+        status = set_haptic(workspace.hand, *sample, state) | drive_tick(workspace, method, solve_one)
+        wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
+        record_tick(state, status, wall, cpu, i, record)
+        if status & STATUS_FULL:
+            return i + 1
+    return len(haptic.position)
+
+
+def _solve_coupled(state: Any, backend: str) -> bool:
+    began = monotonic_ns()
+    problem, rows = coupled_problem(state)
+    state.step.count = 0
+    solved = _take(state, problem, rows, slice(0, DOF), backend)
+    state.step.duration[DURATION_PALM] += monotonic_ns() - began
+    return solved
+
+
+def _solve_progressive(options: TickOptions, state: Any, qp: QpWork, backend: str) -> bool:
+    from hhsim.kernels.tick.progressive import solve_progressive
+
+    status = solve_progressive(options, state, qp)
+    if status != OPTIMAL:
+        return False
+    began = monotonic_ns()
+    problem, rows = palm_problem(state)
+    state.step.count = 0
+    solved = _take(state, problem, rows, slice(0, 6), backend)
+    state.step.duration[DURATION_PALM] += monotonic_ns() - began
+    began = monotonic_ns()
+    for finger in range(FINGER_COUNT):
+        if not solved:
+            break
+        if state.contacts.start[finger + 1] == state.contacts.start[finger + 2]:
+            continue
+        problem, rows = finger_problem(state, finger, state.step.delta[:6])
+        first = 6 + PHALANX_COUNT * finger
+        solved = _take(state, problem, rows, slice(first, first + PHALANX_COUNT), backend)
+    state.step.duration[DURATION_FINGERS] += monotonic_ns() - began
+    return solved
+
+
+def _take(state: Any, problem: QpProblem, rows: IntArray, part: slice, backend: str) -> bool:
+    """Solve and append the solution's leading variables and its multipliers to the tick's step."""
+    solution = solve(problem, backend)
+    if solution.status not in (QpStatus.OPTIMAL, QpStatus.INACCURATE):
+        return False
+    step = state.step
+    step.delta[part] = solution.x[: part.stop - part.start]
+    for i in np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR)[: ACTIVE_CAPACITY - step.count]:
+        step.row[step.count] = rows[i]
+        step.multiplier[step.count] = solution.multiplier[i]
+        step.count += 1
+    return True

@@ -1,0 +1,40 @@
+"""The engine of the methods that go from linearisation to linearisation."""
+
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.method import Coupled, Progressive
+from hhsim.solver.workspace import TickWorkspace
+
+
+class LinearisingEngine:
+    """Runs the ticks of `coupled` and `progressive`, shared by threads or with the programs of another QP solver.
+
+    Args:
+        workspace: Of hand and object.
+        method: In the kernels' form.
+    """
+
+    def __init__(self, workspace: TickWorkspace, method: Coupled | Progressive) -> None:
+        self.workspace = workspace
+        self.method = method
+
+    def begin(self) -> None:
+        """See `Engine.begin`."""
+        self.workspace.gather()
+
+    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """See `Engine.run`."""
+        return self._run(self.method, haptic, record)
+
+    def approach(self, linearisations: int, haptic: HapticBlock, record: TickRecord) -> int:
+        """As `run`, with as many linearisations a tick."""
+        options = self.method.options._replace(linearisations=linearisations)
+        return self._run(self.method._replace(options=options), haptic, record)
+
+    def _run(self, method: Coupled | Progressive, haptic: HapticBlock, record: TickRecord) -> int:
+        workspace = self.workspace
+        if workspace.options.qp == "active-set":
+            with workspace.crew.at_work(workspace.hand, workspace.surface, method.options):
+                return workspace.run_block(method, haptic, record)
+        from hhsim.solver.backend_programs import run_block_with_backend
+
+        return run_block_with_backend(workspace, method, haptic, record)

@@ -1,0 +1,72 @@
+"""What a method is: what it promises, what it takes, and the engine that runs its ticks.
+
+To add a method, add a module to `hhsim.solver.methods` that declares a `METHOD`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+from hhsim.registry import Registry
+
+if TYPE_CHECKING:
+    from hhsim.kernels.tick.block import HapticBlock, TickRecord
+
+USUAL: Mapping[str, Any] = {"force": "kkt", "linearisations": 12, "margin": 1e-3}
+"""Defaults of the options that a method may set otherwise: force model, linearisations, margin [m]."""
+
+
+class Engine(Protocol):
+    """Runs the ticks of one method for one hand and one object."""
+
+    def begin(self) -> None:
+        """Go on from the graphic hand as it now stands in the workspace, put there from outside.
+
+        Raises:
+            HhsimError: More pairs are near than the arrays hold.
+        """
+
+    def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
+        """Run one tick for each row of the haptic input.
+
+        Returns:
+            The ticks done: fewer than asked for only where the pairs of the last one did not fit, as its status says.
+        """
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method that can be selected and measured.
+
+    Attributes:
+        summary: One line for help texts and tables.
+        engine: Makes the engine for a `hhsim.solver.workspace.TickWorkspace`; imports what it needs only then.
+        never_penetrates: Promised; a method that does not promise it is measured, and misses no bar by it.
+        takes_threads: Its ticks can be shared among threads.
+        refuses_backends: Why it takes no QP solver but ours, with `{qp}` for the one that was asked for; "" where it
+            takes any.
+        defaults: Of the options named in `USUAL`.
+    """
+
+    summary: str
+    engine: Callable[[Any], Engine]
+    never_penetrates: bool = False
+    takes_threads: bool = False
+    refuses_backends: str = "it solves its own programs and takes no QP solver, not {qp}"
+    defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)
+
+
+METHODS: Registry[Method] = Registry(
+    "hhsim.solver.methods", "METHOD", "method", first=("coupled", "progressive", "paper", "penalty")
+)
+"""Every method by its name."""
+
+
+def methods_that(promise: str) -> tuple[str, ...]:
+    """Names of the methods of which an attribute of `Method` holds, such as `never_penetrates`."""
+    return tuple(name for name, method in METHODS.items() if getattr(method, promise))
+
+
+def never_penetrates(name: str) -> bool:
+    """Whether a method is known and promises it."""
+    return name in METHODS and METHODS[name].never_penetrates

@@ -1,0 +1,27 @@
+"""The surfaces that an object can have for the solver.
+
+To add a surface, add a module to `hhsim.kernels.surfaces` that declares a `SURFACE` and the kernels for its arrays.
+"""
+
+from typing import Any
+
+from hhsim.errors import InputError
+from hhsim.kernels.contact.surface import Surface
+from hhsim.registry import Registry
+
+SURFACES: Registry[Surface] = Registry("hhsim.kernels.surfaces", "SURFACE", "surface", first=("spheres",))
+"""Every surface by its name."""
+
+
+def surface_of(arrays: Any) -> Surface:
+    """The surface that arrays are of.
+
+    Raises:
+        InputError: Arrays of no surface.
+    """
+    for surface in SURFACES.values():
+        if type(arrays) is surface.arrays:
+            return surface
+    raise InputError(
+        f"{type(arrays).__name__} is no surface of an object; expected the arrays of {', '.join(SURFACES)}"
+    )
