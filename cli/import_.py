@@ -11,18 +11,25 @@ from .console import print_json, print_notes, print_table
 from .number_list import number_list
 
 if TYPE_CHECKING:
-    from hhsim.recordings.format_detection import ReadOptions
+    from hhsim.recordings.recording_format import ReadOptions
     from hhsim.recordings.repair import JointLimits
+
+
+class FormatOption(click.Option):
+    """An option whose help names the formats that there are when it is shown."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Ask for the names, which imports none of the formats."""
+        from hhsim.recordings.formats import format_names
+
+        *names, last = format_names()
+        self.help = f"Format of the file: {', '.join(names)} or {last}. Default: the content decides."
+        return super().get_help_record(ctx)
 
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
-@click.option(
-    "--format",
-    "form",
-    metavar="NAME",
-    help="Format of the file: hhsim, npz, leap, bvh, dexmo or csv. Default: the content decides.",
-)
+@click.option("--format", "form", cls=FormatOption, metavar="NAME")
 @click.option(
     "--columns",
     type=click.Path(path_type=Path),
@@ -158,7 +165,7 @@ def command(
 ) -> None:
     """Make a trajectory of a recording of a hand.
 
-    FILE is hhsim's own .csv or .h5, .npz arrays, BVH, Leap Motion JSON, a Dexmo's channels, or any CSV with --columns.
+    FILE is hhsim's own .csv or .h5, any CSV with --columns, or of another --format (docs/recordings.md lists them).
     What is wrong in it and safe to mend is mended, marked in each sample and listed; what is not safe is refused with
     the reason. hhsim replay OBJECT OUT.h5 plays what comes out.
 
@@ -172,8 +179,9 @@ def command(
     from hhsim.errors import InputError, OutputError
     from hhsim.motion.file import check_trajectory_destination, save_trajectory
     from hhsim.recordings.dexmo_regression import format_calibration
-    from hhsim.recordings.format_detection import calibration_of, read_recording
+    from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.import_report import COLUMNS, make_report
+    from hhsim.recordings.registry import read_recording
     from hhsim.recordings.repair import RepairOptions, repair
     from hhsim.system.atomic_write import write_whole_file
     from hhsim.system.output_path import check_destination, dated_destination
@@ -197,8 +205,7 @@ def command(
         start=start,
         end=end,
         time_unit=time_unit,
-        # The reader of BVH needed it already.
-        length_unit=None if recording.form == "bvh" else length_unit,
+        length_unit=None if recording.scaled else length_unit,
         angle_unit=angle_unit,
         mirror=mirror,
         hand_length=None if hand_length is None else 1e-3 * hand_length,
@@ -243,7 +250,7 @@ def _read_options(
     length_unit: str | None,
 ) -> "ReadOptions":
     from hhsim.recordings.column_map import read_column_map
-    from hhsim.recordings.format_detection import ReadOptions
+    from hhsim.recordings.recording_format import ReadOptions
 
     return ReadOptions(
         form=form,
@@ -263,8 +270,7 @@ def _dexmo(
     save: Path | None,
 ) -> dict[str, Any]:
     """The calibration of a Dexmo glove, as fields of ReadOptions."""
-    from hhsim.recordings.dexmo_reader import Poses
-    from hhsim.recordings.dexmo_regression import read_calibration
+    from hhsim.recordings.dexmo_regression import Poses, read_calibration
 
     fields: dict[str, Any] = {}
     if calibration is not None:

@@ -309,11 +309,11 @@ def _mended(motion: "Script | Demonstration | Trajectory", trajectory: str) -> l
 
     from hhsim.motion.sample_flags import MENDED, marked
     from hhsim.motion.trajectory import Trajectory
-    from hhsim.scene.motion_catalogue import IMPORTED_SUFFIXES
+    from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES
 
     if not isinstance(motion, Trajectory) or motion.flags is None:
         return []
-    if Path(trajectory).suffix.lower() not in IMPORTED_SUFFIXES:
+    if Path(trajectory).suffix.lower() in RECORDING_SUFFIXES:
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
     return [f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"]

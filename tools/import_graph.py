@@ -11,7 +11,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGES = (
     "hhsim",
     *(f"hhsim.kernels{part}" for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".qp", ".tick")),
-    *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.motion", "hhsim.result", "hhsim.recordings"),
+    *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.motion", "hhsim.result"),
+    *("hhsim.recordings", "hhsim.recordings.formats"),
     *("hhsim.metrics", "hhsim.scene", "hhsim.solver", "hhsim.replay", "hhsim.verify"),
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),

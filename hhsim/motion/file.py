@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from hhsim.errors import OutputError, TrajectoryError
-from hhsim.motion.csv_file import format_csv, parse_csv
+from hhsim.motion.csv_file import CSV_SUFFIX, format_csv, parse_csv
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
 from hhsim.system.atomic_write import hdf5_image, write_whole_file
@@ -25,7 +25,6 @@ from hhsim.system.output_path import check_destination
 FORMAT = "hhsim-trajectory"
 SCHEMA_VERSION = 1
 HDF5_SUFFIXES = (".h5", ".hdf5")
-CSV_SUFFIX = ".csv"
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """What h5py raises on a file with wrong bytes in it."""

@@ -15,7 +15,7 @@ from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.session.recorder import Recorder
 from hhsim.mesh.generators import sphere
 from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.format_detection import read_recording
+from hhsim.recordings.registry import read_recording
 from hhsim.replay.replay import replay
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS

@@ -26,7 +26,7 @@ from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.metrics.metrics import force_variation_rate, sample_variation_rate, statistics
 from hhsim.motion.tick_motion import HandMotion
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
-from hhsim.scene.motion_catalogue import IMPORTED_SUFFIXES, RECORDING_SUFFIXES, load_recorded
+from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes, load_recorded
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.compile import warm_up
@@ -39,7 +39,6 @@ from hhsim.trees.sphere_tree import SphereTree
 Array = NDArray[np.float64]
 Placing = Literal["auto", "recorded"]
 Progress = Callable[[str, int, int], None]
-SUFFIXES = (*RECORDING_SUFFIXES, *IMPORTED_SUFFIXES)
 
 BLOCK = 2048
 """Ticks that are run and measured at a time."""
@@ -82,18 +81,19 @@ def recording_files(paths: Sequence[Path]) -> list[Path]:
         InputError: a path that is not there, a folder without recordings, or nothing at all.
     """
     found: list[Path] = []
+    suffixes = (*RECORDING_SUFFIXES, *imported_suffixes())
     for path in paths:
         if path.is_dir():
-            inside = sorted(entry for entry in path.iterdir() if entry.is_file() and entry.suffix.lower() in SUFFIXES)
+            inside = sorted(entry for entry in path.iterdir() if entry.is_file() and entry.suffix.lower() in suffixes)
             if not inside:
                 raise InputError(
-                    f"{path}: no recordings in this folder; expected files that end in {', '.join(SUFFIXES)}"
+                    f"{path}: no recordings in this folder; expected files that end in {', '.join(suffixes)}"
                 )
             found += inside
         elif path.is_file():
             found.append(path)
         else:
-            raise InputError(f"{path}: no such file or folder; expected recordings, {', '.join(SUFFIXES)}")
+            raise InputError(f"{path}: no such file or folder; expected recordings, {', '.join(suffixes)}")
     if not found:
         raise InputError("no recordings; expected a folder or files")
     return list(dict.fromkeys(found))

@@ -1,22 +1,17 @@
 """Recordings from CSV: our own columns, or any others by a `hhsim.recordings.column_map.ColumnMap`."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.errors import TrajectoryError
-from hhsim.motion.csv_file import FLAGS, SAMPLES, object_pose, phases_of
-from hhsim.motion.quaternion import quaternion, quaternion_product
-from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.motion.trajectory import Phase, RawChannel
-from hhsim.recordings.column_map import JOINT_NAMES, OWN_COLUMNS, ColumnMap, is_own_header
-from hhsim.recordings.csv_table import Table, read_table
-from hhsim.recordings.frames import OURS, to_our_palm, to_our_world, turned
-from hhsim.recordings.recording import Finding, Recording, note
-from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
-
-Array = NDArray[np.float64]
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.csv_file import CSV_SUFFIX, FLAGS, SAMPLES, object_pose
+from hhsim.recordings.column_map import OWN_COLUMNS, ColumnMap, is_own_header
+from hhsim.recordings.csv_table import Table, read_header, read_table
+from hhsim.recordings.mapped_table import mapped
+from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 
 
 def read_csv_recording(text: str, columns: ColumnMap | None = None, *, name: str = "") -> Recording:
@@ -60,104 +55,28 @@ def _own(table: Table, name: str) -> Recording:
     return recording.changed(**said, **object_pose(remarks))
 
 
-def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
-    """The recording of a table by its mapping; arguments and errors as for `read_csv_recording`."""
-    count = len(table.rows)
-    findings: list[Finding] = list(table.findings)
-    broken = 0
-
-    def numbers(names: tuple[str, ...], factor: float) -> Array:
-        nonlocal broken
-        values, bad = table.numbers(names)
-        broken += bad
-        return values * factor
-
-    if columns.time is not None:
-        time = numbers((columns.time,), TIME_UNITS[columns.time_unit])[:, 0]
-    else:
-        time = np.arange(count) / (columns.rate or 1.0)
-        findings.append(note(f"no column of stamps: made from the rate, {columns.rate:g} Hz"))
-    position = np.zeros((count, 3))
-    if columns.position:
-        position = numbers(columns.position, LENGTH_UNITS[columns.position_unit])
-    orientation = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-    if columns.orientation:
-        euler = len(columns.orientation) == 3
-        values = numbers(columns.orientation, ANGLE_UNITS[columns.euler_unit] if euler else 1.0)
-        orientation = (
-            euler_quaternion(values, columns.order) if euler else values[:, [columns.order.index(c) for c in "wxyz"]]
-        )
-    angles = np.zeros((count, len(JOINT_NAMES)))
-    for joint, source in columns.joints.items():
-        if source.column is not None:
-            read = numbers((source.column,), 1.0)[:, 0]
-            angles[:, JOINT_NAMES.index(joint)] = source.scale * (read - source.offset) * ANGLE_UNITS[source.unit]
-    followed = {joint: source for joint, source in columns.joints.items() if source.joint is not None}
-    for joint, source in followed.items():
-        angles[:, JOINT_NAMES.index(joint)] = source.scale * angles[:, JOINT_NAMES.index(str(source.joint))]
-    if broken:
-        findings.append(note(f"{broken} cell(s) that are no numbers: taken as missing"))
-    raw = tuple(
-        RawChannel(key, np.nan_to_num(numbers((channel.column,), 1.0)[:, 0], nan=0.0), channel.unit, channel.meaning)
-        for key, channel in columns.raw.items()
-    )
-    position, orientation = placed(position, orientation, columns)
-    phase = columns.phase if columns.phase in table.header else None
-    recording = Recording(
-        time=time,
-        position=position,
-        orientation=orientation,
-        flexion=angles[:, :15].reshape(count, 5, 3),
-        abduction=angles[:, 15:],
-        stated=columns.stated,
-        form=form,
-        name=columns.texts.get("name", name),
-        source=columns.texts.get("source", ""),
-        licence=columns.texts.get("licence", ""),
-        device=columns.texts.get("device", ""),
-        hand=columns.hand,
-        hand_length=columns.hand_length,
-        phases=_phases(table, phase, time),
-        raw=raw,
-        findings=tuple(findings),
-    )
-    if followed:
-        mark(recording.flags, np.ones(count, dtype=bool), SampleFlag.ESTIMATED)
-        text = f"{len(followed)} joint(s) not measured but made from others: {', '.join(followed)}"
-        recording = recording.found(Finding(SampleFlag.ESTIMATED.word, text, count, None))
-    return recording
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return content.is_text
 
 
-def placed(position: Array, orientation: Array, columns: ColumnMap) -> tuple[Array, Array]:
-    """Palm poses in our frames."""
-    if columns.palm_axes != OURS:
-        orientation = to_our_palm(orientation, columns.palm_axes)
-    if columns.world_up != "z":
-        position, orientation = to_our_world(position, orientation, columns.world_up)
-    if any(columns.palm_offset):
-        position = position + turned(orientation, np.array(columns.palm_offset))
-    return position, orientation
+def _read(content: Content, options: ReadOptions) -> Recording:
+    if options.dexmo is not None or options.poses is not None:
+        raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
+    columns = options.columns
+    if columns is None and (options.palm_axes or options.world_up) and is_own_header(read_header(content.text)):
+        columns = OWN_COLUMNS
+    if columns is not None:
+        axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
+        columns = replace(columns, palm_axes=tuple(axes), world_up=up)
+    return read_csv_recording(content.text, columns, name=content.name)
 
 
-def euler_quaternion(angles: Array, order: str) -> Array:
-    """Quaternions (w, x, y, z), shape (T, 4), of Euler angles.
-
-    Args:
-        angles: [rad], shape (T, 3), in the order of `order`.
-        order: three of XYZ: each turn about an axis that the turns before have turned; of xyz: about fixed axes.
-    """
-    fixed = order == order.lower()
-    whole = np.tile([1.0, 0.0, 0.0, 0.0], (angles.shape[0], 1))
-    for column, axis in enumerate(order.lower()):
-        vector = np.zeros((angles.shape[0], 3))
-        vector[:, "xyz".index(axis)] = angles[:, column]
-        part = quaternion(vector)
-        whole = quaternion_product(part, whole) if fixed else quaternion_product(whole, part)
-    return whole
-
-
-def _phases(table: Table, column: str | None, time: Array) -> tuple[Phase, ...]:
-    """Phases of a column, where the stamps are fit to say when they begin."""
-    if column is None or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
-        return ()
-    return phases_of(table.text(column), time)
+FORMAT = RecordingFormat(
+    "csv",
+    "a table: hhsim's own columns, or any with --columns",
+    (CSV_SUFFIX,),
+    _sniff,
+    _read,
+    rank=2,
+    takes_columns=True,
+)
