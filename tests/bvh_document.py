@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hhsim.hand.model import FINGERS, HandModel
-from hhsim.motion.quaternion import rotation_matrix
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.recordings.frames import world_matrix
 from hhsim.recordings.recording import Recording
 

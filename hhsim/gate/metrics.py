@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.gate.input_hash import RunInputs, run_inputs
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import FINGERS
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import metrics
-from hhsim.metrics.metrics import HandPoses
 from hhsim.replay.stored_scene import stored_tree
 from hhsim.result.reader import Result
 
@@ -108,8 +108,8 @@ def _errors(result: Result) -> dict[str, float]:
     for part in holds:
         hold[part] = True
     status, force = result["status"], result["force/total"]
-    graphic = HandPoses(*(result[f"graphic/{name}"] for name in HandPoses._fields))
-    haptic = HandPoses(*(result[f"haptic/{name}"] for name in HandPoses._fields))
+    graphic = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
+    haptic = HandConfiguration(*(result[f"haptic/{name}"] for name in HandConfiguration._fields))
     off = metrics.statistics(metrics.tracking_error(haptic, graphic).position_mm, hold).mean
     rate = float(result.scene.get("rate", 1000.0))
     ripple = max((metrics.force_ripple(force[part], rate) for part in holds), default=float("nan"))
@@ -133,7 +133,7 @@ def _summed_up(result: Result, name: str) -> float:
     return float(result.summary.get(name, float("nan")))
 
 
-def _depth(result: Result, graphic: HandPoses) -> float:
+def _depth(result: Result, graphic: HandConfiguration) -> float:
     """Deepest penetration [m] of the stored graphic hand in the stored tree's leaves; NaN where a pose is no number."""
     modelled = result.scene["solver"]["fingers"]
     static = result.static

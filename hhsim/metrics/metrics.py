@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.sphere_tree import TreeArrays
 
@@ -32,12 +33,7 @@ TICK_BUDGET = 1_000_000
 """ns: one tick of the haptic loop at 1 kHz."""
 
 
-class HandPoses(NamedTuple):
-    """A hand, tick by tick: palm position (T, 3) [m], orientation (T, 4) w x y z, flexion (T, 5, 3) [rad]."""
-
-    position: Array
-    orientation: Array
-    flexion: Array
+HandPoses = HandConfiguration
 
 
 class Penetration(NamedTuple):
@@ -310,7 +306,7 @@ def frozen_decay(force: ArrayLike, limit: float = FROZEN_LIMIT, floor: float = F
     return last if last < vectors.shape[0] - 1 else None
 
 
-def tracking_energy(haptic: HandPoses, graphic: HandPoses, stiffness: ArrayLike) -> Array:
+def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiffness: ArrayLike) -> Array:
     """Coupling energy ½ (Δp·k_t Δp + Δφ·k_r Δφ + Σ k_θ Δθ²) [J] between graphic and haptic hand, shape (T,).
 
     The objective of every method (virtual coupling of the paper's Eq. 1). Δφ is the rotation vector from graphic to
@@ -344,7 +340,7 @@ def tracking_excess(energy: ArrayLike, reference: ArrayLike, floor: float = 1e-9
     return excess
 
 
-def tracking_error(haptic: HandPoses, graphic: HandPoses) -> TrackingError:
+def tracking_error(haptic: HandConfiguration, graphic: HandConfiguration) -> TrackingError:
     """How far the shown hand is from the user's, tick by tick; for people, hence in mm and degrees."""
     turn = _rotation_vectors(graphic.orientation, haptic.orientation)
     bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)

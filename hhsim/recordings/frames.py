@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.motion.quaternion import quaternion_from_matrix, quaternion_product
+from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
 
 Array = NDArray[np.float64]
 

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.motion.csv_file import phases_of
-from hhsim.motion.quaternion import quaternion, quaternion_product
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Phase, RawChannel
 from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap

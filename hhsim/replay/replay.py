@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.stored_scene import describe_scene, static_arrays
 from hhsim.replay.summary import ReplaySummary, TickSeries, summarise
-from hhsim.replay.tick_columns import HapticTicks, TickColumns
+from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.writer import ResultWriter
 from hhsim.scene.scene import Scene
@@ -79,7 +80,7 @@ def replay(
                 if progress is not None:
                     progress("ticks", first, total)
                 part = slice(first, min(first + CHUNK_TICKS, total))
-                haptic = HapticTicks(*(getattr(ticks, name)[part] for name in HapticTicks._fields))
+                haptic = HandConfiguration.of(ticks).at(part)
                 record = solver.run(*haptic)
                 if not np.isfinite(record.joints).all():
                     raise HhsimError(

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_HELD, STATUS_START_INSIDE
 from hhsim.metrics import metrics
-from hhsim.metrics.metrics import HandPoses, Statistics
+from hhsim.metrics.metrics import Statistics
 from hhsim.replay.run_metrics import FIGURE_SERIES, hold_slices, tick_figures
 from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.replay.tremor_hold import is_frozen, tremor_variation
@@ -91,8 +92,8 @@ class ReplaySummary:
 def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared: WarmUp) -> ReplaySummary:
     """Compute the table."""
     ticks = scene.ticks
-    haptic = HandPoses(ticks.position, ticks.orientation, ticks.flexion)
-    graphic = HandPoses(series["graphic/position"], series["graphic/orientation"], series["graphic/flexion"])
+    haptic = HandConfiguration.of(ticks)
+    graphic = HandConfiguration(*(series[f"graphic/{name}"] for name in HandConfiguration._fields))
     figures = tick_figures(
         series,
         metrics.tracking_error(haptic, graphic).position_mm,
@@ -106,9 +107,8 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
     if holds:
         held = np.concatenate([np.arange(hold.start, hold.stop) for hold in holds])
         chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
-        abduction = series["graphic/abduction"]
-        excess = reference_excess(scene.hand, scene.tree.arrays(), options, haptic, graphic, abduction, chosen)
-        trembling = _repeated_with_tremor(scene, options, haptic, graphic, abduction, holds[0])
+        excess = reference_excess(scene.hand, scene.tree.arrays(), options, haptic, graphic, graphic.abduction, chosen)
+        trembling = _repeated_with_tremor(scene, options, haptic, graphic, holds[0])
         if trembling is not None:
             # Of a frozen hold the spread says nothing that its mean does not.
             del figures["force_variation_hold_std"]
@@ -120,13 +120,12 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
 
 
 def _repeated_with_tremor(
-    scene: Scene, options: SolverOptions, haptic: HandPoses, graphic: HandPoses, abduction: Array, part: slice
+    scene: Scene, options: SolverOptions, haptic: HandConfiguration, graphic: HandConfiguration, part: slice
 ) -> Statistics | None:
-    held = HandPoses(*(values[part] for values in haptic))
+    held = haptic.at(part)
     if not is_frozen(held):
         return None
-    shown = HandPoses(*(values[part] for values in graphic))
-    return tremor_variation(scene.hand, scene.tree.arrays(), options, held, shown, abduction[part], scene.ticks.rate)
+    return tremor_variation(scene.hand, scene.tree.arrays(), options, held, graphic.at(part), scene.ticks.rate)
 
 
 def _notes(scene: Scene, options: SolverOptions, status: Array, prepared: WarmUp) -> tuple[str, ...]:

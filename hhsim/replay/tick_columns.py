@@ -1,10 +1,11 @@
 """What a result file keeps of each tick: the solver's record, and what is measured from it apart from the solver."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import FINGERS, HandModel
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -23,18 +24,6 @@ from hhsim.metrics.metrics import force_variation_rate, penetration
 from hhsim.solver.options import SolverOptions
 
 Array = NDArray[Any]
-
-
-class HapticTicks(NamedTuple):
-    """What the solver is given, tick by tick.
-
-    Palm position (B, 3) [m] and orientation (B, 4) w x y z, world; flexion (B, 5, 3) and abduction (B, 5) [rad].
-    """
-
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
 
 
 class TickColumns:
@@ -61,7 +50,7 @@ class TickColumns:
         self._total = np.full((1, 3), np.nan)
         self._finger = np.full((1, 5, 3), np.nan)
 
-    def block(self, time: Array, input_seq: Array, haptic: HapticTicks, record: TickRecord) -> dict[str, Array]:
+    def block(self, time: Array, input_seq: Array, haptic: HandConfiguration, record: TickRecord) -> dict[str, Array]:
         """The columns of the next ticks.
 
         Args:

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.motion.quaternion import quaternion_from_matrix
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_at_pose import close_placed, find_placement

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand.forward_kinematics import hand_shape, placed_hand, rotations
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape, rotations
 from hhsim.hand.model import HandModel
 
 
@@ -12,7 +12,7 @@ def test_joints_are_those_of_the_model() -> None:
     position = rng.normal(size=(4, 3))
     orientation = Rotation.random(4, rng=1).as_quat(scalar_first=True)
     flexion, abduction = rng.uniform(0.0, 1.0, (4, 5, 3)), rng.uniform(-0.1, 0.1, (4, 5))
-    placed = placed_hand(hand, position, orientation, flexion, abduction)
+    placed = forward_kinematics(hand, position, orientation, flexion, abduction)
     for t in range(4):
         expected = hand.joints(position[t], orientation[t], flexion[t], abduction[t])
         assert np.array_equal(placed.joints[t], expected)

@@ -8,8 +8,8 @@ import pytest
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
-from hhsim.motion.quaternion import quaternion_from_matrix
 from hhsim.scene.closure_at_pose import close_placed, find_placement
 from hhsim.scene.closure_search import plan_closing
 from hhsim.scene.motion_catalogue import load_script

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hhsim.hand.model import HandModel
-from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_search import plan_closing

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from hhsim.bench.paper.contact_check import check_holds
 from hhsim.errors import HhsimError
 from hhsim.hand.model import FINGERS, HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.mesh.catalogue import load_object
-from hhsim.motion.quaternion import quaternion_from_matrix
 from hhsim.scene.closure_at_pose import PlacedCloser
 from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch
 from hhsim.scene.finger_closure import Closing, body_distances

@@ -17,9 +17,9 @@ from hhsim.bench.paper.placement_search import turned_by
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.motion.quaternion import quaternion_from_matrix
 from hhsim.motion.trajectory import TickInput
 from hhsim.scene.closure_at_pose import PlacedCloser
 from hhsim.scene.contact_goals import TOUCHING

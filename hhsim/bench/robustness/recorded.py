@@ -17,14 +17,14 @@ from hhsim.bench.robustness.acceptance import unexplained_stuck
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_penetration
 from hhsim.bench.robustness.recorded_metrics import RecordedFigures, longest_run
 from hhsim.errors import HhsimError, InputError
-from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.metrics.metrics import force_variation_rate, sample_variation_rate, statistics
-from hhsim.motion.tick_motion import HandMotion
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes, load_recorded
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
@@ -187,7 +187,7 @@ def _part(ticks: TickInput, part: slice) -> TickInput:
 
 def fastest_fingertip(ticks: TickInput, hand: HandModel) -> float:
     """Farthest way of a fingertip's centre from one tick to the next [m]; 0 for a single tick."""
-    tips = placed_hand(hand, ticks.position, ticks.orientation, ticks.flexion, ticks.abduction).joints[:, :, 3]
+    tips = forward_kinematics(hand, *HandConfiguration.of(ticks)).joints[:, :, 3]
     return float(np.linalg.norm(np.diff(tips, axis=0), axis=2).max(initial=0.0))
 
 
@@ -220,7 +220,7 @@ def run_scene(
     brute = _BruteForce(scene, np.random.default_rng(seed))
     for first in range(0, ticks.tick_count, BLOCK):
         part = slice(first, first + BLOCK)
-        motion = HandMotion(ticks.position[part], ticks.orientation[part], ticks.flexion[part], ticks.abduction[part])
+        motion = HandConfiguration.of(ticks).at(part)
         record = running.run(*motion)
         touching = record.work[:, WORK_TOUCHING] > 0
         measured = {

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
-from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.synthesis import planned
 from hhsim.trees.sphere_tree import SphereTree

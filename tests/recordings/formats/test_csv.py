@@ -7,8 +7,8 @@ import pytest
 from recording_samples import smooth_recording
 
 from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
-from hhsim.motion.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.column_map import OWN_COLUMNS, parse_column_map, read_column_map
 from hhsim.recordings.csv_table import read_table
