@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.sphere_tree import TreeArrays
 
@@ -153,7 +154,7 @@ def hand_clearance(
         tree,
         joint_array,
         np.ascontiguousarray(position, dtype=np.float64),
-        _rotation_matrices(np.asarray(orientation, dtype=np.float64)),
+        rotation_matrix(orientation),
         float(limit),
         palm,
         finger,
@@ -377,16 +378,6 @@ def _rate(values: Array, floor: float) -> Array:
     defined = before >= floor
     rate[1:][defined] = 100.0 * np.abs(values[1:] - values[:-1])[defined] / before[defined]
     return rate
-
-
-def _rotation_matrices(quaternion: Array) -> Array:
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.ascontiguousarray(np.moveaxis(np.array(rows), -1, 0))
 
 
 def _rotation_vectors(source: Array, target: Array) -> Array:

@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.motion.csv_file import phases_of
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Phase, RawChannel
@@ -102,14 +101,9 @@ def euler_quaternion(angles: Array, order: str) -> Array:
         angles: [rad], shape (T, 3), in the order of `order`.
         order: three of XYZ: each turn about an axis that the turns before have turned; of xyz: about fixed axes.
     """
-    fixed = order == order.lower()
-    whole = np.tile([1.0, 0.0, 0.0, 0.0], (angles.shape[0], 1))
-    for column, axis in enumerate(order.lower()):
-        vector = np.zeros((angles.shape[0], 3))
-        vector[:, "xyz".index(axis)] = angles[:, column]
-        part = quaternion(vector)
-        whole = quaternion_product(part, whole) if fixed else quaternion_product(whole, part)
-    return whole
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_euler(order, angles).as_quat(scalar_first=True))
 
 
 def _phases(table: Table, column: str | None, time: Array) -> tuple[Phase, ...]:

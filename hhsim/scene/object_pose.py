@@ -95,7 +95,7 @@ def _stroke(tips: Array, motion: Trajectory) -> tuple[Array, int]:
     """Unit direction of a fingertip's main way, towards the palm's side, and the sample that is farthest along it."""
     off = tips - tips.mean(axis=0)
     direction = np.linalg.svd(off, full_matrices=False)[2][0]
-    inwards = -np.stack([rotation_matrix(q)[:, 2] for q in motion.orientation]).mean(axis=0)
+    inwards = -rotation_matrix(motion.orientation)[:, :, 2].mean(axis=0)
     if direction @ inwards < 0.0:
         direction = -direction
     return direction, int(np.argmax(off @ direction))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand.forward_kinematics import forward_kinematics, rotations
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import FINGERS, HandModel
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
@@ -217,7 +217,7 @@ class _Search:
         self.hand, self.nodes, self.work = hand.arrays(), tree.arrays(), make_work()
         radius = tree.leaf_radius[:, None]
         self.low, self.high = (tree.leaf_center - radius).min(axis=0), (tree.leaf_center + radius).max(axis=0)
-        self.rotation = rotations(motion.orientation)
+        self.rotation = rotation_matrix(motion.orientation)
         still = (np.zeros_like(motion.position), np.tile([1.0, 0.0, 0.0, 0.0], (motion.sample_count, 1)))
         self.tips = forward_kinematics(hand, *still, motion.flexion, motion.abduction).joints[:, :, 3]
         last = motion.sample_count - 1

@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape, rotations
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
 
 
 def test_joints_are_those_of_the_model() -> None:
@@ -23,7 +24,9 @@ def test_joints_are_those_of_the_model() -> None:
     some = placed.at([2, 0])
     assert np.array_equal(some.joints, placed.joints[[2, 0]])
     assert np.array_equal(some.orientation, orientation[[2, 0]])
-    np.testing.assert_allclose(rotations(orientation), Rotation.from_quat(orientation, scalar_first=True).as_matrix())
+    np.testing.assert_allclose(
+        rotation_matrix(orientation), Rotation.from_quat(orientation, scalar_first=True).as_matrix()
+    )
 
 
 def test_the_shape_is_that_of_the_model() -> None:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion
 from hhsim.kernels.rotation import rotation_vector_between
 
 Array = NDArray[np.float64]
@@ -119,10 +120,10 @@ class RandomTargets:
         """The next ticks of the motion."""
         pieces = [] if self._left is None else [self._left]
         have = sum(piece.ticks for piece in pieces)
-        while have < ticks:
+        while have < ticks or not pieces:
             pieces.append(self._hold())
             have += pieces[-1].ticks
-        whole = sequence(*pieces) if pieces else self._hold().part(0, 0)
+        whole = sequence(*pieces)
         self._left = whole.part(ticks, have).copy()
         return whole.part(0, ticks).copy()
 
@@ -157,7 +158,7 @@ class RandomTargets:
         spread = random.uniform(hand.abduction_min, hand.abduction_max)
         flexion = hand.flexion_min + share * (hand.flexion_max - hand.flexion_min)
         abduction = spread if options.sweep else np.zeros(5)
-        return position, _quaternion(turn[None])[0], flexion, abduction
+        return position, quaternion(turn[None])[0], flexion, abduction
 
     def _walk(self, target: tuple[Array, ...], jump: bool) -> HandConfiguration:
         start = self._here
@@ -173,7 +174,7 @@ class RandomTargets:
         share = np.minimum(1.0, ticks * (self.options.longest_step / way)) if way > 0.0 else np.ones(len(ticks))
         if jump:
             share = np.ones(len(ticks))
-        orientation = _product(_quaternion(share[:, None] * turn), start[1])
+        orientation = _product(quaternion(share[:, None] * turn), start[1])
         motion = HandConfiguration(
             start[0] + share[:, None] * change[0],
             orientation / np.linalg.norm(orientation, axis=1, keepdims=True),
@@ -184,12 +185,6 @@ class RandomTargets:
         for values, end in zip(motion, target):
             values[share == 1.0] = end
         return motion
-
-
-def _quaternion(vector: Array) -> Array:
-    # Of rotation vectors, shape (T, 3).
-    angle = np.linalg.norm(vector, axis=1, keepdims=True)
-    return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * vector], axis=1)
 
 
 def _product(first: Array, second: Array) -> Array:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -28,6 +28,7 @@ def equal(one: HandConfiguration, other: HandConfiguration) -> bool:
     st.booleans(),
     st.sampled_from(["palm", "hand", "none"]),
 )
+@example([0, 1], 0, False, "palm")
 @settings(max_examples=25)
 def test_any_cut_gives_the_same_motion(sizes: list[int], seed: int, wild: bool, bound: Any) -> None:
     options = StressOptions(wild=wild, bound=bound, hold=25)
