@@ -177,24 +177,24 @@ def command(
       hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
     """
     from hhsim.errors import InputError, OutputError
-    from hhsim.motion.file import check_trajectory_destination, save_trajectory
+    from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.recordings.dexmo_regression import format_calibration
     from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.import_report import COLUMNS, make_report
     from hhsim.recordings.registry import read_recording
     from hhsim.recordings.repair import RepairOptions, repair
-    from hhsim.system.atomic_write import write_whole_file
-    from hhsim.system.output_path import check_destination, dated_destination
+    from hhsim.system.atomic_write import write_atomically
+    from hhsim.system.output_path import check_output_path, dated_output_path
     from hhsim.system.picture_path import check_picture
 
-    destination = out or dated_destination(file.stem or "recording")
-    if destination.exists() and destination.resolve() == file.resolve():
-        raise OutputError(f"{destination} is the recording itself, so it is not replaced: name another file")
-    check_trajectory_destination(destination)
+    output_path = out or dated_output_path(file.stem or "recording")
+    if output_path.exists() and output_path.resolve() == file.resolve():
+        raise OutputError(f"{output_path} is the recording itself, so it is not replaced: name another file")
+    check_trajectory_path(output_path)
     if plot is not None:
         check_picture(plot)
     if save_calibration is not None:
-        check_destination(save_calibration)
+        check_output_path(save_calibration)
     wanted = _read_options(form, columns, hand, palm_axes, world_up, length_unit)
     wanted = replace(wanted, **_dexmo(calibration, open_hand, fist, spread, save_calibration))
     recording = read_recording(file, wanted)
@@ -216,9 +216,9 @@ def command(
         repaired = repair(recording, asked)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
-    save_trajectory(repaired.trajectory, destination)
+    save_trajectory(repaired.trajectory, output_path)
     if save_calibration is not None:
-        write_whole_file(save_calibration, format_calibration(calibration_of(file, wanted)).encode())
+        write_atomically(save_calibration, format_calibration(calibration_of(file, wanted)).encode())
     report = make_report(recording, repaired)
     if plot is not None:
         from hhsim.render.import_figure import draw_import
@@ -226,7 +226,7 @@ def command(
         draw_import(recording, repaired.trajectory, plot)
     if as_json:
         print_json(
-            {"file": str(file), **report.to_json(), "path": str(destination), "plot": str(plot) if plot else None}
+            {"file": str(file), **report.to_json(), "path": str(output_path), "plot": str(plot) if plot else None}
         )
     elif not quiet:
         side = f"{report.hand} hand" if report.hand else "hand of a side that the file does not tell"
@@ -236,8 +236,8 @@ def command(
             f"{report.samples_out:,} of {report.samples_in:,} samples, {report.duration:.3f} s at "
             f"{report.mean_rate:.1f} Hz, longest step {1e3 * report.longest_step:.1f} ms, {report.mended:,} mended"
         )
-        print(f"written to {destination}" + (f", drawn in {plot}" if plot else ""))
-        if destination.suffix.lower() == ".csv" and repaired.trajectory.raw:
+        print(f"written to {output_path}" + (f", drawn in {plot}" if plot else ""))
+        if output_path.suffix.lower() == ".csv" and repaired.trajectory.raw:
             print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])
 
 

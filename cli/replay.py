@@ -177,10 +177,10 @@ def command(
         return run_again(click.get_current_context(), Path(object_), as_json=as_json, quiet=quiet)
     from hhsim.motion.trajectory import Trajectory
     from hhsim.replay.replay import replay as run
-    from hhsim.result.reader import check_result_destination
+    from hhsim.result.reader import check_result_path
     from hhsim.scene.recorded_grasp_pose import place_at_grasp
     from hhsim.scene.scene import make_scene, side_of
-    from hhsim.system.output_path import dated_destination
+    from hhsim.system.output_path import dated_output_path
 
     changed = {
         "force": force,
@@ -198,8 +198,8 @@ def command(
     remarks = _mended(motion, trajectory)
     announce_compilation(quiet=quiet)
     mesh, usual_level = read_object(object_, unit, size, thickness)
-    destination = out or dated_destination(f"{mesh.name}-{motion.name}")
-    check_result_destination(destination)
+    output_path = out or dated_output_path(f"{mesh.name}-{motion.name}")
+    check_result_path(output_path)
     print_notes(mesh.warnings, prefix="warning")
     with ExitStack() as stack:
         # Before the thread of the progress bar: a process with threads is no good to fork.
@@ -234,9 +234,9 @@ def command(
             "seed": seed,
         }
         settle = viewer.settle if viewer is not None else None
-        summary = run(scene, solver, destination, description=description, before_ticks=settle, progress=report)
+        summary = run(scene, solver, output_path, description=description, before_ticks=settle, progress=report)
         if viewer is not None:
-            viewer.show(destination, report)
+            viewer.show(output_path, report)
     if as_json:
         document = summary.to_json()
         placed = {"placement": placement.to_json()} if placement else {}

@@ -30,7 +30,7 @@ Progress = Callable[[str, int, int], None]
 def replay(
     scene: Scene,
     options: SolverOptions,
-    destination: str | Path,
+    output_path: str | Path,
     *,
     description: Mapping[str, Any] | None = None,
     before_ticks: Callable[[], None] | None = None,
@@ -41,7 +41,7 @@ def replay(
     Args:
         scene: Object, hand and motion.
         options: Of the solver.
-        destination: The result file; an existing result there is replaced when the new one is complete.
+        output_path: The result file; an existing result there is replaced when the new one is complete.
         description: What else the file is to say of how the scene came about, as plain values: more than the scene
             says of itself, or something else.
         before_ticks: Called once, when all is ready for the first tick: the place to wait for what would disturb ticks.
@@ -72,7 +72,7 @@ def replay(
     }
     series = TickSeries(total)
     columns = TickColumns(tree, scene.hand, options)
-    with ResultWriter(Path(destination), scene=described, static=static, phases=ticks.phases) as writer:
+    with ResultWriter(Path(output_path), scene=described, static=static, phases=ticks.phases) as writer:
         if before_ticks is not None:
             before_ticks()
         with interruptible_between() as check_interrupt:

@@ -50,8 +50,8 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A replay beside an object that is neither at the world's origin nor upright."""
     path = tmp_path_factory.mktemp("replayed") / "run.h5"
     hand = HandModel.default()
-    closing = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, parse_script(SHORT, name="short", where="short"))
-    scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, closing.trajectory.placed(*PLACE))
+    closure = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, parse_script(SHORT, name="short", where="short"))
+    scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, closure.trajectory.placed(*PLACE))
     replay(scene, SolverOptions(), path)
     return path
 

@@ -49,8 +49,8 @@ def bench_object(name: str = "cup") -> BenchObject:
 def grasp(samples: int = 60) -> Trajectory:
     """A smooth hand that closes in the middle."""
     motion = repair(smooth_recording(samples, rate=50.0)).trajectory
-    closing = np.interp(np.arange(samples), [0, samples // 3, samples // 2, samples - 1], [0.0, 0.0, 1.1, 1.0])
-    flexion = np.clip(0.1 + closing[:, None, None] * np.array([0.7, 1.0, 0.6]) + 0.0 * motion.flexion, -0.2, 1.5)
+    closure = np.interp(np.arange(samples), [0, samples // 3, samples // 2, samples - 1], [0.0, 0.0, 1.1, 1.0])
+    flexion = np.clip(0.1 + closure[:, None, None] * np.array([0.7, 1.0, 0.6]) + 0.0 * motion.flexion, -0.2, 1.5)
     return replace(motion, flexion=flexion, position=0.3 * motion.position, name="grasp", flags=None)
 
 
