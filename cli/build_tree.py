@@ -129,7 +129,7 @@ def command(
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
     from hhsim.render.tree_figure import draw_tree
-    from hhsim.system.output_path import check_destination, dated_destination
+    from hhsim.system.output_path import check_output_path, dated_output_path
     from hhsim.system.picture_path import check_picture
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.builder import TreeOptions, cache_path, cached_sphere_tree
@@ -143,10 +143,10 @@ def command(
         level = usual_level
     wanted = TreeOptions(level, branching, leaves, seed, method, cover, max_error)
     kind = f"{1e6 * max_error:.0f}um" if max_error else wanted.leaves or wanted.level
-    path = out or dated_destination(f"{mesh.name}-tree-{source.stem if source else kind}")
+    path = out or dated_output_path(f"{mesh.name}-tree-{source.stem if source else kind}")
     if path.suffix not in (".h5", ".sph"):
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
-    check_destination(path)
+    check_output_path(path)
     _check_replaceable(path)
     if plot is not None:
         check_picture(plot)

@@ -81,13 +81,13 @@ def command(
       hhsim gate results/after.h5 --baseline results/before.h5
     """
     from hhsim.gate.report import markdown as as_markdown
-    from hhsim.system.atomic_write import write_whole_file
-    from hhsim.system.output_path import check_destination
+    from hhsim.system.atomic_write import write_atomically
+    from hhsim.system.output_path import check_output_path
 
     summary = _step_summary() if step_summary else None
     for path in (write_baseline, markdown, junit):
         if path is not None:
-            check_destination(path)
+            check_output_path(path)
     announce_compilation(quiet=quiet)
     if target is not None and names_a_result(target):
         if base_python is not None or write_baseline is not None:
@@ -98,14 +98,14 @@ def command(
     # The name of a file need be no UTF-8.
     text = as_markdown(report).encode(errors="replace")
     if markdown is not None:
-        write_whole_file(markdown, text)
+        write_atomically(markdown, text)
     if summary is not None:
         with summary.open("ab") as file:
             file.write(text)
     if junit is not None:
         from hhsim.gate.report import junit as as_junit
 
-        write_whole_file(junit, as_junit(report))
+        write_atomically(junit, as_junit(report))
     if write_baseline is not None and not report.recorded:
         print_notes([f"not every scene ran, so {write_baseline} is not written"], prefix="gate")
     _tell(report, write_baseline if report.recorded else None, as_json=as_json, quiet=quiet)

@@ -11,18 +11,25 @@ from .console import print_json, print_notes, print_table
 from .number_list import number_list
 
 if TYPE_CHECKING:
-    from hhsim.recordings.format_detection import ReadOptions
+    from hhsim.recordings.recording_format import ReadOptions
     from hhsim.recordings.repair import JointLimits
+
+
+class FormatOption(click.Option):
+    """An option whose help names the formats that there are when it is shown."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Ask for the names, which imports none of the formats."""
+        from hhsim.recordings.formats import format_names
+
+        *names, last = format_names()
+        self.help = f"Format of the file: {', '.join(names)} or {last}. Default: the content decides."
+        return super().get_help_record(ctx)
 
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
-@click.option(
-    "--format",
-    "form",
-    metavar="NAME",
-    help="Format of the file: hhsim, npz, leap, bvh, dexmo or csv. Default: the content decides.",
-)
+@click.option("--format", "form", cls=FormatOption, metavar="NAME")
 @click.option(
     "--columns",
     type=click.Path(path_type=Path),
@@ -158,7 +165,7 @@ def command(
 ) -> None:
     """Make a trajectory of a recording of a hand.
 
-    FILE is hhsim's own .csv or .h5, .npz arrays, BVH, Leap Motion JSON, a Dexmo's channels, or any CSV with --columns.
+    FILE is hhsim's own .csv or .h5, any CSV with --columns, or of another --format (docs/recordings.md lists them).
     What is wrong in it and safe to mend is mended, marked in each sample and listed; what is not safe is refused with
     the reason. hhsim replay OBJECT OUT.h5 plays what comes out.
 
@@ -170,23 +177,24 @@ def command(
       hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
     """
     from hhsim.errors import InputError, OutputError
-    from hhsim.motion.file import check_trajectory_destination, save_trajectory
+    from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.recordings.dexmo_regression import format_calibration
-    from hhsim.recordings.format_detection import calibration_of, read_recording
+    from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.import_report import COLUMNS, make_report
+    from hhsim.recordings.registry import read_recording
     from hhsim.recordings.repair import RepairOptions, repair
-    from hhsim.system.atomic_write import write_whole_file
-    from hhsim.system.output_path import check_destination, dated_destination
+    from hhsim.system.atomic_write import write_atomically
+    from hhsim.system.output_path import check_output_path, dated_output_path
     from hhsim.system.picture_path import check_picture
 
-    destination = out or dated_destination(file.stem or "recording")
-    if destination.exists() and destination.resolve() == file.resolve():
-        raise OutputError(f"{destination} is the recording itself, so it is not replaced: name another file")
-    check_trajectory_destination(destination)
+    output_path = out or dated_output_path(file.stem or "recording")
+    if output_path.exists() and output_path.resolve() == file.resolve():
+        raise OutputError(f"{output_path} is the recording itself, so it is not replaced: name another file")
+    check_trajectory_path(output_path)
     if plot is not None:
         check_picture(plot)
     if save_calibration is not None:
-        check_destination(save_calibration)
+        check_output_path(save_calibration)
     wanted = _read_options(form, columns, hand, palm_axes, world_up, length_unit)
     wanted = replace(wanted, **_dexmo(calibration, open_hand, fist, spread, save_calibration))
     recording = read_recording(file, wanted)
@@ -197,8 +205,7 @@ def command(
         start=start,
         end=end,
         time_unit=time_unit,
-        # The reader of BVH needed it already.
-        length_unit=None if recording.form == "bvh" else length_unit,
+        length_unit=None if recording.scaled else length_unit,
         angle_unit=angle_unit,
         mirror=mirror,
         hand_length=None if hand_length is None else 1e-3 * hand_length,
@@ -209,9 +216,9 @@ def command(
         repaired = repair(recording, asked)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
-    save_trajectory(repaired.trajectory, destination)
+    save_trajectory(repaired.trajectory, output_path)
     if save_calibration is not None:
-        write_whole_file(save_calibration, format_calibration(calibration_of(file, wanted)).encode())
+        write_atomically(save_calibration, format_calibration(calibration_of(file, wanted)).encode())
     report = make_report(recording, repaired)
     if plot is not None:
         from hhsim.render.import_figure import draw_import
@@ -219,7 +226,7 @@ def command(
         draw_import(recording, repaired.trajectory, plot)
     if as_json:
         print_json(
-            {"file": str(file), **report.to_json(), "path": str(destination), "plot": str(plot) if plot else None}
+            {"file": str(file), **report.to_json(), "path": str(output_path), "plot": str(plot) if plot else None}
         )
     elif not quiet:
         side = f"{report.hand} hand" if report.hand else "hand of a side that the file does not tell"
@@ -229,8 +236,8 @@ def command(
             f"{report.samples_out:,} of {report.samples_in:,} samples, {report.duration:.3f} s at "
             f"{report.mean_rate:.1f} Hz, longest step {1e3 * report.longest_step:.1f} ms, {report.mended:,} mended"
         )
-        print(f"written to {destination}" + (f", drawn in {plot}" if plot else ""))
-        if destination.suffix.lower() == ".csv" and repaired.trajectory.raw:
+        print(f"written to {output_path}" + (f", drawn in {plot}" if plot else ""))
+        if output_path.suffix.lower() == ".csv" and repaired.trajectory.raw:
             print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])
 
 
@@ -243,7 +250,7 @@ def _read_options(
     length_unit: str | None,
 ) -> "ReadOptions":
     from hhsim.recordings.column_map import read_column_map
-    from hhsim.recordings.format_detection import ReadOptions
+    from hhsim.recordings.recording_format import ReadOptions
 
     return ReadOptions(
         form=form,
@@ -263,8 +270,7 @@ def _dexmo(
     save: Path | None,
 ) -> dict[str, Any]:
     """The calibration of a Dexmo glove, as fields of ReadOptions."""
-    from hhsim.recordings.dexmo_reader import Poses
-    from hhsim.recordings.dexmo_regression import read_calibration
+    from hhsim.recordings.dexmo_regression import Poses, read_calibration
 
     fields: dict[str, Any] = {}
     if calibration is not None:

@@ -178,10 +178,10 @@ def command(
         return run_again(click.get_current_context(), Path(object_), as_json=as_json, quiet=quiet)
     from hhsim.motion.trajectory import Trajectory
     from hhsim.replay.replay import replay as run
-    from hhsim.result.reader import check_result_destination
+    from hhsim.result.reader import check_result_path
     from hhsim.scene.recorded_grasp_pose import place_at_grasp
     from hhsim.scene.scene import make_scene, side_of
-    from hhsim.system.output_path import dated_destination
+    from hhsim.system.output_path import dated_output_path
 
     changed = {
         "force": force,
@@ -199,8 +199,8 @@ def command(
     remarks = _mended(motion, trajectory)
     announce_compilation(quiet=quiet)
     mesh, usual_level = read_object(object_, unit, size, thickness)
-    destination = out or dated_destination(f"{mesh.name}-{motion.name}")
-    check_result_destination(destination)
+    output_path = out or dated_output_path(f"{mesh.name}-{motion.name}")
+    check_result_path(output_path)
     print_notes(mesh.warnings, prefix="warning")
     with ExitStack() as stack:
         # Before the thread of the progress bar: a process with threads is no good to fork.
@@ -238,14 +238,14 @@ def command(
         summary = run(
             scene,
             solver,
-            destination,
+            output_path,
             description=description,
             command=("hhsim", *sys.argv[1:]),
             before_ticks=settle,
             progress=report,
         )
         if viewer is not None:
-            viewer.show(destination, report)
+            viewer.show(output_path, report)
     if as_json:
         document = summary.to_json()
         placed = {"placement": placement.to_json()} if placement else {}
@@ -318,11 +318,11 @@ def _mended(motion: "Script | Demonstration | Trajectory", trajectory: str) -> l
 
     from hhsim.motion.sample_flags import MENDED, marked
     from hhsim.motion.trajectory import Trajectory
-    from hhsim.scene.motion_catalogue import IMPORTED_SUFFIXES
+    from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES
 
     if not isinstance(motion, Trajectory) or motion.flags is None:
         return []
-    if Path(trajectory).suffix.lower() not in IMPORTED_SUFFIXES:
+    if Path(trajectory).suffix.lower() in RECORDING_SUFFIXES:
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
     return [f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"]

@@ -39,16 +39,16 @@ def command(results: tuple[Path, ...], out: Path | None, as_json: bool, quiet: b
       hhsim report session.h5 --out session-report
       hhsim report results/speed-error.h5 --json
     """
-    from hhsim.report.report import check_report_destination, make_report, write_report
-    from hhsim.system.output_path import dated_destination
+    from hhsim.report.report import check_report_path, make_report, write_report
+    from hhsim.system.output_path import dated_output_path
 
     begin = time.perf_counter()
     announce_compilation(quiet=quiet)
     if out is not None:
-        check_report_destination(out)
+        check_report_path(out)
     with progress(quiet=quiet) as tell:
         report = make_report(results, progress=tell)
-    files = write_report(report, out or dated_destination(f"{DATE.sub('', results[0].stem)}-report", suffix=""))
+    files = write_report(report, out or dated_output_path(f"{DATE.sub('', results[0].stem)}-report", suffix=""))
     if as_json:
         print_json({**report.to_json(), **files.to_json(), "seconds": time.perf_counter() - begin})
     elif not quiet:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.motion.quaternion import rotation_matrix
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.recordings.frames import world_matrix
 from hhsim.recordings.recording import Recording
 

@@ -5,7 +5,7 @@ from typing import Any, Literal
 from recording_samples import smooth_recording
 
 from hhsim.hand.model import HandModel
-from hhsim.motion.quaternion import rotation_matrix
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.recordings.frames import world_matrix
 
 CLEAN = smooth_recording(30)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.motion.quaternion import quaternion
+from hhsim.hand.quaternion import quaternion
 from hhsim.recordings.recording import Recording
 
 Array = NDArray[np.float64]

@@ -35,7 +35,7 @@ from hhsim.render.replay_figure import (
 from hhsim.render.triangle_soup import SKIN, SPHERE, hand_surface, joined, mesh_surface, painted
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 from tools.cross_section import Plane, Pose, cut_balls, cut_mesh, finger_plane, round_cone_outline
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def draw_concepts(result: Result, path: Path, view: tuple[float, float] = VIEW) 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    check_destination(path)
+    check_output_path(path)
     shown = show(result)
     figure = Figure(figsize=(14.0, 8.9), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)

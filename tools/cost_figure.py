@@ -25,7 +25,7 @@ from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
 if TYPE_CHECKING:
@@ -190,7 +190,7 @@ def draw_costs(path: Path, bins: dict[str, list[CostBin]]) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    check_destination(path)
+    check_output_path(path)
     figure = Figure(figsize=(14.0, 6.0), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     left, right = figure.add_axes((0.065, 0.125, 0.52, 0.77)), figure.add_axes((0.665, 0.125, 0.32, 0.77))
@@ -264,7 +264,7 @@ def main(arguments: Sequence[str]) -> None:
         raise SystemExit("usage: python -m tools.cost_figure PICTURE, for example docs/cost.png")
     path = Path(arguments[0])
     try:
-        check_destination(path)
+        check_output_path(path)
         costs = measure(CostOptions(), progress=lambda text: print(text, file=sys.stderr))
         bins = {method: binned(ticks) for method, ticks in costs.items()}
         draw_costs(path, bins)

@@ -15,7 +15,7 @@ from hhsim.errors import InputError, OutputError
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.render.rasterizer import blend, frame, look_from, save_figure, shade
 from hhsim.render.triangle_soup import hand_surface
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 
 FloatArray = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def draw_hand(path: str | Path, hand: HandModel | None = None) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    check_destination(Path(path))
+    check_output_path(Path(path))
     hand = hand or HandModel.default()
     panels = [
         ("Open, palm", OPEN_POSE, False, view(0.0, -14.0)),

@@ -75,33 +75,33 @@ def command(
         return 0
 
     from hhsim.bench.robustness.hard import COLUMNS, bench_hard, missed, table_rows
-    from hhsim.bench.table import check_table_destination, write_table
+    from hhsim.bench.table import check_table_path, write_table
     from hhsim.errors import UnknownNameError
     from hhsim.solver.method import METHODS
-    from hhsim.system.output_path import dated_destination
+    from hhsim.system.output_path import dated_output_path
 
     for method in methods or ():
         if method not in METHODS:
             raise UnknownNameError("method", method, METHODS)
     named = [method for method in METHODS if not methods or method in methods]
-    destination = out or dated_destination(f"bench-{SUITE}")
-    check_table_destination(destination)
+    output_path = out or dated_output_path(f"bench-{SUITE}")
+    check_table_path(output_path)
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         results = bench_hard(chosen, named, seed, report)
     rows = table_rows(results)
     settings = {"cases": [case.name for case in chosen], "methods": named, "seed": seed, "ticks": ticks}
-    write_table(destination, SUITE, COLUMNS, rows, settings)
+    write_table(output_path, SUITE, COLUMNS, rows, settings)
     failed = missed(results)
     if as_json:
-        document = {**settings, "passed": not failed, "path": str(destination), "rows": rows}
+        document = {**settings, "passed": not failed, "path": str(output_path), "rows": rows}
         print_json(document)
     elif not quiet:
-        _print(results, failed, destination)
+        _print(results, failed, output_path)
     return 1 if failed else 0
 
 
-def _print(results: "list[CaseResult]", failed: "list[CaseResult]", destination: Path) -> None:
+def _print(results: "list[CaseResult]", failed: "list[CaseResult]", output_path: Path) -> None:
     columns = (
         "case",
         "method",
@@ -124,7 +124,7 @@ def _print(results: "list[CaseResult]", failed: "list[CaseResult]", destination:
     print("passed: " + ", ".join(f"{method} {sum(kept)} of {len(kept)}" for method, kept in passed.items()))
     if failed:
         print(f"missed by a method that promises to pass: {', '.join(f'{r.case} ({r.method})' for r in failed)}")
-    print(f"every figure is in {destination}")
+    print(f"every figure is in {output_path}")
 
 
 def _row(result: "CaseResult") -> tuple[str, ...]:

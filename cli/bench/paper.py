@@ -63,16 +63,16 @@ def command(
     """
     from hhsim.bench.paper.bench import PaperOptions, measure
     from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows, scene_rows
-    from hhsim.bench.table import check_table_destination, csv_path, write_table
-    from hhsim.system.output_path import dated_destination
+    from hhsim.bench.table import check_table_path, csv_path, write_table
+    from hhsim.system.output_path import dated_output_path
 
     named = {"methods": methods, "objects": objects, "instances": instances, "repetitions": repetitions}
     usual = PaperOptions.quick() if quick else PaperOptions()
     run = replace(usual, seed=seed, **{name: value for name, value in named.items() if value is not None})  # type: ignore[arg-type]
-    destination = out or dated_destination("bench-paper")
-    scenes = destination.with_name(f"{destination.stem}-scenes{destination.suffix}")
-    for path in (destination, scenes):
-        check_table_destination(path)
+    output_path = out or dated_output_path("bench-paper")
+    scenes = output_path.with_name(f"{output_path.stem}-scenes{output_path.suffix}")
+    for path in (output_path, scenes):
+        check_table_path(path)
     if plot is not None:
         from hhsim.render.paper_figures import check_folder
 
@@ -81,7 +81,7 @@ def command(
     with progress(quiet=quiet) as report:
         runs = measure(run, report)
         rows, played = paper_rows(runs, run), scene_rows(runs)
-        write_table(destination, "paper", ROW_COLUMNS, [row.to_json() for row in rows], run.to_json())
+        write_table(output_path, "paper", ROW_COLUMNS, [row.to_json() for row in rows], run.to_json())
         write_table(scenes, "paper", SCENE_COLUMNS, played, run.to_json())
         pictures: list[Path] = []
         if plot is not None:
@@ -92,8 +92,8 @@ def command(
     if as_json:
         print_json(
             {
-                "table": str(destination),
-                "csv": str(csv_path(destination)),
+                "table": str(output_path),
+                "csv": str(csv_path(output_path)),
                 "scenes_table": str(scenes),
                 "pictures": [str(picture) for picture in pictures],
                 "options": run.to_json(),
@@ -111,7 +111,7 @@ def command(
             print(f"missed: {row.label}, {row.method}: {_shown(row.ours, row.unit)}, bar {_shown(row.bar, row.unit)}")
         if not failed:
             print("every bar is kept by the methods that promise to")
-        print(f"the tables are in {destination}, {scenes} and .csv files beside them")
+        print(f"the tables are in {output_path}, {scenes} and .csv files beside them")
         if pictures:
             print(f"{len(pictures)} pictures are in {plot}")
     return 1 if failed else 0

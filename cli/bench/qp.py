@@ -85,8 +85,8 @@ def command(
 
     from hhsim.bench.qp.bench import COLUMNS, QpBenchOptions, bench_qp, check_names
     from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS
-    from hhsim.bench.table import check_table_destination, write_table
-    from hhsim.system.output_path import dated_destination
+    from hhsim.bench.table import check_table_path, write_table
+    from hhsim.system.output_path import dated_output_path
 
     chosen = QpBenchOptions(
         problems=problems,
@@ -99,12 +99,12 @@ def command(
         seed=seed,
     )
     check_names(chosen)
-    destination = out or dated_destination("bench-qp")
-    check_table_destination(destination)
+    output_path = out or dated_output_path("bench-qp")
+    check_table_path(output_path)
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         bench = bench_qp(chosen, report)
-    write_table(destination, "qp", COLUMNS, bench.rows, asdict(chosen))
+    write_table(output_path, "qp", COLUMNS, bench.rows, asdict(chosen))
     if as_json:
         print_json(
             {
@@ -115,12 +115,12 @@ def command(
                 "versions": bench.versions,
                 "absent": bench.absent,
                 "failures": bench.failures,
-                "path": str(destination),
+                "path": str(output_path),
             }
         )
     elif not quiet:
         _print(bench)
-        print(f"all of it is in {destination} and beside it as CSV")
+        print(f"all of it is in {output_path} and beside it as CSV")
     print_notes(bench.failures, prefix="missed")
     return 1 if bench.failures else 0
 

@@ -92,10 +92,10 @@ def command(
     """
     from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
     from hhsim.bench.robustness.recorded_metrics import COLUMNS, table_row, totals
-    from hhsim.bench.table import check_table_destination, write_table
+    from hhsim.bench.table import check_table_path, write_table
     from hhsim.mesh.catalogue import names_a_file
     from hhsim.solver.options import SolverOptions
-    from hhsim.system.output_path import dated_destination
+    from hhsim.system.output_path import dated_output_path
     from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
     solvers = [SolverOptions(method=method) for method in methods or ("coupled", "progressive")]
@@ -105,8 +105,8 @@ def command(
         name: read_object(name, *((unit, size) if names_a_file(name) else (None, None)))
         for name in objects or ("bunny", "cup")
     }
-    destination = out or dated_destination("bench-recorded")
-    check_table_destination(destination)
+    output_path = out or dated_output_path("bench-recorded")
+    check_table_path(output_path)
     asked = RecordedOptions(rate=rate, mode=samples, place=place_object, ticks=ticks, seed=seed)
     with progress(quiet=quiet) as report:
         placed = [
@@ -129,15 +129,15 @@ def command(
         "solver": [solver.to_json() for solver in solvers],
     }
     rows = [table_row(row) for row in figures]
-    write_table(destination, "recorded", COLUMNS, rows, described)
+    write_table(output_path, "recorded", COLUMNS, rows, described)
     missed = any(row.missed for row in figures)
     if as_json:
         whole = [table_row(row) for row in totals(figures)]
         document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": described}
-        print_json({**document, "path": str(destination)})
+        print_json({**document, "path": str(output_path)})
     elif not quiet:
         _print(figures)
-        print(f"every figure is in {destination}")
+        print(f"every figure is in {output_path}")
     return int(missed)
 
 

@@ -67,10 +67,10 @@ def command(
     """
     from hhsim.bench.speed_error import SpeedErrorOptions, measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
-    from hhsim.bench.table import check_table_destination, csv_path, write_table
+    from hhsim.bench.table import check_table_path, csv_path, write_table
     from hhsim.render.speed_error_figure import draw_speed_error
     from hhsim.solver.qp import ACTIVE_SET
-    from hhsim.system.output_path import dated_destination
+    from hhsim.system.output_path import dated_output_path
     from hhsim.system.picture_path import picture_beside
 
     others = None if backends is None else tuple(name for name in backends if name != ACTIVE_SET)
@@ -90,22 +90,22 @@ def command(
         seed=seed,
         **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]
     )
-    destination = out or dated_destination("bench-speed-error")
-    check_table_destination(destination)
-    picture = picture_beside(destination, plot)
+    output_path = out or dated_output_path("bench-speed-error")
+    check_table_path(output_path)
+    picture = picture_beside(output_path, plot)
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = remarks(runs)
-    write_table(destination, "speed-error", COLUMNS, rows, run.to_json())
+    write_table(output_path, "speed-error", COLUMNS, rows, run.to_json())
     draw_speed_error(picture, rows)
     summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
     if as_json:
         print_json(
             {
-                "table": str(destination),
-                "csv": str(csv_path(destination)),
+                "table": str(output_path),
+                "csv": str(csv_path(output_path)),
                 "plot": str(picture),
                 "options": run.to_json(),
                 "units": {column.name: column.unit for column in COLUMNS},
@@ -122,7 +122,7 @@ def command(
         if solvers:
             _print_solvers(solvers)
         print_notes(notes)
-        print(f"the table is in {destination} and {csv_path(destination)}, the picture in {picture}")
+        print(f"the table is in {output_path} and {csv_path(output_path)}, the picture in {picture}")
 
 
 def _print_rows(title: str, rows: Sequence[dict[str, Any]]) -> None:

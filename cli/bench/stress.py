@@ -131,12 +131,12 @@ def command(
     from hhsim.bench.robustness.stress import run_stress
     from hhsim.bench.robustness.stress_case import StressCase
     from hhsim.bench.robustness.stress_metrics import COLUMNS, table_row
-    from hhsim.bench.table import check_table_destination, write_table
+    from hhsim.bench.table import check_table_path, write_table
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import object_names
     from hhsim.solver.method import METHODS, never_penetrates
     from hhsim.solver.options import SolverOptions
-    from hhsim.system.output_path import RESULTS, dated_destination
+    from hhsim.system.output_path import RESULTS, dated_output_path
     from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
     changed: dict[str, Any] = {"linearisations": linearisations, "margin": None if margin is None else 1e-3 * margin}
@@ -151,8 +151,8 @@ def command(
         if value is not None
     ]
     meshes = {name: read_object(name, unit, size) for name in objects or object_names()}
-    destination = out or dated_destination("bench-stress")
-    check_table_destination(destination)
+    output_path = out or dated_output_path("bench-stress")
+    check_table_path(output_path)
     hand = HandModel.default()
     with progress(quiet=quiet) as report:
         cases = []
@@ -184,14 +184,14 @@ def command(
         "stress": stress.to_json(),
         "solver": [solver.to_json() for solver in solvers],
     }
-    write_table(destination, "stress", COLUMNS, [table_row(row) for row in figures], described)
+    write_table(output_path, "stress", COLUMNS, [table_row(row) for row in figures], described)
     missed = any(row.missed for row in figures)
     if as_json:
         rows = [{**table_row(row), "failures": [asdict(failure) for failure in row.failures]} for row in figures]
-        print_json({"suite": "stress", "missed": missed, "rows": rows, "options": described, "path": str(destination)})
+        print_json({"suite": "stress", "missed": missed, "rows": rows, "options": described, "path": str(output_path)})
     elif not quiet:
         _print(figures)
-        print(f"every figure is in {destination}")
+        print(f"every figure is in {output_path}")
     return int(missed)
 
 

@@ -55,9 +55,9 @@ def command(
       hhsim bench threads --quick --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from hhsim.bench.table import check_table_destination, csv_path, write_table
+    from hhsim.bench.table import check_table_path, csv_path, write_table
     from hhsim.bench.threads import COLUMNS, Load, ThreadsOptions, measure, remarks, when_threads_pay
-    from hhsim.system.output_path import dated_destination
+    from hhsim.system.output_path import dated_output_path
 
     named = {"objects": objects, "cases": cases, "methods": methods, "threads": threads}
     run = replace(
@@ -66,18 +66,18 @@ def command(
     )
     if quick:
         run = replace(run, loads=run.loads[:1])
-    destination = out or dated_destination("bench-threads")
-    check_table_destination(destination)
+    output_path = out or dated_output_path("bench-threads")
+    check_table_path(output_path)
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         rows = measure(run, report)
-    write_table(destination, "threads", COLUMNS, rows, run.to_json())
+    write_table(output_path, "threads", COLUMNS, rows, run.to_json())
     sentences, notes = when_threads_pay(rows), remarks(rows)
     if as_json:
         print_json(
             {
-                "table": str(destination),
-                "csv": str(csv_path(destination)),
+                "table": str(output_path),
+                "csv": str(csv_path(output_path)),
                 "options": run.to_json(),
                 "units": {column.name: column.unit for column in COLUMNS},
                 "rows": rows,
@@ -91,7 +91,7 @@ def command(
         for sentence in sentences:
             print(sentence)
         print_notes(notes)
-        print(f"the table is in {destination} and {csv_path(destination)}")
+        print(f"the table is in {output_path} and {csv_path(output_path)}")
 
 
 def _print_load(name: str, rows: list[dict[str, Any]]) -> None:

@@ -55,10 +55,10 @@ def command(
       hhsim bench trees --object bunny --spheres 64,128,256,512 --method certified,medial
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
-    from hhsim.bench.table import check_table_destination, csv_path, write_table
+    from hhsim.bench.table import check_table_path, csv_path, write_table
     from hhsim.bench.trees import COLUMNS, TreesOptions, measure, missed_bars
     from hhsim.render.tree_comparison_figure import draw_trees
-    from hhsim.system.output_path import dated_destination
+    from hhsim.system.output_path import dated_output_path
     from hhsim.system.picture_path import picture_beside
 
     named = {"objects": objects, "methods": methods, "spheres": spheres}
@@ -66,20 +66,20 @@ def command(
         TreesOptions(size=1e-3 * size, seed=seed),
         **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]
     )
-    destination = out or dated_destination("bench-trees")
-    check_table_destination(destination)
-    picture = picture_beside(destination, plot)
+    output_path = out or dated_output_path("bench-trees")
+    check_table_path(output_path)
+    picture = picture_beside(output_path, plot)
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         rows = measure(run, report)
-    write_table(destination, "trees", COLUMNS, rows, run.to_json())
+    write_table(output_path, "trees", COLUMNS, rows, run.to_json())
     draw_trees(picture, rows, run.size)
     missed = missed_bars(rows, with_times=time_limits)
     if as_json:
         print_json(
             {
-                "table": str(destination),
-                "csv": str(csv_path(destination)),
+                "table": str(output_path),
+                "csv": str(csv_path(output_path)),
                 "plot": str(picture),
                 "options": run.to_json(),
                 "units": {column.name: column.unit for column in COLUMNS},
@@ -94,7 +94,7 @@ def command(
             print_notes(["coal is not installed: the errors are those that every tree is measured with"])
         if any(row["is_reference"] for row in rows):
             print("in brackets: other programs, as measured in November 2026 on one core of a 2-core machine")
-        print(f"the table is in {destination} and {csv_path(destination)}, the picture in {picture}")
+        print(f"the table is in {output_path} and {csv_path(output_path)}, the picture in {picture}")
     print_notes(missed, prefix="missed")
     return 1 if missed else 0
 

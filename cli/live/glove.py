@@ -264,11 +264,11 @@ def command(
     from hhsim.live.ipc.config import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits
     from hhsim.live.pose.config import PoseConfig
     from hhsim.live.session.scene import PLAYED, make_live_scene
-    from hhsim.result.reader import check_result_destination
+    from hhsim.result.reader import check_result_path
     from hhsim.scene.motion_catalogue import resolve_trajectory
     from hhsim.solver.compile import warm_up
     from hhsim.solver.options import SolverOptions
-    from hhsim.system.output_path import dated_destination
+    from hhsim.system.output_path import dated_output_path
 
     if no_record and record is not None:
         raise click.UsageError(f"--no-record and --record {record} exclude each other")
@@ -306,9 +306,9 @@ def command(
     )
     announce_compilation(quiet=quiet)
     mesh, usual_level = read_object(object_, unit, size, thickness)
-    destination = None if no_record else record or dated_destination(f"{mesh.name}-live-{device}")
-    if destination is not None:
-        check_result_destination(destination)
+    output_path = None if no_record else record or dated_output_path(f"{mesh.name}-live-{device}")
+    if output_path is not None:
+        check_result_path(output_path)
     print_notes(mesh.warnings, prefix="warning")
     with progress(quiet=quiet) as report:
         model = HandModel.default(side)
@@ -334,7 +334,7 @@ def command(
         real_time=RealTimeWishes(False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False)
         if no_realtime
         else RealTimeWishes(cpu=cpu),
-        record=destination,
+        record=output_path,
         rerun=rerun,
         dry_run=dry_run,
         command=("hhsim", *sys.argv[1:]),

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, placed_hand
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics import metrics
 from hhsim.metrics.mesh_penetration import contact_error, contact_points, mesh_clearance
-from hhsim.metrics.metrics import HandPoses
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
@@ -130,7 +130,7 @@ def error_scene(
     best = HandSolver(hand, finest, converged).run(
         haptic.position, haptic.orientation, haptic.flexion, haptic.abduction
     )
-    placed = placed_hand(hand, haptic.position, haptic.orientation, haptic.flexion, haptic.abduction)
+    placed = forward_kinematics(hand, *HandConfiguration.of(haptic))
     return ErrorScene(
         hand=hand,
         bvh=bvh,
@@ -238,18 +238,18 @@ def _excess(
     chosen = sampled(held[clearance[held] > -TOUCH], REFERENCE_TICKS)
     if chosen.size == 0:
         return np.nan
-    haptic = HandPoses(scene.haptic.position, scene.haptic.orientation, scene.haptic.flexion)
-    graphic = HandPoses(record.position, record.orientation, record.flexion)
-    excess = reference_excess(scene.hand, tree, options, haptic, graphic, record.abduction, chosen)
+    haptic = HandConfiguration.of(scene.haptic)
+    graphic = HandConfiguration.of(record)
+    excess = reference_excess(scene.hand, tree, options, haptic, graphic, chosen)
     return metrics.statistics(excess).mean
 
 
 def _tremor(scene: ErrorScene, tree: TreeArrays, options: SolverOptions, record: TickRecord) -> float:
     """Mean force variation [%] of the first hold, repeated by a hand that trembles."""
     part, haptic = scene.holds[0], scene.haptic
-    held = HandPoses(haptic.position[part], haptic.orientation[part], haptic.flexion[part])
+    held = HandConfiguration.of(haptic).at(part)
     if not is_frozen(held):
         return np.nan
-    shown = HandPoses(record.position[part], record.orientation[part], record.flexion[part])
-    found = tremor_variation(scene.hand, tree, options, held, shown, record.abduction[part], haptic.rate, scene.seed)
+    shown = HandConfiguration.of(record).at(part)
+    found = tremor_variation(scene.hand, tree, options, held, shown, haptic.rate, scene.seed)
     return found.mean

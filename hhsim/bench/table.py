@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, OutputError
 from hhsim.system import environment as info
-from hhsim.system.atomic_write import hdf5_image, write_whole_file
-from hhsim.system.output_path import check_destination
+from hhsim.system.atomic_write import hdf5_image, write_atomically
+from hhsim.system.output_path import check_output_path
 
 FORMAT = "hhsim-bench"
 SCHEMA_VERSION = 1
@@ -63,44 +63,44 @@ class Table:
     attributes: dict[str, Any]
 
 
-def csv_path(destination: Path) -> Path:
-    """Where the CSV file of a table goes that `destination` is the HDF5 file of."""
-    return destination.with_suffix(".csv")
+def csv_path(output_path: Path) -> Path:
+    """Where the CSV file of a table goes that `output_path` is the HDF5 file of."""
+    return output_path.with_suffix(".csv")
 
 
-def check_table_destination(destination: Path) -> None:
+def check_table_path(output_path: Path) -> None:
     """Look, before the work, for what would keep a table from being written.
 
     Raises:
-        OutputError: As `hhsim.system.output_path.check_destination`, for either of the two files; a name that does not
+        OutputError: As `hhsim.system.output_path.check_output_path`, for either of the two files; a name that does not
         end in
             .h5; or a file is there that is no table, which a slip of the pen must not destroy.
     """
-    if destination.suffix != ".h5":
-        raise OutputError(f"{destination} must end in .h5: the CSV file of the same name goes beside it")
-    check_destination(destination)
-    if destination.exists():
+    if output_path.suffix != ".h5":
+        raise OutputError(f"{output_path} must end in .h5: the CSV file of the same name goes beside it")
+    check_output_path(output_path)
+    if output_path.exists():
         try:
-            with h5py.File(destination, "r") as file:
+            with h5py.File(output_path, "r") as file:
                 is_table = file.attrs.get("format") == FORMAT
         except OSError:
             is_table = False
         if not is_table:
             raise OutputError(
-                f"{destination} exists and is no table of hhsim bench, so it is not replaced: name another with --out"
+                f"{output_path} exists and is no table of hhsim bench, so it is not replaced: name another with --out"
             )
-    elif csv_path(destination).exists():
-        raise OutputError(f"{csv_path(destination)} exists and is not of hhsim bench: name another file with --out")
-    check_destination(csv_path(destination))
+    elif csv_path(output_path).exists():
+        raise OutputError(f"{csv_path(output_path)} exists and is not of hhsim bench: name another file with --out")
+    check_output_path(csv_path(output_path))
 
 
 def write_table(
-    destination: Path, suite: str, columns: Sequence[Column], rows: Sequence[Row], options: Mapping[str, Any]
+    output_path: Path, suite: str, columns: Sequence[Column], rows: Sequence[Row], options: Mapping[str, Any]
 ) -> None:
-    """Write a table as `destination` (.h5) and as CSV beside it; files of those names are replaced in one step each.
+    """Write a table as `output_path` (.h5) and as CSV beside it; files of those names are replaced in one step each.
 
     Args:
-        destination: The HDF5 file; its name ends in .h5.
+        output_path: The HDF5 file; its name ends in .h5.
         suite: Name of the suite, as after `hhsim bench`.
         columns: Of the table.
         rows: A value for every column by its name, no more and no less. A column's values are of one kind: str, bool,
@@ -108,7 +108,7 @@ def write_table(
         options: Of the run, as JSON-able values.
 
     Raises:
-        OutputError: As `check_table_destination`; or a full disk. What was there before still is.
+        OutputError: As `check_table_path`; or a full disk. What was there before still is.
     """
     names = [column.name for column in columns]
     if len(set(names)) != len(names):
@@ -116,7 +116,7 @@ def write_table(
     for number, row in enumerate(rows):
         if row.keys() != set(names):
             raise ValueError(f"row {number}: missing {set(names) - row.keys()}, not a column {row.keys() - set(names)}")
-    check_table_destination(destination)
+    check_table_path(output_path)
     arrays = {name: _array(name, [row[name] for row in rows]) for name in names}
     attributes = {
         "format": FORMAT,
@@ -137,8 +137,8 @@ def write_table(
         file.attrs["complete"] = 1
 
     image = hdf5_image(fill)
-    write_whole_file(csv_path(destination), _csv_text(columns, arrays).encode())
-    write_whole_file(destination, image)
+    write_atomically(csv_path(output_path), _csv_text(columns, arrays).encode())
+    write_atomically(output_path, image)
 
 
 def load_table(path: Path) -> Table:

@@ -13,7 +13,7 @@ from hhsim.gate.input_hash import inputs_from_json
 from hhsim.gate.metrics import COUNTERS, RunFigures
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.system import environment as info
-from hhsim.system.atomic_write import write_whole_file
+from hhsim.system.atomic_write import write_atomically
 
 FORMAT = "hhsim-gate-baseline"
 BASELINE_VERSION = 1
@@ -73,7 +73,7 @@ def write_baseline(path: Path, scenes: Mapping[str, RecordedScene], reference_ve
     text = json.dumps(_rounded(document), indent=1, ensure_ascii=False)
     # A list of numbers is a line: a changed number is then a changed line, and no page of them.
     text = re.sub(r"\[[-+.,\de\s]+\]", lambda found: " ".join(found[0].split()), text)
-    write_whole_file(path, f"{text}\n".encode())
+    write_atomically(path, f"{text}\n".encode())
 
 
 def load_baseline(path: Path) -> Baseline:

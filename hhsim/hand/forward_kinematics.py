@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.model import HandModel
-from hhsim.kernels.hand.kinematics import forward_kinematics
-from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.kernels.hand import kinematics
 
 FloatArray = NDArray[np.float64]
 
@@ -54,27 +54,19 @@ def hand_shape(hand: HandModel) -> HandShape:
     )
 
 
-def placed_hand(
+def forward_kinematics(
     hand: HandModel, position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
 ) -> PlacedHand:
-    """Place a hand by its configuration at each tick: shapes (T, 3), (T, 4), (T, 5, 3), (T, 5)."""
+    """Place a hand by its configuration at each tick, fields as of `hhsim.hand.configuration.HandConfiguration`."""
     arrays = hand.arrays()
     origin, quaternion, bend, spread = (
         np.ascontiguousarray(values, np.float64) for values in (position, orientation, flexion, abduction)
     )
-    rotation = rotations(quaternion)
+    rotation = rotation_matrix(quaternion)
     joints = np.empty((len(origin), 5, 4, 3))
     direction, flexion_axis, abduction_axis = np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3))
     for t in range(len(origin)):
-        forward_kinematics(
+        kinematics.forward_kinematics(
             arrays, origin[t], rotation[t], bend[t], spread[t], joints[t], direction, flexion_axis, abduction_axis
         )
     return PlacedHand(joints, origin, quaternion)
-
-
-def rotations(orientation: FloatArray) -> FloatArray:
-    """Rotation matrices, shape (T, 3, 3), of unit quaternions (w, x, y, z), shape (T, 4)."""
-    rotation = np.empty((len(orientation), 3, 3))
-    for t, quaternion in enumerate(np.ascontiguousarray(orientation, np.float64)):
-        quaternion_to_matrix(quaternion, rotation[t])
-    return rotation

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand.forward_kinematics import HandShape, PlacedHand, rotations
+from hhsim.hand.forward_kinematics import HandShape, PlacedHand
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.mesh_distance import hand_mesh_distances, touching_points
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -48,7 +49,7 @@ def mesh_clearance(bvh: MeshBvh, shape: HandShape, placed: PlacedHand, limit: fl
         bvh,
         placed.joints,
         placed.position,
-        rotations(placed.orientation),
+        rotation_matrix(placed.orientation),
         float(limit),
         RESOLUTION,
         distance,
@@ -61,7 +62,7 @@ def contact_points(tree: TreeArrays, shape: HandShape, placed: PlacedHand, touch
 
     One point for each pair of a hand body and a leaf no more than `touch` [m] apart: the body's nearest to the leaf.
     """
-    rotation = rotations(placed.orientation)
+    rotation = rotation_matrix(placed.orientation)
     room = np.empty((4096, 3))
     found = []
     for tick in range(len(rotation)):

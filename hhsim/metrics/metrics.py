@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
 from hhsim.kernels.sphere_tree import TreeArrays
 
@@ -30,14 +32,6 @@ FROZEN_LIMIT = 1e-6
 """Relative one-tick change below which a force with frozen input counts as still."""
 TICK_BUDGET = 1_000_000
 """ns: one tick of the haptic loop at 1 kHz."""
-
-
-class HandPoses(NamedTuple):
-    """A hand, tick by tick: palm position (T, 3) [m], orientation (T, 4) w x y z, flexion (T, 5, 3) [rad]."""
-
-    position: Array
-    orientation: Array
-    flexion: Array
 
 
 class Penetration(NamedTuple):
@@ -158,7 +152,7 @@ def hand_clearance(
     placed = PlacedHands(
         joint_array,
         np.ascontiguousarray(position, dtype=np.float64),
-        _rotation_matrices(np.asarray(orientation, dtype=np.float64)),
+        rotation_matrix(orientation),
     )
     clearances(tree, shape, placed, float(limit), palm, finger)
     return palm, finger
@@ -309,7 +303,7 @@ def frozen_decay(force: ArrayLike, limit: float = FROZEN_LIMIT, floor: float = F
     return last if last < vectors.shape[0] - 1 else None
 
 
-def tracking_energy(haptic: HandPoses, graphic: HandPoses, stiffness: ArrayLike) -> Array:
+def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiffness: ArrayLike) -> Array:
     """Coupling energy ½ (Δp·k_t Δp + Δφ·k_r Δφ + Σ k_θ Δθ²) [J] between graphic and haptic hand, shape (T,).
 
     The objective of every method (virtual coupling of the paper's Eq. 1). Δφ is the rotation vector from graphic to
@@ -343,7 +337,7 @@ def tracking_excess(energy: ArrayLike, reference: ArrayLike, floor: float = 1e-9
     return excess
 
 
-def tracking_error(haptic: HandPoses, graphic: HandPoses) -> TrackingError:
+def tracking_error(haptic: HandConfiguration, graphic: HandConfiguration) -> TrackingError:
     """How far the shown hand is from the user's, tick by tick; for people, hence in mm and degrees."""
     turn = _rotation_vectors(graphic.orientation, haptic.orientation)
     bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)
@@ -391,16 +385,6 @@ def _rate(values: Array, floor: float) -> Array:
     defined = before >= floor
     rate[1:][defined] = 100.0 * np.abs(values[1:] - values[:-1])[defined] / before[defined]
     return rate
-
-
-def _rotation_matrices(quaternion: Array) -> Array:
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.ascontiguousarray(np.moveaxis(np.array(rows), -1, 0))
 
 
 def _rotation_vectors(source: Array, target: Array) -> Array:

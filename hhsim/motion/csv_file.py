@@ -32,6 +32,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import as_numbers
 
+CSV_SUFFIX = ".csv"
 POSE_COLUMNS = ("time", "px", "py", "pz", "qw", "qx", "qy", "qz")
 FLEXION_COLUMNS = tuple(f"{finger}_flex{joint}" for finger in FINGERS for joint in (1, 2, 3))
 ABDUCTION_COLUMNS = tuple(f"{finger}_abd" for finger in FINGERS)

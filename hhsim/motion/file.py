@@ -15,17 +15,16 @@ import h5py
 import numpy as np
 
 from hhsim.errors import OutputError, TrajectoryError
-from hhsim.motion.csv_file import format_csv, parse_csv
+from hhsim.motion.csv_file import CSV_SUFFIX, format_csv, parse_csv
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
-from hhsim.system.atomic_write import hdf5_image, write_whole_file
+from hhsim.system.atomic_write import hdf5_image, write_atomically
 from hhsim.system.checksummed_file import seal_holds, sealed
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 
 FORMAT = "hhsim-trajectory"
 SCHEMA_VERSION = 1
 HDF5_SUFFIXES = (".h5", ".hdf5")
-CSV_SUFFIX = ".csv"
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """What h5py raises on a file with wrong bytes in it."""
@@ -60,22 +59,22 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     target = Path(path)
     suffix = target.suffix.lower()
     if suffix == CSV_SUFFIX:
-        write_whole_file(target, format_csv(trajectory).encode())
+        write_atomically(target, format_csv(trajectory).encode())
     elif suffix in HDF5_SUFFIXES:
-        write_whole_file(target, sealed(hdf5_image(lambda file: _write(trajectory, file))))
+        write_atomically(target, sealed(hdf5_image(lambda file: _write(trajectory, file))))
     else:
         raise OutputError(f"{target}: unknown suffix '{suffix}'; expected .h5 or .csv")
 
 
-def check_trajectory_destination(path: Path) -> None:
+def check_trajectory_path(path: Path) -> None:
     """Look, before the work, for what would keep a trajectory from being written.
 
     Raises:
-        OutputError: as `hhsim.system.output_path.check_destination`; another suffix; or a file is there that is no
+        OutputError: as `hhsim.system.output_path.check_output_path`; another suffix; or a file is there that is no
         trajectory,
             such as a recording, which a slip of the pen must not destroy.
     """
-    check_destination(path)
+    check_output_path(path)
     if path.suffix.lower() not in (CSV_SUFFIX, *HDF5_SUFFIXES):
         raise OutputError(f"{path} is no name for a trajectory: it has to end in .h5 or .csv")
     if path.exists():

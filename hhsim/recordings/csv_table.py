@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.motion.csv_file import read_remarks
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
 
 Array = NDArray[np.float64]
@@ -84,18 +85,9 @@ def read_table(text: str, *, delimiter: str | None = None, decimal: str = ".") -
         TrajectoryError: no header, no line below it, columns of the same name, or most lines of another length.
     """
     lines = text.splitlines()
-    first, remarks = 0, {}
-    while first < len(lines) and (lines[first].startswith("#") or not lines[first].strip()):
-        key, colon, value = lines[first][1:].partition(":")
-        if colon:
-            remarks[key.strip()] = value.strip()
-        first += 1
-    if first == len(lines):
-        raise TrajectoryError("no header line; expected the names of the columns")
+    remarks, first, sign, header = _header(lines, delimiter)
     if len(lines) > MOST_SAMPLES:
         raise TrajectoryError(f"{len(lines):,} lines; expected at most {MOST_SAMPLES:,}")
-    sign = delimiter or _delimiter(lines[first])
-    header = tuple(cell.strip() for cell in _cells(lines[first], sign))
     twice = next((name for name in header if name and header.count(name) > 1), None)
     if twice is not None:
         raise TrajectoryError(f"the header has column '{twice[:40]}' twice")
@@ -126,6 +118,24 @@ def read_table(text: str, *, delimiter: str | None = None, decimal: str = ".") -
             note(f"{len(broken)} line(s) with another number of cells than the header left out, first line {broken[0]}")
         )
     return Table(header, tuple(rows), remarks, decimal, tuple(findings))
+
+
+def read_header(text: str) -> tuple[str, ...]:
+    """The names of a table's columns.
+
+    Raises:
+        TrajectoryError: No header.
+    """
+    return _header(text.splitlines(), None)[3]
+
+
+def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str], int, str, tuple[str, ...]]:
+    """The remarks, the index of the header line, its delimiter, and the names in it."""
+    remarks, first = read_remarks(lines)
+    if first == len(lines):
+        raise TrajectoryError("no header line; expected the names of the columns")
+    sign = delimiter or _delimiter(lines[first])
+    return remarks, first, sign, tuple(cell.strip() for cell in _cells(lines[first], sign))
 
 
 def _delimiter(line: str) -> str:

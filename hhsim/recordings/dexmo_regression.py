@@ -61,6 +61,15 @@ LEAST_SPAN = 100.0
 """A channel of raw counts (12 bits) whose two poses are nearer than this says little: a hint goes with it."""
 
 
+@dataclass(frozen=True)
+class Poses:
+    """When the hand was in the poses of a calibration, each from one stamp to another [s]."""
+
+    open: tuple[float, float]
+    fist: tuple[float, float]
+    spread: tuple[float, float] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class DexmoRegression:
     """The glove's calibration.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, PALM_CENTER, default_fingers
-from hhsim.motion.quaternion import conjugate, quaternion_product
+from hhsim.hand.quaternion import conjugate, quaternion_product
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.frames import quaternions_of, turned
 

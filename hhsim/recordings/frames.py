@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.motion.quaternion import quaternion_from_matrix, quaternion_product
+from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
 
 Array = NDArray[np.float64]
 
@@ -88,33 +88,11 @@ def quaternions_of(matrix: Array) -> Array:
 
     Of steady sign; NaN where a matrix is missing.
     """
-    m = matrix
-    squares = np.stack(
-        [
-            1.0 + m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2],
-            1.0 + m[:, 0, 0] - m[:, 1, 1] - m[:, 2, 2],
-            1.0 - m[:, 0, 0] + m[:, 1, 1] - m[:, 2, 2],
-            1.0 - m[:, 0, 0] - m[:, 1, 1] + m[:, 2, 2],
-        ],
-        axis=1,
-    )
-    wx, wy, wz = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
-    xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
-    rows = np.stack(
-        [
-            np.stack([squares[:, 0], wx, wy, wz], axis=1),
-            np.stack([wx, squares[:, 1], xy, xz], axis=1),
-            np.stack([wy, xy, squares[:, 2], yz], axis=1),
-            np.stack([wz, xz, yz, squares[:, 3]], axis=1),
-        ],
-        axis=1,
-    )
-    # All four rows are the quaternion times one of its components; the largest loses no digits.
-    largest = np.argmax(np.nan_to_num(squares, nan=-1.0), axis=1)
-    row = rows[np.arange(len(rows)), largest]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        row = row / np.linalg.norm(row, axis=1, keepdims=True)
+    row = quaternion_from_matrix(matrix)
     whole = np.flatnonzero(np.isfinite(row).all(axis=1))
+    if whole.size:
+        # The first one's largest component is positive.
+        row[whole[0]] *= np.sign(row[whole[0], np.argmax(np.abs(row[whole[0]]))])
     flips = np.where((row[whole][1:] * row[whole][:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
     row[whole[1:]] *= np.cumprod(flips)[:, None]
     return np.asarray(row)

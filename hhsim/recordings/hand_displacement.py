@@ -6,7 +6,7 @@ A turn of the palm counts as the way of a point `PALM_ARM` away from its origin,
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.motion.quaternion import conjugate, quaternion_product, rotation_vector
+from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.recordings.recording import Recording
 
 Array = NDArray[np.float64]

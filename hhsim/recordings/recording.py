@@ -1,6 +1,6 @@
 """A recording as a device or a file gave it: unchecked, with holes, and what its reader has to say about it.
 
-Readers (`recording_csv`, `recording_npz`, …) make one; `hhsim.recordings.repair` turns it into a
+Formats (`hhsim.recordings.formats`) make one; `hhsim.recordings.repair` turns it into a
 `hhsim.motion.trajectory.Trajectory`, or refuses. A missing number is NaN.
 """
 
@@ -58,6 +58,7 @@ class Recording:
         abduction: the same, shape (T, 5).
         flags: what the reader already found in each sample, shape (T,); made if not given.
         stated: the units that the file or the user stated: "time", "length", "angle". Those are not guessed.
+        scaled: whether the reader has made metres of its lengths, by the user's unit where there is one.
         form: format that it was read from, in a word.
         name, source, licence, device, hand, phases, object_position, object_orientation, raw: as in `Trajectory`.
         hand_length: of the recorded hand, wrist crease to middle fingertip [m]; None where it is not known.
@@ -71,6 +72,7 @@ class Recording:
     abduction: Array
     flags: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
     stated: frozenset[str] = frozenset()
+    scaled: bool = False
     form: str = ""
     name: str = ""
     source: str = ""

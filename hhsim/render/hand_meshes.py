@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.render.triangle_soup import SKIN, Surface, mesh_surface, round_cone_surface, with_nail
 
@@ -66,7 +67,7 @@ def piece_poses(
     sign = 1.0 if hand.side == "right" else -1.0
     half_spread, half_bend = 0.5 * sign * np.asarray(abduction, np.float64).T, -0.5 * bend
     frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)
-    base = np.array([_quaternion(frame) for frame in frames]).T[:, :, None]
+    base = quaternion_from_matrix(frames).T[:, :, None]
     # A turn about the finger's back, then one about the axis that it flexes about.
     w, x, y, z = (part[:, None] for part in _about_z(_product(palm[:, None], base), half_spread))
     cos, sin = np.cos(half_bend), np.sin(half_bend)
@@ -81,7 +82,7 @@ def piece_poses(
     translation = np.empty((PALM_BODY + 1, ticks, 3))
     joint = translation[:PALM_BODY].reshape(len(FINGERS), PHALANX_COUNT, ticks, 3)
     direction = (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x))
-    for i, rows in enumerate(_matrix(palm)):
+    for i, rows in enumerate(np.ascontiguousarray(np.moveaxis(rotation_matrix(palm.T), 0, -1))):
         joint[:, 0, :, i] = origin[i] + hand.base @ rows
         for k in range(1, PHALANX_COUNT):
             joint[:, k, :, i] = joint[:, k - 1, :, i] + hand.length[:, k - 1, None] * direction[i][:, k - 1]
@@ -104,29 +105,3 @@ def _about_z(quaternion: tuple[FloatArray, ...], half: FloatArray) -> tuple[Floa
     """The product of quaternions and turns about z, given by half of their angles."""
     (w, x, y, z), cos, sin = quaternion, np.cos(half), np.sin(half)
     return w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin
-
-
-def _matrix(quaternion: FloatArray) -> FloatArray:
-    """Rotation matrices, shape (3, 3, T), of unit quaternions, shape (4, T)."""
-    w, x, y, z = quaternion
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.array(rows)
-
-
-def _quaternion(rotation: FloatArray) -> FloatArray:
-    """Unit quaternion (w, x, y, z) of a rotation matrix: the best-conditioned column of 4 q qᵀ."""
-    r = rotation
-    square = np.array(
-        [
-            [1.0 + r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], 1.0 + r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
-            [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], 1.0 - r[0, 0] + r[1, 1] - r[2, 2], r[1, 2] + r[2, 1]],
-            [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1.0 - r[0, 0] - r[1, 1] + r[2, 2]],
-        ]
-    )
-    column = square[:, int(np.argmax(np.diag(square)))]
-    return np.asarray(column / np.linalg.norm(column))

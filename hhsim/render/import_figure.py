@@ -13,7 +13,7 @@ from hhsim.recordings.hand_displacement import turn
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS
 from hhsim.render.rasterizer import save_figure
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +49,7 @@ def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    check_destination(path)
+    check_output_path(path)
     figure = Figure(figsize=(13, 15), dpi=100, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     rows = figure.subplots(9, 1, sharex=True, height_ratios=[2, 2, 2, 2, 2, 2, 2, 2, 1.5])

@@ -17,7 +17,7 @@ from hhsim.kernels.tick.step import DURATION_DETECT
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.render.rasterizer import save_figure
 from hhsim.render.scene_thumbnails import best_view, scene_picture
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +43,7 @@ def check_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder {folder}: {error.strerror or error}") from error
-    check_destination(folder / "fig11.png")
+    check_output_path(folder / "fig11.png")
 
 
 def draw_all(folder: Path, runs: PaperRuns, progress: Progress | None = None) -> list[Path]:

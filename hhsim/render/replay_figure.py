@@ -23,7 +23,7 @@ from hhsim.render.rasterizer import Camera, Layer, blend, frame, look_from, save
 from hhsim.render.triangle_soup import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result, load_result
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,7 +81,7 @@ def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) ->
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    check_destination(path)
+    check_output_path(path)
     tick = shown_tick(result)
     hand = stored_hand(result)
     surfaces = [

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench.paper.run import Pose, SceneRun
+from hhsim.bench.paper.run import SceneRun
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
@@ -81,5 +82,5 @@ def best_view(run: SceneRun, mesh: Mesh, moment: int = 0) -> FloatArray:
     return best
 
 
-def _surface(hand: HandModel, pose: Pose) -> Surface:
+def _surface(hand: HandModel, pose: HandConfiguration) -> Surface:
     return hand_surface(hand, *pose)

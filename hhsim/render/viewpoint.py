@@ -34,7 +34,7 @@ class View(NamedTuple):
         return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def clear_view(hand: Surface, body: Surface, marks: FloatArray, forces: FloatArray, usual: View | None = None) -> View:
+def viewpoint(hand: Surface, body: Surface, marks: FloatArray, forces: FloatArray, usual: View | None = None) -> View:
     """The view in which most is seen of the marks, then of hand and object, and forces are not seen end on.
 
     Args:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from hhsim import __version__
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_tree
-from hhsim.replay.tick_columns import HapticTicks, TickColumns
+from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS, Column
 from hhsim.solver.compile import warm_up
@@ -126,7 +127,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
             if progress is not None:
                 progress("ticks", done, total)
             stored = {name: values[: total - done] for name, values in stored.items()}
-            haptic = HapticTicks(*(stored[f"haptic/{name}"] for name in HapticTicks._fields))
+            haptic = HandConfiguration(*(stored[f"haptic/{name}"] for name in HandConfiguration._fields))
             record = _solve(solver, haptic, result.live is not None)
             block = columns.block(stored["time"], stored["input_seq"], haptic, record)
             for tally in tallies:
@@ -202,7 +203,7 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
     return total, notes
 
 
-def _solve(solver: HandSolver, haptic: HapticTicks, live: bool) -> TickRecord:
+def _solve(solver: HandSolver, haptic: HandConfiguration, live: bool) -> TickRecord:
     """The ticks of a block; those of a session one by one, as its loop ran them."""
     if not live:
         return solver.run(*haptic)

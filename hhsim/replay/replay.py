@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.stored_scene import describe_scene, static_arrays
 from hhsim.replay.summary import ReplaySummary, TickSeries, summarise
-from hhsim.replay.tick_columns import HapticTicks, TickColumns
+from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.writer import ResultWriter
 from hhsim.scene.scene import Scene
@@ -29,7 +30,7 @@ Progress = Callable[[str, int, int], None]
 def replay(
     scene: Scene,
     options: SolverOptions,
-    destination: str | Path,
+    output_path: str | Path,
     *,
     description: Mapping[str, Any] | None = None,
     command: Sequence[str] = (),
@@ -41,7 +42,7 @@ def replay(
     Args:
         scene: Object, hand and motion.
         options: Of the solver.
-        destination: The result file; an existing result there is replaced when the new one is complete.
+        output_path: The result file; an existing result there is replaced when the new one is complete.
         description: What else the file is to say of how the scene came about, as plain values: more than the scene
             says of itself, or something else.
         command: That makes the result, word by word, for the file to say; empty where a program calls this.
@@ -74,7 +75,7 @@ def replay(
     series = TickSeries(total)
     columns = TickColumns(tree, scene.hand, options)
     with ResultWriter(
-        Path(destination), scene=described, static=static, phases=ticks.phases, command=command
+        Path(output_path), scene=described, static=static, phases=ticks.phases, command=command
     ) as writer:
         if before_ticks is not None:
             before_ticks()
@@ -83,7 +84,7 @@ def replay(
                 if progress is not None:
                     progress("ticks", first, total)
                 part = slice(first, min(first + CHUNK_TICKS, total))
-                haptic = HapticTicks(*(getattr(ticks, name)[part] for name in HapticTicks._fields))
+                haptic = HandConfiguration.of(ticks).at(part)
                 record = solver.run(*haptic)
                 if not np.isfinite(record.joints).all():
                     raise HhsimError(

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_HELD, STATUS_START_INSIDE
 from hhsim.metrics import metrics
-from hhsim.metrics.metrics import HandPoses, Statistics
+from hhsim.metrics.metrics import Statistics
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
@@ -111,27 +112,25 @@ def _figures_of_own_runs(scene: Scene, options: SolverOptions, run: RunTicks) ->
     """The figures that further runs of the solver are needed for: the reference optimum, and a trembling hold."""
     if not run.holds:
         return {"tracking_excess": np.nan}
-    haptic = HandPoses(scene.ticks.position, scene.ticks.orientation, scene.ticks.flexion)
-    graphic = HandPoses(run["graphic/position"], run["graphic/orientation"], run["graphic/flexion"])
-    abduction = run["graphic/abduction"]
+    haptic = HandConfiguration.of(scene.ticks)
+    graphic = HandConfiguration(*(run[f"graphic/{name}"] for name in HandConfiguration._fields))
     held = np.flatnonzero(run.hold)
     chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
-    excess = reference_excess(scene.hand, scene.tree.arrays(), options, haptic, graphic, abduction, chosen)
+    excess = reference_excess(scene.hand, scene.tree.arrays(), options, haptic, graphic, chosen)
     found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
-    trembling = _repeated_with_tremor(scene, options, haptic, graphic, abduction, run.holds[0])
+    trembling = _repeated_with_tremor(scene, options, haptic, graphic, run.holds[0])
     if trembling is not None:
         found |= {TREMBLING: trembling.mean, f"{TREMBLING}_std": trembling.std}
     return found
 
 
 def _repeated_with_tremor(
-    scene: Scene, options: SolverOptions, haptic: HandPoses, graphic: HandPoses, abduction: Array, part: slice
+    scene: Scene, options: SolverOptions, haptic: HandConfiguration, graphic: HandConfiguration, part: slice
 ) -> Statistics | None:
-    held = HandPoses(*(values[part] for values in haptic))
+    held = haptic.at(part)
     if not is_frozen(held):
         return None
-    shown = HandPoses(*(values[part] for values in graphic))
-    return tremor_variation(scene.hand, scene.tree.arrays(), options, held, shown, abduction[part], scene.ticks.rate)
+    return tremor_variation(scene.hand, scene.tree.arrays(), options, held, graphic.at(part), scene.ticks.rate)
 
 
 def _notes(scene: Scene, options: SolverOptions, status: Array, prepared: WarmUp) -> tuple[str, ...]:

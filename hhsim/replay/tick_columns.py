@@ -1,10 +1,11 @@
 """What a result file keeps of each tick: the solver's record, and what is measured from it apart from the solver."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -14,18 +15,6 @@ from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
 
 Array = NDArray[Any]
-
-
-class HapticTicks(NamedTuple):
-    """What the solver is given, tick by tick.
-
-    Palm position (B, 3) [m] and orientation (B, 4) w x y z, world; flexion (B, 5, 3) and abduction (B, 5) [rad].
-    """
-
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
 
 
 class TickColumns:
@@ -52,7 +41,7 @@ class TickColumns:
         self._total = np.full((1, 3), np.nan)
         self._finger = np.full((1, 5, 3), np.nan)
 
-    def block(self, time: Array, input_seq: Array, haptic: HapticTicks, record: TickRecord) -> dict[str, Array]:
+    def block(self, time: Array, input_seq: Array, haptic: HandConfiguration, record: TickRecord) -> dict[str, Array]:
         """The columns of the next ticks.
 
         Args:

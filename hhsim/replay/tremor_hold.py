@@ -10,10 +10,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.metrics.metrics import HandPoses, Statistics, force_variation_rate, statistics
+from hhsim.metrics.metrics import Statistics, force_variation_rate, statistics
 from hhsim.motion.tremor import Disturbance
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -27,7 +28,7 @@ ONSET = 0.1
 """The first period of the tremor [s] is left out: its onset is a jump."""
 
 
-def is_frozen(haptic: HandPoses) -> bool:
+def is_frozen(haptic: HandConfiguration) -> bool:
     """Whether the haptic hand does not move at all."""
     return all(bool(np.all(values == values[:1])) for values in haptic)
 
@@ -36,9 +37,8 @@ def tremor_variation(
     hand: HandModel,
     tree: TreeArrays,
     options: SolverOptions,
-    haptic: HandPoses,
-    graphic: HandPoses,
-    abduction: FloatArray,
+    haptic: HandConfiguration,
+    graphic: HandConfiguration,
     rate: float,
     seed: int = 0,
 ) -> Statistics:
@@ -50,14 +50,13 @@ def tremor_variation(
         options: Of the solver.
         haptic: Haptic hand at each tick of the hold.
         graphic: Graphic hand at each tick of the hold; the repetition starts from its first one.
-        abduction: Of the hold [rad], shape (T, 5).
         rate: Ticks per second [Hz].
         seed: Of the tremor.
 
     Returns:
         Mean, spread and maximum; undefined where the hold is no longer than the onset.
     """
-    record, settled = trembling_hold(hand, tree, options, haptic, graphic, abduction, rate, seed)
+    record, settled = trembling_hold(hand, tree, options, haptic, graphic, rate, seed)
     return statistics(force_variation_rate(record.total), settled)
 
 
@@ -65,9 +64,8 @@ def trembling_hold(
     hand: HandModel,
     tree: TreeArrays,
     options: SolverOptions,
-    haptic: HandPoses,
-    graphic: HandPoses,
-    abduction: FloatArray,
+    haptic: HandConfiguration,
+    graphic: HandConfiguration,
     rate: float,
     seed: int = 0,
     disturbance: Disturbance = TREMOR,
@@ -76,7 +74,7 @@ def trembling_hold(
     """Repeat a hold with a hand that is not still.
 
     Args:
-        hand, tree, options, haptic, graphic, abduction, rate, seed: As `tremor_variation`.
+        hand, tree, options, haptic, graphic, rate, seed: As `tremor_variation`.
         disturbance: What moves it.
         sample_rate: Samples per second [Hz] of the device that measures it, each held until the next one; None for a
             sample every tick.
@@ -92,5 +90,5 @@ def trembling_hold(
     )
     position, orientation, flexion = (np.ascontiguousarray(values[sample]) for values in moved)
     solver = HandSolver(hand, tree, options)
-    solver.place(graphic.position[0], graphic.orientation[0], graphic.flexion[0], abduction[0])
-    return solver.run(position, orientation, flexion, abduction), time >= ONSET
+    solver.place(*graphic.at(0))
+    return solver.run(position, orientation, flexion, graphic.abduction), time >= ONSET

@@ -15,7 +15,7 @@ from hhsim.render.hand_meshes import PIECES
 from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
 from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted
-from hhsim.render.viewpoint import View, clear_view
+from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report.figure import DPI, INK, TEXT, ReportFigure, drawn_figure, new_figure, png_bytes
 from hhsim.result.reader import Result
 from hhsim.view.decimation import ShownTicks, shown_ticks
@@ -180,7 +180,7 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
     forces = [PhalanxForce(PIECES[k], places[k], force[0, k]) for k in felt]
     if view is None:
         vectors = np.array([arrow(one) for one in forces]).reshape(-1, 3)
-        view = clear_view(graphic, body, contacts.point, vectors, usual)
+        view = viewpoint(graphic, body, contacts.point, vectors, usual)
     return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, _alt_text(result, tick, ticks, forces))
 
 

@@ -34,8 +34,8 @@ from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks_section import worst_section
 from hhsim.result.reader import load_result
-from hhsim.system.atomic_write import write_whole_file
-from hhsim.system.output_path import check_destination
+from hhsim.system.atomic_write import write_atomically
+from hhsim.system.output_path import check_output_path
 
 Progress = Callable[[str, int, int], None]
 Sections = list[tuple[str, str, Html]]
@@ -147,30 +147,30 @@ def make_report(paths: Sequence[Path], *, progress: Progress | None = None) -> R
     return Report(title, html, album.pictures, tuple(runs), tuple(comparisons))
 
 
-def check_report_destination(destination: Path) -> Path:
+def check_report_path(output_path: Path) -> Path:
     """Look, before the work, for what would keep a report from being written.
 
     Args:
-        destination: A page, NAME.html, or a folder, which is made where it is missing.
+        output_path: A page, NAME.html, or a folder, which is made where it is missing.
 
     Returns:
         Where the page goes.
 
     Raises:
-        OutputError: As `hhsim.system.output_path.check_destination`; or a file is there that hhsim report did not
+        OutputError: As `hhsim.system.output_path.check_output_path`; or a file is there that hhsim report did not
         write.
     """
-    if destination.suffix.lower() in (".html", ".htm"):
-        page = destination
-        check_destination(page)
-    elif destination.is_dir():
-        page = destination / PAGE
-        check_destination(page)
+    if output_path.suffix.lower() in (".html", ".htm"):
+        page = output_path
+        check_output_path(page)
+    elif output_path.is_dir():
+        page = output_path / PAGE
+        check_output_path(page)
     else:
-        page = destination / PAGE
-        check_destination(destination)
-        if destination.exists():
-            raise OutputError(f"{destination} is a file: name a folder, or a page such as {destination}.html")
+        page = output_path / PAGE
+        check_output_path(output_path)
+        if output_path.exists():
+            raise OutputError(f"{output_path} is a file: name a folder, or a page such as {output_path}.html")
     if page.exists() and f'content="{GENERATOR} ' not in _head(page):
         raise OutputError(
             f"{page} exists and is no page of hhsim report, so it is not replaced: name another with --out"
@@ -178,18 +178,18 @@ def check_report_destination(destination: Path) -> Path:
     return page
 
 
-def write_report(report: Report, destination: Path) -> ReportFiles:
+def write_report(report: Report, output_path: Path) -> ReportFiles:
     """Write the page and its pictures, each in one step, the page last.
 
     Args:
         report: The report.
-        destination: As for `check_report_destination`. Of NAME.html the pictures are NAME-….png beside it.
+        output_path: As for `check_report_path`. Of NAME.html the pictures are NAME-….png beside it.
 
     Raises:
-        OutputError: As `check_report_destination`; or a picture's name is taken, and no page of a report is there that
+        OutputError: As `check_report_path`; or a picture's name is taken, and no page of a report is there that
             it could belong to; or a full disk.
     """
-    page = check_report_destination(destination)
+    page = check_report_path(output_path)
     stem = "" if page.name == PAGE else f"{page.stem}-"
     files = {page.with_name(f"{stem}{name}.png"): png for name, png in report.pictures.items()}
     taken = [path for path in files if path.exists()]
@@ -197,8 +197,8 @@ def write_report(report: Report, destination: Path) -> ReportFiles:
         raise OutputError(f"{taken[0]} exists, and no report that it belongs to: name another place with --out")
     _make_folder(page.parent)
     for path, png in files.items():
-        write_whole_file(path, png)
-    write_whole_file(page, report.html.encode())
+        write_atomically(path, png)
+    write_atomically(page, report.html.encode())
     return ReportFiles(page, tuple(files))
 
 

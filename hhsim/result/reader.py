@@ -30,7 +30,7 @@ from hhsim.result.schema import (
     wrong_schema,
 )
 from hhsim.system.environment import UNKNOWN
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 
 Array: TypeAlias = NDArray[Any]
 
@@ -189,15 +189,15 @@ def load_result(path: str | Path) -> Result:
         )
 
 
-def check_result_destination(path: Path) -> None:
+def check_result_path(path: Path) -> None:
     """Look, before the work, for what would keep a result from being written to `path`.
 
     Raises:
-        OutputError: As `hhsim.system.output_path.check_destination`; a name that does not end as one of a result; or a
+        OutputError: As `hhsim.system.output_path.check_output_path`; a name that does not end as one of a result; or a
         file is
             there that is no result, which a slip of the pen must not destroy.
     """
-    check_destination(path)
+    check_output_path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise OutputError(f"{path} is no name for a result: it has to end in {' or '.join(SUFFIXES)}")
     if not path.exists():

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import OutputError
 from hhsim.motion.trajectory import TickPhase
-from hhsim.result.reader import CHUNK_TICKS, check_result_destination, fits, spelled
+from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
 from hhsim.result.schema import FORMAT, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column
 from hhsim.system import environment as info
 from hhsim.system.output_path import free_name
@@ -69,8 +69,8 @@ class ResultWriter:
         attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
         command: Sequence[str] = (),
     ) -> None:
-        check_result_destination(path)
-        self._destination = path
+        check_result_path(path)
+        self._output_path = path
         self.path = path
         if path.exists():
             self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}"))
@@ -163,9 +163,9 @@ class ResultWriter:
             if self.path.stat().st_size > size:
                 os.truncate(self.path, size)
             self._complete = True
-            if self.path != self._destination:
-                self.path.replace(self._destination.resolve())
-                self.path = self._destination
+            if self.path != self._output_path:
+                self.path.replace(self._output_path.resolve())
+                self.path = self._output_path
         return self.path
 
     def _write_header(

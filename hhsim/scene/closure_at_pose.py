@@ -14,7 +14,7 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.catalogue import object_description
 from hhsim.scene.closure_search import OPEN_SHARE, REACH_DEPTH, closing_rates
-from hhsim.scene.finger_closure import Closing, body_distances, make_work
+from hhsim.scene.finger_closure import FingerClosure, body_distances, make_work
 from hhsim.scene.script import Script
 from hhsim.scene.stored_pose import Placement
 from hhsim.trees.sphere_tree import SphereTree
@@ -52,7 +52,7 @@ def close_placed(
     placement: Placement,
     object_position: Array | None = None,
     object_rotation: Array | None = None,
-) -> Closing:
+) -> FingerClosure:
     """Close the script's fingers with the palm at a place.
 
     Args:
@@ -66,14 +66,14 @@ def close_placed(
     Raises:
         TrajectoryError: no named finger reaches the object from there, or the palm that is to touch does not.
     """
-    closing = PlacedCloser(script, hand, tree).close(placement, object_position, object_rotation)
-    if script.contact and not closing.reached:
+    closure = PlacedCloser(script, hand, tree).close(placement, object_position, object_rotation)
+    if script.contact and not closure.reached:
         raise TrajectoryError(
             f"script {script.name}: {', '.join(script.fingers)} cannot reach the object from its place"
         )
-    if script.palm_depth > 0.0 and closing.distance[-1] >= 0.0:
+    if script.palm_depth > 0.0 and closure.distance[-1] >= 0.0:
         raise TrajectoryError(f"script {script.name}: the palm cannot touch the object from its place")
-    return closing
+    return closure
 
 
 class PlacedCloser:
@@ -105,7 +105,7 @@ class PlacedCloser:
         object_position: Array | None = None,
         object_rotation: Array | None = None,
         clear: Callable[[Array, Array, Array], bool] | None = None,
-    ) -> Closing:
+    ) -> FingerClosure:
         """Close the hand; arguments as `close_placed`.
 
         `clear`, called with position, rotation and open flexion, may refuse a place before the fingers close: they then
@@ -139,7 +139,7 @@ class PlacedCloser:
         pressed = position - script.palm_depth * back
         distances = body_distances(self.hand, self.tree, pressed, rotation, command, abduction, work)
         reached = [f for f in self.fingers if distances[3 * f : 3 * f + 3].min() < -REACH_DEPTH]
-        return Closing(
+        return FingerClosure(
             rotation=rotation,
             back=back,
             position=position,

@@ -18,7 +18,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
-from hhsim.scene.finger_closure import Closing, body_distances, make_work
+from hhsim.scene.finger_closure import FingerClosure, body_distances, make_work
 from hhsim.scene.script import Script
 from hhsim.scene.slide import best_slide
 from hhsim.trees.sphere_tree import SphereTree
@@ -68,10 +68,10 @@ class _Candidate:
     rotation: Array
     aim: Array
     score: float
-    closing: Closing
+    closure: FingerClosure
 
 
-def plan_closing(script: Script, hand: HandModel, tree: SphereTree) -> Closing:
+def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> FingerClosure:
     """Find how the hand of a script closes on an object.
 
     Args:
@@ -83,13 +83,13 @@ def plan_closing(script: Script, hand: HandModel, tree: SphereTree) -> Closing:
         TrajectoryError: no named finger reaches the object from any side, or the palm cannot touch it.
     """
     search = _Search(script, hand, tree)
-    closing = search.best()
+    closure = search.best()
     across = f"the object, {2.0 * search.bound:.3g} m across"
-    if script.contact and not closing.reached:
+    if script.contact and not closure.reached:
         raise TrajectoryError(f"script {script.name}: {', '.join(script.fingers)} cannot reach {across}, from any side")
-    if script.palm_depth > 0.0 and closing.distance[PALM_BODY] >= 0.0:
+    if script.palm_depth > 0.0 and closure.distance[PALM_BODY] >= 0.0:
         raise TrajectoryError(f"script {script.name}: the palm cannot touch {across}, from any side")
-    return closing
+    return closure
 
 
 def closing_rates(curl: float) -> Array:
@@ -155,23 +155,23 @@ class _Search:
         self.gap = self._gaps()
         self.aims = self._aims(hand.hand_length / DEFAULT_HAND_LENGTH)
 
-    def best(self) -> Closing:
+    def best(self) -> FingerClosure:
         """Every direction at the first aim, then the best directions at every aim, then the best of those tilted."""
         found = [self._evaluate(rotation, self.aims[0]) for rotation in _orientations()]
         found += [self._evaluate(leader.rotation, aim) for leader in _leading(found) for aim in self.aims[1:]]
         found += [self._evaluate(leader.rotation @ tilt, leader.aim) for leader in _leading(found) for tilt in _tilts()]
         leaders = _leading(found)
-        return self._with_slide(leaders) if self.script.slide_distance > 0.0 else leaders[0].closing
+        return self._with_slide(leaders) if self.script.slide_distance > 0.0 else leaders[0].closure
 
-    def _with_slide(self, leaders: list[_Candidate]) -> Closing:
+    def _with_slide(self, leaders: list[_Candidate]) -> FingerClosure:
         """The leader that slides best, with the direction in which it does."""
         script = self.script
-        best, best_score = leaders[0].closing, -math.inf
+        best, best_score = leaders[0].closure, -math.inf
         for leader in leaders:
-            direction, share = best_slide(script, leader.closing, self.hand, self.tree)
+            direction, share = best_slide(script, leader.closure, self.hand, self.tree)
             if leader.score + SLIDE_WEIGHT * share > best_score + 1e-6:
                 best_score = leader.score + SLIDE_WEIGHT * share
-                best = replace(leader.closing, slide=direction)
+                best = replace(leader.closure, slide=direction)
         return best
 
     def _gaps(self) -> Array:
@@ -229,7 +229,7 @@ class _Search:
                 kernel.deepen_finger(self.hand, f, self.rates[f], self.abduction, self.script.depth, command, self.work)
         distances = self._distances(position - self.script.palm_depth * back, rotation, command)
         reached = [f for f in self.fingers if distances[3 * f : 3 * f + 3].min() < -REACH_DEPTH]
-        closing = Closing(
+        closure = FingerClosure(
             rotation=rotation,
             back=back,
             position=position,
@@ -242,22 +242,22 @@ class _Search:
             slide=np.zeros(3),
             distance=distances,
         )
-        score = self._score(closing, touching) if blocking >= 0 else -math.inf
-        return _Candidate(rotation, aim, score, closing)
+        score = self._score(closure, touching) if blocking >= 0 else -math.inf
+        return _Candidate(rotation, aim, score, closure)
 
-    def _score(self, closing: Closing, touching: Array) -> float:
+    def _score(self, closure: FingerClosure, touching: Array) -> float:
         """How good a grasp is; the weights order the wishes, from reaching at all down to looks."""
-        upward = float(closing.rotation[2, 2])
+        upward = float(closure.rotation[2, 2])
         # From above or the side rather than from below, where a table would be.
         score = 0.5 * upward - 3.0 * max(0.0, -upward)
         if not self.fingers:
             return score
-        score += 40.0 * len(closing.reached) / len(self.fingers)
-        at_contact = self._distances(closing.position, closing.rotation, closing.contact)
+        score += 40.0 * len(closure.reached) / len(self.fingers)
+        at_contact = self._distances(closure.position, closure.rotation, closure.contact)
         palm_excess = float(at_contact[PALM_BODY] - self.gap[PALM_BODY])
         if self.script.palm_depth > 0.0:
             score -= min(40.0, palm_excess / 2e-4)
-            score += 6.0 * self._bearing(closing)
+            score += 6.0 * self._bearing(closure)
         else:
             score -= min(10.0, palm_excess / 0.005)
         before = self.work.joints.copy()
@@ -271,7 +271,7 @@ class _Search:
                 normals.append((f, k, normal))
         if not normals:
             return score
-        self._distances(closing.position, closing.rotation, closing.command)
+        self._distances(closure.position, closure.rotation, closure.command)
         moved = self.work.joints - before
         # The command goes straight into the surface instead of grazing it.
         push = np.zeros(len(FINGERS))
@@ -283,16 +283,16 @@ class _Search:
         # Fingers that do not take part are well out of the way.
         idle = [f for f in range(len(FINGERS)) if f not in self.fingers]
         if idle:
-            away = float(closing.distance[:PALM_BODY].reshape(len(FINGERS), 3)[idle].min())
+            away = float(closure.distance[:PALM_BODY].reshape(len(FINGERS), 3)[idle].min())
             score += 4.0 * min(1.0, away / IDLE_DISTANCE)
         # The pads touch, and more phalanges hold better than fewer.
         return score + 3.0 * float(touching[self.fingers, 2].mean()) + 6.0 * float(touching[self.fingers].mean())
 
-    def _bearing(self, closing: Closing) -> float:
+    def _bearing(self, closure: FingerClosure) -> float:
         """Share of the palm's spheres that lie within `BEARING` of the object where the palm touches it."""
         centers = np.column_stack([self.hand.palm_x, self.hand.palm_y, self.hand.palm_z])
         near = [
-            kernel.sphere_distance(self.tree, closing.position + closing.rotation @ center, radius, BEARING, self.work)
+            kernel.sphere_distance(self.tree, closure.position + closure.rotation @ center, radius, BEARING, self.work)
             < BEARING
             for center, radius in zip(centers, self.hand.palm_radius)
         ]

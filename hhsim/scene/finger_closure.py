@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Closing:
+class FingerClosure:
     """A grasp of one object: a palm pose, an open hand and the postures that touch and press.
 
     Attributes:

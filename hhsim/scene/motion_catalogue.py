@@ -17,8 +17,7 @@ from hhsim.system.toml_document import parse_toml, read_toml_text
 
 SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", ".csv")
-IMPORTED_SUFFIXES = (".npz", ".json", ".lz", ".bvh")
-"""Of recordings that are imported on the way in."""
+"""Of trajectories and results; a recording of any other format is imported on the way in."""
 ORDER = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence", "never")
 """Those for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
 
@@ -48,6 +47,13 @@ class TrajectoryDescription:
     phases: tuple[str, ...]
     objects: tuple[str, ...]
     figures: tuple[str, ...]
+
+
+def imported_suffixes() -> tuple[str, ...]:
+    """The endings of recordings that are imported on the way in."""
+    from hhsim.recordings.registry import recording_suffixes
+
+    return tuple(suffix for suffix in recording_suffixes() if suffix not in RECORDING_SUFFIXES)
 
 
 def trajectory_names() -> list[str]:
@@ -139,7 +145,7 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
     """The script, the demonstration or the recording that a word on the command line means.
 
     A catalogue name wins; then the suffix decides: .toml is a script, or a demonstration where it names a recording,
-    .h5, .hdf5 and .csv are trajectories, and `IMPORTED_SUFFIXES` are imported.
+    .h5, .hdf5 and .csv are trajectories, and those of `imported_suffixes` are imported.
 
     Raises:
         UnknownNameError: neither a name of the catalogue nor a path with a known suffix.
@@ -155,22 +161,22 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
     suffix = path.suffix.lower()
     if suffix == SCRIPT_SUFFIX:
         return _read_toml(path)
-    if suffix in (*RECORDING_SUFFIXES, *IMPORTED_SUFFIXES):
+    if suffix in RECORDING_SUFFIXES or suffix in imported_suffixes():
         return load_recorded(path)
     if path.exists() or "/" in word:
-        kinds = ", ".join((SCRIPT_SUFFIX, *RECORDING_SUFFIXES, *IMPORTED_SUFFIXES))
+        kinds = ", ".join((SCRIPT_SUFFIX, *RECORDING_SUFFIXES, *imported_suffixes()))
         raise TrajectoryError(f"{word}: not a trajectory by its suffix; expected {kinds} or a name of the catalogue")
     raise UnknownNameError("trajectory", word, trajectory_names())
 
 
 def load_recorded(path: Path) -> Trajectory:
-    """A recorded motion from a trajectory file or a result, or imported from a file of `IMPORTED_SUFFIXES`.
+    """A recorded motion from a trajectory file or a result, or imported from a file of `imported_suffixes`.
 
     Raises:
         TrajectoryError: no such file, none of the formats, or one that cannot be mended safely.
     """
-    if path.suffix.lower() in IMPORTED_SUFFIXES:
-        from hhsim.recordings.format_detection import read_recording
+    if path.suffix.lower() in imported_suffixes():
+        from hhsim.recordings.registry import read_recording
         from hhsim.recordings.repair import repair
 
         recording = read_recording(path)

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PHALANX_COUNT
-from hhsim.motion.quaternion import quaternion, rotation_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.trees.sphere_tree import SphereTree
@@ -76,7 +77,7 @@ def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: 
         TrajectoryError: nowhere does the finger reach the object without the hand beginning in it.
     """
     finger = FINGERS.index(wanted.finger)
-    placed = placed_hand(hand, motion.position, motion.orientation, motion.flexion, motion.abduction)
+    placed = forward_kinematics(hand, *HandConfiguration.of(motion))
     tips = placed.joints[:, finger, 3]
     stroke, moment = _stroke(tips, motion)
     looks = np.unique(np.concatenate([np.linspace(0, motion.sample_count - 1, LOOKS).round().astype(int), [moment]]))
@@ -95,7 +96,7 @@ def _stroke(tips: Array, motion: Trajectory) -> tuple[Array, int]:
     """Unit direction of a fingertip's main way, towards the palm's side, and the sample that is farthest along it."""
     off = tips - tips.mean(axis=0)
     direction = np.linalg.svd(off, full_matrices=False)[2][0]
-    inwards = -np.stack([rotation_matrix(q)[:, 2] for q in motion.orientation]).mean(axis=0)
+    inwards = -rotation_matrix(motion.orientation)[:, :, 2].mean(axis=0)
     if direction @ inwards < 0.0:
         direction = -direction
     return direction, int(np.argmax(off @ direction))

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import placed_hand, rotations
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.motion.quaternion import quaternion, rotation_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.object_pose import START_GAP, across
@@ -218,9 +218,9 @@ class _Search:
         self.hand, self.nodes, self.work = hand.arrays(), tree.arrays(), make_work()
         radius = tree.leaf_radius[:, None]
         self.low, self.high = (tree.leaf_center - radius).min(axis=0), (tree.leaf_center + radius).max(axis=0)
-        self.rotation = rotations(motion.orientation)
+        self.rotation = rotation_matrix(motion.orientation)
         still = (np.zeros_like(motion.position), np.tile([1.0, 0.0, 0.0, 0.0], (motion.sample_count, 1)))
-        self.tips = placed_hand(hand, *still, motion.flexion, motion.abduction).joints[:, :, 3]
+        self.tips = forward_kinematics(hand, *still, motion.flexion, motion.abduction).joints[:, :, 3]
         last = motion.sample_count - 1
         self.looks = np.unique(np.append(np.linspace(0, last, LOOKS).round().astype(np.int64), grasp.sample))
 

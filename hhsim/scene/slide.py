@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.scene.finger_closure import Closing, body_distances, make_work
+from hhsim.scene.finger_closure import FingerClosure, body_distances, make_work
 from hhsim.scene.script import Script
 
 Array = NDArray[np.float64]
@@ -21,31 +21,31 @@ STATIONS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the slide at which the hand is looked at."""
 
 
-def best_slide(script: Script, closing: Closing, hand: HandArrays, tree: TreeArrays) -> tuple[Array, float]:
+def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: TreeArrays) -> tuple[Array, float]:
     """The direction along the palm in which the fingers keep hold, pressed in neither deeper nor less.
 
     Args:
         script: how far it slides, and whether the palm touches.
-        closing: the hand before the slide.
+        closure: the hand before the slide.
         hand, tree: the hand and the object, world.
 
     Returns:
         (unit direction, shape (3,), world; score, 1 where nothing changes on the way, lower the more it does).
     """
     work = make_work()
-    reached = [FINGERS.index(name) for name in closing.reached]
+    reached = [FINGERS.index(name) for name in closure.reached]
     if not reached:
-        return closing.rotation[:, 0].copy(), 0.0
-    before = _finger_depth(closing.distance)[reached]
-    start = closing.position - script.palm_depth * closing.back
-    best, best_score = closing.rotation[:, 0], -math.inf
+        return closure.rotation[:, 0].copy(), 0.0
+    before = _finger_depth(closure.distance)[reached]
+    start = closure.position - script.palm_depth * closure.back
+    best, best_score = closure.rotation[:, 0], -math.inf
     for k in range(DIRECTIONS):
         angle = 2.0 * math.pi * k / DIRECTIONS
-        direction = math.cos(angle) * closing.rotation[:, 0] + math.sin(angle) * closing.rotation[:, 1]
+        direction = math.cos(angle) * closure.rotation[:, 0] + math.sin(angle) * closure.rotation[:, 1]
         score = 0.0
         for station in STATIONS:
             place = start + station * script.slide_distance * direction
-            near = body_distances(hand, tree, place, closing.rotation, closing.command, closing.abduction, work)
+            near = body_distances(hand, tree, place, closure.rotation, closure.command, closure.abduction, work)
             depth = _finger_depth(near)[reached]
             change = np.abs(depth - before) / max(script.depth, HOLDING_DEPTH)
             score += float(np.mean(np.clip(depth / HOLDING_DEPTH, -1.0, 1.0) - 0.5 * np.minimum(change, 2.0)))

@@ -5,13 +5,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.motion.quaternion import quaternion_from_matrix
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_at_pose import close_placed, find_placement
-from hhsim.scene.closure_search import plan_closing
-from hhsim.scene.finger_closure import Closing
+from hhsim.scene.closure_search import plan_finger_closure
+from hhsim.scene.finger_closure import FingerClosure
 from hhsim.scene.script import DEFAULT_FINGERS, Script, ScriptPhase
 from hhsim.scene.stored_pose import Placement
 from hhsim.trees.sphere_tree import SphereTree
@@ -59,13 +59,13 @@ def synthesize(
     Raises:
         TrajectoryError: the script cannot be done on this object.
     """
-    closing = planned(script, hand, tree, object_position, object_orientation, placement)
+    closure = planned(script, hand, tree, object_position, object_orientation, placement)
     time = np.arange(script.sample_count) / script.rate
     course = _Course(script, time)
-    position = closing.position + course.retreat[:, None] * closing.back + course.slide[:, None] * closing.slide
-    flexion = closing.open + course.closure[:, :, None] * (closing.command - closing.open)
-    orientation = np.tile(quaternion_from_matrix(closing.rotation), (time.shape[0], 1))
-    abduction = np.tile(closing.abduction, (time.shape[0], 1))
+    position = closure.position + course.retreat[:, None] * closure.back + course.slide[:, None] * closure.slide
+    flexion = closure.open + course.closure[:, :, None] * (closure.command - closure.open)
+    orientation = np.tile(quaternion_from_matrix(closure.rotation), (time.shape[0], 1))
+    abduction = np.tile(closure.abduction, (time.shape[0], 1))
     noise = disturbance if disturbance is not None else script.disturbance
     position, orientation, flexion = noise.apply(seed, time, position, orientation, flexion)
     return Trajectory(
@@ -78,7 +78,7 @@ def synthesize(
         object_position=np.asarray(object_position, dtype=np.float64),
         object_orientation=np.asarray(object_orientation, dtype=np.float64),
         name=script.name,
-        source=_source(script, closing, hand, seed, noise),
+        source=_source(script, closure, hand, seed, noise),
         licence="Apache-2.0",
     )
 
@@ -90,7 +90,7 @@ def planned(
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     placement: Placement | None = None,
-) -> Closing:
+) -> FingerClosure:
     """How the hand closes: at the given place, at the script's own on this object, or where a search finds it best.
 
     Arguments and errors as `synthesize`.
@@ -98,17 +98,17 @@ def planned(
     if placement is None:
         placement = find_placement(script, hand, tree)
     if placement is None:
-        return plan_closing(script, hand, tree)
+        return plan_finger_closure(script, hand, tree)
     rotation = np.empty((3, 3))
     quaternion_to_matrix(np.array(object_orientation, dtype=np.float64), rotation)
     return close_placed(script, hand, tree, placement, np.asarray(object_position, dtype=np.float64), rotation)
 
 
-def _source(script: Script, closing: Closing, hand: HandModel, seed: int, noise: Disturbance) -> str:
+def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int, noise: Disturbance) -> str:
     """What the motion was made from, in one line."""
     parts = [f"hhsim script '{script.name}' for a {hand.side} hand of {1000.0 * hand.hand_length:.0f} mm"]
-    if closing.missed:
-        parts.append(f"fingers that do not reach this object: {', '.join(closing.missed)}")
+    if closure.missed:
+        parts.append(f"fingers that do not reach this object: {', '.join(closure.missed)}")
     if not noise.is_off:
         parts.append(f"{noise}, seed {seed}")
     return "; ".join(parts)

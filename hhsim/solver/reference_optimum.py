@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.state import STATUS_STUCK
-from hhsim.metrics.metrics import HandPoses, tracking_energy, tracking_excess
+from hhsim.metrics.metrics import tracking_energy, tracking_excess
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
@@ -25,9 +26,8 @@ def reference_excess(
     hand: HandModel,
     tree: TreeArrays,
     options: SolverOptions,
-    haptic: HandPoses,
-    graphic: HandPoses,
-    abduction: FloatArray,
+    haptic: HandConfiguration,
+    graphic: HandConfiguration,
     ticks: IntArray,
 ) -> FloatArray:
     """Coupling energy above the reference optimum, (E - E*) / E*, at some ticks.
@@ -40,7 +40,6 @@ def reference_excess(
         options: Those of the method; stiffness and lengths are kept.
         haptic: Haptic hand at every tick.
         graphic: Graphic hand at every tick.
-        abduction: Of the graphic hand [rad], shape (T, 5).
         ticks: Which ticks.
 
     Returns:
@@ -59,18 +58,17 @@ def reference_excess(
         ),
     )
     diagonal = options.stiffness.diagonal()
-    found = HandPoses(*(np.array([values[t] for t in ticks]) for values in graphic))
-    wanted = HandPoses(*(np.array([values[t] for t in ticks]) for values in haptic))
-    best = HandPoses(*(values.copy() for values in found))
-    for i, t in enumerate(ticks):
+    found, wanted = graphic.at(ticks), haptic.at(ticks)
+    best = found.copy()
+    for i in range(len(ticks)):
         block = None
         try:
-            solver.place(found.position[i], found.orientation[i], found.flexion[i], abduction[t])
+            solver.place(found.position[i], found.orientation[i], found.flexion[i], found.abduction[i])
             block = solver.run(
                 wanted.position[i : i + 1],
                 wanted.orientation[i : i + 1],
                 wanted.flexion[i : i + 1],
-                abduction[t : t + 1],
+                found.abduction[i : i + 1],
             )
         except HhsimError:
             # So deep inside that there are more pairs than the solver holds.

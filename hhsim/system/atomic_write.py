@@ -20,7 +20,7 @@ def hdf5_image(fill: Callable[[h5py.File], object]) -> bytes:
         return bytes(file.id.get_file_image())
 
 
-def write_whole_file(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write a file, or replace it in one step.
 
     Raises:

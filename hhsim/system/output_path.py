@@ -11,7 +11,7 @@ RESULTS = Path("results")
 """Where results land by default, under the current folder."""
 
 
-def dated_destination(stem: str, suffix: str = ".h5", *, folder: Path = RESULTS, now: datetime | None = None) -> Path:
+def dated_output_path(stem: str, suffix: str = ".h5", *, folder: Path = RESULTS, now: datetime | None = None) -> Path:
     """Name a file that does not exist yet, such as results/2026-03-01-142530-bunny-grasp.h5, by local time and `stem`.
 
     Args:
@@ -30,7 +30,7 @@ def dated_destination(stem: str, suffix: str = ".h5", *, folder: Path = RESULTS,
     kept = "".join(letter if letter.isalnum() or letter in "._-" else "-" for letter in stem)
     name = f"{now or datetime.now():%Y-%m-%d-%H%M%S}-{kept}"
     path = free_name(folder / f"{name}{suffix}")
-    check_destination(path)
+    check_output_path(path)
     return path
 
 
@@ -42,7 +42,7 @@ def free_name(path: Path) -> Path:
     return candidate
 
 
-def check_destination(path: Path) -> None:
+def check_output_path(path: Path) -> None:
     """Look, before the work, for what would keep `path` from being written or replaced.
 
     Raises:

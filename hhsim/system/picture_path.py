@@ -3,19 +3,19 @@
 from pathlib import Path
 
 from hhsim.errors import InputError, OutputError
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 
 
 def check_picture(path: Path) -> None:
     """Look, before the work, for what would keep the picture from being written.
 
     Raises:
-        OutputError: As `hhsim.system.output_path.check_destination`.
+        OutputError: As `hhsim.system.output_path.check_output_path`.
         InputError: matplotlib has no such picture format.
     """
     from matplotlib.backend_bases import FigureCanvasBase
 
-    check_destination(path)
+    check_output_path(path)
     kinds = sorted(FigureCanvasBase.filetypes)
     if path.suffix.lower().removeprefix(".") not in kinds:
         raise InputError(f"{path} is no picture by its ending: expected .{', .'.join(kinds)}")

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from hhsim.errors import InputError
-from hhsim.system.atomic_write import hdf5_image, write_whole_file
+from hhsim.system.atomic_write import hdf5_image, write_atomically
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.sphere_tree import LENGTHS, LevelError, SphereTree
 
@@ -54,7 +54,7 @@ def save_tree(tree: SphereTree, path: str | Path) -> None:
     Raises:
         OutputError: The file cannot be written.
     """
-    write_whole_file(Path(path), hdf5_image(lambda file: _write(tree, file)))
+    write_atomically(Path(path), hdf5_image(lambda file: _write(tree, file)))
 
 
 def _write(tree: SphereTree, file: h5py.File) -> None:

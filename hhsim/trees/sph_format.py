@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.system.atomic_write import write_whole_file
+from hhsim.system.atomic_write import write_atomically
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 _MOST_SLOTS = 20_000_000
@@ -37,7 +37,7 @@ def save_sph(tree: SphereTree, path: str | Path) -> None:
     lines = ["0.0 0.0 0.0 -1.0 0.0"] * _slots(levels, branching)
     for where, (x, y, z), radius in zip(slot.tolist(), tree.center.tolist(), tree.radius.tolist(), strict=True):
         lines[where] = f"{x!r} {y!r} {z!r} {radius!r} 1.0"
-    write_whole_file(Path(path), ("\n".join([f"{levels} {branching}", *lines]) + "\n").encode("ascii"))
+    write_atomically(Path(path), ("\n".join([f"{levels} {branching}", *lines]) + "\n").encode("ascii"))
 
 
 def load_sph(path: str | Path) -> SphereTree:

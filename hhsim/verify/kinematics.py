@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
 
 if TYPE_CHECKING:
@@ -17,19 +18,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-class Configurations(NamedTuple):
-    """Hands: position (T, 3) [m], orientation (T, 4) w x y z, flexion (T, 5, 3) [rad], abduction (T, 5) [rad]."""
-
-    position: FloatArray
-    orientation: FloatArray
-    flexion: FloatArray
-    abduction: FloatArray
-
-    def at(self, ticks: IntArray) -> "Configurations":
-        """Those of some ticks."""
-        return Configurations(*(values[ticks] for values in self))
 
 
 class OwnHand(NamedTuple):
@@ -73,18 +61,18 @@ def own_hand(result: Result) -> OwnHand:
     )
 
 
-def configurations(result: Result, whose: str) -> Configurations:
+def configurations(result: Result, whose: str) -> HandConfiguration:
     """The graphic or the haptic hand of every tick, as stored."""
-    return Configurations(*(np.array(result[f"{whose}/{name}"]) for name in Configurations._fields))
+    return HandConfiguration(*(np.array(result[f"{whose}/{name}"]) for name in HandConfiguration._fields))
 
 
-def pose(hand: OwnHand, at: Configurations) -> Posed:
+def pose(hand: OwnHand, at: HandConfiguration) -> Posed:
     """Where the hand is; NaN in every part of one that is nowhere: a number that is none, a quaternion of no length."""
     from scipy.spatial.transform import Rotation
 
     ticks = len(at.position)
     nowhere = ~np.all([np.isfinite(values).reshape(ticks, -1).all(axis=1) for values in at], axis=0)
-    at = Configurations(*(np.where(nowhere.reshape(-1, *(1,) * (values.ndim - 1)), 0.0, values) for values in at))
+    at = HandConfiguration(*(np.where(nowhere.reshape(-1, *(1,) * (values.ndim - 1)), 0.0, values) for values in at))
     joints, axes = np.empty((ticks, 5, 4, 3)), np.empty((ticks, 5, 3))
     turned, unturned = _rotations(at.orientation)
     nowhere |= unturned

@@ -5,11 +5,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.contacts import PALM, Pairs, near_pairs
 from hhsim.verify.file_checks import follows, leaves
-from hhsim.verify.kinematics import Configurations, Posed, configurations, own_hand, pose, turn_between
+from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, turn_between
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -61,7 +62,7 @@ class JudgedTicks:
         self.diagonal = np.repeat([g["translation"], g["rotation"], g["flexion"]], [3, 3, 15]).astype(np.float64)
         self.scale = np.sqrt(g["translation"] / self.diagonal)
 
-    def _last_good(self, haptic: Configurations) -> Configurations:
+    def _last_good(self, haptic: HandConfiguration) -> HandConfiguration:
         good = np.ones(self.result.ticks, bool)
         for values in haptic:
             good &= np.isfinite(values).reshape(len(values), -1).all(axis=1)

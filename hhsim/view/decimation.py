@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.view.plots import (
     CONTACTS,
     DEPTH,
@@ -22,15 +23,6 @@ from hhsim.view.plots import (
 Array = NDArray[Any]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-class Configuration(NamedTuple):
-    """A hand at each of T ticks: shapes (T, 3) [m], (T, 4) w x y z, (T, 5, 3) and (T, 5) [rad]."""
-
-    position: FloatArray
-    orientation: FloatArray
-    flexion: FloatArray
-    abduction: FloatArray
 
 
 @dataclass(frozen=True)
@@ -51,8 +43,8 @@ class ShownTicks:
 
     tick: IntArray
     time: FloatArray
-    haptic: Configuration
-    graphic: Configuration
+    haptic: HandConfiguration
+    graphic: HandConfiguration
     joints: FloatArray
     phalanx: FloatArray
     total: FloatArray
@@ -78,7 +70,7 @@ def shown_ticks(
     """
     kept, begins = np.asarray(shown), np.asarray(starts)
     haptic, graphic = (
-        Configuration(*(column(f"{whose}/{name}")[kept] for name in Configuration._fields))
+        HandConfiguration(*(column(f"{whose}/{name}")[kept] for name in HandConfiguration._fields))
         for whose in ("haptic", "graphic")
     )
     phalanx, total, touching = column("force/phalanx"), column("force/total"), column("contacts/touching")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit
 
 from hhsim.errors import InputError, OutputError
-from hhsim.system.output_path import check_destination
+from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -80,7 +80,7 @@ def check_target(target: RerunTarget) -> None:
         OutputError: a file that cannot be written, or one that is no recording of rerun's and would be replaced.
     """
     if target.kind == "file":
-        check_destination(target.path)
+        check_output_path(target.path)
         if target.path.exists() and target.path.stat().st_size > 0:
             with target.path.open("rb") as file:
                 if file.read(len(MAGIC)) != MAGIC:

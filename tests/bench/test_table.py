@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.bench.table import Column, check_table_destination, csv_path, load_table, write_table
+from hhsim.bench.table import Column, check_table_path, csv_path, load_table, write_table
 from hhsim.errors import InputError, OutputError
 
 COLUMNS = (
@@ -114,7 +114,7 @@ def test_what_is_no_table_is_not_replaced(tmp_path: Path) -> None:
         ("none/a.h5", "no folder"),
     ):
         with pytest.raises(OutputError, match=message):
-            check_table_destination(tmp_path / name)
+            check_table_path(tmp_path / name)
         with pytest.raises(OutputError, match=message):
             write_table(tmp_path / name, "hard", COLUMNS, ROWS, OPTIONS)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "b.h5", "c.csv", "d.csv"]

@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand.forward_kinematics import hand_shape, placed_hand, rotations
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
 
 
 def test_joints_are_those_of_the_model() -> None:
@@ -12,7 +13,7 @@ def test_joints_are_those_of_the_model() -> None:
     position = rng.normal(size=(4, 3))
     orientation = Rotation.random(4, rng=1).as_quat(scalar_first=True)
     flexion, abduction = rng.uniform(0.0, 1.0, (4, 5, 3)), rng.uniform(-0.1, 0.1, (4, 5))
-    placed = placed_hand(hand, position, orientation, flexion, abduction)
+    placed = forward_kinematics(hand, position, orientation, flexion, abduction)
     for t in range(4):
         expected = hand.joints(position[t], orientation[t], flexion[t], abduction[t])
         assert np.array_equal(placed.joints[t], expected)
@@ -23,7 +24,9 @@ def test_joints_are_those_of_the_model() -> None:
     some = placed.at([2, 0])
     assert np.array_equal(some.joints, placed.joints[[2, 0]])
     assert np.array_equal(some.orientation, orientation[[2, 0]])
-    np.testing.assert_allclose(rotations(orientation), Rotation.from_quat(orientation, scalar_first=True).as_matrix())
+    np.testing.assert_allclose(
+        rotation_matrix(orientation), Rotation.from_quat(orientation, scalar_first=True).as_matrix()
+    )
 
 
 def test_the_shape_is_that_of_the_model() -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
-from hhsim.mesh import solidify as winding_solid
+from hhsim.mesh import solidify
 from hhsim.mesh.file import read_triangles
 from hhsim.mesh.generators import cube, sphere
 from hhsim.mesh.mesh import Mesh, load_mesh
@@ -42,8 +42,8 @@ CUBE = cube(0.07)
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     if not CORRUPTED:
-        monkeypatch.setattr(winding_solid, "TOLERANCE", COARSE)
-        monkeypatch.setattr(winding_solid, "SAMPLES", 6000)
+        monkeypatch.setattr(solidify, "TOLERANCE", COARSE)
+        monkeypatch.setattr(solidify, "SAMPLES", 6000)
 
 
 def exact_winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
@@ -193,7 +193,7 @@ def test_an_open_ball_becomes_a_shell_of_the_thickness() -> None:
 def test_a_sheet_of_many_triangles_is_meshed_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     lower = BALL.faces[BALL.triangles.mean(axis=1)[:, 2] < 0.0]
     slabs = solid_surface(BALL.vertices, lower, "test", thickness=0.008)
-    monkeypatch.setattr(winding_solid, "SLABS", 0)
+    monkeypatch.setattr(solidify, "SLABS", 0)
     anew = solid_surface(BALL.vertices, lower, "test", thickness=0.008)
     assert len(anew.faces) != len(slabs.faces)
     volume = signed_volume(slabs.vertices, slabs.faces)
@@ -253,7 +253,7 @@ def test_nasty_meshes_get_the_same_solid_by_winding_number_as_by_repair(
     def refused(*_: object) -> MeshInRepair:
         raise MeshError(f"{file}: not to be repaired")
 
-    monkeypatch.setattr(winding_solid, "closed_surface", refused)
+    monkeypatch.setattr(solidify, "closed_surface", refused)
     assumed = solid_surface(vertices, faces, file)
     assert assumed.repairs[0].startswith("not to be repaired: its inside is taken to be where the winding number")
     volume = signed_volume(repaired.vertices, repaired.faces)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sphere_scenes import bumpy_ball
 
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, placed_hand
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.metrics.contact_points import ContactPoints, touching_points
@@ -31,7 +31,7 @@ def placed(hand: HandModel) -> PlacedHand:
     turn = np.linspace(-0.6, 0.6, ticks)
     orientation = np.stack([np.cos(turn), 0.0 * turn, np.sin(turn), 0.0 * turn], axis=1)
     position = np.stack([0.02 * turn, np.full(ticks, -0.06), np.linspace(0.09, 0.03, ticks)], axis=1)
-    return placed_hand(hand, position, orientation, np.full((ticks, 5, 3), 0.2), np.zeros((ticks, 5)))
+    return forward_kinematics(hand, position, orientation, np.full((ticks, 5, 3), 0.2), np.zeros((ticks, 5)))
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_a_body_that_was_away_is_seen_again_when_it_comes(hand: HandModel, tree:
     orientation = np.concatenate([np.ones((ticks, 1)), turn], axis=1)
     orientation /= np.linalg.norm(orientation, axis=1)[:, None]
     flexion = 0.4 + 20.0 * step * np.sin(np.arange(ticks)[:, None, None] / np.linspace(5.0, 15.0, 15).reshape(5, 3))
-    placed = placed_hand(hand, position, orientation, flexion, np.zeros((ticks, 5)))
+    placed = forward_kinematics(hand, position, orientation, flexion, np.zeros((ticks, 5)))
     together = touching_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
     alone = [touching_points(tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[tick]) for tick in range(ticks)]
     for ours, expected in zip(together, zip(*alone)):
@@ -118,5 +118,5 @@ def test_fingers_and_ticks_can_be_left_out(
 
 
 def test_nothing_touches_where_the_hand_is_away(hand: HandModel, tree: SphereTree) -> None:
-    away = placed_hand(hand, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0, 0.0]], np.zeros((1, 5, 3)), np.zeros((1, 5)))
+    away = forward_kinematics(hand, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0, 0.0]], np.zeros((1, 5, 3)), np.zeros((1, 5)))
     assert len(touching_points(tree.arrays(), hand_shape(hand), away, TOUCH).tick) == 0

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from sphere_scenes import bumpy_ball
 
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, placed_hand
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
@@ -16,7 +16,7 @@ from hhsim.render.triangle_soup import hand_surface
 
 def over(hand: HandModel, height: float, ticks: int = 1) -> PlacedHand:
     """An open hand, palm down, over the origin."""
-    return placed_hand(
+    return forward_kinematics(
         hand,
         np.tile([0.0, -0.06, height], (ticks, 1)),
         np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)),

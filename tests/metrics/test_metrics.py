@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.metrics import metrics
-from hhsim.metrics.metrics import HandPoses
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,10 @@ def along(axis: int, size: ArrayLike) -> Array:
     return force
 
 
-def poses(ticks: int) -> HandPoses:
-    return HandPoses(np.zeros((ticks, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 5, 3)))
+def poses(ticks: int) -> HandConfiguration:
+    return HandConfiguration(
+        np.zeros((ticks, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
+    )
 
 
 class TestPostureJump:

@@ -10,9 +10,10 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.bench.robustness.random_targets import StressOptions, random_targets
 from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory, save_trajectory
-from hhsim.motion.tick_motion import HandMotion, joined
+from hhsim.motion.tick_motion import hold_readings, replayed, trajectory_of
 from hhsim.motion.trajectory import ResampleMode
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -21,14 +22,14 @@ HAND = HandModel.default()
 WILD = StressOptions(wild=True, hold=20)
 
 
-def equal(one: HandMotion, other: HandMotion) -> bool:
+def equal(one: HandConfiguration, other: HandConfiguration) -> bool:
     return all(a.tobytes() == b.tobytes() for a, b in zip(one, other))
 
 
 def test_pieces_make_the_whole_again() -> None:
     motion = random_targets(HAND, 50, 1)
-    assert equal(joined([motion.part(0, 7), motion.part(7, 50)]), motion)
-    assert equal(motion.chosen(np.array([3, 3, 9])), joined([motion.part(3, 4), motion.part(3, 4), motion.part(9, 10)]))
+    assert equal(sequence(motion.part(0, 7), motion.part(7, 50)), motion)
+    assert equal(motion.at(np.array([3, 3, 9])), sequence(motion.part(3, 4), motion.part(3, 4), motion.part(9, 10)))
     copied = motion.copy()
     copied.position[:] = 0.0
     assert motion.position[0, 2] != 0.0
@@ -39,9 +40,9 @@ def test_a_tick_without_a_reading_repeats_the_last_one() -> None:
     motion.position[0, 0] = np.nan
     motion.flexion[3, 2, 1] = np.inf
     motion.orientation[4] = 0.0
-    assert equal(motion.held(), motion.chosen(np.array([1, 1, 2, 2, 2, 5])))
+    assert equal(hold_readings(motion), motion.at(np.array([1, 1, 2, 2, 2, 5])))
     lost = motion._replace(abduction=np.full((6, 5), np.nan))
-    assert np.isnan(lost.held().abduction).all()
+    assert np.isnan(hold_readings(lost).abduction).all()
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["coupled", "progressive"]))
@@ -49,7 +50,9 @@ def test_a_tick_without_a_reading_repeats_the_last_one() -> None:
 def test_the_solver_goes_the_same_way_on_the_held_motion(seed: int, method: str) -> None:
     motion = random_targets(HAND, 200, seed, WILD)
     tree = bumpy_ball(300).arrays()
-    as_is, held = (HandSolver(HAND, tree, SolverOptions(method=method)).run(*m) for m in (motion, motion.held()))
+    as_is, held = (
+        HandSolver(HAND, tree, SolverOptions(method=method)).run(*m) for m in (motion, hold_readings(motion))
+    )
     for name in ("position", "orientation", "flexion", "abduction", "total"):
         assert getattr(as_is, name).tobytes() == getattr(held, name).tobytes(), name
 
@@ -59,18 +62,18 @@ def test_the_solver_goes_the_same_way_on_the_held_motion(seed: int, method: str)
 def test_a_replay_from_a_file_gets_the_replayed_motion_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, seed: int
 ) -> None:
-    replayed = random_targets(HAND, 200, seed, WILD).replayed()
+    motion = replayed(random_targets(HAND, 200, seed, WILD))
     path: Path = tmp_path_factory.mktemp("motion") / "wild.h5"
-    save_trajectory(replayed.trajectory(name="wild", source="a test"), path)
+    save_trajectory(trajectory_of(motion, name="wild", source="a test"), path)
     modes: tuple[ResampleMode, ...] = ("hold", "interpolate")
     for mode in modes:
         ticks = load_trajectory(path).resampled(1000.0, mode)
-        assert equal(HandMotion(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction), replayed)
-    assert equal(replayed.replayed(), replayed)
+        assert equal(HandConfiguration.of(ticks), motion)
+    assert equal(replayed(motion), motion)
 
 
 def test_a_trajectory_of_what_no_trajectory_may_hold_is_refused() -> None:
     motion = random_targets(HAND, 3, 0)
     motion.position[1, 1] = np.nan
     with pytest.raises(TrajectoryError, match=r"position has 1 NaN.*sample 1"):
-        motion.trajectory()
+        trajectory_of(motion)

@@ -29,11 +29,12 @@ from hhsim.motion.file import save_trajectory
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.format_detection import from_trajectory, read_recording
+from hhsim.recordings.formats.hhsim import recording_of
+from hhsim.recordings.formats.npz import read_npz_recording
 from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, turn
-from hhsim.recordings.npz_reader import read_npz_recording
 from hhsim.recordings.outliers import STICKS_OUT, WINDOW, bend
 from hhsim.recordings.recording import Recording
+from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import Repaired, repair
 
 Array = NDArray[np.float64]
@@ -62,7 +63,7 @@ def said(repaired: Repaired) -> tuple[Counter[tuple[str, int]], list[int]]:
 def allowed(motion: Trajectory) -> Array:
     """What can be told at each sample [m of a fingertip]."""
     off = np.zeros(motion.sample_count)
-    off[1:-1] = bend(from_trajectory(motion))
+    off[1:-1] = bend(recording_of(motion))
     around = np.lib.stride_tricks.sliding_window_view(np.pad(off, WINDOW, mode="reflect"), 2 * WINDOW + 1)
     return np.asarray(np.maximum(TOLD, STICKS_OUT * around.max(axis=1)))
 

@@ -13,7 +13,6 @@ from hhsim.motion.file import load_trajectory
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.csv_table import read_table
-from hhsim.recordings.dexmo_reader import has_dexmo_channels, read_dexmo_table
 from hhsim.recordings.dexmo_regression import (
     BEND,
     CHANNELS,
@@ -24,7 +23,8 @@ from hhsim.recordings.dexmo_regression import (
     parse_calibration,
     read_calibration,
 )
-from hhsim.recordings.format_detection import read_recording
+from hhsim.recordings.formats.dexmo import has_dexmo_channels, read_dexmo_table
+from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import default_limits
 
 Array = NDArray[np.float64]

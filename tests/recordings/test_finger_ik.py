@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hhsim.hand.model import HandModel
-from hhsim.motion.quaternion import quaternion, rotation_matrix
+from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation
 from hhsim.recordings.frames import in_palm, quaternions_of, turned
 

@@ -335,9 +335,9 @@ def test_repairing_twice_changes_nothing() -> None:
     position = CLEAN.position.copy()
     position[50:53] += 0.4
     once = repair(changed(position=position, orientation=-1.5 * CLEAN.orientation)).trajectory
-    from hhsim.recordings.format_detection import from_trajectory
+    from hhsim.recordings.formats.hhsim import recording_of
 
-    twice = repair(from_trajectory(once))
+    twice = repair(recording_of(once))
     assert twice.trajectory.position.tobytes() == once.position.tobytes()
     assert twice.trajectory.flags is not None and (twice.trajectory.flags == once.flags).all()
     assert twice.findings == ()

@@ -5,12 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from recordings.test_csv_reader import GLOVE, TABLE
+from recordings.formats.test_csv import GLOVE, TABLE
 
 from hhsim.errors import HhsimError
 from hhsim.recordings.column_map import parse_column_map
-from hhsim.recordings.csv_reader import read_csv_recording
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, format_calibration, parse_calibration
+from hhsim.recordings.formats.csv import read_csv_recording
 from hhsim.recordings.repair import repair
 from hhsim.scene.demonstration import parse_demonstration
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
@@ -28,7 +28,7 @@ def test_the_pieces_are_where_the_kinematics_put_them(side: Literal["right", "le
     hand = HandModel.default(side)
     position, orientation, flexion, abduction = motion()
     poses = piece_poses(hand, position, orientation, flexion, abduction)
-    placed = placed_hand(hand, position, orientation, flexion, abduction)
+    placed = forward_kinematics(hand, position, orientation, flexion, abduction)
     np.testing.assert_allclose(poses.translation[:, :15].reshape(TICKS, 5, 3, 3), placed.joints[:, :, :3], atol=1e-14)
     np.testing.assert_array_equal(poses.translation[:, 15], position)
     np.testing.assert_allclose(np.linalg.norm(poses.quaternion, axis=2), 1.0, atol=1e-14)

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation, tick_times
 from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings.formats.npz import read_npz_recording
 from hhsim.recordings.hand_displacement import turn
-from hhsim.recordings.npz_reader import read_npz_recording
 from hhsim.recordings.repair import RepairOptions, repair
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from short_grasp import short_grasp, short_result
 from hhsim.errors import InputError
 from hhsim.metrics.metrics import tick_statistics
 from hhsim.render.triangle_soup import SKIN, round_cone_surface
-from hhsim.render.viewpoint import View, clear_view
+from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report import pictures as report_pictures
 from hhsim.report import tick_series as report_columns
 from hhsim.report import time_series as report_series
@@ -198,13 +198,13 @@ def test_the_view_shows_the_marks() -> None:
     ball = round_cone_surface(origin, origin, 0.05, 0.05, SKIN)
     hand = round_cone_surface(beside, beside, 0.03, 0.03, SKIN)
     marks, nothing = np.array([[0.05, 0.0, 0.0]]), np.empty((0, 3))
-    view = clear_view(hand, ball, marks, nothing)
+    view = viewpoint(hand, ball, marks, nothing)
     # Marks and hand are on the far side for a viewer at 180 degrees.
     assert abs((view.azimuth + 180.0) % 360.0 - 180.0) <= 90.0
     usual = View(30.0, 10.0)
-    assert clear_view(hand, ball, marks, nothing, usual) == usual
+    assert viewpoint(hand, ball, marks, nothing, usual) == usual
     hidden = View(180.0, 10.0)
-    assert clear_view(hand, ball, marks, nothing, hidden) != hidden
+    assert viewpoint(hand, ball, marks, nothing, hidden) != hidden
 
 
 @pytest.mark.usefixtures("coarse")

@@ -25,7 +25,7 @@ from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import stored_rows
 from hhsim.report.figure import ReportFigure
 from hhsim.report.html import NO_TEXT
-from hhsim.report.report import FIGURES, check_report_destination, make_report, write_report
+from hhsim.report.report import FIGURES, check_report_path, make_report, write_report
 from hhsim.report.tick_table import figure_rows, report_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
@@ -350,12 +350,12 @@ def test_what_hhsim_did_not_write_is_not_replaced(coupled: Path, tmp_path: Path,
     mine = tmp_path / "mine.html"
     mine.write_text("<p>mine</p>")
     with pytest.raises(OutputError, match="no page of hhsim report"):
-        check_report_destination(mine)
+        check_report_path(mine)
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputError, match="file is a file: name a folder"):
-        check_report_destination(tmp_path / "file")
+        check_report_path(tmp_path / "file")
     with pytest.raises(OutputError, match="there is no folder"):
-        check_report_destination(tmp_path / "nowhere" / "page.html")
+        check_report_path(tmp_path / "nowhere" / "page.html")
     picture = tmp_path / "overview.png"
     picture.write_bytes(b"mine")
     with pytest.raises(OutputError, match=r"overview\.png exists, and no report"):

@@ -15,7 +15,7 @@ from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.session.recorder import Recorder
 from hhsim.mesh.generators import sphere
 from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.format_detection import read_recording
+from hhsim.recordings.registry import read_recording
 from hhsim.replay.replay import replay
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
@@ -50,8 +50,8 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A replay beside an object that is neither at the world's origin nor upright."""
     path = tmp_path_factory.mktemp("replayed") / "run.h5"
     hand = HandModel.default()
-    closing = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, parse_script(SHORT, name="short", where="short"))
-    scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, closing.trajectory.placed(*PLACE))
+    closure = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, parse_script(SHORT, name="short", where="short"))
+    scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, closure.trajectory.placed(*PLACE))
     replay(scene, SolverOptions(), path)
     return path
 

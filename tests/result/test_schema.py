@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from markdown_pages import Page
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact import detection
 from hhsim.kernels.tick import state, step
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.records import EVENT, LIVE_TICK
-from hhsim.replay.tick_columns import HapticTicks
 from hhsim.result.schema import (
     EVENT_COLUMNS,
     HAPTIC_FIELDS,
@@ -32,7 +32,7 @@ def test_the_solvers_record_is_that_of_the_table() -> None:
     assert tuple(field.name for field in SOLVER_FIELDS) == TickRecord._fields
     for field, values in zip(SOLVER_FIELDS, tick_record(3), strict=True):
         assert (values.dtype, values.shape) == (np.dtype(field.type), (3, *field.shape)), field.name
-    assert tuple(field.name for field in HAPTIC_FIELDS) == tuple(f"haptic_{name}" for name in HapticTicks._fields)
+    assert tuple(field.name for field in HAPTIC_FIELDS) == tuple(f"haptic_{name}" for name in HandConfiguration._fields)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.scene.closure_search import MARGIN, REACH_DEPTH, closing_rates, plan_closing
+from hhsim.scene.closure_search import MARGIN, REACH_DEPTH, closing_rates, plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
@@ -244,12 +244,12 @@ def test_every_script_closes_on_simple_shapes(tree: SphereTree, hand: HandModel)
     arrays, nodes = hand.arrays(), tree.arrays()
     for name in SCRIPTS:
         script = load_script(name)
-        closing = plan_closing(script, hand, tree)
-        assert closing.reached == script.fingers, name
-        assert closing.missed == ()
-        place = closing.position - script.palm_depth * closing.rotation[:, 2]
-        distance = brute_distances(hand, tree, place, closing.rotation, closing.command, closing.abduction)
-        assert_brute(closing.distance, distance)
+        closure = plan_finger_closure(script, hand, tree)
+        assert closure.reached == script.fingers, name
+        assert closure.missed == ()
+        place = closure.position - script.palm_depth * closure.rotation[:, 2]
+        distance = brute_distances(hand, tree, place, closure.rotation, closure.command, closure.abduction)
+        assert_brute(closure.distance, distance)
         fingers = distance[:PALM_BODY].reshape(5, 3).min(axis=1)
         for f, finger in enumerate(FINGERS):
             if finger in script.fingers:
@@ -263,14 +263,14 @@ def test_every_script_closes_on_simple_shapes(tree: SphereTree, hand: HandModel)
             assert distance[PALM_BODY] < script.palm_gap + 0.015
         # First contact is what it says: nothing lies inside before the fingers are commanded deeper.
         at_contact = body_distances(
-            arrays, nodes, closing.position, closing.rotation, closing.contact, closing.abduction, make_work()
+            arrays, nodes, closure.position, closure.rotation, closure.contact, closure.abduction, make_work()
         )
         assert at_contact.min() > -1e-12, name
-        back = np.linspace(0.0, script.start_distance, 30)[:, None] * closing.rotation[:, 2]
+        back = np.linspace(0.0, script.start_distance, 30)[:, None] * closure.rotation[:, 2]
         keep = 0.0 if script.palm_depth > 0.0 else MARGIN
         for step in back:
             free = body_distances(
-                arrays, nodes, closing.position + step, closing.rotation, closing.open, closing.abduction, make_work()
+                arrays, nodes, closure.position + step, closure.rotation, closure.open, closure.abduction, make_work()
             )
             assert free.min() >= keep - 1e-12, name
 
@@ -278,12 +278,12 @@ def test_every_script_closes_on_simple_shapes(tree: SphereTree, hand: HandModel)
 def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:
     script = load_script("never")
     tree = box()
-    closing = plan_closing(script, RIGHT, tree)
-    assert closing.reached == () and closing.missed == ()
+    closure = plan_finger_closure(script, RIGHT, tree)
+    assert closure.reached == () and closure.missed == ()
     nearest = min(
         body_distances(
-            RIGHT.arrays(), tree.arrays(), closing.position, closing.rotation,
-            closing.open + share * (closing.command - closing.open), closing.abduction, make_work(),
+            RIGHT.arrays(), tree.arrays(), closure.position, closure.rotation,
+            closure.open + share * (closure.command - closure.open), closure.abduction, make_work(),
         ).min()
         for share in np.linspace(0.0, 1.0, 101)
     )  # fmt: skip
@@ -293,16 +293,16 @@ def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:
 def test_the_plan_moves_with_the_object() -> None:
     script = load_script("grasp")
     shift = np.array([0.5, -0.25, 1.0])
-    here = plan_closing(script, RIGHT, cluster(4))
-    there = plan_closing(script, RIGHT, cluster(4).transformed(np.eye(3), shift))
+    here = plan_finger_closure(script, RIGHT, cluster(4))
+    there = plan_finger_closure(script, RIGHT, cluster(4).transformed(np.eye(3), shift))
     np.testing.assert_allclose(there.position, here.position + shift, atol=1e-6)
     np.testing.assert_allclose(there.command, here.command, atol=1e-5)
 
 
 def test_an_object_too_small_for_five_fingers_is_held_by_some() -> None:
-    closing = plan_closing(load_script("grasp"), RIGHT, ball(0.006))
-    assert closing.reached
-    assert set(closing.reached) | set(closing.missed) == set(FINGERS)
+    closure = plan_finger_closure(load_script("grasp"), RIGHT, ball(0.006))
+    assert closure.reached
+    assert set(closure.reached) | set(closure.missed) == set(FINGERS)
 
 
 def test_what_no_finger_can_reach_is_refused() -> None:
@@ -310,18 +310,18 @@ def test_what_no_finger_can_reach_is_refused() -> None:
         name="stiff", phases=(ScriptPhase("approach", 1.0), ScriptPhase("touch", 1.0, ("little",))), palm_gap=0.3
     )
     with pytest.raises(TrajectoryError, match=r"script stiff: little cannot reach the object, 0.02 m across"):
-        plan_closing(straight, RIGHT, ball(0.01))
+        plan_finger_closure(straight, RIGHT, ball(0.01))
 
 
 def test_a_larger_hand_aims_in_proportion() -> None:
     script = replace(load_script("touch"), palm_gap=0.06)
     large = HandModel.default(hand_length=0.25)
-    assert plan_closing(script, large, ball(0.06)).reached == ("index",)
+    assert plan_finger_closure(script, large, ball(0.06)).reached == ("index",)
 
 
 @pytest.mark.skipif(not JIT_ENABLED, reason="kernels run as Python: NUMBA_DISABLE_JIT is set")
 def test_kernels_have_one_signature() -> None:
-    plan_closing(load_script("whole-hand"), RIGHT, ball())
+    plan_finger_closure(load_script("whole-hand"), RIGHT, ball())
     kernels: list[Any] = [
         kernel.body_distances,
         kernel.advance_hand,

@@ -7,10 +7,10 @@ import pytest
 
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.motion.quaternion import rotation_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.demonstration import Demonstration, parse_demonstration
 from hhsim.scene.finger_closure import body_distances, make_work
@@ -65,7 +65,7 @@ def test_the_finger_taps_every_object(name: str) -> None:
 def test_the_command_is_as_deep_as_asked_behind_first_contact() -> None:
     tree = object_tree("cube")
     shallow, deep = (place_object(TAP.motion, HAND, tree, Wanted("index", depth)) for depth in (0.006, 0.012))
-    tips = placed_hand(HAND, *(getattr(TAP.motion, key) for key in POSE)).joints[:, 1, 3]
+    tips = forward_kinematics(HAND, *(getattr(TAP.motion, key) for key in POSE)).joints[:, 1, 3]
     main = np.linalg.svd(tips - tips.mean(axis=0))[2][0]
     stroke = main if main[2] < 0.0 else -main
     moment = int(np.argmax(tips @ stroke))

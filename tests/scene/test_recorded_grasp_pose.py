@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.brute_force_distance import round_cone_distance
-from hhsim.motion.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.motion_catalogue import load_recorded
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, find_grasp, place_at_grasp
@@ -52,7 +52,7 @@ def finger_distances(motion: Trajectory, tree: SphereTree, sample: int) -> Array
     rotation = rotation_matrix(motion.object_orientation)
     center, radius = tree.leaf_center @ rotation.T + motion.object_position, tree.leaf_radius
     pose = (motion.position, motion.orientation, motion.flexion, motion.abduction)
-    joints = placed_hand(HAND, *(values[sample : sample + 1] for values in pose)).joints[0]
+    joints = forward_kinematics(HAND, *(values[sample : sample + 1] for values in pose)).joints[0]
     return np.array(
         [
             min(

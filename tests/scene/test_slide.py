@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
-from hhsim.scene.closure_search import plan_closing
+from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.slide import best_slide
@@ -29,28 +29,28 @@ def row(axis: Array, count: int = 41, length: float = 0.2) -> SphereTree:
 
 @pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.8, 0.0]])
 def test_a_hand_on_a_bar_slides_along_the_bar(axis: list[float]) -> None:
-    closing = plan_closing(load_script("slide"), HAND, row(np.array(axis)))
-    assert np.linalg.norm(closing.slide) == pytest.approx(1.0)
-    assert abs(closing.slide @ closing.rotation[:, 2]) < 1e-12
+    closure = plan_finger_closure(load_script("slide"), HAND, row(np.array(axis)))
+    assert np.linalg.norm(closure.slide) == pytest.approx(1.0)
+    assert abs(closure.slide @ closure.rotation[:, 2]) < 1e-12
     # 16 directions: the nearest one is at most 11.25 degrees off.
-    assert abs(closing.slide @ axis) > np.cos(np.radians(12.0)) * np.linalg.norm(closing.rotation[:, :2].T @ axis)
+    assert abs(closure.slide @ axis) > np.cos(np.radians(12.0)) * np.linalg.norm(closure.rotation[:, :2].T @ axis)
 
 
 def test_nothing_changes_along_a_bar_without_an_end_in_reach() -> None:
     # A bar two metres long feels the same all along a slide of 30 mm.
     script = load_script("slide")
     tree = row(np.array([0.0, 1.0, 0.0]), count=401, length=2.0)
-    closing = plan_closing(script, HAND, tree)
-    direction, score = best_slide(script, closing, HAND.arrays(), tree.arrays())
+    closure = plan_finger_closure(script, HAND, tree)
+    direction, score = best_slide(script, closure, HAND.arrays(), tree.arrays())
     assert score > 0.9
-    end = closing.position + script.slide_distance * direction
+    end = closure.position + script.slide_distance * direction
     near = body_distances(
-        HAND.arrays(), tree.arrays(), end, closing.rotation, closing.command, closing.abduction, make_work()
+        HAND.arrays(), tree.arrays(), end, closure.rotation, closure.command, closure.abduction, make_work()
     )
     fingers = near[:PALM_BODY].reshape(5, 3).min(axis=1)
-    assert (fingers < 0.0).sum() == len(closing.reached) == len(FINGERS)
+    assert (fingers < 0.0).sum() == len(closure.reached) == len(FINGERS)
 
 
 def test_a_script_without_a_slide_has_no_direction() -> None:
-    closing = plan_closing(load_script("grasp"), HAND, row(np.array([0.0, 1.0, 0.0])))
-    assert closing.slide.tolist() == [0.0, 0.0, 0.0]
+    closure = plan_finger_closure(load_script("grasp"), HAND, row(np.array([0.0, 1.0, 0.0])))
+    assert closure.slide.tolist() == [0.0, 0.0, 0.0]

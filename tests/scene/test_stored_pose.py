@@ -8,10 +8,10 @@ import pytest
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
-from hhsim.motion.quaternion import quaternion_from_matrix
 from hhsim.scene.closure_at_pose import close_placed, find_placement
-from hhsim.scene.closure_search import plan_closing
+from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, parse_script
 from hhsim.scene.stored_pose import Placement, parse_placements
@@ -114,14 +114,14 @@ def test_a_hold_demands_what_closed_and_a_hold_after_a_slide_nothing() -> None:
 def test_closing_where_the_search_ended_gives_the_same_hand() -> None:
     for name in ("pinch", "whole-hand"):
         motion = load_script(name)
-        best = plan_closing(motion, HAND, BALL)
+        best = plan_finger_closure(motion, HAND, BALL)
         place = Placement("", best.position, quaternion_from_matrix(best.rotation), best.rotation[:, 2])
-        closing = close_placed(motion, HAND, BALL, place)
-        assert closing.position == pytest.approx(best.position, abs=1e-4)
-        assert closing.rotation == pytest.approx(best.rotation, abs=1e-12)
+        closure = close_placed(motion, HAND, BALL, place)
+        assert closure.position == pytest.approx(best.position, abs=1e-4)
+        assert closure.rotation == pytest.approx(best.rotation, abs=1e-12)
         for key in ("contact", "command"):
-            assert getattr(closing, key) == pytest.approx(getattr(best, key), abs=5e-3)
-        assert closing.reached == best.reached
+            assert getattr(closure, key) == pytest.approx(getattr(best, key), abs=5e-3)
+        assert closure.reached == best.reached
 
 
 def test_a_placed_script_moves_with_the_object() -> None:

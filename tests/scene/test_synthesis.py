@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hhsim.hand.model import HandModel
-from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
-from hhsim.scene.closure_search import plan_closing
+from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import parse_script
 from hhsim.scene.synthesis import minimum_jerk, synthesize
@@ -67,27 +67,27 @@ def test_quaternion_of_a_matrix_is_scipys() -> None:
 def test_the_motion_goes_through_what_was_planned(name: str) -> None:
     script = load_script(name)
     tree = ball()
-    closing = plan_closing(script, HAND, tree)
+    closure = plan_finger_closure(script, HAND, tree)
     motion = synthesize(script, HAND, tree)
     assert motion.sample_count == 3000
     np.testing.assert_array_equal(motion.time, np.arange(3000) / 1000.0)
     assert [phase.name for phase in motion.phases] == [phase.name for phase in script.phases]
     assert motion.phases[0].start_time == 0.0 and motion.phases[-1].end_time == pytest.approx(3.0)
-    start = closing.position + script.start_distance * closing.rotation[:, 2]
+    start = closure.position + script.start_distance * closure.rotation[:, 2]
     np.testing.assert_allclose(motion.position[0], start, atol=1e-12)
-    assert (motion.flexion[0] == closing.open).all()
+    assert (motion.flexion[0] == closure.open).all()
     hold = next(phase for phase in motion.phases if phase.name == "hold")
     inside = (motion.time >= hold.start_time) & (motion.time < hold.end_time)
     # A hold without tremor is frozen to the last bit.
     for key in ("position", "orientation", "flexion", "abduction"):
         values = getattr(motion, key)[inside]
         assert (values == values[0]).all(), key
-    place = closing.position - script.palm_depth * closing.rotation[:, 2]
+    place = closure.position - script.palm_depth * closure.rotation[:, 2]
     np.testing.assert_allclose(motion.position[inside][0], place, atol=1e-12)
-    np.testing.assert_allclose(motion.flexion[inside][0], closing.command, atol=1e-12)
+    np.testing.assert_allclose(motion.flexion[inside][0], closure.command, atol=1e-12)
     matrix = Rotation.from_quat(motion.orientation[0], scalar_first=True).as_matrix()
-    np.testing.assert_allclose(matrix, closing.rotation, atol=1e-12)
-    np.testing.assert_allclose(motion.flexion[-1], closing.open, atol=1e-6)
+    np.testing.assert_allclose(matrix, closure.rotation, atol=1e-12)
+    np.testing.assert_allclose(motion.flexion[-1], closure.open, atol=1e-6)
 
 
 def test_the_motion_has_no_jumps_in_speed() -> None:
@@ -164,12 +164,12 @@ def test_any_rate_and_any_order_of_closings() -> None:
         name="back to one",
         where="test",
     )
-    closing = plan_closing(script, HAND, ball())
+    closure = plan_finger_closure(script, HAND, ball())
     motion = synthesize(script, HAND, ball())
     assert motion.sample_count == 275
     last = motion.flexion[-1]
-    np.testing.assert_allclose(last[1], closing.command[1], atol=1e-12)
-    np.testing.assert_allclose(np.delete(last, 1, axis=0), np.delete(closing.open, 1, axis=0), atol=1e-12)
+    np.testing.assert_allclose(last[1], closure.command[1], atol=1e-12)
+    np.testing.assert_allclose(np.delete(last, 1, axis=0), np.delete(closure.open, 1, axis=0), atol=1e-12)
 
 
 @pytest.mark.parametrize("durations", [(0.05, 0.1, 0.12), (0.1, 0.2, 0.3), (0.3, 0.7, 0.11), (1 / 3, 1 / 7, 0.1)])

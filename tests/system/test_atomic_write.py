@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from hhsim.errors import OutputError
-from hhsim.system.atomic_write import hdf5_image, write_whole_file
+from hhsim.system.atomic_write import hdf5_image, write_atomically
 
 
 def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
-    write_whole_file(path, b"first")
-    write_whole_file(path, b"second")
+    write_atomically(path, b"first")
+    write_atomically(path, b"second")
     assert path.read_bytes() == b"second"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -24,7 +24,7 @@ def test_a_link_keeps_pointing_to_the_new_file(tmp_path: Path) -> None:
     target, link = tmp_path / "target", tmp_path / "link"
     target.write_bytes(b"old")
     link.symlink_to(target)
-    write_whole_file(link, b"new")
+    write_atomically(link, b"new")
     assert link.is_symlink()
     assert target.read_bytes() == b"new"
 
@@ -38,7 +38,7 @@ def test_an_image_is_an_hdf5_file_and_always_the_same(tmp_path: Path) -> None:
 
     image = hdf5_image(fill)
     assert image == hdf5_image(fill)
-    write_whole_file(tmp_path / "a.h5", image)
+    write_atomically(tmp_path / "a.h5", image)
     with h5py.File(tmp_path / "a.h5", "r") as file:
         assert np.array_equal(file["values"][:], values)
         assert file.attrs["format"] == "test"
@@ -48,7 +48,7 @@ def test_an_image_is_an_hdf5_file_and_always_the_same(tmp_path: Path) -> None:
 def test_what_is_in_the_way_is_told(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError, match=f"cannot write .*{name}"):
-        write_whole_file(tmp_path / name, b"content")
+        write_atomically(tmp_path / name, b"content")
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 
@@ -59,10 +59,10 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
 import resource, sys
 from pathlib import Path
 from hhsim.errors import OutputError
-from hhsim.system.atomic_write import hdf5_image, write_whole_file
+from hhsim.system.atomic_write import hdf5_image, write_atomically
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 try:
-    write_whole_file(Path(sys.argv[1]), hdf5_image(lambda file: file.create_dataset("a", data=[0.0] * 9_000)))
+    write_atomically(Path(sys.argv[1]), hdf5_image(lambda file: file.create_dataset("a", data=[0.0] * 9_000)))
 except OutputError as error:
     print(error)
 """

@@ -52,8 +52,8 @@ def git(folder: Path, *arguments: str) -> str:
 
 
 def test_the_revision_is_that_of_the_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = tmp_path / "hhsim" / "info.py"
-    module.parent.mkdir()
+    module = tmp_path / "hhsim" / "system" / "environment.py"
+    module.parent.mkdir(parents=True)
     module.write_text("")
     (tmp_path / "pyproject.toml").write_text("")
     monkeypatch.setattr(info, "__file__", str(module))
@@ -68,7 +68,7 @@ def test_the_revision_is_that_of_the_checkout(tmp_path: Path, monkeypatch: pytes
 
 def test_an_installed_package_has_no_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     git(tmp_path, "init", "--quiet")
-    monkeypatch.setattr(info, "__file__", str(tmp_path / "lib" / "hhsim" / "info.py"))
+    monkeypatch.setattr(info, "__file__", str(tmp_path / "lib" / "hhsim" / "system" / "environment.py"))
     assert info.revision() == info.Revision("unknown", "unknown")
 
 

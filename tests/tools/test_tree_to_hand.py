@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from sphere_scenes import brute_pairs, still
 
-from hhsim.hand.forward_kinematics import hand_shape, placed_hand
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from tools.tree_to_hand import EndToEnd, cells, end_to_end, main, sphere_distances
@@ -41,7 +41,7 @@ def test_distances_to_spheres_are_those_of_brute_force() -> None:
     center, radius = rng.normal(scale=0.1, size=(40, 3)), rng.uniform(0.005, 0.02, 40)
     motion = still(1, np.array([0.01, 0.02, 0.03]), flexion=rng.uniform(0.0, 1.0, (5, 3)))
     pairs = brute_pairs(hand, center, radius, motion)
-    found = sphere_distances(center, radius, hand_shape(hand), placed_hand(hand, *motion))[0]
+    found = sphere_distances(center, radius, hand_shape(hand), forward_kinematics(hand, *motion))[0]
     np.testing.assert_allclose(found[:15], pairs[:15].min(axis=1), atol=1e-12)
     assert found[15] == pytest.approx(pairs[15:].min(), abs=1e-12)
 

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, placed_hand
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
@@ -21,7 +21,9 @@ FAR = 0.02
 
 def over(height: float) -> PlacedHand:
     """A hand, palm down, over the origin."""
-    return placed_hand(HAND, [[0.0, -0.06, height]], [[1.0, 0.0, 0.0, 0.0]], np.full((1, 5, 3), 0.2), np.zeros((1, 5)))
+    return forward_kinematics(
+        HAND, [[0.0, -0.06, height]], [[1.0, 0.0, 0.0, 0.0]], np.full((1, 5, 3), 0.2), np.zeros((1, 5))
+    )
 
 
 def box_distance(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from verify_document import documented_faults
 
 from hhsim.bench.robustness.random_targets import StressOptions, random_targets
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_distance
@@ -31,7 +32,7 @@ from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, judged
 from hhsim.verify.contacts import axis_places
 from hhsim.verify.force_checks import force_claims
-from hhsim.verify.kinematics import Configurations, own_hand, pose
+from hhsim.verify.kinematics import own_hand, pose
 from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.tick_data import JudgedTicks
 from hhsim.verify.verify import Verification, verify
@@ -514,7 +515,7 @@ def test_own_kinematics_are_those_of_the_hand_for_any_angles(honest: Result) -> 
     rng = np.random.default_rng(3)
     orientation = rng.normal(size=(50, 4))
     orientation /= np.linalg.norm(orientation, axis=1, keepdims=True)
-    at = Configurations(rng.normal(size=(50, 3)), orientation, rng.normal(size=(50, 5, 3)), rng.normal(size=(50, 5)))
+    at = HandConfiguration(rng.normal(size=(50, 3)), orientation, rng.normal(size=(50, 5, 3)), rng.normal(size=(50, 5)))
     joints = pose(own_hand(honest), at).joints
     hand = HandModel.default()
     expected = np.array([hand.joints(*(values[i] for values in at)) for i in range(50)])

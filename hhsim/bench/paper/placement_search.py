@@ -20,13 +20,13 @@ from hhsim.bench.paper.contact_check import check_holds
 from hhsim.errors import HhsimError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.mesh.catalogue import load_object
-from hhsim.motion.quaternion import quaternion_from_matrix
 from hhsim.scene.closure_at_pose import PlacedCloser
 from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch
-from hhsim.scene.finger_closure import Closing, body_distances
+from hhsim.scene.finger_closure import FingerClosure, body_distances
 from hhsim.scene.object_regions import object_region
 from hhsim.scene.script import Script, read_script
 from hhsim.scene.stored_pose import Placement
@@ -152,45 +152,45 @@ class PlacementSearch:
             worst[0] = min(0.0, float(near.min()) - CLEAR)
             return worst[0] > -0.002
 
-        closing = self.closer.close(placement, clear=clear)
+        closure = self.closer.close(placement, clear=clear)
         if worst[0] <= -0.002:
             return -200.0 + 5e3 * worst[0]
-        score = 2e3 * worst[0] - self._strain(placement, closing)
-        back = closing.back
-        far = closing.position + self.script.start_distance * back
+        score = 2e3 * worst[0] - self._strain(placement, closure)
+        back = closure.back
+        far = closure.position + self.script.start_distance * back
         gap = np.full(BODY_COUNT, 0.0005)
         travel, body = kernel.advance_hand(
-            *(self.closer.hand, self.closer.tree, far, closing.rotation, closing.open, closing.abduction, -back),
+            *(self.closer.hand, self.closer.tree, far, closure.rotation, closure.open, closure.abduction, -back),
             *(gap, self.script.start_distance, self.closer.work),
         )
         if body >= 0:
             score -= 10.0 + 600.0 * (self.script.start_distance - travel - max(0.0, self.script.palm_depth))
-        near = self._body_distances(closing.position, closing.rotation, closing.contact, closing.abduction)
+        near = self._body_distances(closure.position, closure.rotation, closure.contact, closure.abduction)
         joints = self.closer.work.joints.copy()
         score -= 250.0 * max(0.0, self.floor - float(joints[..., 2].min()))
         for touch in self.touches[0]:
-            score -= 300.0 * min(0.05, max(0.0, self._distance(touch, joints, closing.position, closing.rotation)))
-            if touch.part != PALM and touch.part not in closing.reached:
+            score -= 300.0 * min(0.05, max(0.0, self._distance(touch, joints, closure.position, closure.rotation)))
+            if touch.part != PALM and touch.part not in closure.reached:
                 score -= 6.0
         if self.idle:
             away = float(near[:PALM_BODY].reshape(len(FINGERS), 3)[self.idle].min())
             score -= 400.0 * max(0.0, self.script.clearance - away)
         if self.script.palm_depth == 0.0:
             score -= 400.0 * max(0.0, 0.004 - float(near[PALM_BODY]))
-        self._body_distances(closing.position, closing.rotation, closing.command, closing.abduction)
+        self._body_distances(closure.position, closure.rotation, closure.command, closure.abduction)
         moved = self.closer.work.joints[:, 3] - joints[:, 3]
         for touch in self.touches[0]:
             if touch.part == PALM:
                 continue
             f = FINGERS.index(touch.part)
             # Pressed in, not along: the command ends inside the object.
-            score += 200.0 * min(0.01, max(0.0, -float(closing.distance[3 * f : 3 * f + 3].min())))
+            score += 200.0 * min(0.01, max(0.0, -float(closure.distance[3 * f : 3 * f + 3].min())))
             score += 20.0 * min(0.01, float(np.linalg.norm(moved[f])))
         for touches, way in zip(self.touches[1:], self._slid()):
             for touch in touches if way else ():
-                shifted = self.closer.work.joints + way * closing.slide
-                place = closing.position + way * closing.slide
-                score -= 200.0 * min(0.05, max(0.0, self._distance(touch, shifted, place, closing.rotation)))
+                shifted = self.closer.work.joints + way * closure.slide
+                place = closure.position + way * closure.slide
+                score -= 200.0 * min(0.05, max(0.0, self._distance(touch, shifted, place, closure.rotation)))
         return score
 
     def played_score(self, genes: Genes) -> float:
@@ -272,9 +272,9 @@ class PlacementSearch:
         centers, _ = self.leaves[touch.region]
         return np.asarray(centers[self.random.integers(len(centers))])
 
-    def _strain(self, placement: Placement, closing: Closing) -> float:
+    def _strain(self, placement: Placement, closure: FingerClosure) -> float:
         """What looks unnatural: spread fingers, a hand from below, a palm that looks away from where it goes."""
-        up = float(closing.rotation[2, 2])
+        up = float(closure.rotation[2, 2])
         return 4.0 * float(np.abs(placement.abduction).sum()) + 2.0 * max(0.0, -up) + 0.5 * float(placement.open.sum())
 
     def _leaves(self, region: str) -> tuple[Array, Array]:

@@ -17,11 +17,12 @@ from hhsim.bench.paper.contact_check import hold_distances
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.bench.paper.scene import RATE, Stage, held_ticks
 from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
-from hhsim.metrics.metrics import HandPoses, component_variation_rate, force_variation_rate, hand_clearance
+from hhsim.metrics.metrics import component_variation_rate, force_variation_rate, hand_clearance
 from hhsim.motion.trajectory import TickInput
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.tremor_hold import TREMOR, trembling_hold
@@ -67,21 +68,12 @@ class Variation:
     component: Array
 
 
-class Pose(NamedTuple):
-    """A hand at one tick: palm position (3,) [m], orientation (4,) w x y z, flexion (5, 3) and abduction (5,) [rad]."""
-
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
-
-
 class Moment(NamedTuple):
     """What a picture shows: its name, and the graphic and the haptic hand."""
 
     name: str
-    graphic: Pose
-    haptic: Pose
+    graphic: HandConfiguration
+    haptic: HandConfiguration
 
 
 class Curves(NamedTuple):
@@ -285,8 +277,8 @@ def _shown(stage: Stage, record: TickRecord) -> list[Moment]:
             name, t = "slide", (phase.first_tick + phase.last_tick) // 2
         else:
             continue
-        graphic = Pose(record.position[t], record.orientation[t], record.flexion[t], record.abduction[t])
-        haptic = Pose(motion.position[t], motion.orientation[t], motion.flexion[t], motion.abduction[t])
+        graphic = HandConfiguration.of(record).at(t)
+        haptic = HandConfiguration.of(motion).at(t)
         found.append(Moment(name, graphic, haptic))
     return found
 
@@ -321,11 +313,9 @@ def _variation(
     motion = stage.motions[0]
     phase = next(phase for phase in motion.phases if phase.name == "hold")
     hold = slice(phase.first_tick, phase.last_tick + 1)
-    haptic = HandPoses(motion.position[hold], motion.orientation[hold], motion.flexion[hold])
-    graphic = HandPoses(record.position[hold], record.orientation[hold], record.flexion[hold])
-    again, settled = trembling_hold(
-        *(stage.hand, stage.arrays, options, haptic, graphic, record.abduction[hold], RATE, 0, noise, sample_rate)
-    )
+    haptic = HandConfiguration.of(motion).at(hold)
+    graphic = HandConfiguration.of(record).at(hold)
+    again, settled = trembling_hold(*(stage.hand, stage.arrays, options, haptic, graphic, RATE, 0, noise, sample_rate))
     force = again.phalanx[:, INDEX].sum(axis=1)
     mean = float(np.linalg.norm(force[settled], axis=1).mean())
     size = force_variation_rate(force)[settled]

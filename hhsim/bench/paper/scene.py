@@ -17,13 +17,13 @@ from hhsim.bench.paper.placement_search import turned_by
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.motion.quaternion import quaternion_from_matrix
 from hhsim.motion.trajectory import TickInput
 from hhsim.scene.closure_at_pose import PlacedCloser
 from hhsim.scene.contact_goals import TOUCHING
-from hhsim.scene.finger_closure import Closing, body_distances
+from hhsim.scene.finger_closure import FingerClosure, body_distances
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.scene.stored_pose import Placement
@@ -153,24 +153,24 @@ def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTre
                 opened,
                 best.abduction,
             )
-            closing = closer.close(place)
-            clear = closing.reached == script.fingers and _clear(closer, closing)
-            if clear and (script.palm_depth == 0.0) == (closing.distance[PALM_BODY] >= 0.0):
+            closure = closer.close(place)
+            clear = closure.reached == script.fingers and _clear(closer, closure)
+            if clear and (script.palm_depth == 0.0) == (closure.distance[PALM_BODY] >= 0.0):
                 break
         else:
             raise HhsimError(f"{scenario.name}: no place found for an instance in {TRIES} tries")
         yield place
 
 
-def _opening(closer: PlacedCloser, closing: Closing) -> Array:
+def _opening(closer: PlacedCloser, closure: FingerClosure) -> Array:
     """How far the open fingers' first joints are flexed beyond the widest [rad], shape (5,)."""
     zero = Placement("", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    return np.asarray((closing.open - closer.opened(zero))[:, 0] / closer.rates[:, 0])
+    return np.asarray((closure.open - closer.opened(zero))[:, 0] / closer.rates[:, 0])
 
 
-def _clear(closer: PlacedCloser, closing: Closing) -> bool:
+def _clear(closer: PlacedCloser, closure: FingerClosure) -> bool:
     """Whether the open hand is free of the object where the fingers close; a palm that is to touch may."""
     near = body_distances(
-        *(closer.hand, closer.tree, closing.position, closing.rotation, closing.open, closing.abduction, closer.work)
+        *(closer.hand, closer.tree, closure.position, closure.rotation, closure.open, closure.abduction, closer.work)
     )
     return bool(near.min() >= 0.0)

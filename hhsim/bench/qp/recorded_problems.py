@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hhsim.bench.qp.program import Program, ProgramSolver
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
@@ -23,7 +24,6 @@ from hhsim.kernels.tick.progressive import YIELD_SCALE, finger_rhs, solve_progre
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_LINEARISATIONS
 from hhsim.kernels.tick.step import guess_rows
 from hhsim.kernels.tick.tick import set_haptic
-from hhsim.motion.tick_motion import HandMotion
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.backend_programs import drive_tick
 from hhsim.solver.hand_solver import HandSolver
@@ -86,7 +86,7 @@ def harvest(
         scenes = [(object_, RANDOM) for object_ in objects]
 
 
-def _scene(hand: HandModel, object_: str, motion: str, seed: int) -> tuple[SphereTree, HandMotion]:
+def _scene(hand: HandModel, object_: str, motion: str, seed: int) -> tuple[SphereTree, HandConfiguration]:
     from hhsim.mesh.catalogue import load_object
     from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 
@@ -100,11 +100,11 @@ def _scene(hand: HandModel, object_: str, motion: str, seed: int) -> tuple[Spher
 
     scene: Scene = make_scene(item.mesh, tree, hand, load_script(motion), seed=seed)
     ticks = scene.ticks
-    return scene.tree, HandMotion(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
+    return scene.tree, HandConfiguration.of(ticks)
 
 
 def _programs(
-    hand: HandModel, tree: SphereTree, haptic: HandMotion, method: str, quota: int, source: str
+    hand: HandModel, tree: SphereTree, haptic: HandConfiguration, method: str, quota: int, source: str
 ) -> Iterator[Program]:
     options = SolverOptions(method=method)
     # Once compiled, to see where there is anything to take.
@@ -128,7 +128,7 @@ def _programs(
                 return
 
 
-def harvest_tick(solver: HandSolver, haptic: HandMotion, tick: int, source: str) -> list[Program]:
+def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, source: str) -> list[Program]:
     """Run one tick of a solver that stands before it; returns its programs in the order in which they are solved."""
     workspace = solver.workspace
     state, options = workspace.states[0], workspace.tick_options

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hhsim.bench.robustness.case import DEEPEST, Figure, Outcome
 from hhsim.bench.robustness.local_optimality import way_out
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import is_finite_configuration
@@ -17,7 +18,7 @@ from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_HELD, STATUS_STUCK
 from hhsim.metrics.metrics import hand_clearance, penetration
-from hhsim.motion.tick_motion import HandMotion
+from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -81,7 +82,7 @@ def least_clearance(hand: HandModel, tree: TreeArrays, record: TickRecord, limit
     return least
 
 
-def pose_clearance(hand: HandModel, tree: TreeArrays, pose: HandMotion, limit: float) -> float:
+def pose_clearance(hand: HandModel, tree: TreeArrays, pose: HandConfiguration, limit: float) -> float:
     """Least signed distance [m] of object and hand at the first configuration of a motion, at most `limit`."""
     position, orientation, flexion, abduction = (values[0] for values in pose)
     joints = hand.joints(position, orientation, flexion, abduction)
@@ -126,7 +127,7 @@ def motion_difference(first: TickRecord, second: TickRecord) -> float:
 
 
 def unexplained_stuck(
-    hand: HandModel, tree: SphereTree, options: SolverOptions, motion: HandMotion, record: TickRecord
+    hand: HandModel, tree: SphereTree, options: SolverOptions, motion: HandConfiguration, record: TickRecord
 ) -> int:
     """Stuck ticks from where the hand could have moved.
 
@@ -143,8 +144,8 @@ def unexplained_stuck(
     stuck = np.flatnonzero(record.status & STATUS_STUCK)
     if len(stuck) == 0:
         return 0
-    wanted = motion.held()
-    shown = HandMotion(record.position, record.orientation, record.flexion, record.abduction)
+    wanted = hold_readings(motion)
+    shown = HandConfiguration.of(record)
     verdicts: dict[bytes, bool] = {}
     unexplained = 0
     for tick in stuck.tolist():
@@ -159,7 +160,7 @@ def unexplained_stuck(
     return unexplained
 
 
-def sound_samples(motion: HandMotion) -> NDArray[np.bool_]:
+def sound_samples(motion: HandConfiguration) -> NDArray[np.bool_]:
     """Samples that are a hand's, shape (T,): from the input itself, not from what a method says of it."""
     return np.array([is_finite_configuration(*sample) for sample in zip(*motion, strict=True)], dtype=bool)
 

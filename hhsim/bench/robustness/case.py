@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.motion.analytic_motion import HapticMotion
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -61,9 +61,9 @@ class HardRun:
     name: str
     hand: HandModel
     tree: SphereTree
-    motion: HapticMotion
+    motion: HandConfiguration
     adapt: Callable[[SolverOptions], SolverOptions] = lambda options: options
-    lead: HapticMotion | None = None
+    lead: HandConfiguration | None = None
     repeats: int = 1
     marks: tuple[int, ...] = ()
     scale: float = 1.0

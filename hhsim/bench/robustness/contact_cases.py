@@ -9,11 +9,12 @@ from hhsim.bench.robustness.acceptance import least_clearance, part_of, pose_cle
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
+from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import frozen_decay
-from hhsim.motion.analytic_motion import HapticMotion, random_targets, sequence, still
-from hhsim.motion.quaternion import quaternion, quaternion_product
+from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -105,7 +106,7 @@ def _wedge() -> SphereTree:
     return tree_of(np.concatenate(sides), 2.3e-3)
 
 
-def _wedge_motion() -> HapticMotion:
+def _wedge_motion() -> HandConfiguration:
     hand = right_hand()
     upright = quaternion(np.zeros(3))
     place = tip_at(hand, np.zeros(3), upright, POINTING)
@@ -254,7 +255,7 @@ def _ridge(seed: int) -> Sequence[HardRun]:
     motion = above.hold(4).line(pressed, 100).hold(40)
     ticks = 600
     time = np.linspace(0.0, 1.0, ticks)[:, None]
-    sliding = HapticMotion(*(np.repeat(values, ticks, axis=0) for values in pressed))
+    sliding = HandConfiguration(*(np.repeat(values, ticks, axis=0) for values in pressed))
     # 80 mm along the ridge, and to both sides of it 20 times.
     sliding.position[:] += np.concatenate(
         [0.08 * time, 0.003 * np.sin(40.0 * np.pi * time), np.zeros_like(time)], axis=1

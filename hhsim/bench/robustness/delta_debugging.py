@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.motion.tick_motion import HandMotion, joined
+from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.motion.tick_motion import replayed
 
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
@@ -29,11 +30,11 @@ class Trace(NamedTuple):
     """What a run of a motion gave: which ticks failed, shape (T,), and the graphic hand after each tick."""
 
     failed: Mask
-    graphic: HandMotion
+    graphic: HandConfiguration
 
 
 Place = tuple[int | slice, ...]
-Trial = Callable[[HandMotion], Trace]
+Trial = Callable[[HandConfiguration], Trace]
 """Runs a motion from its first sample with a solver of its own; the same motion gives the same trace."""
 
 
@@ -48,7 +49,7 @@ class Shrunk:
         runs: candidates that were tried.
     """
 
-    motion: HandMotion
+    motion: HandConfiguration
     trace: Trace
     ticks_before: int
     runs: int
@@ -60,10 +61,10 @@ class Shrunk:
 
 
 def shrink(
-    motion: HandMotion,
+    motion: HandConfiguration,
     trial: Trial,
     *,
-    graphic: HandMotion | None = None,
+    graphic: HandConfiguration | None = None,
     most_runs: int = MOST_RUNS,
     most_ticks: int = MOST_TICKS,
 ) -> Shrunk:
@@ -84,7 +85,7 @@ def shrink(
         InputError: neither the motion nor any end of it fails.
     """
     search = _Search(trial, most_runs, most_ticks)
-    whole = motion.replayed()
+    whole = replayed(motion)
     best = search.failing(whole)
     if best is None and graphic is not None:
         # The way that led there had the solver's memory too; without it a start close to the failure may fail as well.
@@ -102,9 +103,9 @@ def shrink(
 
 
 class _Failing(NamedTuple):
-    motion: HandMotion
+    motion: HandConfiguration
     failed: Mask
-    graphic: HandMotion
+    graphic: HandConfiguration
 
 
 class _Search:
@@ -117,11 +118,11 @@ class _Search:
         self.runs = 0
         self.ticks = 0
 
-    def failing(self, motion: HandMotion) -> _Failing | None:
+    def failing(self, motion: HandConfiguration) -> _Failing | None:
         """The motion up to its first failing tick; None where it does not fail, or nothing more is to be tried."""
         if motion.ticks == 0 or self.runs >= self._most_runs or self.ticks >= self._most_ticks:
             return None
-        motion = motion.replayed()
+        motion = replayed(motion)
         self.runs += 1
         self.ticks += motion.ticks
         trace = self._trial(motion)
@@ -130,22 +131,22 @@ class _Search:
         end = int(np.argmax(trace.failed)) + 1
         return _Failing(motion.part(0, end), trace.failed[:end], trace.graphic.part(0, end))
 
-    def first(self, candidates: Iterator[HandMotion]) -> _Failing | None:
+    def first(self, candidates: Iterator[HandConfiguration]) -> _Failing | None:
         """The first of the candidates that fails."""
         return next((found for motion in candidates if (found := self.failing(motion)) is not None), None)
 
 
-def _size(motion: HandMotion) -> tuple[int, int]:
+def _size(motion: HandConfiguration) -> tuple[int, int]:
     # Ticks, and numbers that change from one tick to the next.
     return motion.ticks, sum(int(np.count_nonzero(np.diff(values, axis=0))) for values in motion)
 
 
-def _starts(motion: HandMotion, graphic: HandMotion, failed: int) -> Iterator[HandMotion]:
+def _starts(motion: HandConfiguration, graphic: HandConfiguration, failed: int) -> Iterator[HandConfiguration]:
     # The last 1, 2, 4, … samples up to the failing one, behind the graphic hand that was shown before them.
     length = 1
     while length < failed:
         first = failed + 1 - length
-        yield joined([graphic.part(first - 1, first), motion.part(first, failed + 1)])
+        yield sequence(graphic.part(first - 1, first), motion.part(first, failed + 1))
         length *= 2
 
 
@@ -157,7 +158,7 @@ def _drop(best: _Failing, search: _Search) -> _Failing:
         pieces = min(pieces, len(middle))
         cuts = np.array_split(middle, pieces)
         found = search.first(
-            best.motion.chosen(np.setdiff1d(np.arange(best.motion.ticks), cut, assume_unique=True)) for cut in cuts
+            best.motion.at(np.setdiff1d(np.arange(best.motion.ticks), cut, assume_unique=True)) for cut in cuts
         )
         if found is not None:
             best = found
@@ -187,7 +188,7 @@ _CHANNELS: tuple[tuple[int, tuple[int, ...]], ...] = (
     (1, ()),
     (0, ()),
 )
-"""Field of `HandMotion` and place in it: each finger's flexion, the abduction, the orientation, the position."""
+"""Field of `HandConfiguration` and place in it: each finger's flexion, the abduction, the orientation, the position."""
 
 
 def _with(best: _Failing, search: _Search, field: int, place: Place, values: NDArray[np.float64]) -> _Failing:

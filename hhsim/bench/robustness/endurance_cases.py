@@ -7,8 +7,9 @@ import numpy as np
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import HALF
 from hhsim.bench.robustness.sphere_objects import coarse_ball, right_hand
-from hhsim.motion.analytic_motion import HapticMotion, sequence, still
-from hhsim.motion.quaternion import quaternion
+from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.quaternion import quaternion
+from hhsim.motion.analytic_motion import still
 
 LOOP = 2000
 DRIFT = 1e-9
@@ -50,10 +51,10 @@ def _loops(repeats: int) -> Sequence[HardRun]:
     ]
 
 
-def _around(pressed: HapticMotion, ticks: int) -> HapticMotion:
+def _around(pressed: HandConfiguration, ticks: int) -> HandConfiguration:
     # The palm goes round and tilts on the ball, and is back where it was.
     time = np.linspace(0.0, 1.0, ticks)[:, None]
-    motion = HapticMotion(*(np.repeat(values, ticks, axis=0) for values in pressed))
+    motion = HandConfiguration(*(np.repeat(values, ticks, axis=0) for values in pressed))
     wave = np.sin(2.0 * np.pi * time * [1.0, 2.0, 3.0])
     motion.position[:] += wave * [0.012, 0.01, 0.003]
     motion.orientation[:] = quaternion(wave[:, ::-1] * [0.1, 0.15, 0.2])

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from hhsim.bench.robustness.delta_debugging import Shrunk, Trace, Trial
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.file import load_trajectory, save_trajectory
-from hhsim.motion.tick_motion import HandMotion
+from hhsim.motion.tick_motion import hold_readings, trajectory_of
 from hhsim.motion.trajectory import Trajectory
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
@@ -31,7 +32,7 @@ from hhsim.trees.sphere_tree import SphereTree
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Solver = Callable[[], HandSolver]
-Fails = Callable[[HandMotion, TickRecord, Penetration], Mask]
+Fails = Callable[[HandConfiguration, TickRecord, Penetration], Mask]
 """Which ticks of a record fail, shape (T,), given the haptic motion and the penetration of the recorded hand."""
 
 SAFE_DEPTH = 1e-6
@@ -48,9 +49,9 @@ def recorded_penetration(hand: HandModel, tree: TreeArrays, record: TickRecord) 
     )
 
 
-def recorded_motion(record: TickRecord) -> HandMotion:
+def recorded_motion(record: TickRecord) -> HandConfiguration:
     """The graphic hand of a record."""
-    return HandMotion(record.position, record.orientation, record.flexion, record.abduction)
+    return HandConfiguration.of(record)
 
 
 def not_finite(record: TickRecord) -> Mask:
@@ -75,11 +76,11 @@ def is_not_finite() -> Fails:
 def is_stuck(hand: HandModel, tree: SphereTree, options: SolverOptions) -> Fails:
     """Fails where a tick kept the last hand although `local_optimality` finds a way; finds only the first."""
 
-    def fails(motion: HandMotion, record: TickRecord, depth: Penetration) -> Mask:
+    def fails(motion: HandConfiguration, record: TickRecord, depth: Penetration) -> Mask:
         found = np.zeros(motion.ticks, dtype=bool)
-        held, shown = motion.held(), recorded_motion(record)
+        wanted, shown = hold_readings(motion), recorded_motion(record)
         for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
-            goal, here = held.part(tick, tick + 1), shown.part(tick, tick + 1)
+            goal, here = wanted.part(tick, tick + 1), shown.part(tick, tick + 1)
             if way_out(hand, tree, options, here, goal) > 0.0:
                 found[tick] = True
                 break
@@ -110,7 +111,7 @@ def make_trial(hand: HandModel, tree: SphereTree, solver: Solver, fails: Fails) 
 
     arrays = tree.arrays()
 
-    def trial(motion: HandMotion) -> Trace:
+    def trial(motion: HandConfiguration) -> Trace:
         record = solver().run(*motion)
         depth = recorded_penetration(hand, arrays, record)
         return Trace(fails(motion, record, depth), recorded_motion(record))
@@ -194,7 +195,7 @@ def keep_failure(path: Path, shrunk: Shrunk, provenance: Provenance) -> str:
     """
     command = provenance.command(path)
     document = {**asdict(provenance), "ticks_before": shrunk.ticks_before, "replay": command}
-    trajectory = shrunk.motion.trajectory(name=path.stem, source=MADE_BY + json.dumps(document, sort_keys=True))
+    trajectory = trajectory_of(shrunk.motion, name=path.stem, source=MADE_BY + json.dumps(document, sort_keys=True))
     save_trajectory(trajectory, path)
     return command
 
@@ -220,7 +221,7 @@ def rerun_failure(path: Path, hand: HandModel, tree: SphereTree, solver: Solver 
             return HandSolver(hand, arrays, options)
 
     ticks = trajectory.resampled(1000.0, "hold")
-    motion = HandMotion(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
+    motion = HandConfiguration.of(ticks)
     return make_trial(hand, tree, solver, failure_of(provenance.kind, hand, tree, options))(motion)
 
 

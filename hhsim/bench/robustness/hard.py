@@ -19,9 +19,9 @@ from hhsim.bench.robustness.acceptance import (
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.table import Column
 from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.motion.analytic_motion import HapticMotion
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
@@ -154,7 +154,7 @@ def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
     return replace(outcome, marked=np.array(marked), memory=np.array(memory, dtype=np.float64))
 
 
-def _counted(outcome: Outcome, motion: HapticMotion, record: TickRecord) -> Outcome:
+def _counted(outcome: Outcome, motion: HandConfiguration, record: TickRecord) -> Outcome:
     run, tree = outcome.run, outcome.run.tree.arrays()
     lagging = (record.status & STATUS_LAG) > 0
     return replace(

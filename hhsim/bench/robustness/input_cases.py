@@ -16,9 +16,11 @@ from hhsim.bench.robustness.acceptance import (
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import HALF, POINTING, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, right_hand, tree_of, usual_ball
+from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.metrics.metrics import frozen_decay
-from hhsim.motion.analytic_motion import HapticMotion, sequence, still
-from hhsim.motion.quaternion import quaternion, quaternion_product
+from hhsim.motion.analytic_motion import still
+from hhsim.motion.tick_motion import hold_readings
 
 Array = NDArray[np.float64]
 
@@ -148,7 +150,7 @@ def _judge_wall(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 def _bad_samples(seed: int) -> Sequence[HardRun]:
     random = np.random.default_rng([seed, 2])
     clean = handling(800)
-    dirty = HapticMotion(*(values.copy() for values in clean))
+    dirty = HandConfiguration(*(values.copy() for values in clean))
     channels = [values.reshape(clean.ticks, -1) for values in dirty]
     bad = np.flatnonzero(random.random(clean.ticks) < 0.2)
     # A burst besides: 60 samples that never came, while the hand moves on.
@@ -167,15 +169,15 @@ def _bad_samples(seed: int) -> Sequence[HardRun]:
         else:
             for values in channels:
                 values[tick] = np.nan
-    late = HapticMotion(*(values.copy() for values in clean))
+    late = HandConfiguration(*(values.copy() for values in clean))
     for values in late:
         values[:7] = np.nan
     hand, tree = right_hand(), usual_ball()
     return [
         HardRun("a fifth is bad", hand, tree, dirty),
-        HardRun("the last good one repeated", hand, tree, dirty.held()),
+        HardRun("the last good one repeated", hand, tree, hold_readings(dirty)),
         HardRun("none at first", hand, tree, late),
-        HardRun("the first one from the start", hand, tree, late.held()),
+        HardRun("the first one from the start", hand, tree, hold_readings(late)),
     ]
 
 

@@ -10,9 +10,10 @@ from hhsim.bench.robustness.acceptance import shown_points
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import handling
 from hhsim.bench.robustness.sphere_objects import coarse_ball, right_hand, scaled_hand, tree_of, usual_ball
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.motion.analytic_motion import HapticMotion, random_targets
-from hhsim.motion.quaternion import quaternion, quaternion_product, rotation_matrix
+from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
+from hhsim.motion.analytic_motion import random_targets
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -42,7 +43,7 @@ class Variant:
     """
 
     name: str
-    motion: HapticMotion
+    motion: HandConfiguration
     tree: SphereTree
     hand: HandModel
     adapt: Adapt = lambda options: options

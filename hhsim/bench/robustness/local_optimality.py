@@ -7,10 +7,10 @@ their derivatives by differences, and whether a step is free is decided by the d
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
-from hhsim.motion.tick_motion import HandMotion
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.trees.sphere_tree import SphereTree
@@ -29,7 +29,7 @@ DIFFERENCE = 1e-6
 
 
 def way_out(
-    hand: HandModel, tree: SphereTree, options: SolverOptions, graphic: HandMotion, haptic: HandMotion
+    hand: HandModel, tree: SphereTree, options: SolverOptions, graphic: HandConfiguration, haptic: HandConfiguration
 ) -> float:
     """The share of a step towards the haptic hand that was free and worth taking; 0 where there is none.
 

@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.motion.analytic_motion import UPRIGHT, HapticMotion, still
-from hhsim.motion.quaternion import quaternion, quaternion_product
+from hhsim.hand.quaternion import quaternion, quaternion_product
+from hhsim.motion.analytic_motion import UPRIGHT, still
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ INDEX = 1
 """Place of the index finger."""
 
 
-def handling(ticks: int) -> HapticMotion:
+def handling(ticks: int) -> HandConfiguration:
     """A hand that comes to the ball of 38 mm, closes on it a little, and is moved and tilted there.
 
     Gentle enough that nothing slips or snaps: two methods, or two runs of one, can be compared tick by tick.

@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.motion.tick_motion import HandMotion, joined
 
 Array = NDArray[np.float64]
 Bound = Literal["palm", "hand", "none"]
@@ -113,31 +114,31 @@ class RandomTargets:
             np.zeros(5),
         )
         self._count = 0
-        self._left: HandMotion | None = None
+        self._left: HandConfiguration | None = None
 
-    def take(self, ticks: int) -> HandMotion:
+    def take(self, ticks: int) -> HandConfiguration:
         """The next ticks of the motion."""
         pieces = [] if self._left is None else [self._left]
         have = sum(piece.ticks for piece in pieces)
-        while have < ticks:
+        while have < ticks or not pieces:
             pieces.append(self._hold())
             have += pieces[-1].ticks
-        whole = joined(pieces) if pieces else self._hold().part(0, 0)
+        whole = sequence(*pieces)
         self._left = whole.part(ticks, have).copy()
         return whole.part(0, ticks).copy()
 
-    def blocks(self, ticks: int, size: int) -> Iterator[HandMotion]:
+    def blocks(self, ticks: int, size: int) -> Iterator[HandConfiguration]:
         """The next `ticks` ticks in blocks of `size`, the last one shorter; one block is in memory at a time."""
         for first in range(0, ticks, size):
             yield self.take(min(size, ticks - first))
 
-    def _hold(self) -> HandMotion:
+    def _hold(self) -> HandConfiguration:
         # Seeded by the number of the target: what one draws does not shift the next.
         random = np.random.default_rng([self.seed, self._count])
         options = self.options
         target = self._target(random) if self._count else tuple(np.array(part) for part in self._here)
         jump = options.bound == "none"
-        trick: Callable[[np.random.Generator, HandMotion], None] | None = None
+        trick: Callable[[np.random.Generator, HandConfiguration], None] | None = None
         if options.wild and self._count and random.random() < 0.5:
             trick = _TRICKS[int(random.integers(len(_TRICKS)))]
             jump = jump or bool(random.random() < 0.5)
@@ -157,9 +158,9 @@ class RandomTargets:
         spread = random.uniform(hand.abduction_min, hand.abduction_max)
         flexion = hand.flexion_min + share * (hand.flexion_max - hand.flexion_min)
         abduction = spread if options.sweep else np.zeros(5)
-        return position, _quaternion(turn[None])[0], flexion, abduction
+        return position, quaternion(turn[None])[0], flexion, abduction
 
-    def _walk(self, target: tuple[Array, ...], jump: bool) -> HandMotion:
+    def _walk(self, target: tuple[Array, ...], jump: bool) -> HandConfiguration:
         start = self._here
         turn = np.empty(3)
         rotation_vector_between(start[1], target[1], turn)
@@ -173,8 +174,8 @@ class RandomTargets:
         share = np.minimum(1.0, ticks * (self.options.longest_step / way)) if way > 0.0 else np.ones(len(ticks))
         if jump:
             share = np.ones(len(ticks))
-        orientation = _product(_quaternion(share[:, None] * turn), start[1])
-        motion = HandMotion(
+        orientation = _product(quaternion(share[:, None] * turn), start[1])
+        motion = HandConfiguration(
             start[0] + share[:, None] * change[0],
             orientation / np.linalg.norm(orientation, axis=1, keepdims=True),
             start[2] + share[:, None, None] * change[2],
@@ -186,12 +187,6 @@ class RandomTargets:
         return motion
 
 
-def _quaternion(vector: Array) -> Array:
-    # Of rotation vectors, shape (T, 3).
-    angle = np.linalg.norm(vector, axis=1, keepdims=True)
-    return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * vector], axis=1)
-
-
 def _product(first: Array, second: Array) -> Array:
     # Hamilton products of quaternions (T, 4) with one, shape (4,).
     w, v = first[:, :1], first[:, 1:]
@@ -199,7 +194,7 @@ def _product(first: Array, second: Array) -> Array:
     return np.concatenate([scalar, w * second[1:] + second[0] * v + np.cross(v, second[1:])], axis=1)
 
 
-def _not_finite(random: np.random.Generator, motion: HandMotion) -> None:
+def _not_finite(random: np.random.Generator, motion: HandConfiguration) -> None:
     values = motion[int(random.integers(4))]
     first = int(random.integers(motion.ticks))
     flat = values.reshape(motion.ticks, -1)
@@ -207,38 +202,38 @@ def _not_finite(random: np.random.Generator, motion: HandMotion) -> None:
     flat[first : first + int(random.integers(1, 20)), int(random.integers(flat.shape[1]))] = bad
 
 
-def _no_direction(random: np.random.Generator, motion: HandMotion) -> None:
+def _no_direction(random: np.random.Generator, motion: HandConfiguration) -> None:
     motion.orientation[int(random.integers(motion.ticks)) :: int(random.integers(1, 8))] = 0.0
 
 
-def _other_length(random: np.random.Generator, motion: HandMotion) -> None:
+def _other_length(random: np.random.Generator, motion: HandConfiguration) -> None:
     motion.orientation[:] *= 10.0 ** random.uniform(-3.0, 2.0, (motion.ticks, 1))
 
 
-def _other_sign(random: np.random.Generator, motion: HandMotion) -> None:
+def _other_sign(random: np.random.Generator, motion: HandConfiguration) -> None:
     motion.orientation[random.random(motion.ticks) < 0.5] *= -1.0
 
 
-def _repeated(random: np.random.Generator, motion: HandMotion) -> None:
+def _repeated(random: np.random.Generator, motion: HandConfiguration) -> None:
     # Samples that come late and all at once: the last one stays, then the hand is where it would have been.
     every = int(random.integers(2, 30))
     for values in motion:
         values[:] = values[np.arange(motion.ticks) // every * every]
 
 
-def _teleport(random: np.random.Generator, motion: HandMotion) -> None:
+def _teleport(random: np.random.Generator, motion: HandConfiguration) -> None:
     # Half a metre away and back, often across the object.
     shift = random.normal(0.0, 1.0, 3)
     first, last = sorted(random.integers(0, motion.ticks + 1, 2))
     motion.position[first:last] += 0.5 * shift / np.linalg.norm(shift)
 
 
-def _far_away(random: np.random.Generator, motion: HandMotion) -> None:
+def _far_away(random: np.random.Generator, motion: HandConfiguration) -> None:
     first = int(random.integers(motion.ticks))
     motion.position[first : first + int(random.integers(1, 10))] += random.uniform(-50.0, 50.0, 3)
 
 
-def _beyond_limits(random: np.random.Generator, motion: HandMotion) -> None:
+def _beyond_limits(random: np.random.Generator, motion: HandConfiguration) -> None:
     first = int(random.integers(motion.ticks))
     last = first + int(random.integers(1, 30))
     part = slice(first, last)
@@ -246,17 +241,17 @@ def _beyond_limits(random: np.random.Generator, motion: HandMotion) -> None:
     motion.abduction[part] = random.uniform(-2.0, 2.0, motion.abduction[part].shape)
 
 
-def _spin(random: np.random.Generator, motion: HandMotion) -> None:
+def _spin(random: np.random.Generator, motion: HandConfiguration) -> None:
     # Another orientation, any, at every tick.
     wheel = random.normal(0.0, 1.0, (motion.ticks, 4))
     motion.orientation[:] = wheel / np.linalg.norm(wheel, axis=1, keepdims=True)
 
 
-def _shake(random: np.random.Generator, motion: HandMotion) -> None:
+def _shake(random: np.random.Generator, motion: HandConfiguration) -> None:
     motion.position[:] += random.normal(0.0, 10.0 ** random.uniform(-4.0, -1.0), (motion.ticks, 3))
 
 
-_TRICKS: tuple[Callable[[np.random.Generator, HandMotion], None], ...] = (
+_TRICKS: tuple[Callable[[np.random.Generator, HandConfiguration], None], ...] = (
     _not_finite,
     _no_direction,
     _other_length,
@@ -278,6 +273,6 @@ def random_targets(
     *,
     center: Array | None = None,
     height: float = 0.25,
-) -> HandMotion:
+) -> HandConfiguration:
     """The first `ticks` ticks of `RandomTargets`, for runs that fit into memory."""
     return RandomTargets(hand, seed, options, center=center, height=height).take(ticks)

@@ -17,16 +17,16 @@ from hhsim.bench.robustness.acceptance import unexplained_stuck
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_penetration
 from hhsim.bench.robustness.recorded_metrics import RecordedFigures, longest_run
 from hhsim.errors import HhsimError, InputError
-from hhsim.hand.forward_kinematics import placed_hand
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.metrics.metrics import force_variation_rate, sample_variation_rate, statistics
-from hhsim.motion.tick_motion import HandMotion
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
-from hhsim.scene.motion_catalogue import IMPORTED_SUFFIXES, RECORDING_SUFFIXES, load_recorded
+from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes, load_recorded
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.compile import warm_up
@@ -39,7 +39,6 @@ from hhsim.trees.sphere_tree import SphereTree
 Array = NDArray[np.float64]
 Placing = Literal["auto", "recorded"]
 Progress = Callable[[str, int, int], None]
-SUFFIXES = (*RECORDING_SUFFIXES, *IMPORTED_SUFFIXES)
 
 BLOCK = 2048
 """Ticks that are run and measured at a time."""
@@ -82,18 +81,19 @@ def recording_files(paths: Sequence[Path]) -> list[Path]:
         InputError: a path that is not there, a folder without recordings, or nothing at all.
     """
     found: list[Path] = []
+    suffixes = (*RECORDING_SUFFIXES, *imported_suffixes())
     for path in paths:
         if path.is_dir():
-            inside = sorted(entry for entry in path.iterdir() if entry.is_file() and entry.suffix.lower() in SUFFIXES)
+            inside = sorted(entry for entry in path.iterdir() if entry.is_file() and entry.suffix.lower() in suffixes)
             if not inside:
                 raise InputError(
-                    f"{path}: no recordings in this folder; expected files that end in {', '.join(SUFFIXES)}"
+                    f"{path}: no recordings in this folder; expected files that end in {', '.join(suffixes)}"
                 )
             found += inside
         elif path.is_file():
             found.append(path)
         else:
-            raise InputError(f"{path}: no such file or folder; expected recordings, {', '.join(SUFFIXES)}")
+            raise InputError(f"{path}: no such file or folder; expected recordings, {', '.join(suffixes)}")
     if not found:
         raise InputError("no recordings; expected a folder or files")
     return list(dict.fromkeys(found))
@@ -187,7 +187,7 @@ def _part(ticks: TickInput, part: slice) -> TickInput:
 
 def fastest_fingertip(ticks: TickInput, hand: HandModel) -> float:
     """Farthest way of a fingertip's centre from one tick to the next [m]; 0 for a single tick."""
-    tips = placed_hand(hand, ticks.position, ticks.orientation, ticks.flexion, ticks.abduction).joints[:, :, 3]
+    tips = forward_kinematics(hand, *HandConfiguration.of(ticks)).joints[:, :, 3]
     return float(np.linalg.norm(np.diff(tips, axis=0), axis=2).max(initial=0.0))
 
 
@@ -220,7 +220,7 @@ def run_scene(
     brute = _BruteForce(scene, np.random.default_rng(seed))
     for first in range(0, ticks.tick_count, BLOCK):
         part = slice(first, first + BLOCK)
-        motion = HandMotion(ticks.position[part], ticks.orientation[part], ticks.flexion[part], ticks.abduction[part])
+        motion = HandConfiguration.of(ticks).at(part)
         record = running.run(*motion)
         touching = record.work[:, WORK_TOUCHING] > 0
         measured = {

@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.analytic_motion import HapticMotion
-from hhsim.motion.quaternion import rotation_matrix
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -92,7 +92,7 @@ def ring(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e
     return tree_of(np.asarray(center, np.float64) + (inner + thickness) * around, thickness)
 
 
-def mould(pose: HapticMotion, spheres: int, gap: float, radius: float, random: np.random.Generator) -> SphereTree:
+def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, random: np.random.Generator) -> SphereTree:
     """Spheres under the hand, each of them as far as `gap` from it: a mould in which it lies on all of them at once.
 
     Args:

@@ -26,7 +26,8 @@ from hhsim.bench.robustness.stress_case import StressCase
 from hhsim.bench.robustness.stress_measurement import StressMeasure
 from hhsim.bench.robustness.stress_metrics import KeptFailure, StressFigures
 from hhsim.errors import InputError
-from hhsim.motion.tick_motion import HandMotion, joined
+from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.motion.tick_motion import replayed
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.system.deferred_sigint import interruptible_between
@@ -57,7 +58,7 @@ def run_case(
     warm_up(case.hand, case.solver)
     measure = StressMeasure(case)
     solver = make_solver(case)
-    stretch: deque[tuple[HandMotion, HandMotion]] = deque(maxlen=STRETCH_BLOCKS)
+    stretch: deque[tuple[HandConfiguration, HandConfiguration]] = deque(maxlen=STRETCH_BLOCKS)
     kept: dict[str, KeptFailure] = {}
     for motion in case.targets().blocks(case.ticks, BLOCK):
         first = measure.ticks
@@ -116,11 +117,11 @@ def _keep(
     kind: str,
     tick: int,
     tick_in_block: int,
-    stretch: list[tuple[HandMotion, HandMotion]],
+    stretch: list[tuple[HandConfiguration, HandConfiguration]],
 ) -> KeptFailure:
     assert case.keep is not None
     behind = stretch[-1][0].ticks - tick_in_block - 1
-    motion, graphic = (joined(pieces) for pieces in zip(*stretch))
+    motion, graphic = (sequence(*pieces) for pieces in zip(*stretch))
     end = motion.ticks - behind
     trial = make_trial(
         case.hand, case.tree, lambda: make_solver(case), failure_of(kind, case.hand, case.tree, case.solver)
@@ -130,7 +131,7 @@ def _keep(
         shrunk = shrink(motion.part(0, end), trial, graphic=graphic.part(0, end))
     except InputError:
         # The solver's memory of what came before the stretch decides: keep the whole way there.
-        whole = case.targets().take(tick + 1).replayed()
+        whole = replayed(case.targets().take(tick + 1))
         shrunk = Shrunk(whole, trial(whole), tick + 1, 1)
         reproduced = bool(shrunk.trace.failed.any())
     last = shrunk.tick if reproduced else shrunk.motion.ticks - 1

@@ -7,11 +7,12 @@ from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_moti
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.stress_case import StressCase
 from hhsim.bench.robustness.stress_metrics import KeptFailure, StressFigures
+from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_HELD, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.metrics.metrics import Penetration, hand_clearance
-from hhsim.motion.tick_motion import HandMotion, joined
+from hhsim.motion.tick_motion import hold_readings
 from hhsim.system.log_histogram import LogHistogram
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ FAR = 0.05
 """Clearances from here on [m] are not compared with brute force."""
 
 
-def coupling_force(case: StressCase, haptic: HandMotion, record: TickRecord) -> Array:
+def coupling_force(case: StressCase, haptic: HandConfiguration, record: TickRecord) -> Array:
     """What the coupling itself pulls with at each tick [N], shape (T,).
 
     The palm's force, its torque over the reach of the hand, and each joint's torque over the length of its phalanx.
@@ -65,10 +66,10 @@ class StressMeasure:
         self._stuck_run = self._longest_stuck = 0
         self._stuck_checked = self._unexplained = 0
         self._brute_ticks, self._brute_difference = 0, 0.0
-        self._before: HandMotion | None = None
+        self._before: HandConfiguration | None = None
         self.ticks = 0
 
-    def add(self, motion: HandMotion, record: TickRecord, depth: Penetration) -> dict[str, Mask]:
+    def add(self, motion: HandConfiguration, record: TickRecord, depth: Penetration) -> dict[str, Mask]:
         """Measure a block; returns which of its ticks failed, shape (T,), by the name of the failure."""
         counts, case = self._counts, self._case
         deepest = [depth.depth, depth.palm, depth.finger]
@@ -111,16 +112,16 @@ class StressMeasure:
             self._brute_ticks += 1
             self._brute_difference = max(self._brute_difference, difference)
 
-    def _readings(self, motion: HandMotion) -> HandMotion:
+    def _readings(self, motion: HandConfiguration) -> HandConfiguration:
         # As the solver holds them, across blocks too.
         if self._before is None:
-            held = motion.held()
+            held = hold_readings(motion)
         else:
-            held = joined([self._before, motion]).held().part(1, motion.ticks + 1)
+            held = hold_readings(sequence(self._before, motion)).part(1, motion.ticks + 1)
         self._before = held.part(motion.ticks - 1, motion.ticks).copy()
         return held
 
-    def _explain(self, haptic: HandMotion, record: TickRecord) -> Mask:
+    def _explain(self, haptic: HandConfiguration, record: TickRecord) -> Mask:
         stuck = (record.status & STATUS_STUCK) > 0
         unexplained = np.zeros(len(stuck), dtype=bool)
         shown = recorded_motion(record)

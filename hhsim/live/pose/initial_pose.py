@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
-from hhsim.motion.quaternion import quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.synthesis import planned
 from hhsim.trees.sphere_tree import SphereTree
@@ -29,10 +29,10 @@ def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[Ar
         `grasp` in its hold, or above an object that is too large for a grasp.
     """
     try:
-        closing = planned(load_script("grasp"), hand, tree)
+        closure = planned(load_script("grasp"), hand, tree)
     except TrajectoryError:
         leaves = tree.level == tree.level.max()
         top = float((tree.center[leaves, 2] + tree.radius[leaves]).max())
         middle = tree.center[leaves].mean(axis=0)
         return np.array([middle[0], middle[1], top + ABOVE + back]), np.array([1.0, 0.0, 0.0, 0.0])
-    return closing.position + back * closing.back, quaternion_from_matrix(closing.rotation)
+    return closure.position + back * closure.back, quaternion_from_matrix(closure.rotation)

@@ -24,7 +24,7 @@ from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, att
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.writer import RINGS, SessionWriter
 from hhsim.live.shared_memory import RingReader
-from hhsim.result.reader import CHUNK_TICKS, check_result_destination
+from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.solver.compile import warm_up
 
 POLL = 0.05
@@ -67,7 +67,7 @@ class Recorder:
         Raises:
             OutputError: the file cannot be written.
         """
-        check_result_destination(self._path)
+        check_result_path(self._path)
         options = loop_options(self._setup.options, self._setup.rate)
         # Measuring penetration must not have to be compiled while ticks wait.
         warm_up(self._setup.hand, options)

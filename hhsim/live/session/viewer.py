@@ -24,13 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError, OutputError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup, read_setup
 from hhsim.live.ipc.records import Stage
 from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
 from hhsim.live.shared_memory import RingReader
-from hhsim.replay.tick_columns import HapticTicks, TickColumns
+from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.blueprint import blueprint
 from hhsim.view.decimation import ShownTicks, shown_ticks
@@ -167,7 +168,7 @@ class LiveViewer:
 
     def _frame(self, records: Records) -> ShownTicks:
         """The newest of some ticks, standing for all of them."""
-        haptic = HapticTicks(*(records[f"haptic_{name}"] for name in HapticTicks._fields))
+        haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
         record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
         time_ = 1e-9 * (records["time_ns"] - self._begin_ns)
         block = self._columns.block(time_, records["input_seq"], haptic, record)

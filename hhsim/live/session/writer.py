@@ -25,13 +25,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import DeviceCounters
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.session.statistics import LiveTally
 from hhsim.live.session.summary import as_text, session_figures
 from hhsim.replay.stored_scene import describe_scene, static_arrays
-from hhsim.replay.tick_columns import HapticTicks, TickColumns
+from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.schema import (
     EVENT_COLUMNS,
     LIVE,
@@ -198,7 +199,7 @@ class SessionWriter:
         self._next_tick = first + len(records)
         if self._began < 0:
             self._began = int(records["time_ns"][0])
-        haptic = HapticTicks(*(records[f"haptic_{name}"] for name in HapticTicks._fields))
+        haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
         record = TickRecord(*(records[name] for name in TickRecord._fields))
         time_ = 1e-9 * (records["time_ns"] - self._began)
         ticks = self._columns.block(time_, records["input_seq"], haptic, record)

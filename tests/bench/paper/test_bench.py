@@ -16,9 +16,9 @@ from hhsim.bench.paper.scene import held_ticks, make_stage
 from hhsim.bench.paper.table import PaperRow, missed, paper_rows, scene_rows
 from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError, InputError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.metrics import HandPoses
 from hhsim.replay import tremor_hold
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.builder import TreeOptions, cached_sphere_tree
@@ -170,7 +170,7 @@ def test_every_instance_touches_what_the_scene_names(object_name: str, motion: s
 
 
 def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[HandPoses] = []
+    given: list[HandConfiguration] = []
 
     class Spy:
         def __init__(self, *_: object) -> None:
@@ -179,18 +179,23 @@ def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.M
         def place(self, *_: object) -> None:
             pass
 
-        def run(self, position: np.ndarray, orientation: np.ndarray, flexion: np.ndarray, _: np.ndarray) -> None:
-            given.append(HandPoses(position, orientation, flexion))
+        def run(
+            self, position: np.ndarray, orientation: np.ndarray, flexion: np.ndarray, abduction: np.ndarray
+        ) -> None:
+            given.append(HandConfiguration(position, orientation, flexion, abduction))
 
     monkeypatch.setattr(tremor_hold, "HandSolver", Spy)
     ticks = 500
     flexion = np.random.default_rng(3).uniform(0.0, 1.0, (5, 3))
-    still = HandPoses(np.zeros((ticks, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.tile(flexion, (ticks, 1, 1)))
+    still = HandConfiguration(
+        np.zeros((ticks, 3)),
+        np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)),
+        np.tile(flexion, (ticks, 1, 1)),
+        np.zeros((ticks, 5)),
+    )
     tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=1)).arrays()
     for noise, rate in NOISES.values():
-        tremor_hold.trembling_hold(
-            HAND, tree, SolverOptions(), still, still, np.zeros((ticks, 5)), 1000.0, 0, noise, rate
-        )
+        tremor_hold.trembling_hold(HAND, tree, SolverOptions(), still, still, 1000.0, 0, noise, rate)
     glove, trembling = given
     count = 2.0 * np.pi / COUNTS
     for poses in given:

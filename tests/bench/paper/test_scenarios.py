@@ -99,13 +99,15 @@ def test_every_scene_touches_what_it_names(object_name: str, motion: str) -> Non
 
 @pytest.mark.parametrize(("object_name", "motion"), [p for p in PLAYED if load_script(p[1]).objects])
 def test_a_placed_hand_comes_free_and_its_idle_fingers_stay_free(object_name: str, motion: str) -> None:
-    from hhsim.hand.forward_kinematics import hand_shape, placed_hand
+    from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
     from hhsim.metrics.metrics import hand_clearance
 
     script, tree = load_script(motion), object_tree(object_name)
     trajectory = synthesize(script, HAND, tree)
     approach = trajectory.time < script.phases[0].duration
-    placed = placed_hand(HAND, trajectory.position, trajectory.orientation, trajectory.flexion, trajectory.abduction)
+    placed = forward_kinematics(
+        HAND, trajectory.position, trajectory.orientation, trajectory.flexion, trajectory.abduction
+    )
     palm, fingers = hand_clearance(tree.arrays(), *hand_shape(HAND), *placed, limit=0.1)
     assert min(palm[approach].min(), fingers[approach].min()) > 0.0
     idle = [f for f, finger in enumerate(FINGERS) if finger not in script.fingers]

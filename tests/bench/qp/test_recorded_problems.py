@@ -11,9 +11,9 @@ from hhsim.bench.qp.program import Program, ProgramSolver
 from hhsim.bench.qp.recorded_problems import harvest, harvest_tick
 from hhsim.bench.qp.statistics import OWN_LIMIT
 from hhsim.errors import UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL
-from hhsim.motion.tick_motion import HandMotion
 from hhsim.solver.contact_qp import coupled_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -26,7 +26,7 @@ def programs(method: str, motion: Motion) -> Iterator[Program]:
     solver = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method))
     solver.run(*(values[:1] for values in motion))
     for tick in range(1, len(motion.position)):
-        yield from harvest_tick(solver, HandMotion(*motion), tick, "test")
+        yield from harvest_tick(solver, HandConfiguration(*motion), tick, "test")
 
 
 def check(program: Program, solver: ProgramSolver) -> int:
@@ -86,7 +86,7 @@ def test_harvesting_a_tick_does_to_the_hand_what_running_it_does() -> None:
         driven = HandSolver(HAND, BALL.arrays(), options)
         driven.run(*(values[:1] for values in motion))
         for tick in range(1, 60):
-            harvest_tick(driven, HandMotion(*motion), tick, "")
+            harvest_tick(driven, HandConfiguration(*motion), tick, "")
             np.testing.assert_allclose(driven.workspace.states[0].pose.position, record.position[tick], atol=1e-7)
         assert record_clearance(HAND, BALL, record).min() >= -1e-6
 
@@ -98,7 +98,7 @@ def test_a_harvested_program_is_the_tick_s() -> None:
     motion = straight_line(opened, closed, 40)
     solver = HandSolver(HAND, BALL.arrays(), SolverOptions(linearisations=1))
     solver.run(*(values[:30] for values in motion))
-    taken = harvest_tick(solver, HandMotion(*motion), 30, "here")
+    taken = harvest_tick(solver, HandConfiguration(*motion), 30, "here")
     assert taken
     program = taken[-1]
     problem, _ = coupled_problem(solver.workspace.states[0])

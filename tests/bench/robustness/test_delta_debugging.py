@@ -27,11 +27,12 @@ from hhsim.bench.robustness.failure import (
 )
 from hhsim.bench.robustness.random_targets import StressOptions, random_targets
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK, WORK_TOUCHING
 from hhsim.motion.file import load_trajectory, save_trajectory
-from hhsim.motion.tick_motion import HandMotion
+from hhsim.motion.tick_motion import trajectory_of
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 
@@ -55,7 +56,7 @@ class SlippingSolver(HandSolver):
 def in_order(*wanted: Callable[..., Any]) -> Trial:
     """A trial without a solver: fails at the tick by which each condition has been met, one tick after the other."""
 
-    def trial(motion: HandMotion) -> Trace:
+    def trial(motion: HandConfiguration) -> Trace:
         failed, met = np.zeros(motion.ticks, dtype=bool), 0
         for tick, sample in enumerate(zip(*motion)):
             if tick > 0 and met < len(wanted) and wanted[met](*sample):
@@ -82,7 +83,7 @@ def test_only_the_samples_that_matter_are_left(seed: int, heights: list[float]) 
     assert shrunk.ticks_before == 200
     for drop in range(1, shrunk.motion.ticks):
         kept = np.delete(np.arange(shrunk.motion.ticks), drop)
-        assert not trial(shrunk.motion.chosen(kept)).failed.any()
+        assert not trial(shrunk.motion.at(kept)).failed.any()
 
 
 def test_what_does_not_matter_is_held_still_and_rounded() -> None:
@@ -99,7 +100,7 @@ def test_what_does_not_matter_is_held_still_and_rounded() -> None:
 
 def test_the_start_is_brought_up_to_the_failure() -> None:
     # Without the graphic hand shown before it, all of the way there would be needed.
-    def walk(motion: HandMotion) -> Trace:
+    def walk(motion: HandConfiguration) -> Trace:
         graphic = motion.copy()
         for tick in range(1, motion.ticks):
             step = motion.position[tick] - graphic.position[tick - 1]
@@ -128,7 +129,7 @@ def test_a_budget_ends_the_search_with_what_fails() -> None:
     calls: list[int] = []
     inner = in_order(lambda p, q, f, a: p[0] > 0.02, lambda p, q, f, a: p[1] > 0.02)
 
-    def counted(motion: HandMotion) -> Trace:
+    def counted(motion: HandConfiguration) -> Trace:
         calls.append(motion.ticks)
         return inner(motion)
 
@@ -204,7 +205,7 @@ def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:
     trajectory = load_trajectory(tmp_path / "kept.h5")
     assert trajectory.name == "kept"
     assert asdict(Provenance.of(trajectory)) == json.loads(json.dumps(asdict(made)))
-    plain = HandMotion(*(np.array(values) for values in shrunk.motion)).trajectory(name="plain")
+    plain = trajectory_of(shrunk.motion.copy(), name="plain")
     save_trajectory(plain, tmp_path / "plain.h5")
     with pytest.raises(InputError, match="plain was not kept by a stress test"):
         rerun_failure(tmp_path / "plain.h5", HAND, BALL)

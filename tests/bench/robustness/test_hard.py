@@ -29,10 +29,11 @@ from hhsim.bench.robustness.postures import HALF
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, right_hand, tree_of
 from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
-from hhsim.motion.analytic_motion import HapticMotion, still
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
@@ -190,7 +191,7 @@ def test_penetration_is_that_of_brute_force() -> None:
         assert (brute > 0.5 * depth) == (depth > 0.0)
 
 
-def stuck_at(motion: HapticMotion, record: TickRecord, tick: int) -> int:
+def stuck_at(motion: HandConfiguration, record: TickRecord, tick: int) -> int:
     status = record.status.copy()
     status[tick] |= STATUS_STUCK
     return unexplained_stuck(right_hand(), BALL, SolverOptions(), motion, record._replace(status=status))
@@ -203,7 +204,7 @@ def test_a_stuck_tick_is_explained_where_the_hand_can_go_no_nearer() -> None:
     assert stuck_at(PRESS, record, LAST) == 0
     assert stuck_at(PRESS, record, 30) == 0
     # Asked to be 12 mm lower, in air, it could; and on the ball, asked to leave it.
-    ahead = HapticMotion(*(np.roll(values, -10, axis=0) for values in PRESS))
+    ahead = HandConfiguration(*(np.roll(values, -10, axis=0) for values in PRESS))
     assert stuck_at(ahead, record, 30) == 1
     away = PRESS._replace(position=PRESS.position.copy())
     away.position[LAST, 2] += 0.1
@@ -212,7 +213,7 @@ def test_a_stuck_tick_is_explained_where_the_hand_can_go_no_nearer() -> None:
 
 def test_held_input_is_judged_by_the_last_sample_that_was_sound() -> None:
     record = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*PRESS)
-    held = HapticMotion(*(values.copy() for values in PRESS))
+    held = HandConfiguration(*(values.copy() for values in PRESS))
     held.position[31:35] = np.nan
     # Forty ticks of the motion lie between: the hand at tick 30 is where sample 30 asked it to be.
     frozen = record._replace(**{name: getattr(record, name).copy() for name in ("position", "joints", "orientation")})

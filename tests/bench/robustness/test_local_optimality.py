@@ -7,8 +7,8 @@ from sphere_scenes import bumpy_ball, sphere_tree
 
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.random_targets import StressOptions, random_targets
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.motion.tick_motion import HandMotion
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
@@ -17,8 +17,8 @@ BALL = bumpy_ball(1200)
 OPTIONS = SolverOptions()
 
 
-def tick_of(record: object, tick: int) -> HandMotion:
-    return HandMotion(*(getattr(record, name)[tick : tick + 1] for name in HandMotion._fields))
+def tick_of(record: object, tick: int) -> HandConfiguration:
+    return HandConfiguration(*(getattr(record, name)[tick : tick + 1] for name in HandConfiguration._fields))
 
 
 def test_in_free_space_the_way_is_free() -> None:
@@ -54,7 +54,7 @@ def test_a_straight_finger_that_pushes_a_wall_can_only_go_back_or_aside() -> Non
     ahead = joints[2, 3] - joints[2, 2]
     ahead /= np.linalg.norm(ahead)
     tree = sphere_tree((joints[2, 3] + (HAND.radius[2, 3] + 0.1 + 1e-9) * ahead)[None], np.array([0.1]))
-    here = HandMotion(*(np.array(values)[None] for values in sample))
+    here = HandConfiguration(*(np.array(values)[None] for values in sample))
 
     def way(direction: NDArray[np.float64]) -> float:
         goal = here.copy()

@@ -16,13 +16,13 @@ from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_
 from hhsim.bench.robustness.recorded_metrics import COLUMNS, RecordedFigures, longest_run, table_row, totals
 from hhsim.bench.table import load_table
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK, WORK_TOUCHING
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.motion.file import save_trajectory
-from hhsim.motion.tick_motion import HandMotion
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.repair import repair
 from hhsim.scene.motion_catalogue import load_recorded
@@ -49,8 +49,8 @@ def bench_object(name: str = "cup") -> BenchObject:
 def grasp(samples: int = 60) -> Trajectory:
     """A smooth hand that closes in the middle."""
     motion = repair(smooth_recording(samples, rate=50.0)).trajectory
-    closing = np.interp(np.arange(samples), [0, samples // 3, samples // 2, samples - 1], [0.0, 0.0, 1.1, 1.0])
-    flexion = np.clip(0.1 + closing[:, None, None] * np.array([0.7, 1.0, 0.6]) + 0.0 * motion.flexion, -0.2, 1.5)
+    closure = np.interp(np.arange(samples), [0, samples // 3, samples // 2, samples - 1], [0.0, 0.0, 1.1, 1.0])
+    flexion = np.clip(0.1 + closure[:, None, None] * np.array([0.7, 1.0, 0.6]) + 0.0 * motion.flexion, -0.2, 1.5)
     return replace(motion, flexion=flexion, position=0.3 * motion.position, name="grasp", flags=None)
 
 
@@ -73,7 +73,7 @@ def folder(tmp_path: Path) -> Path:
 
 def deepest(record: TickRecord, at: BenchObject, motion: Trajectory, ticks: NDArray[np.int64]) -> float:
     """Least distance of the shown hand to all leaves over some ticks [m], leaf by leaf."""
-    from hhsim.motion.quaternion import rotation_matrix
+    from hhsim.hand.quaternion import rotation_matrix
 
     center = at.tree.leaf_center @ rotation_matrix(motion.object_orientation).T + motion.object_position
     palm = HAND.palm_tree
@@ -154,7 +154,7 @@ def test_a_hand_that_stands_still_beside_a_way_is_found(folder: Path, monkeypatc
         record = run(self, *motion)
         if len(record.status) < 60:
             return record
-        for values in HandMotion(record.position, record.orientation, record.flexion, record.abduction):
+        for values in HandConfiguration.of(record):
             values[20:23] = values[19]
         record.joints[20:23] = record.joints[19]
         record.status[20:23] |= STATUS_STUCK

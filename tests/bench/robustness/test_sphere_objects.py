@@ -5,8 +5,8 @@ from sphere_scenes import Motion, brute_pairs
 
 from hhsim.bench.robustness.postures import INDEX, POINTING, crossings, handling, threaded, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, mould, plate, right_hand, ring, scaled_hand, tree_of
+from hhsim.hand.quaternion import quaternion
 from hhsim.motion.analytic_motion import still
-from hhsim.motion.quaternion import quaternion
 
 
 def test_a_tree_holds_its_spheres_whatever_their_number() -> None:

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.bvh_parser import Bvh, Joint, read_bvh
+from hhsim.recordings.bvh_parser import Bvh, Joint, looks_like_bvh, read_bvh
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
 from hhsim.recordings.frames import in_palm, to_our_world
 from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import LENGTH_UNITS
 
 Array = NDArray[np.float64]
@@ -97,6 +98,7 @@ def read_bvh_recording(
         flexion=flexion,
         abduction=abduction,
         stated=frozenset({"length", "angle"}),
+        scaled=True,
         form="bvh",
         name=name,
         hand=side,
@@ -229,3 +231,20 @@ def _scale(fingers: Array, wrist: Array, unit: str | None) -> tuple[float, float
         f"the hand is {length:.4g} long from wrist to middle fingertip, which is no hand in m, cm, mm or inch; say "
         "--length-unit"
     )
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return looks_like_bvh(content.beginning)
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    return read_bvh_recording(
+        content.text,
+        name=content.name,
+        hand=options.hand,
+        world_up=options.world_up,
+        length_unit=options.length_unit,
+    )
+
+
+FORMAT = RecordingFormat("bvh", "BVH motion capture with the joints of fingers", (".bvh",), _sniff, _read)

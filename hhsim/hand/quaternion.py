@@ -46,40 +46,33 @@ def conjugate(quaternions: ArrayLike) -> Array:
     return turned
 
 
-def rotation_matrix(unit: ArrayLike) -> Array:
-    """Matrix, shape (3, 3), of one unit quaternion (w, x, y, z)."""
-    w, x, y, z = np.asarray(unit, np.float64)
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
+def rotation_matrix(quaternions: ArrayLike) -> Array:
+    """Matrices, shape (..., 3, 3), of unit quaternions (w, x, y, z), shape (..., 4)."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternions, np.float64), -1, 0)
+    entries = [
+        *(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        *(2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        *(2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    ]
+    return np.stack(entries, axis=-1).reshape(*np.shape(w), 3, 3)
 
 
-def quaternion_from_matrix(matrix: Array) -> Array:
-    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix, shape (3, 3)."""
-    m = matrix
-    squares = np.array(
-        [
-            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
-            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
-        ]
-    )
+def quaternion_from_matrix(matrix: ArrayLike) -> Array:
+    """Unit quaternions (w, x, y, z), w >= 0, shape (..., 4), of rotation matrices, shape (..., 3, 3); NaN of NaN."""
+    m = np.moveaxis(np.asarray(matrix, np.float64), (-2, -1), (0, 1))
     wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
     xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
     rows = np.array(
         [
-            [squares[0], wx, wy, wz],
-            [wx, squares[1], xy, xz],
-            [wy, xy, squares[2], yz],
-            [wz, xz, yz, squares[3]],
+            [1.0 + m[0, 0] + m[1, 1] + m[2, 2], wx, wy, wz],
+            [wx, 1.0 + m[0, 0] - m[1, 1] - m[2, 2], xy, xz],
+            [wy, xy, 1.0 - m[0, 0] + m[1, 1] - m[2, 2], yz],
+            [wz, xz, yz, 1.0 - m[0, 0] - m[1, 1] + m[2, 2]],
         ]
     )
     # All four rows are the quaternion times one of its components; the largest loses no digits.
-    row: Array = rows[int(np.argmax(squares))]
-    row /= np.linalg.norm(row)
-    return -row if row[0] < 0.0 else row
+    squares = np.nan_to_num(np.stack([rows[k, k] for k in range(4)]), nan=-1.0)
+    row = np.moveaxis(np.take_along_axis(rows, np.argmax(squares, axis=0)[None, None], axis=0)[0], 0, -1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = row / np.linalg.norm(row, axis=-1, keepdims=True)
+    return np.ascontiguousarray(np.where(unit[..., :1] < 0.0, -unit, unit))

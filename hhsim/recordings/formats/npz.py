@@ -19,6 +19,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
 from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 
 Array = NDArray[np.float64]
 
@@ -137,3 +138,14 @@ def _meta(arrays: dict[str, Any]) -> dict[str, str]:
     except (ValueError, RecursionError):
         return {}
     return {str(key): value for key, value in meta.items() if isinstance(value, str)} if isinstance(meta, dict) else {}
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return content.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    return read_npz_recording(content.data, name=content.name, palm_axes=options.palm_axes, world_up=options.world_up)
+
+
+FORMAT = RecordingFormat("npz", "NumPy arrays t, wrist_pos, wrist_quat, flex, abd", (".npz",), _sniff, _read)

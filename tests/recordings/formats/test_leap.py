@@ -12,8 +12,9 @@ from lz_pack import pack
 
 from hhsim.errors import HhsimError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.format_detection import ReadOptions, read_bytes
-from hhsim.recordings.leap_reader import looks_like_leap, read_leap_recording
+from hhsim.recordings.formats.leap import looks_like_leap, read_leap_recording
+from hhsim.recordings.recording_format import Content, ReadOptions
+from hhsim.recordings.registry import read_content
 from hhsim.recordings.repair import repair
 
 
@@ -41,7 +42,7 @@ def test_every_packing_holds_the_same_motion() -> None:
     ]
     for text in texts:
         assert looks_like_leap(text)
-        other = read_bytes(text.encode(), ReadOptions(), name="take.json")
+        other = read_content(Content(data=text.encode(), name="take.json"), ReadOptions())
         assert other.flexion.tobytes() == plain.flexion.tobytes() and other.time.tobytes() == plain.time.tobytes()
         assert (other.form, other.name) == ("leap", "take")
 

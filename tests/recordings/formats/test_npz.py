@@ -10,11 +10,11 @@ import pytest
 from recording_samples import smooth_recording
 
 from hhsim.errors import TrajectoryError
-from hhsim.motion.quaternion import rotation_matrix
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.format_detection import read_recording
+from hhsim.recordings.formats.npz import FRAMES, read_npz_recording
 from hhsim.recordings.frames import WORLD_UP, axes_matrix, to_our_palm, to_our_world, turned, world_matrix
-from hhsim.recordings.npz_reader import FRAMES, read_npz_recording
+from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import repair
 
 CLEAN = smooth_recording(50)

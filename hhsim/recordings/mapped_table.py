@@ -1,63 +1,18 @@
-"""Recordings from CSV: our own columns, or any others by a `hhsim.recordings.column_map.ColumnMap`."""
-
-from typing import Any
+"""The recording of a table whose columns a `hhsim.recordings.column_map.ColumnMap` explains."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import TrajectoryError
-from hhsim.motion.csv_file import FLAGS, SAMPLES, object_pose, phases_of
-from hhsim.motion.quaternion import quaternion, quaternion_product
+from hhsim.motion.csv_file import phases_of
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Phase, RawChannel
-from hhsim.recordings.column_map import JOINT_NAMES, OWN_COLUMNS, ColumnMap, is_own_header
-from hhsim.recordings.csv_table import Table, read_table
+from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
+from hhsim.recordings.csv_table import Table
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world, turned
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
 
 Array = NDArray[np.float64]
-
-
-def read_csv_recording(text: str, columns: ColumnMap | None = None, *, name: str = "") -> Recording:
-    """The recording in a CSV text.
-
-    Args:
-        text: the content of the file.
-        columns: what its columns mean; our own ones if not given.
-        name: of the recording where neither the text nor the mapping names one.
-
-    Raises:
-        TrajectoryError: no table, or a column without numbers.
-        InputError: a column that the table has not, or columns that nobody explains.
-    """
-    table = read_table(
-        text, delimiter=columns.delimiter if columns else None, decimal=columns.decimal if columns else "."
-    )
-    if columns is None:
-        if not is_own_header(table.header):
-            shown = ", ".join(name[:20] for name in table.header[:8]) + (", …" if len(table.header) > 8 else "")
-            raise TrajectoryError(
-                f"the columns are {shown}; expected hhsim's own (time, px, …), or a mapping of these with --columns"
-            )
-        return _own(table, name)
-    return mapped(table, columns, name, "csv")
-
-
-def _own(table: Table, name: str) -> Recording:
-    recording = mapped(table, OWN_COLUMNS, name, "hhsim csv")
-    remarks = table.remarks
-    said: dict[str, Any] = {key: remarks[key] for key in ("name", "source", "licence", "device") if key in remarks}
-    if remarks.get("hand") in ("right", "left"):
-        said["hand"] = remarks["hand"]
-    if FLAGS in table.header:
-        bits, _ = table.numbers([FLAGS])
-        known = np.nan_to_num(bits[:, 0]).clip(0.0, 2.0**32 - 1.0)
-        recording = recording.changed(flags=known.astype(np.uint32))
-    if remarks.get(SAMPLES, str(len(table.rows))) != str(len(table.rows)):
-        text = f"{len(table.rows)} samples where the file says # {SAMPLES}: {remarks[SAMPLES]}: some are lost"
-        recording = recording.found(note(text))
-    return recording.changed(**said, **object_pose(remarks))
 
 
 def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
@@ -146,14 +101,9 @@ def euler_quaternion(angles: Array, order: str) -> Array:
         angles: [rad], shape (T, 3), in the order of `order`.
         order: three of XYZ: each turn about an axis that the turns before have turned; of xyz: about fixed axes.
     """
-    fixed = order == order.lower()
-    whole = np.tile([1.0, 0.0, 0.0, 0.0], (angles.shape[0], 1))
-    for column, axis in enumerate(order.lower()):
-        vector = np.zeros((angles.shape[0], 3))
-        vector[:, "xyz".index(axis)] = angles[:, column]
-        part = quaternion(vector)
-        whole = quaternion_product(part, whole) if fixed else quaternion_product(whole, part)
-    return whole
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_euler(order, angles).as_quat(scalar_first=True))
 
 
 def _phases(table: Table, column: str | None, time: Array) -> tuple[Phase, ...]:

@@ -5,34 +5,28 @@ pz, qw, qx, qy, qz where another tracker gave the palm's pose: the glove itself 
 the motion as they were read.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import ColumnMap
-from hhsim.recordings.csv_reader import mapped
-from hhsim.recordings.csv_table import Table
-from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
+from hhsim.recordings.csv_table import Table, read_header, read_table
+from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, Poses, calibrated
+from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 
 Array = NDArray[np.float64]
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
 MOST_NORMALISED = 1.5
 """Channels beyond this are raw counts."""
-
-
-@dataclass(frozen=True)
-class Poses:
-    """When the hand was in the poses of a calibration, each from one stamp to another [s]."""
-
-    open: tuple[float, float]
-    fist: tuple[float, float]
-    spread: tuple[float, float] | None = None
 
 
 def has_dexmo_channels(header: tuple[str, ...]) -> bool:
@@ -108,3 +102,32 @@ def _within(recording: Recording, readings: Array, span: tuple[float, float], wo
     if not inside.any():
         raise InputError(f"no sample from {span[0]:g} to {span[1]:g} s, where the hand is said to be {word}")
     return np.asarray(readings[inside])
+
+
+def calibration_of(path: Path, options: ReadOptions) -> DexmoRegression:
+    """The calibration that a recording gives itself by its poses.
+
+    Args:
+        path: The file.
+        options: With which it is read.
+
+    Raises:
+        TrajectoryError, InputError: As for `read_dexmo_table`.
+    """
+    return read_dexmo_table(read_table(Content(path).text), options.dexmo, poses=options.poses)[1]
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    if options.columns is not None or not content.is_text:
+        return False
+    try:
+        return has_dexmo_channels(read_header(content.text))
+    except TrajectoryError:
+        return False
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    return read_dexmo_table(read_table(content.text), options.dexmo, name=content.name, poses=options.poses)[0]
+
+
+FORMAT = RecordingFormat("dexmo", "a table of a Dexmo glove's eleven channels", (CSV_SUFFIX,), _sniff, _read)

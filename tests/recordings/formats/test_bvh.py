@@ -11,9 +11,10 @@ from recording_samples import smooth_recording
 from hhsim.errors import HhsimError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.bvh_parser import looks_like_bvh, read_bvh
-from hhsim.recordings.bvh_reader import finger_of, read_bvh_recording, side_of
-from hhsim.recordings.format_detection import ReadOptions, read_bytes
+from hhsim.recordings.formats.bvh import finger_of, read_bvh_recording, side_of
 from hhsim.recordings.hand_displacement import turn
+from hhsim.recordings.recording_format import Content, ReadOptions
+from hhsim.recordings.registry import read_content
 from hhsim.recordings.repair import repair
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
@@ -177,6 +178,6 @@ def test_damaged_text_is_refused_or_mended_and_never_crashes() -> None:
             some[place] = source.choice(["", "{", "}", "nan", "1e400", "-7", "OFFSET", "End Site", "MOTION\n", some[0]])
         text = " ".join(some)[: source.choice([10**9, source.randrange(len(TEXT))])]
         try:
-            repair(read_bytes(text.encode(), ReadOptions(), name="take"))
+            repair(read_content(Content(data=text.encode(), name="take"), ReadOptions()))
         except HhsimError as error:
             assert "\n" not in str(error) and len(str(error)) < 400

@@ -23,6 +23,7 @@ from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation
 from hhsim.recordings.frames import in_palm, to_our_world
 from hhsim.recordings.lz_string import LETTERS, unpack
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 
 Array = NDArray[np.float64]
 
@@ -235,3 +236,14 @@ def _vector(value: Any) -> list[float]:
     if not isinstance(value, list) or len(value) != 3:
         return [float("nan")] * 3
     return [_number(item) for item in value]
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return looks_like_leap(content.beginning)
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    return read_leap_recording(content.text, name=content.name.removesuffix(".json"), hand=options.hand)
+
+
+FORMAT = RecordingFormat("leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1)

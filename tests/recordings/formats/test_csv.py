@@ -7,13 +7,14 @@ import pytest
 from recording_samples import smooth_recording
 
 from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
-from hhsim.motion.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.column_map import OWN_COLUMNS, parse_column_map, read_column_map
-from hhsim.recordings.csv_reader import euler_quaternion, read_csv_recording
 from hhsim.recordings.csv_table import read_table
+from hhsim.recordings.formats.csv import read_csv_recording
 from hhsim.recordings.frames import turned
+from hhsim.recordings.mapped_table import euler_quaternion
 from hhsim.recordings.repair import repair
 
 GLOVE = """

@@ -1,0 +1,83 @@
+"""Configurations of a hand along time as plain arrays: what a solver takes and a record holds, and what can be cut up.
+
+They have no stamps and are not checked: they may hold what a broken device sends.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
+
+Array = NDArray[np.float64]
+
+
+class _Posed(Protocol):
+    """Whatever holds the four arrays among others: ticks, a record of them, a trajectory."""
+
+    @property
+    def position(self) -> Array: ...
+    @property
+    def orientation(self) -> Array: ...
+    @property
+    def flexion(self) -> Array: ...
+    @property
+    def abduction(self) -> Array: ...
+
+
+class HandConfiguration(NamedTuple):
+    """Configurations of a hand, one a tick or sample, world frame; a single one has no T.
+
+    Attributes:
+        position: Palm origin [m], shape (T, 3).
+        orientation: Palm to world, (w, x, y, z), shape (T, 4).
+        flexion: Thumb to little finger, proximal to distal [rad], shape (T, 5, 3).
+        abduction: Thumb to little finger [rad], shape (T, 5).
+    """
+
+    position: Array
+    orientation: Array
+    flexion: Array
+    abduction: Array
+
+    @classmethod
+    def of(cls, posed: _Posed) -> "HandConfiguration":
+        """Those in a record that has more than them, as its own arrays."""
+        return cls(posed.position, posed.orientation, posed.flexion, posed.abduction)
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks T."""
+        return len(self.position)
+
+    def part(self, first: int, last: int | None = None) -> "HandConfiguration":
+        """Ticks `first` to `last` - 1, as views; negative ones count from the end."""
+        return self.at(slice(first, last))
+
+    def at(self, ticks: int | slice | NDArray[np.int64]) -> "HandConfiguration":
+        """A single tick or a slice, as views, or the ticks of these numbers in this order, as copies."""
+        return HandConfiguration(*(values[ticks] for values in self))
+
+    def copy(self) -> "HandConfiguration":
+        """The same in arrays of its own."""
+        return HandConfiguration(*(np.array(values, dtype=np.float64, order="C") for values in self))
+
+    def hold(self, ticks: int) -> "HandConfiguration":
+        """This motion, and its last configuration for some ticks more."""
+        return sequence(self, HandConfiguration(*(np.repeat(values[-1:], ticks, axis=0) for values in self)))
+
+    def line(self, goal: "HandConfiguration", ticks: int) -> "HandConfiguration":
+        """This motion, and from its last configuration at constant speed to the first one of `goal`, reached last."""
+        share = np.arange(1, ticks + 1) / ticks
+        parts = [
+            a[-1] + share.reshape(-1, *[1] * (a.ndim - 1)) * (b[0] - a[-1]) for a, b in zip(self, goal, strict=True)
+        ]
+        vector = rotation_vector(quaternion_product(goal.orientation[0], conjugate(self.orientation[-1])))
+        parts[1] = quaternion_product(quaternion(share[:, None] * vector), self.orientation[-1])
+        return sequence(self, HandConfiguration(*parts))
+
+
+def sequence(*motions: HandConfiguration) -> HandConfiguration:
+    """One motion after the other."""
+    return HandConfiguration(*(np.concatenate(parts) for parts in zip(*motions, strict=True)))

@@ -1,0 +1,82 @@
+"""Recordings from CSV: our own columns, or any others by a `hhsim.recordings.column_map.ColumnMap`."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.csv_file import CSV_SUFFIX, FLAGS, SAMPLES, object_pose
+from hhsim.recordings.column_map import OWN_COLUMNS, ColumnMap, is_own_header
+from hhsim.recordings.csv_table import Table, read_header, read_table
+from hhsim.recordings.mapped_table import mapped
+from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+
+
+def read_csv_recording(text: str, columns: ColumnMap | None = None, *, name: str = "") -> Recording:
+    """The recording in a CSV text.
+
+    Args:
+        text: the content of the file.
+        columns: what its columns mean; our own ones if not given.
+        name: of the recording where neither the text nor the mapping names one.
+
+    Raises:
+        TrajectoryError: no table, or a column without numbers.
+        InputError: a column that the table has not, or columns that nobody explains.
+    """
+    table = read_table(
+        text, delimiter=columns.delimiter if columns else None, decimal=columns.decimal if columns else "."
+    )
+    if columns is None:
+        if not is_own_header(table.header):
+            shown = ", ".join(name[:20] for name in table.header[:8]) + (", …" if len(table.header) > 8 else "")
+            raise TrajectoryError(
+                f"the columns are {shown}; expected hhsim's own (time, px, …), or a mapping of these with --columns"
+            )
+        return _own(table, name)
+    return mapped(table, columns, name, "csv")
+
+
+def _own(table: Table, name: str) -> Recording:
+    recording = mapped(table, OWN_COLUMNS, name, "hhsim csv")
+    remarks = table.remarks
+    said: dict[str, Any] = {key: remarks[key] for key in ("name", "source", "licence", "device") if key in remarks}
+    if remarks.get("hand") in ("right", "left"):
+        said["hand"] = remarks["hand"]
+    if FLAGS in table.header:
+        bits, _ = table.numbers([FLAGS])
+        known = np.nan_to_num(bits[:, 0]).clip(0.0, 2.0**32 - 1.0)
+        recording = recording.changed(flags=known.astype(np.uint32))
+    if remarks.get(SAMPLES, str(len(table.rows))) != str(len(table.rows)):
+        text = f"{len(table.rows)} samples where the file says # {SAMPLES}: {remarks[SAMPLES]}: some are lost"
+        recording = recording.found(note(text))
+    return recording.changed(**said, **object_pose(remarks))
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return content.is_text
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    if options.dexmo is not None or options.poses is not None:
+        raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
+    columns = options.columns
+    if columns is None and (options.palm_axes or options.world_up) and is_own_header(read_header(content.text)):
+        columns = OWN_COLUMNS
+    if columns is not None:
+        axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
+        columns = replace(columns, palm_axes=tuple(axes), world_up=up)
+    return read_csv_recording(content.text, columns, name=content.name)
+
+
+FORMAT = RecordingFormat(
+    "csv",
+    "a table: hhsim's own columns, or any with --columns",
+    (CSV_SUFFIX,),
+    _sniff,
+    _read,
+    rank=2,
+    takes_columns=True,
+)

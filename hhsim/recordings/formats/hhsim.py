@@ -1,0 +1,45 @@
+"""Our own HDF5 files: a trajectory, or the motion of a result or a session, to be looked over once more."""
+
+from dataclasses import fields
+from typing import Any, get_args
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.file import HDF5_SUFFIXES, read_fields
+from hhsim.motion.trajectory import HandSide, Trajectory
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.result.motion import holds_a_result, load_result_motion
+
+SIGNATURE = b"\x89HDF"
+
+
+def recording_of(trajectory: Trajectory) -> Recording:
+    """A trajectory as a recording."""
+    return _recording({field.name: getattr(trajectory, field.name) for field in fields(trajectory)})
+
+
+def _recording(given: dict[str, Any]) -> Recording:
+    """The recording of a trajectory's fields, which need not make one: there may be NaN in them."""
+    known = given | {"form": "hhsim"}
+    if given["hand"] not in get_args(HandSide):
+        raise TrajectoryError(f"hand is '{given['hand']}'; expected right, left, or nothing")
+    if given.get("flags") is None:
+        known.pop("flags", None)
+    return Recording(**known)
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return content.head.startswith(SIGNATURE)
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    if content.path is None:
+        raise InputError("an HDF5 file is read from its path")
+    if holds_a_result(content.path):
+        # Read in parts, however long the session is.
+        return recording_of(load_result_motion(content.path))
+    content.refuse_large()
+    return _recording(read_fields(content.path))
+
+
+FORMAT = RecordingFormat("hhsim", "a trajectory, a result or a session of hhsim, .h5", HDF5_SUFFIXES, _sniff, _read)

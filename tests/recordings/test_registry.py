@@ -1,0 +1,137 @@
+"""The formats of recordings: what each says of itself, which one a file is of, and what it takes to add one."""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError
+from hhsim.motion.file import load_trajectory
+from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings import formats
+from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.dexmo_regression import CHANNELS
+from hhsim.recordings.recording_format import Content, ReadOptions
+from hhsim.recordings.registry import format_of, read_content, read_recording, recording_formats, recording_suffixes
+from hhsim.scene.motion_catalogue import resolve_trajectory
+
+JOINTS_PER_LINE = '''
+"""One JSON object a line: a stamp [s] and the angles of the joints [rad]."""
+
+import json
+
+import numpy as np
+
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return content.beginning.startswith('{"t":')
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    samples = [json.loads(line) for line in content.text.splitlines()]
+    count = len(samples)
+    return Recording(
+        time=[sample["t"] for sample in samples],
+        position=np.zeros((count, 3)),
+        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+        flexion=[sample["flexion"] for sample in samples],
+        abduction=np.zeros((count, 5)),
+        form="jointlines",
+        name=content.name,
+    )
+
+
+FORMAT = RecordingFormat("jointlines", "joint angles, one JSON object a line", (".jointlines",), _sniff, _read)
+'''
+
+
+@pytest.fixture
+def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A recording of a format that one more module makes known."""
+    folder = tmp_path / "formats"
+    folder.mkdir()
+    (folder / "jointlines.py").write_text(JOINTS_PER_LINE)
+    monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(folder)])
+    path = tmp_path / "take.jointlines"
+    bend = np.linspace(0.1, 0.4, 50)
+    path.write_text("\n".join(json.dumps({"t": 0.01 * k, "flexion": [[b] * 3] * 5}) for k, b in enumerate(bend)))
+    yield path
+    sys.modules.pop(f"{formats.__name__}.jointlines", None)
+
+
+def test_a_new_format_is_one_new_file(added: Path, run: Run, tmp_path: Path) -> None:
+    recording = read_recording(added)
+    assert (recording.form, recording.name, recording.sample_count) == ("jointlines", "take", 50)
+    assert ".jointlines" in recording_suffixes()
+    assert run("import", str(added), "--out", "take.h5", "--quiet") == (0, "", "")
+    imported = load_trajectory(tmp_path / "take.h5")
+    assert np.allclose(imported.flexion[:, 1, 2], np.linspace(0.1, 0.4, 50))
+    replayed = resolve_trajectory(added)
+    assert isinstance(replayed, Trajectory)
+    assert np.array_equal(replayed.flexion, imported.flexion)
+    # What tells a user which formats there are tells of it.
+    code, _, err = run("import", str(added), "--format", "jointline")
+    assert code == 2 and "unknown format 'jointline': did you mean jointlines?" in err
+    assert "jointlines" in run("import", "--help")[1]
+    with pytest.raises(TrajectoryError, match=r"neither text nor a known format; expected one of .*jointlines"):
+        read_content(Content(data=b"\x00" * 100), ReadOptions())
+
+
+def test_a_format_is_named_as_its_module() -> None:
+    assert sorted(recording_formats()) == formats.format_names()
+    assert "jointlines" not in recording_formats()
+
+
+def test_the_page_tells_of_every_format(repository: Path) -> None:
+    page = (repository / "docs" / "recordings.md").read_text(encoding="utf-8")
+    table = page[page.index("| format |") :].split("\n\n")[0]
+    assert sorted(line.split("`")[1] for line in table.splitlines()[2:]) == formats.format_names()
+
+
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (b"\x89HDF\r\n", "hhsim"),
+        (b"PK\x03\x04", "npz"),
+        (b"\xef\xbb\xbf  hierarchy\nROOT", "bvh"),
+        (b' {"frames": []}', "leap"),
+        (b"N4IgZgTghgtgpgZxALgNqoIwBoBMBdLTXPPAXyAA", "leap"),
+        (b"time,px\n0,1\n", "csv"),
+        ("\ufefftime;px\n0;1\n".encode("utf-16"), "csv"),
+    ],
+)
+def test_the_content_decides(data: bytes, name: str) -> None:
+    assert format_of(Content(data=data), ReadOptions()).name == name
+
+
+def test_a_mapping_of_columns_wins_over_a_gloves_channels_and_fits_no_other_format() -> None:
+    table = Content(data=f"# by: me\ntime,{','.join(CHANNELS)}\n0{',0' * 11}\n".encode())
+    columns = parse_column_map("rate = 100\n[joint]\nindex_flex1 = 'index_bend'", where="glove.toml")
+    assert format_of(table, ReadOptions()).name == "dexmo"
+    assert format_of(table, ReadOptions(columns=columns)).name == "csv"
+    with pytest.raises(InputError, match="--columns explains a table, and this is BVH motion capture"):
+        read_content(Content(data=b"HIERARCHY"), ReadOptions(columns=columns))
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="unknown format 'nzp': did you mean npz"):
+        format_of(Content(data=b"1"), ReadOptions(form="nzp"))
+    with pytest.raises(TrajectoryError, match="empty; expected a recording"):
+        format_of(Content(data=b" " * 5000), ReadOptions())
+    with pytest.raises(TrajectoryError, match="no text; expected a recording of another format"):
+        read_content(Content(data=b"\x00" * 100), ReadOptions(form="bvh"))
+    with pytest.raises(TrajectoryError, match=r"none\.npz: cannot be read: No such file"):
+        read_recording(tmp_path / "none.npz")
+    large = tmp_path / "large.csv"
+    with large.open("wb") as file:
+        file.write(b"time,px\n" * 1000)
+        file.truncate((1 << 30) + 1)
+    with pytest.raises(TrajectoryError, match=r"large\.csv: more than 1 GB; expected a recording of a hand"):
+        read_recording(large)
