@@ -15,13 +15,6 @@ if TYPE_CHECKING:
     from hhsim.trees.sphere_tree import SphereTree
 
 
-def complete_method(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[str]:
-    """Names of the ways to build a tree that begin with what was typed."""
-    from hhsim.trees.methods import METHODS
-
-    return [name for name in METHODS if name.startswith(incomplete)]
-
-
 @click.command()
 @click.argument("object_", metavar="OBJECT", shell_complete=complete_object)
 @click.option(
@@ -60,14 +53,6 @@ def complete_method(_context: click.Context, _parameter: click.Parameter, incomp
     "spheres are off to both sides, by half as much.",
 )
 @click.option(
-    "--method",
-    default="certified",
-    metavar="NAME",
-    shell_complete=complete_method,
-    help="The builder: certified, every level a proved cover; or, to compare with, medial, octree-fitted or octree. "
-    "Default: certified.",
-)
-@click.option(
     "--threads",
     type=click.IntRange(1, 64),
     metavar="N",
@@ -96,7 +81,6 @@ def command(
     max_error: float | None,
     branching: int,
     cover: str,
-    method: str,
     threads: int | None,
     plot: Path | None,
     source: Path | None,
@@ -122,7 +106,7 @@ def command(
       hhsim build-tree bunny --leaves 2924
       hhsim build-tree bunny --max-error 0.2mm
       hhsim build-tree bunny --level 3 --cover balanced
-      hhsim build-tree cup --level 3 --branching 6 --method medial
+      hhsim build-tree cup --level 3 --branching 6
       hhsim build-tree bunny --level 3 --plot bunny-tree.png
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
       hhsim build-tree bowl.stl --unit mm --thickness 2
@@ -141,7 +125,7 @@ def command(
     mesh, usual_level = read_object(object_, unit, size, thickness)
     if level is None and leaves is None and max_error is None:
         level = usual_level
-    wanted = TreeOptions(level, branching, leaves, seed, method, cover, max_error)
+    wanted = TreeOptions(level, branching, leaves, seed, cover, max_error)
     kind = f"{1e6 * max_error:.0f}um" if max_error else wanted.leaves or wanted.level
     path = out or dated_destination(f"{mesh.name}-tree-{source.stem if source else kind}")
     if path.suffix not in (".h5", ".sph"):

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -37,13 +38,13 @@ from hhsim.trees.error import measure_levels, prove_cover
 from hhsim.trees.file import load_tree, save_tree
 from hhsim.trees.hierarchy import cover_hierarchy
 from hhsim.trees.level_cover import LevelCover
-from hhsim.trees.methods import METHODS, Progress
 from hhsim.trees.sphere_count_search import find_fewest
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.surface_cover import cover_of, in_own_frame
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Progress = Callable[[str, int, int], None]
 
 MOST_LEVEL = 5
 MOST_LEAVES = 262_144
@@ -90,7 +91,6 @@ class TreeOptions:
         branching: Most children of a node.
         leaves: Most leaves; None for branching ** level.
         seed: Of the samples that measure the errors; the spheres do not depend on it.
-        method: Way to build it, one of `hhsim.trees.methods.METHODS`.
         cover: "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
         max_error: Farthest that the leaves may be off the mesh, as proved [m]: as few leaves are taken as that needs,
             see `hhsim.trees.sphere_count_search.find_fewest`. None to take all.
@@ -100,7 +100,6 @@ class TreeOptions:
     branching: int = 8
     leaves: int | None = None
     seed: int = 0
-    method: str = "certified"
     cover: str = "outer"
     max_error: float | None = None
 
@@ -108,17 +107,11 @@ class TreeOptions:
         """Check the ranges, and put the level in that is meant by None.
 
         Raises:
-            InputError: A value out of its range, or one that the method cannot do.
-            UnknownNameError: No such method or cover.
+            InputError: A value out of its range.
+            UnknownNameError: No such cover.
         """
-        if self.method not in METHODS:
-            raise UnknownNameError("tree method", self.method, METHODS)
         if self.cover not in COVERS:
             raise UnknownNameError("cover", self.cover, COVERS)
-        if METHODS[self.method].grow is not None and (self.cover != "outer" or self.max_error is not None):
-            raise InputError(
-                f"method {self.method} proves nothing: a balanced cover or a largest error needs certified"
-            )
         if self.max_error is not None and not (math.isfinite(self.max_error) and self.max_error > 0.0):
             raise InputError(f"the largest error is {self.max_error:g} m, expected a positive length")
         if not 2 <= self.branching <= 64:
@@ -161,7 +154,7 @@ def build_sphere_tree(
 ) -> SphereTree:
     """Build and measure a tree.
 
-    By the default method each level has a cover of its own that is proved to contain the whole surface, with
+    Each level has a cover of its own that is proved to contain the whole surface, with
     branching ** level balls; the leaves are that of the last level, and every inner node encloses the leaves below it.
 
     Args:
@@ -178,13 +171,9 @@ def build_sphere_tree(
     vertices = np.ascontiguousarray(mesh.vertices, np.float64)
     faces = np.ascontiguousarray(mesh.faces, np.int64)
     bvh = build_mesh_bvh(vertices, faces)
-    grow = METHODS[options.method].grow
     with Workers(threads) as workers:
         try:
-            if grow is None:
-                tree = _Builder(vertices, faces, bvh, options, progress, workers).build()
-            else:
-                tree = grow(mesh, options.leaf_level, options.branching, options.leaves, progress)
+            tree = _Builder(vertices, faces, bvh, options, progress, workers).build()
         except (MeshError, InputError) as error:
             raise type(error)(f"{mesh.name}: {error}") from error
         if progress is not None:
@@ -194,7 +183,7 @@ def build_sphere_tree(
 
 
 class _Builder:
-    """Builds a certified tree, level by level."""
+    """Builds a tree level by level."""
 
     def __init__(
         self,
@@ -333,6 +322,6 @@ def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
     """Where the cache keeps the tree of a mesh."""
     digest = hashlib.sha256(mesh.sha256.encode())
     digest.update(json.dumps(asdict(options), sort_keys=True).encode())
-    for source in (__file__, *(str(module.__file__) for module in _SOURCES + METHODS[options.method].sources)):
+    for source in (__file__, *(str(module.__file__) for module in _SOURCES)):
         digest.update(Path(source).read_bytes())
     return cache_root() / "trees" / f"{digest.hexdigest()[:32]}.h5"

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
-from hhsim.trees.methods import Progress
+from hhsim.trees.builder import MOST_LEVEL, Progress, TreeOptions, cached_sphere_tree
 from hhsim.trees.sphere_tree import SphereTree
 
 

@@ -74,7 +74,6 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
         "branching": 8,
         "leaves": None,
         "seed": 0,
-        "method": "certified",
         "cover": "outer",
         "max_error": None,
     }
@@ -190,7 +189,7 @@ def test_the_cache_knows_every_source_that_a_tree_depends_on() -> None:
     done = subprocess.run([sys.executable, "-c", SOURCES], capture_output=True, text=True, check=True)
     known = {module.__name__ for module in tree_builder._SOURCES}
     # Not what a tree is, but how it is computed, reported, written and walked.
-    other = {"errors", "workers", "whole_file", "kernels", "kernels.jit", "kernels.tree"}
+    other = {"errors", "kernels", "kernels.jit", "kernels.sphere_tree"}
     assert set(done.stdout.split()) - {f"hhsim.{name}" for name in other} == known
 
 
@@ -282,7 +281,6 @@ def test_meshes_without_an_inside_are_refused() -> None:
         {"branching": 1},
         {"leaves": 0},
         {"leaves": 65, "level": 2},
-        {"method": "certifed"},
         {"cover": "inner"},
         {"leaves": 8**5 + 1},
         {"max_error": 0.0},
