@@ -116,8 +116,9 @@ def command(
     from hhsim.system.output_path import check_destination, dated_destination
     from hhsim.system.picture_path import check_picture
     from hhsim.system.thread_pool import usual_threads
-    from hhsim.trees.builder import TreeOptions, cache_path, cached_sphere_tree
+    from hhsim.trees.cache import cache_path, kept_sphere_tree
     from hhsim.trees.file import save_tree
+    from hhsim.trees.options import TreeOptions
     from hhsim.trees.sph_format import save_sph
 
     announce_compilation(quiet=quiet)
@@ -139,7 +140,7 @@ def command(
     start = time.perf_counter()
     with progress(quiet=quiet) as report:
         if source is None:
-            tree = cached_sphere_tree(mesh, wanted, report, threads or usual_threads())
+            tree = kept_sphere_tree(mesh, wanted, report, threads or usual_threads())
         else:
             unit_length = tree_file.length_unit(object_, unit, size, source_unit)
             found = tree_file.imported_tree(source, mesh, frame, unit_length, seed, report)

@@ -26,7 +26,8 @@ from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
 from hhsim.solver.options import DEFAULTS, METHODS, PAPER_DEFAULTS, SolverOptions, Stiffness
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")

@@ -136,7 +136,8 @@ def command(
     from hhsim.mesh.catalogue import object_names
     from hhsim.solver.options import METHODS, SAFE_METHODS, SolverOptions
     from hhsim.system.output_path import RESULTS, dated_destination
-    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+    from hhsim.trees.cache import cached_sphere_tree
+    from hhsim.trees.options import TreeOptions
 
     changed: dict[str, Any] = {"linearisations": linearisations, "margin": None if margin is None else 1e-3 * margin}
     changed = {name: value for name, value in changed.items() if value is not None}

@@ -27,7 +27,8 @@ from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import THREADED_METHODS, SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]

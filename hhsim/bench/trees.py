@@ -17,7 +17,8 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.cup import cup
 from hhsim.mesh.generators import cube, cylinder, hexagonal_prism
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import MOST_LEVEL, TreeOptions, build_sphere_tree
+from hhsim.trees.builder import build_sphere_tree
+from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.published_results import BARS, EXTENT, LEAST_GAP, REFERENCES
 from hhsim.trees.sphere_tree import SphereTree
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import MOST_LEVEL, Progress, TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import Progress, cached_sphere_tree
+from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 

@@ -28,7 +28,8 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import THREADED_METHODS, SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 METHODS = pytest.mark.parametrize("method", THREADED_METHODS)

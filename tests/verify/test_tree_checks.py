@@ -12,8 +12,10 @@ from trimesh.triangles import closest_point
 from hhsim.errors import MeshError
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import TreeOptions, build_sphere_tree, cached_sphere_tree
+from hhsim.trees.builder import build_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.tree_checks import TrueSurface, Verdict, main, moved_at_random, referee, sticking_out
 

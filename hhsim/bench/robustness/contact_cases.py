@@ -14,7 +14,8 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import frozen_decay
 from hhsim.motion.analytic_motion import HapticMotion, random_targets, sequence, still
 from hhsim.motion.quaternion import quaternion, quaternion_product
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
