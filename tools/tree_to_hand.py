@@ -32,7 +32,6 @@ from hhsim.trees.options import TreeOptions
 from hhsim.verify.mesh_distance import BODIES, HandReferee
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 TOUCH = 1e-5
 """Spheres nearer than this [m] touch."""

@@ -34,7 +34,6 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 

@@ -138,7 +138,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
         ("paper", bench_paper.PaperOptions(), ("methods", "instances", "repetitions")),
         ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "levels")),
         ("trees", bench_trees.TreesOptions(), ("objects", "spheres")),
-        ("threads", bench_threads.ThreadsOptions(), ("objects", "cases", "methods", "threads")),
+        ("threads", bench_threads.ThreadsOptions(), ("objects", "threads")),
     )
     for suite, run, fields in suites:
         for field in fields:

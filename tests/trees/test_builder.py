@@ -293,14 +293,14 @@ from hhsim.kernels.cover import micro_triangle
 from hhsim.kernels.mesh import bvh as mesh_bvh
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees import builder, coverage_check, error, hierarchy, surface_cover
-from hhsim.trees.options import BUILDER_VERSION, TreeOptions
+from hhsim.trees.options import TreeOptions
 
 shape = trimesh.creation.box((0.1, 0.1, 0.1))
 vertices, faces = np.asfortranarray(shape.vertices), np.asfortranarray(shape.faces)
 for array in (vertices, faces):
     array.setflags(write=False)
 builder.build_sphere_tree(Mesh(vertices, faces), TreeOptions(level=1))
-surface_cover.build_cover(vertices, faces, 8)
+surface_cover.cover_of(surface_cover.in_own_frame(vertices, faces), 8)
 tree = hierarchy.build_hierarchy(np.asfortranarray(np.eye(3)), np.ones(3, np.float32), 1, 8)
 bvh = mesh_bvh.build_mesh_bvh(vertices, faces)
 mesh_bvh.mesh_signed_distance(bvh, np.asfortranarray(np.eye(3)))

@@ -15,7 +15,6 @@ from hhsim.errors import InputError
 from hhsim.motion.tick_motion import HandMotion, joined
 
 Mask = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 MOST_RUNS = 3000
 """Candidates that are tried at most."""
