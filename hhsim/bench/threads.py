@@ -182,7 +182,7 @@ def _sample(replay: _Replay, record: TickRecord, instances: int) -> NDArray[np.i
 
 
 def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
-    rows = []
+    rows: list[dict[str, Any]] = []
     for replay in group:
         assert replay.instances is not None
         times = np.median(replay.rounds, axis=0).mean(axis=1)
