@@ -15,13 +15,6 @@ if TYPE_CHECKING:
     from hhsim.trees.sphere_tree import SphereTree
 
 
-def complete_method(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[str]:
-    """Names of the ways to build a tree that begin with what was typed."""
-    from hhsim.trees.methods import METHODS
-
-    return [name for name in METHODS if name.startswith(incomplete)]
-
-
 @click.command()
 @click.argument("object_", metavar="OBJECT", shell_complete=complete_object)
 @click.option(
@@ -60,14 +53,6 @@ def complete_method(_context: click.Context, _parameter: click.Parameter, incomp
     "spheres are off to both sides, by half as much.",
 )
 @click.option(
-    "--method",
-    default="certified",
-    metavar="NAME",
-    shell_complete=complete_method,
-    help="The builder: certified, every level a proved cover; or, to compare with, medial, octree-fitted or octree. "
-    "Default: certified.",
-)
-@click.option(
     "--threads",
     type=click.IntRange(1, 64),
     metavar="N",
@@ -96,7 +81,6 @@ def command(
     max_error: float | None,
     branching: int,
     cover: str,
-    method: str,
     threads: int | None,
     plot: Path | None,
     source: Path | None,
@@ -122,7 +106,7 @@ def command(
       hhsim build-tree bunny --leaves 2924
       hhsim build-tree bunny --max-error 0.2mm
       hhsim build-tree bunny --level 3 --cover balanced
-      hhsim build-tree cup --level 3 --branching 6 --method medial
+      hhsim build-tree cup --level 3 --branching 6
       hhsim build-tree bunny --level 3 --plot bunny-tree.png
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
       hhsim build-tree bowl.stl --unit mm --thickness 2
@@ -132,8 +116,9 @@ def command(
     from hhsim.system.output_path import check_output_path, dated_output_path
     from hhsim.system.picture_path import check_picture
     from hhsim.system.thread_pool import usual_threads
-    from hhsim.trees.builder import TreeOptions, cache_path, cached_sphere_tree
+    from hhsim.trees.cache import cache_path, kept_sphere_tree
     from hhsim.trees.file import save_tree
+    from hhsim.trees.options import TreeOptions
     from hhsim.trees.sph_format import save_sph
 
     announce_compilation(quiet=quiet)
@@ -141,7 +126,7 @@ def command(
     mesh, usual_level = read_object(object_, unit, size, thickness)
     if level is None and leaves is None and max_error is None:
         level = usual_level
-    wanted = TreeOptions(level, branching, leaves, seed, method, cover, max_error)
+    wanted = TreeOptions(level, branching, leaves, seed, cover, max_error)
     kind = f"{1e6 * max_error:.0f}um" if max_error else wanted.leaves or wanted.level
     path = out or dated_output_path(f"{mesh.name}-tree-{source.stem if source else kind}")
     if path.suffix not in (".h5", ".sph"):
@@ -155,7 +140,7 @@ def command(
     start = time.perf_counter()
     with progress(quiet=quiet) as report:
         if source is None:
-            tree = cached_sphere_tree(mesh, wanted, report, threads or usual_threads())
+            tree = kept_sphere_tree(mesh, wanted, report, threads or usual_threads())
         else:
             unit_length = tree_file.length_unit(object_, unit, size, source_unit)
             found = tree_file.imported_tree(source, mesh, frame, unit_length, seed, report)

@@ -49,7 +49,7 @@ def check_source(source: Path | None, frame: str | None, source_unit: str | None
                 raise click.UsageError(f"{option} is for --from FILE.sph")
         return
     context = click.get_current_context()
-    for name in ("level", "leaves", "max_error", "branching", "cover", "method", "threads"):
+    for name in ("level", "leaves", "max_error", "branching", "cover", "threads"):
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             raise click.UsageError(f"--{name.replace('_', '-')} is for trees that are built; {source} has its own")
     if source.suffix == ".h5" and (frame or source_unit):

@@ -76,8 +76,9 @@ def choose_tree(
     unit_length: float = 1.0,
 ) -> ChosenTree:
     """Build or load the tree that the options ask for; `unit_length` [m] is that of a .sph `file`."""
-    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+    from hhsim.trees.cache import cached_sphere_tree
     from hhsim.trees.level_choice import coarsest_sphere_tree
+    from hhsim.trees.options import TreeOptions
 
     if file is not None:
         from hhsim.trees.foreign_tree import load_tree_for

@@ -23,7 +23,8 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.result.safety import Safety
 from hhsim.solver.compile import warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 IN_TIME = 50_000_000
 """Fingers are free so long after a fault where the loop runs in real time [ns]."""

@@ -10,7 +10,8 @@ from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import Script, parse_script
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 APPROACH, CLOSING = 0.05, 0.1
 """Before the hold [s]."""

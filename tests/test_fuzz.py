@@ -36,8 +36,9 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.system.output_path import free_name
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.file import load_tree, save_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]

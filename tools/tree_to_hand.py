@@ -27,11 +27,11 @@ from hhsim.scene.scene import make_scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.verify.mesh_distance import BODIES, HandReferee
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 TOUCH = 1e-5
 """Spheres nearer than this [m] touch."""

@@ -8,8 +8,8 @@ SUITES = {
     "hard": "Every hard case, for every method: pass or fail, and the figure.",
     "stress": "Random targets on any object, as long as you like; a failing motion is kept, shrunk to a few ticks.",
     "recorded": "Recordings of real hands against any objects: penetration, force variation, time, lag, stuck.",
-    "qp": "The programs of real ticks and degenerate ones, solved by every solver at hand.",
-    "trees": "Builders of sphere trees: error against spheres against CPU time, beside other programs.",
+    "qp": "The programs of real ticks, solved by every solver at hand.",
+    "trees": "Sphere trees: error against spheres against CPU time, beside other programs.",
     "threads": "One thread or several: detection, response and total, by how much of the hand is in contact.",
 }
 """Every suite with its one line."""

@@ -96,7 +96,8 @@ def command(
     from hhsim.mesh.catalogue import names_a_file
     from hhsim.solver.options import SolverOptions
     from hhsim.system.output_path import dated_output_path
-    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+    from hhsim.trees.cache import cached_sphere_tree
+    from hhsim.trees.options import TreeOptions
 
     solvers = [SolverOptions(method=method) for method in methods or ("coupled", "progressive")]
     files = recording_files(recordings)[:limit]

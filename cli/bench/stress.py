@@ -137,7 +137,8 @@ def command(
     from hhsim.solver.method import METHODS, never_penetrates
     from hhsim.solver.options import SolverOptions
     from hhsim.system.output_path import RESULTS, dated_output_path
-    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+    from hhsim.trees.cache import cached_sphere_tree
+    from hhsim.trees.options import TreeOptions
 
     changed: dict[str, Any] = {"linearisations": linearisations, "margin": None if margin is None else 1e-3 * margin}
     changed = {name: value for name, value in changed.items() if value is not None}

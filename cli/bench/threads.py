@@ -13,10 +13,7 @@ from ..name_list import counts, names
 
 @click.command()
 @names("--object", "objects", "Objects. Default: cup,bunny.")
-@names("--case", "cases", "Cases of the paper. Default: SF,TF,FF,WH.")
-@names("--method", "methods", "Methods. Default: progressive,coupled.")
 @counts("--threads", "threads", "Numbers of threads. Default: 1,2.")
-@click.option("--quick", is_flag=True, help="Only the load of the paper's figure: level 4, 1 mm.")
 @click.option(
     "--instances",
     type=click.IntRange(1),
@@ -33,10 +30,7 @@ from ..name_list import counts, names
 @options.quiet
 def command(
     objects: tuple[str, ...] | None,
-    cases: tuple[str, ...] | None,
-    methods: tuple[str, ...] | None,
     threads: tuple[int, ...] | None,
-    quick: bool,
     instances: int,
     rounds: int,
     out: Path | None,
@@ -46,26 +40,24 @@ def command(
     """Measure when threads pay: the paper's Fig. 15.
 
     Single finger (SF), two fingers (TF), five fingers (FF) and whole hand (WH), with one thread and with several, in
-    turns; then the same with more spheres and wider margins. Times are wall times, which is what threads are to save;
+    turns. Times are wall times, which is what threads are to save;
     the processor time beside them is that of all threads, with what they spend on waiting for work.
 
     \b
     Examples:
       hhsim bench threads
-      hhsim bench threads --quick --object bunny --threads 1,2,3
+      hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
     from hhsim.bench.table import check_table_path, csv_path, write_table
-    from hhsim.bench.threads import COLUMNS, Load, ThreadsOptions, measure, remarks, when_threads_pay
+    from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
     from hhsim.system.output_path import dated_output_path
 
-    named = {"objects": objects, "cases": cases, "methods": methods, "threads": threads}
+    named = {"objects": objects, "threads": threads}
     run = replace(
         ThreadsOptions(instances=instances, rounds=rounds),
         **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]
     )
-    if quick:
-        run = replace(run, loads=run.loads[:1])
     output_path = out or dated_output_path("bench-threads")
     check_table_path(output_path)
     announce_compilation(quiet=quiet)
@@ -86,15 +78,14 @@ def command(
             }
         )
     elif not quiet:
-        for load in run.loads:
-            _print_load(load.name, [row for row in rows if Load(row["level"], row["margin"]) == load])
+        _print_rows(rows)
         for sentence in sentences:
             print(sentence)
         print_notes(notes)
         print(f"the table is in {output_path} and {csv_path(output_path)}")
 
 
-def _print_load(name: str, rows: list[dict[str, Any]]) -> None:
+def _print_rows(rows: list[dict[str, Any]]) -> None:
     numbers = ("contacts", "threads", "detection [µs]", "response [µs]", "total [µs]", "all threads' CPU [µs]", "gain")
     cells = [
         (
@@ -108,6 +99,6 @@ def _print_load(name: str, rows: list[dict[str, Any]]) -> None:
         )
         for row in rows
     ]
-    title = f"{name}: wall time of a tick, mean of {rows[0]['instances']} instances in contact"
+    title = f"wall time of a tick, mean of {rows[0]['instances']} instances in contact"
     print_table(("object", "case", "method", *numbers), cells, title=title, numbers=numbers)
     print()

@@ -14,7 +14,6 @@ from ..name_list import counts, names
 
 @click.command()
 @names("--object", "objects", "Objects. Default: bunny,teapot,cube,hexagonal-prism,cylinder,cup.")
-@names("--method", "methods", "Builders. Default: certified,medial,octree-fitted,octree.")
 @counts("--spheres", "spheres", "Most leaves of the trees. Default: 64,512,4096.")
 @click.option(
     "--size",
@@ -32,7 +31,6 @@ from ..name_list import counts, names
 @options.quiet
 def command(
     objects: tuple[str, ...] | None,
-    methods: tuple[str, ...] | None,
     spheres: tuple[int, ...] | None,
     size: float,
     time_limits: bool,
@@ -42,17 +40,16 @@ def command(
     as_json: bool,
     quiet: bool,
 ) -> int:
-    """Build sphere trees with every builder: error against spheres against CPU time.
+    """Build sphere trees and hold them against those of other programs: error, spheres, CPU time.
 
     All objects get one longest extent; cube, prism, cylinder and cup are the shapes that other programs were measured
     on, which stand in the same table. Errors are measured by coal, apart from the builders, and come out the same in
-    every run. The exit code is 1 where a certified tree protrudes farther than its limit, has a gap or no proof. The
-    default takes about ten minutes, nearly all of them for the medial axes of 4,096 spheres.
+    every run. The exit code is 1 where a tree protrudes farther than its limit, has a gap or no proof.
 
     \b
     Examples:
       hhsim bench trees
-      hhsim bench trees --object bunny --spheres 64,128,256,512 --method certified,medial
+      hhsim bench trees --object bunny --spheres 64,128,256,512
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
     from hhsim.bench.table import check_table_path, csv_path, write_table
@@ -61,7 +58,7 @@ def command(
     from hhsim.system.output_path import dated_output_path
     from hhsim.system.picture_path import picture_beside
 
-    named = {"objects": objects, "methods": methods, "spheres": spheres}
+    named = {"objects": objects, "spheres": spheres}
     run = replace(
         TreesOptions(size=1e-3 * size, seed=seed),
         **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]

@@ -31,10 +31,10 @@ from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import ACTIVE_SET, available_backends
 from hhsim.system.deferred_sigint import interruptible_between
-from hhsim.trees.builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import MOST_LEVEL, TreeOptions
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 

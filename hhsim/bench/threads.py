@@ -28,7 +28,8 @@ from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import methods_that
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -46,56 +47,29 @@ STARVED = 0.8
 """Helpers that ran for less than this share of the ticks' time were kept from working by something else."""
 
 
-@dataclass(frozen=True)
-class Load:
-    """How many contacts the same motion brings: finer spheres or a wider margin let more pairs in.
-
-    Attributes:
-        level: Of the sphere tree.
-        margin: Pairs up to this far enter the program [m].
-    """
-
-    level: int
-    margin: float
-
-    @property
-    def name(self) -> str:
-        """Such as "level 4, 1 mm"."""
-        return f"level {self.level}, {1e3 * self.margin:g} mm"
-
-
 @dataclass(frozen=True, kw_only=True)
 class ThreadsOptions:
     """What is measured.
 
     Attributes:
         objects: Of the catalogue; the paper's figure shows a cup and a bunny.
-        cases: Of MOTIONS.
-        methods: Of the solver; those that can share a tick.
+        level: Of the sphere trees.
         threads: Numbers of threads; 1 is always among them.
-        loads: Spheres and margins; the first stands for the paper's figure, the others are heavier.
         instances: Ticks in contact that a row is averaged over.
         rounds: Replays of each, of which the median counts.
     """
 
     objects: tuple[str, ...] = ("cup", "bunny")
-    cases: tuple[str, ...] = tuple(MOTIONS)
-    methods: tuple[str, ...] = ("progressive", "coupled")
     threads: tuple[int, ...] = (1, 2)
-    loads: tuple[Load, ...] = (Load(4, 1e-3), Load(4, 3e-3), Load(5, 1e-3), Load(5, 2e-3))
+    level: int = 4
     instances: int = 100
     rounds: int = 9
 
     def __post_init__(self) -> None:
         """Refuse what cannot be measured."""
-        for kind, names, known in (
-            ("object", self.objects, object_names()),
-            ("case", self.cases, MOTIONS),
-            ("method", self.methods, methods_that("takes_threads")),
-        ):
-            for name in names:
-                if name not in known:
-                    raise UnknownNameError(kind, name, known)
+        for name in self.objects:
+            if name not in object_names():
+                raise UnknownNameError("object", name, object_names())
         for threads in self.threads:
             if not 1 <= threads <= PARTS:
                 raise InputError(f"threads is {threads}: 1 to {PARTS}, the five fingers and the palm")
@@ -115,16 +89,11 @@ COLUMNS = (
     Column("object", "object of the catalogue"),
     Column("case", "SF single finger, TF two fingers, FF five fingers, WH whole hand, as in the paper's Fig. 15"),
     Column("motion", "motion of the catalogue"),
-    Column("level", "level of the sphere tree"),
-    Column("margin", "pairs up to this far enter the program", "m"),
     Column("method", "method of the solver"),
     Column("threads", "threads that share a tick"),
     Column("instances", "ticks in contact that the row is the mean of, each the median over the rounds"),
     Column("contacts", "candidate pairs a tick, mean"),
     Column("detection", "contact detection, wall time", "s"),
-    Column("response_palm", "response: the palm's program, or the one program of coupled, wall time", "s"),
-    Column("response_fingers", "response: the fingers' programs, wall time", "s"),
-    Column("response_force", "response: forces, wall time", "s"),
     Column("response", "collision response: palm, fingers and forces, wall time", "s"),
     Column("total", "whole tick, wall time", "s"),
     Column("total_cpu", "whole tick, processor time of all threads, waiting for work included", "s"),
@@ -137,7 +106,7 @@ COLUMNS = (
 @dataclass
 class _Replay:
     scene: Scene
-    labels: dict[str, Any]
+    labels: dict[str, str]
     solver: SolverOptions
     instances: NDArray[np.int64] | None = None
     contacts: float = 0.0
@@ -153,7 +122,7 @@ def measure(options: ThreadsOptions, progress: Progress | None = None) -> list[d
     report = progress or (lambda what, done, total: None)
     hand = HandModel.default()
     groups = _groups(options, hand, report)
-    for method in options.methods:
+    for method in methods_that("takes_threads"):
         for threads in options.threads:
             warm_up(hand, SolverOptions(method=method, threads=threads))
     total = options.rounds * len(groups)
@@ -171,19 +140,17 @@ def _groups(options: ThreadsOptions, hand: HandModel, report: Progress) -> list[
     groups = []
     for name in options.objects:
         mesh = load_object(name).mesh
-        for load in options.loads:
-            tree = cached_sphere_tree(mesh, TreeOptions(level=load.level), report)
-            for case in options.cases:
-                scene = make_scene(mesh, tree, hand, load_script(MOTIONS[case]))
-                for method in options.methods:
-                    labels: dict[str, Any] = {"object": name, "case": case, "motion": MOTIONS[case]}
-                    labels |= {"level": load.level, "margin": load.margin, "method": method}
-                    groups.append(
-                        [
-                            _Replay(scene, labels, SolverOptions(method=method, margin=load.margin, threads=threads))
-                            for threads in sorted(options.threads)
-                        ]
-                    )
+        tree = cached_sphere_tree(mesh, TreeOptions(level=options.level), report)
+        for case, motion in MOTIONS.items():
+            scene = make_scene(mesh, tree, hand, load_script(motion))
+            for method in methods_that("takes_threads"):
+                labels = {"object": name, "case": case, "motion": motion, "method": method}
+                groups.append(
+                    [
+                        _Replay(scene, labels, SolverOptions(method=method, threads=threads))
+                        for threads in sorted(options.threads)
+                    ]
+                )
     return groups
 
 
@@ -216,11 +183,11 @@ def _sample(replay: _Replay, record: TickRecord, instances: int) -> NDArray[np.i
 
 
 def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
-    rows = []
+    rows: list[dict[str, Any]] = []
     for replay in group:
         assert replay.instances is not None
         times = np.median(replay.rounds, axis=0).mean(axis=1)
-        palm, fingers, force = (float(times[i]) for i in (DURATION_PALM, DURATION_FINGERS, DURATION_FORCE))
+        response = times[[DURATION_PALM, DURATION_FINGERS, DURATION_FORCE]].sum()
         rows.append(
             {
                 **replay.labels,
@@ -228,10 +195,7 @@ def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
                 "instances": len(replay.instances),
                 "contacts": replay.contacts,
                 "detection": float(times[DURATION_DETECT]),
-                "response_palm": palm,
-                "response_fingers": fingers,
-                "response_force": force,
-                "response": palm + fingers + force,
+                "response": float(response),
                 "total": float(times[-2]),
                 "total_cpu": float(times[-1]),
             }
@@ -248,10 +212,9 @@ def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
 
 
 def when_threads_pay(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A sentence for each method and number of threads, from nothing but the rows.
+    """A sentence for each method and number of threads: in how many scenes it gains by PAYS, and the cost.
 
-    Threads pay from that number of contacts on from which every row gains by PAYS. Helpers that had no processor are
-    no ground for a verdict.
+    Helpers that had no processor are no ground for a verdict.
     """
     sentences = []
     for method in dict.fromkeys(row["method"] for row in rows):
@@ -266,24 +229,14 @@ def _verdict(rows: Sequence[Mapping[str, Any]]) -> str:
     ran = float(np.median([row["helpers_ran"] for row in rows]))
     if ran < STARVED:
         return f"no verdict, since the helpers had a processor for {100.0 * max(ran, 0.0):.0f} % of the time only"
-    ordered = sorted(rows, key=lambda row: row["contacts"])
-    best = max(ordered, key=lambda row: row["speedup"])
-    cost = float(np.median([row["cpu_ratio"] for row in ordered]))
-    paying = [row for row in ordered if row["speedup"] >= PAYS]
-    first = len(ordered)
-    while first > 0 and ordered[first - 1]["speedup"] >= PAYS:
-        first -= 1
-    at_best = (
-        f"{best['speedup']:.2f} times as fast at {best['contacts']:,.0f} contacts ({best['object']}, {best['case']})"
+    best = max(rows, key=lambda row: row["speedup"])
+    cost = float(np.median([row["cpu_ratio"] for row in rows]))
+    pays = sum(row["speedup"] >= PAYS for row in rows)
+    where = f"pays in {pays} of {len(rows)} scenes" if pays else "never pays here"
+    return (
+        f"{where}: at best {best['speedup']:.2f} times as fast "
+        f"({best['object']}, {best['case']}), for {cost:.1f} times the processor time"
     )
-    spent = f"for {cost:.1f} times the processor time"
-    if not paying:
-        return f"never pays here: at best {at_best}, {spent}"
-    if first == 0:
-        return f"pays in every scene, at best {at_best}, {spent}"
-    if first == len(ordered):
-        return f"pays in {len(paying)} of {len(ordered)} scenes, whatever their contacts: at best {at_best}, {spent}"
-    return f"pays from {ordered[first]['contacts']:,.0f} contacts on, at best {at_best}, {spent}"
 
 
 def remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:

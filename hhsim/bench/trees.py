@@ -1,6 +1,6 @@
-"""Builders of sphere trees side by side: error against spheres against CPU time.
+"""Our sphere trees beside those of other programs: error against spheres against CPU time.
 
-Each tree is measured by code that shares nothing with the builders (`hhsim.verify.tree_checks`, which needs coal), or
+Each tree is measured by code that shares nothing with the builder (`hhsim.verify.tree_checks`, which needs coal), or
 where that is not installed as every tree is (`hhsim.trees.error`). Errors are the same in every run; times are not.
 """
 
@@ -17,7 +17,8 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.cup import cup
 from hhsim.mesh.generators import cube, cylinder, hexagonal_prism
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import MOST_LEVEL, TreeOptions, build_sphere_tree
+from hhsim.trees.builder import build_sphere_tree
+from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.published_results import BARS, EXTENT, LEAST_GAP, REFERENCES
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -44,7 +45,6 @@ class TreesOptions:
 
     Attributes:
         objects: Names of the catalogue.
-        methods: Builders, of `hhsim.trees.methods.METHODS`.
         spheres: Most leaves of the trees.
         size: Longest extent of the objects [m].
         seed: Of the samples that measure.
@@ -52,7 +52,6 @@ class TreesOptions:
     """
 
     objects: tuple[str, ...] = ("bunny", "teapot", "cube", "hexagonal-prism", "cylinder", "cup")
-    methods: tuple[str, ...] = ("certified", "medial", "octree-fitted", "octree")
     spheres: tuple[int, ...] = (64, 512, 4096)
     size: float = EXTENT
     seed: int = 0
@@ -63,13 +62,11 @@ class TreesOptions:
 
         Raises:
             InputError: A number of spheres that no tree has.
-            UnknownNameError: No such object or method.
+            UnknownNameError: No such object.
         """
         for count in self.spheres:
             if not 1 <= count <= MOST_SPHERES:
                 raise InputError(f"{count:,} spheres, expected 1 to {MOST_SPHERES:,}")
-        for method in self.methods:
-            TreeOptions(level=1, method=method)
         for name in self.objects:
             load_object(name)
 
@@ -80,7 +77,7 @@ class TreesOptions:
 
 COLUMNS = (
     Column("object", "object, scaled to the longest extent that the options say"),
-    Column("method", "builder; for a reference the other program"),
+    Column("method", "certified is hhsim's builder; for a reference the other program"),
     Column("is_reference", "not built now: another program, as measured in November 2026"),
     Column("asked", "most spheres that the leaves may be; for a reference 0"),
     Column("spheres", "leaves that there are"),
@@ -108,58 +105,44 @@ def comparison_object(name: str, size: float) -> Mesh:
     return replace(mesh.scaled(size / float(mesh.extent.max())), name=name)
 
 
-def tree_options(method: str, spheres: int, seed: int = 0) -> TreeOptions:
-    """How a builder is asked for at most so many leaves; octrees choose their level themselves, as fine as they may."""
-    level = MOST_LEVEL if method.startswith("octree") else 1
-    while BRANCHING**level < spheres:
-        level += 1
-    return TreeOptions(level=level, branching=BRANCHING, leaves=spheres, seed=seed, method=method)
-
-
 def measure(options: TreesOptions, progress: Progress | None = None) -> list[Row]:
-    """Build and measure every tree; rows in the order of objects, methods and sizes, references last of each object.
+    """Build and measure every tree; rows in the order of objects and sizes, references last of each object.
 
     Args:
         options: what to build.
-        progress: called with (object and method, trees done, trees).
+        progress: called with (object and spheres, trees done, trees).
 
     Raises:
-        HhsimError: An object that a builder cannot do.
+        HhsimError: An object that the builder cannot do.
     """
-    _warm_up(options.methods)
+    # Compiles or loads every kernel, so that no tree is timed with that.
+    build_sphere_tree(cube(EXTENT), TreeOptions(leaves=BRANCHING**2))
     rows: list[Row] = []
-    total = len(options.objects) * len(options.methods) * len(options.spheres)
+    total = len(options.objects) * len(options.spheres)
     done = 0
     for name in options.objects:
         mesh = comparison_object(name, options.size)
-        for method in options.methods:
-            for spheres in sorted(options.spheres):
-                if progress is not None:
-                    progress(f"{name}, {method}, {spheres:,} spheres", done, total)
-                rows.append(_row(mesh, method, spheres, options))
-                done += 1
+        for spheres in sorted(options.spheres):
+            if progress is not None:
+                progress(f"{name}, {spheres:,} spheres", done, total)
+            rows.append(_row(mesh, spheres, options))
+            done += 1
         rows += _references(name, options.size)
     if progress is not None:
         progress("done", total, total)
     return rows
 
 
-def _warm_up(methods: Sequence[str]) -> None:
-    """Compile or load every kernel, so that no tree is timed with that."""
-    for method in methods:
-        build_sphere_tree(cube(EXTENT), tree_options(method, BRANCHING**2))
-
-
-def _row(mesh: Mesh, method: str, spheres: int, options: TreesOptions) -> Row:
+def _row(mesh: Mesh, spheres: int, options: TreesOptions) -> Row:
     try:
-        tree = build_sphere_tree(mesh, tree_options(method, spheres, options.seed))
+        tree = build_sphere_tree(mesh, TreeOptions(leaves=spheres, branching=BRANCHING, seed=options.seed))
     except HhsimError as error:
-        raise type(error)(f"{method}, {spheres:,} spheres: {error}") from error
+        raise type(error)(f"{spheres:,} spheres: {error}") from error
     protrusion, mean, gap, measured_by = _measured(mesh, tree, options)
-    bar = BARS.get((mesh.name, spheres)) if method == "certified" else None
+    bar = BARS.get((mesh.name, spheres))
     return {
         "object": mesh.name,
-        "method": method,
+        "method": "certified",
         "is_reference": False,
         "asked": spheres,
         "spheres": tree.leaf_count,
@@ -215,10 +198,10 @@ def _references(name: str, size: float) -> Iterator[Row]:
 
 
 def missed_bars(rows: Sequence[Mapping[str, Any]], *, with_times: bool = False) -> list[str]:
-    """What certified trees fall short of, a sentence each: error, gap and proof, and CPU time if that counts."""
+    """What our trees fall short of, a sentence each: error, gap and proof, and CPU time if that counts."""
     missed = []
     for row in rows:
-        if row["is_reference"] or row["method"] != "certified":
+        if row["is_reference"]:
             continue
         what = f"{row['object']}, {row['asked']:,} spheres"
         limit = row["protrusion_limit"]

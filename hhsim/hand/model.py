@@ -47,7 +47,8 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.round_cone_distance import cone_slope
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.toml_document import parse_toml, read_toml_text
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree, proved_anew
+from hhsim.trees.cache import cached_sphere_tree, shipped_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 FloatArray = NDArray[np.float64]
@@ -107,6 +108,9 @@ FLEXION_DEGREES = (
     ((-20.0, 90.0), (0.0, 100.0), (-30.0, 90.0)),
 )
 ABDUCTION_DEGREES = ((-20.0, 45.0), (-15.0, 42.0), (-8.0, 35.0), (-14.0, 20.0), (-40.0, 30.0))
+
+MIRROR = np.array([-1.0, 1.0, 1.0])
+"""From a right hand to a left one, palm frame."""
 
 FINGER_SHAPES: dict[str, tuple[int, ...]] = {
     "base": (3,),
@@ -327,13 +331,12 @@ def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
         mesh = palm_mesh(hand_length, hand_breadth, arrays["base"][1:], arrays["radius"][1:, 0])
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
-    tree = cached_sphere_tree(mesh, TreeOptions(level=palm_level))
-    if side == "left":
-        mirror = np.array([-1.0, 1.0, 1.0])
+    if side == "right":
+        tree = cached_sphere_tree(mesh, TreeOptions(level=palm_level))
+    else:
         for key in ("base", "distal", "dorsal"):
-            arrays[key] = arrays[key] * mirror
-        mesh = Mesh(mesh.vertices * mirror, mesh.faces[:, ::-1], name=mesh.name, source=f"{mesh.source}, left")
-        tree = proved_anew(tree.transformed(np.diag(mirror), np.zeros(3)), mesh)
+            arrays[key] = arrays[key] * MIRROR
+        mesh, tree = _left_palm(mesh, TreeOptions(level=palm_level))
     return HandModel(
         side=side,
         hand_length=hand_length,
@@ -342,6 +345,18 @@ def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
         palm_tree=tree,
         **{key: np.ascontiguousarray(value) for key, value in arrays.items()},
     )
+
+
+def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:
+    """The mirror image of a right palm, and its sphere tree."""
+    source = f"{right.source}, left"
+    mesh = Mesh(right.vertices * MIRROR, right.faces[:, ::-1], name=f"left-{right.name}", source=source)
+    tree = shipped_tree(mesh, options)
+    if tree is None:
+        from hhsim.trees.builder import proved_anew
+
+        tree = proved_anew(cached_sphere_tree(right, options).transformed(np.diag(MIRROR), np.zeros(3)), mesh)
+    return mesh, tree
 
 
 def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: Any, where: str) -> None:

@@ -14,12 +14,9 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, Any]
 
-COLORS = {"certified": "#1b6ca8", "medial": "#c8641a", "octree-fitted": "#4a7d2f", "octree": "#7a3b8f"}
-OTHER_COLOR = "#8a6d1b"
-MARKERS = {"certified": "o", "medial": "s", "octree-fitted": "D", "octree": "v"}
+COLOR = "#1b6ca8"
 GREY = "0.45"
 BAR_COLOR = "#b00020"
-LABELS = {"certified": "certified: proved covers, the default", "medial": "medial: after Bradshaw and O'Sullivan 2004"}
 MOST_COLUMNS = 6
 NARROWEST = 12.0
 """Width that the legend and the note need [inch]."""
@@ -79,25 +76,17 @@ def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
 def _draw(axes: "Axes", rows: Sequence[Row], across: str, name: str, size: float) -> None:
     from matplotlib.patheffects import withStroke
 
-    methods = list(dict.fromkeys(row["method"] for row in rows if not row["is_reference"]))
-    for method in methods:
-        points = sorted(
-            (float(row[across]), 1e3 * largest_error(row))
-            for row in rows
-            if row["method"] == method and not row["is_reference"]
-        )
-        color = COLORS.get(method, OTHER_COLOR)
-        axes.plot(*zip(*points), color=color, linewidth=1.6, zorder=3)
-        axes.plot(
-            *zip(*points),
-            marker=MARKERS.get(method, "o"),
-            color=color,
-            linestyle="none",
-            markersize=8.0,
-            markeredgecolor="white",
-            markeredgewidth=0.8,
-            zorder=4,
-        )
+    own = sorted((float(row[across]), 1e3 * largest_error(row)) for row in rows if not row["is_reference"])
+    axes.plot(
+        *zip(*own),
+        marker="o",
+        color=COLOR,
+        linewidth=1.6,
+        markersize=8.0,
+        markeredgecolor="white",
+        markeredgewidth=0.8,
+        zorder=4,
+    )
     for row in rows:
         if row["is_reference"] and row[across] is not None:
             is_toolkit = row["method"] == TOOLKIT
@@ -163,19 +152,7 @@ def _dress(
 def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
     from matplotlib.lines import Line2D
 
-    methods = list(dict.fromkeys(row["method"] for row in rows if not row["is_reference"]))
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=COLORS.get(method, OTHER_COLOR),
-            marker=MARKERS.get(method, "o"),
-            linewidth=1.6,
-            markersize=8.0,
-            label=LABELS.get(method, method),
-        )
-        for method in methods
-    ]
+    handles = [Line2D([], [], color=COLOR, marker="o", linewidth=1.6, markersize=8.0, label="certified: proved covers")]
     if any(row["is_reference"] and row["method"] == TOOLKIT for row in rows):
         handles.append(
             Line2D(

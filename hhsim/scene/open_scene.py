@@ -10,7 +10,8 @@ from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import Scene, make_scene, side_of
 from hhsim.scene.script import Script
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 
 def open_scene(

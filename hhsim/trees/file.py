@@ -3,9 +3,11 @@
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.system.atomic_write import hdf5_image, write_atomically
@@ -14,9 +16,9 @@ from hhsim.trees.sphere_tree import LENGTHS, LevelError, SphereTree
 
 FORMAT = "hhsim-tree"
 SCHEMA_VERSION = 2
-"""Version 1 has no covers."""
 
 _WORTH_PACKING = 1000
+"""Values of a dataset from which on it is compressed."""
 
 _DATASETS = {
     "center": ("m", "sphere centres, frame of the mesh"),
@@ -63,23 +65,25 @@ def _write(tree: SphereTree, file: h5py.File) -> None:
     file.attrs["mesh_sha256"] = tree.mesh_sha256
     file.attrs["options"] = json.dumps(dict(tree.options), sort_keys=True)
     for name, (units, long_name) in _DATASETS.items():
-        dataset = file.create_dataset(name, data=getattr(tree, name), track_times=False)
-        dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
+        _write_dataset(file, name, getattr(tree, name), units, long_name)
     covers = file.create_group("covers")
     for level, cover in enumerate(tree.covers):
         group = covers.create_group(str(level))
         group.attrs["gap"], group.attrs["bound"] = cover.gap, cover.bound
         for name, (units, long_name) in _COVER_DATASETS.items():
-            data = getattr(cover, name)
-            packing = {"compression": "gzip", "shuffle": True} if data.size > _WORTH_PACKING else {}
-            dataset = group.create_dataset(name, data=data, track_times=False, **packing)
-            dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
+            _write_dataset(group, name, getattr(cover, name), units, long_name)
     group = file.create_group("errors")
     for name, long_name in _ERROR_NAMES.items():
         kind = np.float64 if name in LENGTHS else np.int64
         values = np.array([getattr(error, name) for error in tree.errors], dtype=kind)
-        dataset = group.create_dataset(name, data=values, track_times=False)
-        dataset.attrs["units"], dataset.attrs["long_name"] = "m" if name in LENGTHS else "1", long_name
+        _write_dataset(group, name, values, "m" if name in LENGTHS else "1", long_name)
+
+
+def _write_dataset(group: h5py.Group, name: str, data: NDArray[Any], units: str, long_name: str) -> None:
+    # Bytes in turn help where the values are of one magnitude; the codes of a proof repeat as they are.
+    packing = {"compression": "gzip", "shuffle": data.dtype.kind == "f"} if data.size > _WORTH_PACKING else {}
+    dataset = group.create_dataset(name, data=data, track_times=False, **packing)
+    dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
 
 
 def load_tree(path: str | Path) -> SphereTree:
@@ -106,8 +110,8 @@ def _read(file: h5py.File) -> SphereTree:
     if kind != FORMAT:
         raise InputError(f"format is {kind!r}, expected '{FORMAT}'")
     version = int(file.attrs.get("schema_version", 0))
-    if not 1 <= version <= SCHEMA_VERSION:
-        raise InputError(f"schema version {version}, this hhsim reads 1 to {SCHEMA_VERSION}")
+    if version != SCHEMA_VERSION:
+        raise InputError(f"schema version {version}, this hhsim reads {SCHEMA_VERSION}")
     columns = {name: file["errors"][name][()] for name in _ERROR_NAMES}
     if len({len(column) for column in columns.values()}) != 1:
         raise InputError("the errors of the levels have different lengths")
@@ -123,7 +127,7 @@ def _read(file: h5py.File) -> SphereTree:
         errors=errors,
         mesh_sha256=str(file.attrs["mesh_sha256"]),
         options=json.loads(file.attrs["options"]),
-        covers=_read_covers(file["covers"]) if version >= 2 else (),
+        covers=_read_covers(file["covers"]),
     )
 
 

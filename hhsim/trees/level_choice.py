@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import MOST_LEVEL, TreeOptions, cached_sphere_tree
-from hhsim.trees.methods import Progress
+from hhsim.trees.cache import Progress, cached_sphere_tree
+from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 

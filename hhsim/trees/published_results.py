@@ -14,7 +14,7 @@ LEAST_GAP = 1e-9
 
 @dataclass(frozen=True)
 class Bar:
-    """What a certified tree has to reach.
+    """What a tree has to reach.
 
     Attributes:
         protrusion: Farthest that its spheres may stick out of the mesh [m].

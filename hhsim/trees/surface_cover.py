@@ -221,17 +221,6 @@ def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
     return MeshInFrame(inside, faces, build_mesh_bvh(inside, faces), frame, float(np.abs(corner).max()))
 
 
-def build_cover(
-    vertices: FloatArray, faces: IntArray, balls: int, progress: Progress | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Cover a mesh with at most `balls` balls: `cover_of` for one cover.
-
-    Raises:
-        MeshError: The mesh encloses no volume.
-    """
-    return cover_of(in_own_frame(vertices, faces), balls, progress)
-
-
 def cover_of(
     mesh: MeshInFrame, balls: int, progress: Progress | None = None, workers: Workers | None = None
 ) -> tuple[FloatArray, FloatArray]:

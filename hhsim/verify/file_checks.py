@@ -224,4 +224,4 @@ def cover(result: Result) -> Claim:
 def covers(result: Result) -> bool:
     """Whether the tree is one that hhsim built to cover the mesh."""
     options = result.scene.get("tree_options") or {}
-    return result.scene.get("tree") is None and options.get("method") == "certified" and options.get("cover") == "outer"
+    return result.scene.get("tree") is None and options.get("cover") == "outer"

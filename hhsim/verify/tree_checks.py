@@ -370,7 +370,8 @@ def main(arguments: Sequence[str]) -> None:
 
     from hhsim.mesh.catalogue import load_object
     from hhsim.mesh.mesh import load_mesh
-    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+    from hhsim.trees.cache import cached_sphere_tree
+    from hhsim.trees.options import TreeOptions
 
     parser = argparse.ArgumentParser(prog="python -m hhsim.verify.tree_checks", description=__doc__.split("\n\n")[0])
     parser.add_argument("object", metavar="OBJECT|MESH")

@@ -6,17 +6,13 @@ from typing import Any
 
 import pytest
 from conftest import Run
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hhsim.bench import threads as bench_threads
 from hhsim.bench.table import load_table
-from hhsim.bench.threads import COLUMNS, PAYS, Load, ThreadsOptions, measure, remarks, when_threads_pay
+from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
 from hhsim.errors import InputError, UnknownNameError
 
-SMALL = ThreadsOptions(
-    objects=("bunny",), cases=("SF", "FF"), loads=(Load(3, 1e-3),), threads=(2,), instances=20, rounds=2
-)
+SMALL = ThreadsOptions(objects=("bunny",), level=3, threads=(2,), instances=20, rounds=2)
 
 
 def row(contacts: float, speedup: float, **others: Any) -> dict[str, Any]:
@@ -31,7 +27,7 @@ def rows() -> list[dict[str, Any]]:
 
 def test_there_is_a_row_for_each_case_method_and_number_of_threads(rows: list[dict[str, Any]]) -> None:
     found = {(row["case"], row["method"], row["threads"]) for row in rows}
-    assert found == {(c, m, t) for c in ("SF", "FF") for m in ("progressive", "coupled") for t in (1, 2)}
+    assert found == {(c, m, t) for c in ("SF", "TF", "FF", "WH") for m in ("progressive", "coupled") for t in (1, 2)}
     assert len(rows) == len(found)
     assert all(set(row) == {column.name for column in COLUMNS} for row in rows)
 
@@ -39,8 +35,6 @@ def test_there_is_a_row_for_each_case_method_and_number_of_threads(rows: list[di
 def test_rows_add_up(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         assert row["instances"] == 20
-        parts = row["response_palm"] + row["response_fingers"] + row["response_force"]
-        assert row["response"] == pytest.approx(parts)
         assert 0.0 < row["detection"] + row["response"] < row["total"]
         alone = next(r for r in rows if r["threads"] == 1 and all(r[k] == row[k] for k in ("case", "method")))
         assert row["contacts"] == alone["contacts"], "the same ticks, whatever the number of threads"
@@ -67,10 +61,9 @@ def test_instances_lie_where_the_hand_closes_and_holds() -> None:
 @pytest.mark.parametrize(
     ("speedups", "said"),
     [
-        ([0.7, 0.9, 1.04], "never pays here: at best 1.04 times as fast at 300 contacts (cup, WH)"),
-        ([0.7, 1.1, 1.3], "pays from 200 contacts on, at best 1.30 times as fast"),
-        ([1.2, 1.1, 1.3], "pays in every scene, at best 1.30 times as fast"),
-        ([0.7, 1.3, 0.9], "pays in 1 of 3 scenes, whatever their contacts: at best 1.30 times as fast"),
+        ([0.7, 0.9, 1.04], "never pays here: at best 1.04 times as fast (cup, WH)"),
+        ([1.2, 1.05, 1.3], "pays in 3 of 3 scenes: at best 1.30 times as fast"),
+        ([0.7, 1.3, 0.9], "pays in 1 of 3 scenes: at best 1.30 times as fast"),
     ],
 )
 def test_the_sentence_says_what_the_rows_say(speedups: list[float], said: str) -> None:
@@ -79,21 +72,6 @@ def test_the_sentence_says_what_the_rows_say(speedups: list[float], said: str) -
     assert sentence.startswith("coupled, 2 threads: ")
     assert said in sentence
     assert "2.0 times the processor time" in sentence
-
-
-@given(st.lists(st.tuples(st.floats(1.0, 2000.0), st.floats(0.2, 3.0)), min_size=1, max_size=12))
-def test_from_the_contacts_named_on_every_scene_gains(measured: list[tuple[float, float]]) -> None:
-    (sentence,) = when_threads_pay([row(contacts, speedup) for contacts, speedup in measured])
-    gains = [speedup for _, speedup in sorted(measured)]
-    if "never" in sentence:
-        assert max(gains) < PAYS
-    elif "every scene" in sentence:
-        assert min(gains) >= PAYS
-    elif " on, " in sentence:
-        assert gains[-1] >= PAYS
-        assert min(gains) < PAYS
-    else:
-        assert max(gains) >= PAYS
 
 
 def test_helpers_that_were_kept_from_working_are_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,27 +90,27 @@ def test_impossible_runs_are_refused() -> None:
         ThreadsOptions(threads=(1,))
     with pytest.raises(InputError, match="threads is 7: 1 to 6"):
         ThreadsOptions(threads=(1, 7))
-    with pytest.raises(UnknownNameError, match="'XX'"):
-        ThreadsOptions(cases=("XX",))
+    with pytest.raises(UnknownNameError, match="'cap'"):
+        ThreadsOptions(objects=("cap",))
     assert ThreadsOptions(threads=(3,)).threads == (1, 3)
 
 
 def test_the_command_writes_the_table_and_says_when_threads_pay(run: Run, tmp_path: Path) -> None:
-    few = ("--quick", "--object", "cup", "--case", "TF", "--method", "progressive", "--instances", "5", "--rounds", "1")
+    few = ("--object", "cup", "--instances", "5", "--rounds", "1")
     answer = run("bench", "threads", *few, "--out", "a.h5", "--json")
     assert answer.code == 0, answer.err
     document = json.loads(answer.out)
-    assert document["when"][0].startswith("progressive, 2 threads: ")
+    assert document["when"][1].startswith("progressive, 2 threads: ")
     table = load_table(tmp_path / "a.h5")
     assert table.suite == "threads"
     assert table.columns == COLUMNS
-    assert [row["threads"] for row in table.rows] == [1, 2]
+    assert [row["threads"] for row in table.rows] == [1, 2] * 8
     assert (tmp_path / "a.csv").exists()
     assert [row["total"] for row in table.rows] == [row["total"] for row in document["rows"]]
 
     answer = run("bench", "threads", *few, "--out", "b.h5")
     assert answer.code == 0, answer.err
-    assert "level 4, 1 mm: wall time of a tick, mean of 5 instances in contact" in answer.out
+    assert "wall time of a tick, mean of 5 instances in contact" in answer.out
     assert "progressive, 2 threads: " in answer.out
     assert "the table is in b.h5 and b.csv" in answer.out
 

@@ -16,14 +16,13 @@ from hhsim.bench.trees import (
     largest_error,
     measure,
     missed_bars,
-    tree_options,
 )
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.trees.published_results import BARS, EXTENT, REFERENCES
 
-SMALL = ("bench", "trees", "--object", "cube", "--spheres", "8", "--method", "certified,octree")
-FEW = TreesOptions(objects=("cube",), methods=("certified", "octree"), spheres=(8, 60), points=3_000)
+SMALL = ("bench", "trees", "--object", "cube", "--spheres", "8")
+FEW = TreesOptions(objects=("cube",), spheres=(8, 60), points=3_000)
 
 
 @pytest.fixture(scope="module")
@@ -51,26 +50,15 @@ def test_the_wall_of_the_cup() -> None:
     assert inside.sum() * 1e-6 == pytest.approx(CUP_WALL, rel=0.01)
 
 
-def test_levels_of_the_builders() -> None:
-    assert [tree_options("certified", count).level for count in (1, 8, 9, 64, 512, 4096, 4097)] == [1, 1, 2, 2, 3, 4, 5]
-    assert tree_options("octree", 64).level == 5
-    assert tree_options("medial", 100).leaves == 100
-
-
 def test_rows_say_what_was_built(rows: list[dict[str, Any]]) -> None:
     built = [row for row in rows if not row["is_reference"]]
-    assert [(row["method"], row["asked"]) for row in built] == [
-        (method, count) for method in ("certified", "octree") for count in (8, 60)
-    ]
+    assert [(row["method"], row["asked"], row["level"]) for row in built] == [("certified", 8, 1), ("certified", 60, 2)]
     for row in built:
         assert row["spheres"] <= row["asked"] and row["is_proved"]
         assert row["gap_max"] == 0.0
         assert 0.0 < row["protrusion_mean"] < row["protrusion_max"] <= row["bound"] * (1.0 + 1e-9)
         assert row["cpu"] >= row["cpu_leaves"] > 0.0
         assert largest_error(row) == row["protrusion_max"]
-    assert built[3]["spheres"] == 56
-    # A ball around a cell of a cube's octree sticks out of the face that it lies under.
-    assert built[3]["protrusion_max"] == pytest.approx(0.0125 * (3.0**0.5 - 1.0), rel=1e-3)
     references = [row for row in rows if row["is_reference"]]
     assert [row["spheres"] for row in references] == [507, 3163]
     assert largest_error(references[0]) == 2.92e-3
@@ -106,7 +94,7 @@ def test_what_is_a_miss() -> None:
     ):
         (sentence,) = missed_bars([good | change])
         assert said in sentence and sentence.startswith("cube, 512 spheres: ")
-        assert missed_bars([good | change | {"method": "medial"}]) == []
+        assert missed_bars([good | change | {"is_reference": True}]) == []
     slow = good | {"cpu": 2.1}
     assert missed_bars([slow]) == []
     assert missed_bars([slow], with_times=True) == ["cube, 512 spheres: 2.1 s of CPU time, limit 2.0 s"]
@@ -117,8 +105,6 @@ def test_what_cannot_be_run_is_refused() -> None:
         TreesOptions(spheres=(0,))
     with pytest.raises(InputError, match="32,768"):
         TreesOptions(spheres=(40_000,))
-    with pytest.raises(UnknownNameError, match="medial"):
-        TreesOptions(methods=("medal",))
     with pytest.raises(UnknownNameError, match="bunny"):
         TreesOptions(objects=("bunyn",))
 
@@ -131,7 +117,7 @@ def test_the_command_writes_three_files(run: Run, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.h5", "a.png"]
     table = load_table(tmp_path / "a.h5")
     assert table.suite == "trees" and table.options["size"] == 0.05
-    assert [row["method"] for row in table.rows[:3]] == ["certified", "octree", "toolkit 2004, medial"]
+    assert [row["method"] for row in table.rows[:2]] == ["certified", "toolkit 2004, medial"]
     toolkit = next(row for row in table.rows if row["is_reference"])
     assert toolkit["protrusion_max"] == pytest.approx(0.5 * 2.92e-3)
     assert "protrusion_max [m]" in (tmp_path / "a.csv").read_text().splitlines()[0]
@@ -142,8 +128,7 @@ def test_the_command_as_json_and_a_missed_bar(run: Run, tmp_path: Path, monkeypa
     from hhsim.trees.published_results import Bar
 
     monkeypatch.setattr(bench_trees, "BARS", {("cube", 8): Bar(1e-6, 1e-9)})
-    few = ("bench", "trees", "--object", "cube", "--spheres", "8", "--method", "certified")
-    answer = run(*few, "--json", "--time-limits", "--out", "b.h5", "--plot", "b.svg")
+    answer = run(*SMALL, "--json", "--time-limits", "--out", "b.h5", "--plot", "b.svg")
     assert answer.code == 1
     document = json.loads(answer.out)
     assert (document["table"], document["plot"]) == ("b.h5", "b.svg")
@@ -156,7 +141,6 @@ def test_the_command_as_json_and_a_missed_bar(run: Run, tmp_path: Path, monkeypa
     ("arguments", "message"),
     [
         (("--object", "buny"), "unknown object 'buny': did you mean bunny"),
-        (("--method", "medal"), "unknown tree method 'medal': did you mean medial"),
         (("--spheres", "0"), "expected whole numbers from 1 on"),
         (("--spheres", "99999"), "99,999 spheres, expected 1 to 32,768"),
         (("--out", "a.txt"), "must end in .h5"),

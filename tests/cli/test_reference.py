@@ -137,8 +137,8 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     suites = (
         ("paper", bench_paper.PaperOptions(), ("methods", "instances", "repetitions")),
         ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "levels")),
-        ("trees", bench_trees.TreesOptions(), ("objects", "methods", "spheres")),
-        ("threads", bench_threads.ThreadsOptions(), ("objects", "cases", "methods", "threads")),
+        ("trees", bench_trees.TreesOptions(), ("objects", "spheres")),
+        ("threads", bench_threads.ThreadsOptions(), ("objects", "threads")),
     )
     for suite, run, fields in suites:
         for field in fields:

@@ -39,7 +39,8 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from hhsim.scene.motion_catalogue import resolve_trajectory
     from hhsim.scene.scene import make_scene
     from hhsim.solver.options import SolverOptions
-    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+    from hhsim.trees.cache import cached_sphere_tree
+    from hhsim.trees.options import TreeOptions
 
     folder = tmp_path_factory.mktemp("gate")
     write_suite(folder)

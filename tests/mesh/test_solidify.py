@@ -25,7 +25,8 @@ from hhsim.mesh.repair_log import MeshInRepair
 from hhsim.mesh.solidify import open_faces, solid_surface
 from hhsim.mesh.surface_sampling import face_samples
 from hhsim.mesh.topology import face_areas, is_closed, signed_volume, undirected_edges
-from hhsim.trees.builder import TreeOptions, build_sphere_tree
+from hhsim.trees.builder import build_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

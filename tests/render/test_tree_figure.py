@@ -10,7 +10,8 @@ from hhsim.errors import InputError
 from hhsim.mesh.generators import cube
 from hhsim.render.rasterizer import OVERSAMPLING, Camera
 from hhsim.render.tree_figure import COLORS, _balls, draw_tree
-from hhsim.trees.builder import TreeOptions, build_sphere_tree
+from hhsim.trees.builder import build_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 

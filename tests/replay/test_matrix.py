@@ -24,7 +24,8 @@ from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 TRAJECTORIES = ("touch", "pinch", "grasp", "whole-hand", "slide")
 METHODS = ("coupled", "progressive")

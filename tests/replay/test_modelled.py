@@ -31,8 +31,9 @@ from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.level_choice import coarsest_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()

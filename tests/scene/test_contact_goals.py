@@ -15,7 +15,8 @@ from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_di
 from hhsim.scene.contact_goals import Touch, parse_touch, touch_distances
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.object_regions import object_region
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 Array = NDArray[np.float64]
 HAND = HandModel.default()

@@ -24,7 +24,8 @@ from hhsim.scene.motion_catalogue import (
 )
 from hhsim.scene.object_pose import Wanted, place_object
 from hhsim.scene.scene import make_scene
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()

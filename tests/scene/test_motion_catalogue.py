@@ -19,7 +19,8 @@ from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import describe, load_script, resolve_trajectory, script_names
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import synthesize
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]

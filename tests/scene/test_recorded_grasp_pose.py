@@ -15,7 +15,8 @@ from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.motion_catalogue import load_recorded
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, find_grasp, place_at_grasp
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]

@@ -16,7 +16,8 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, parse_script
 from hhsim.scene.stored_pose import Placement, parse_placements
 from hhsim.scene.synthesis import synthesize
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 HAND = HandModel.default()
 BALL = cached_sphere_tree(load_object("sphere").mesh, TreeOptions(level=2))

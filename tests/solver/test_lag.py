@@ -11,7 +11,8 @@ from hhsim.kernels.tick.state import STATUS_HELD, STATUS_LAG, STATUS_START_INSID
 from hhsim.mesh.catalogue import load_object
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 HAND = HandModel.default()
 METHODS = ("coupled", "progressive")

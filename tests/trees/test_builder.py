@@ -18,10 +18,10 @@ from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees import builder as tree_builder
-from hhsim.trees.builder import GROWTH, TreeOptions, build_sphere_tree, cache_path, cached_sphere_tree
+from hhsim.trees.builder import GROWTH, build_sphere_tree
 from hhsim.trees.error import sample_mesh, uncovered_faces
-from hhsim.trees.file import load_tree
 from hhsim.trees.hierarchy import at_level, build_hierarchy
+from hhsim.trees.options import BUILDER_VERSION, TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.surface_cover import cover_of
 
@@ -74,9 +74,9 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
         "branching": 8,
         "leaves": None,
         "seed": 0,
-        "method": "certified",
         "cover": "outer",
         "max_error": None,
+        "builder_version": BUILDER_VERSION,
     }
     assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
 
@@ -178,22 +178,6 @@ def test_what_none_stands_for() -> None:
     assert TreeOptions(max_error=1e-3).level == 5
 
 
-SOURCES = """
-import sys
-import hhsim.trees.surface_cover, hhsim.trees.error, hhsim.trees.hierarchy, hhsim.trees.sphere_count_search
-import hhsim.trees.file
-print(*sorted(name for name in sys.modules if name.startswith("hhsim.")))
-"""
-
-
-def test_the_cache_knows_every_source_that_a_tree_depends_on() -> None:
-    done = subprocess.run([sys.executable, "-c", SOURCES], capture_output=True, text=True, check=True)
-    known = {module.__name__ for module in tree_builder._SOURCES}
-    # Not what a tree is, but how it is computed, reported, written and walked.
-    other = {"errors", "workers", "whole_file", "kernels", "kernels.jit", "kernels.tree"}
-    assert set(done.stdout.split()) - {f"hhsim.{name}" for name in other} == known
-
-
 @pytest.mark.parametrize("name", ["box", "torus"])
 def test_a_level_is_the_tree_that_is_built_for_it(name: str) -> None:
     mesh = mesh_of(SHAPES[name])
@@ -282,7 +266,6 @@ def test_meshes_without_an_inside_are_refused() -> None:
         {"branching": 1},
         {"leaves": 0},
         {"leaves": 65, "level": 2},
-        {"method": "certifed"},
         {"cover": "inner"},
         {"leaves": 8**5 + 1},
         {"max_error": 0.0},
@@ -292,47 +275,6 @@ def test_meshes_without_an_inside_are_refused() -> None:
 def test_options_check_themselves(wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=r"expected|did you mean|known: "):
         TreeOptions(**wrong)
-
-
-@pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(tree_builder, "cache_root", lambda: tmp_path)
-    return tmp_path
-
-
-def test_cache_builds_once_for_each_content(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh, options = mesh_of(SHAPES["box"]), TreeOptions(level=1)
-    built: list[str] = []
-    build = build_sphere_tree
-
-    def counted(*arguments: object) -> SphereTree:
-        built.append("once")
-        return build(*arguments)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(tree_builder, "build_sphere_tree", counted)
-    first = cached_sphere_tree(mesh, options)
-    second = cached_sphere_tree(mesh_of(SHAPES["box"], "another name"), options)
-    assert len(built) == 1
-    assert np.array_equal(first.center, second.center)
-    assert first.errors == second.errors
-    cached_sphere_tree(mesh, TreeOptions(level=1, leaves=5))
-    cached_sphere_tree(mesh.scaled(2.0), options)
-    assert len(built) == 3
-    assert len(list(cache.rglob("*"))) == 4
-
-
-def test_damaged_cache_is_built_again(cache: Path) -> None:
-    mesh, options = mesh_of(SHAPES["box"]), TreeOptions(level=1)
-    expected = cached_sphere_tree(mesh, options)
-    path = cache_path(mesh, options)
-    path.write_bytes(path.read_bytes()[:100])
-    assert np.array_equal(cached_sphere_tree(mesh, options).center, expected.center)
-    assert np.array_equal(load_tree(path).center, expected.center)
-
-
-def test_a_cache_that_cannot_be_written_is_done_without(cache: Path) -> None:
-    (cache / "trees").write_text("a file where the folder should be")
-    assert cached_sphere_tree(mesh_of(SHAPES["box"]), TreeOptions(level=1)).leaf_count == 8
 
 
 def test_real_scan(shared_data: Path) -> None:
@@ -347,21 +289,23 @@ def test_real_scan(shared_data: Path) -> None:
 SIGNATURES = """
 import numpy as np
 import trimesh
-from hhsim import ball_hierarchy, cover_check, mesh_cover, tree_builder, tree_error
-from hhsim.kernels import mesh_bvh, micro_triangle
+from hhsim.kernels.cover import micro_triangle
+from hhsim.kernels.mesh import bvh as mesh_bvh
 from hhsim.mesh.mesh import Mesh
+from hhsim.trees import builder, coverage_check, error, hierarchy, surface_cover
+from hhsim.trees.options import TreeOptions
 
 shape = trimesh.creation.box((0.1, 0.1, 0.1))
 vertices, faces = np.asfortranarray(shape.vertices), np.asfortranarray(shape.faces)
 for array in (vertices, faces):
     array.setflags(write=False)
-tree_builder.build_sphere_tree(Mesh(vertices, faces), tree_builder.TreeOptions(level=1))
-mesh_cover.build_cover(vertices, faces, 8)
-tree = ball_hierarchy.build_hierarchy(np.asfortranarray(np.eye(3)), np.ones(3, np.float32), 1, 8)
+builder.build_sphere_tree(Mesh(vertices, faces), TreeOptions(level=1))
+surface_cover.cover_of(surface_cover.in_own_frame(vertices, faces), 8)
+tree = hierarchy.build_hierarchy(np.asfortranarray(np.eye(3)), np.ones(3, np.float32), 1, 8)
 bvh = mesh_bvh.build_mesh_bvh(vertices, faces)
 mesh_bvh.mesh_signed_distance(bvh, np.asfortranarray(np.eye(3)))
-tree_error.uncovered_faces(vertices, faces, tree.leaf_center[::-1], tree.leaf_radius[::-1])
-for module in (mesh_cover, mesh_bvh, micro_triangle, ball_hierarchy, tree_error, cover_check):
+error.uncovered_faces(vertices, faces, tree.leaf_center[::-1], tree.leaf_radius[::-1])
+for module in (surface_cover, mesh_bvh, micro_triangle, hierarchy, error, coverage_check):
     for name, kernel in vars(module).items():
         if len(getattr(kernel, "signatures", ())) > 1:
             print(name, kernel.signatures)

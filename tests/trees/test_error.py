@@ -6,7 +6,7 @@ import trimesh
 
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import TreeOptions, build_sphere_tree
+from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.error import (
     LEAST_SAMPLES_EACH,
     measure_levels,
@@ -16,6 +16,7 @@ from hhsim.trees.error import (
     uncovered_faces,
 )
 from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.options import TreeOptions
 
 BOX = trimesh.creation.box((0.1, 0.1, 0.1))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")

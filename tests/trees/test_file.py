@@ -66,15 +66,6 @@ def test_covers_come_back(tmp_path: Path) -> None:
         assert all(data.attrs["units"] and data.attrs["long_name"] for data in file["covers/1"].values())
 
 
-def test_a_file_without_covers_is_still_read(tmp_path: Path) -> None:
-    path = tmp_path / "tree.h5"
-    save_tree(with_covers(), path)
-    with h5py.File(path, "a") as file:
-        del file["covers"]
-        file.attrs["schema_version"] = 1
-    assert load_tree(path).covers == ()
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

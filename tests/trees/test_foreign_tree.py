@@ -10,9 +10,10 @@ from scipy.spatial.distance import cdist
 
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import TreeOptions, build_sphere_tree
+from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.file import save_tree
 from hhsim.trees.foreign_tree import import_tree, load_tree_for
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sph_format import save_sph
 from hhsim.trees.sphere_tree import SphereTree
 

@@ -11,7 +11,7 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.trees import surface_cover as mesh_cover
 from hhsim.trees.error import protrusion_bound, uncovered_faces
-from hhsim.trees.surface_cover import build_cover, require_inside
+from hhsim.trees.surface_cover import Progress, cover_of, in_own_frame, require_inside
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -19,6 +19,10 @@ Indices = NDArray[np.int64]
 
 def arrays(shape: trimesh.Trimesh) -> tuple[Array, Indices]:
     return np.array(shape.vertices, dtype=np.float64), np.array(shape.faces, dtype=np.int64)
+
+
+def build_cover(vertices: Array, faces: Indices, balls: int, progress: Progress | None = None) -> tuple[Array, Array]:
+    return cover_of(in_own_frame(vertices, faces), balls, progress)
 
 
 TETRAHEDRON = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

@@ -12,8 +12,10 @@ from trimesh.triangles import closest_point
 from hhsim.errors import MeshError
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import TreeOptions, build_sphere_tree, cached_sphere_tree
+from hhsim.trees.builder import build_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.tree_checks import TrueSurface, Verdict, main, moved_at_random, referee, sticking_out
 
@@ -152,8 +154,8 @@ def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent(name: s
 
 def test_another_process_builds_the_same_bytes() -> None:
     program = (
-        "import hashlib; from hhsim import shapes; from hhsim.trees.builder import *; "
-        "t = build_sphere_tree(shapes.cup(0.08, 0.092, 0.0034, 0.032), TreeOptions(level=2)); "
+        "import hashlib; from hhsim.mesh.cup import cup; from hhsim.trees.builder import *; "
+        "t = build_sphere_tree(cup(0.08, 0.092, 0.0034, 0.032), TreeOptions(level=2)); "
         "print(hashlib.sha256(t.center.tobytes() + t.radius.tobytes() + repr(t.errors).encode()).hexdigest())"
     )
     answers = [

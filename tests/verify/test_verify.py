@@ -28,7 +28,8 @@ from hhsim.replay.stored_scene import checksums
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, judged
 from hhsim.verify.contacts import axis_places
 from hhsim.verify.force_checks import force_claims

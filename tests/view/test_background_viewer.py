@@ -20,7 +20,8 @@ from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.view.background_viewer import ViewAhead, can_fork
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result

@@ -32,7 +32,8 @@ from hhsim.scene.script import Script, read_script
 from hhsim.scene.stored_pose import Placement
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]

@@ -1,10 +1,10 @@
-"""Every installed QP solver by its best native call; what can be built once is built beforehand and not timed.
+"""Every installed QP solver on the same programs; what can be built once is built beforehand and not timed.
 
 All get the same conditioned program, which is exact to undo: minimise ½ |y|² subject to a_i · y >= r_i with rows of
 length 1, y = (x - x₀) / L, L the largest violation at x₀ (the program's size where nothing is violated there). The
 Hessian is the identity, the solution of the order of 1, and a tolerance means the same to each. Solvers that take the
-Hessian's factor get it. Solvers that this module has no call for are called as qpsolvers does, and timed by the time
-that qpsolvers measures around their own call.
+Hessian's factor get it. The fast ones, whose solve takes no longer than a call from Python, are called by their native
+interface; the others as qpsolvers does, and timed by the time that it measures around their own call.
 """
 
 import time
@@ -22,12 +22,6 @@ from hhsim.solver.qp import ACTIVE_SET, BACKEND_OPTIONS
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-KNOWN_BACKENDS = (
-    *("clarabel", "copt", "cvxopt", "daqp", "ecos", "gurobi", "highs", "hpipm", "jaxopt_osqp", "kvxopt", "mosek"),
-    *("nppro", "osqp", "pdhcg", "piqp", "proxqp", "pyqpmad", "qpalm", "qpax", "qpoases", "qpswift", "qtqp", "quadprog"),
-    *("scs", "sip"),
-)
-"""All that qpsolvers 4.13 can call, installed or not."""
 DUAL_ACTIVE_SET_TOLERANCE = 1e-9
 
 
@@ -218,98 +212,6 @@ def _pyqpmad(problem: Conditioned) -> PreparedCall:
     )
 
 
-def _clarabel(problem: Conditioned) -> PreparedCall:
-    import clarabel
-    from scipy.sparse import csc_matrix
-
-    identity, zero = csc_matrix(np.eye(problem.variables)), np.zeros(problem.variables)
-    rows, least = csc_matrix(-problem.matrix), -problem.least
-    cones = [clarabel.NonnegativeConeT(problem.rows)]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    for name, value in BACKEND_OPTIONS["clarabel"].items():
-        setattr(settings, name, value)
-
-    def read(raw: Any) -> tuple[FloatArray | None, FloatArray | None, float | None]:
-        solved = raw.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
-        # Its own time leaves the setup out: no time of its own, then.
-        return (np.array(raw.x) if solved else None), np.array(raw.z), None
-
-    return PreparedCall(
-        lambda: clarabel.DefaultSolver(identity, zero, rows, least, cones, settings).solve(),
-        read,
-    )
-
-
-def _piqp(problem: Conditioned) -> PreparedCall:
-    import piqp
-
-    n = problem.variables
-    eye, zero = np.asfortranarray(np.eye(n)), np.zeros(n)
-    rows, most = np.asfortranarray(-problem.matrix), -problem.least
-    nothing, empty = np.zeros((0, n), order="F"), np.zeros(0)
-    least = np.full(problem.rows, -1e30)
-
-    def run() -> Any:
-        solver = piqp.DenseSolver()
-        solver.settings.compute_timings = True
-        for name, value in BACKEND_OPTIONS["piqp"].items():
-            setattr(solver.settings, name, value)
-        solver.setup(eye, zero, nothing, empty, rows, least, most)
-        return solver, solver.solve()
-
-    def read(raw: Any) -> tuple[FloatArray | None, FloatArray | None, float | None]:
-        solver, status = raw
-        result = solver.result
-        solved = status == piqp.PIQP_SOLVED
-        return (np.array(result.x) if solved else None), np.array(result.z_u), result.info.run_time
-
-    return PreparedCall(run, read)
-
-
-def _proxqp(problem: Conditioned) -> PreparedCall:
-    from proxsuite import proxqp
-
-    n, m = problem.variables, problem.rows
-    eye, zero = np.eye(n), np.zeros(n)
-    rows, most, least = -problem.matrix, -problem.least, np.full(m, -1e20)
-
-    def run() -> Any:
-        solver = proxqp.dense.QP(n, 0, m)
-        solver.settings.compute_timings = True
-        for name, value in BACKEND_OPTIONS["proxqp"].items():
-            setattr(solver.settings, name, value)
-        solver.init(eye, zero, None, None, rows, least, most)
-        solver.solve()
-        return solver.results
-
-    def read(raw: Any) -> tuple[FloatArray | None, FloatArray | None, float | None]:
-        solved = raw.info.status == proxqp.QPSolverOutput.PROXQP_SOLVED
-        return (np.array(raw.x) if solved else None), np.array(raw.z), 1e-6 * raw.info.run_time
-
-    return PreparedCall(run, read)
-
-
-def _osqp(problem: Conditioned) -> PreparedCall:
-    import osqp
-    from scipy.sparse import csc_matrix
-
-    identity, zero = csc_matrix(np.eye(problem.variables)), np.zeros(problem.variables)
-    rows, most, least = csc_matrix(-problem.matrix), -problem.least, np.full(problem.rows, -np.inf)
-
-    def run() -> Any:
-        solver = osqp.OSQP()
-        solver.setup(identity, zero, rows, least, most, verbose=False, **BACKEND_OPTIONS["osqp"])
-        return solver.solve(raise_error=False)
-
-    def read(raw: Any) -> tuple[FloatArray | None, FloatArray | None, float | None]:
-        solved = raw.info.status_val == osqp.SolverStatus.OSQP_SOLVED
-        return (np.array(raw.x) if solved else None), np.array(raw.y), raw.info.run_time
-
-    return PreparedCall(run, read)
-
-
 def _by_qpsolvers(backend: str, problem: Conditioned) -> PreparedCall:
     import qpsolvers
     from scipy.sparse import csc_matrix
@@ -327,11 +229,4 @@ def _by_qpsolvers(backend: str, problem: Conditioned) -> PreparedCall:
     return PreparedCall(lambda: qpsolvers.solve_problem(built, backend, **options), read)
 
 
-_NATIVE: dict[str, Callable[[Conditioned], PreparedCall]] = {
-    "clarabel": _clarabel,
-    "osqp": _osqp,
-    "piqp": _piqp,
-    "proxqp": _proxqp,
-    "pyqpmad": _pyqpmad,
-    "quadprog": _quadprog,
-}
+_NATIVE: dict[str, Callable[[Conditioned], PreparedCall]] = {"pyqpmad": _pyqpmad, "quadprog": _quadprog}

@@ -46,7 +46,7 @@ class Residuals:
 
 def residuals(program: Program, x: FloatArray, multiplier: FloatArray, moved_back: float = 0.0) -> Residuals:
     """Of a solution x (n,) with multipliers (m,) of the rows as given; `moved_back` is what the rows give [√J]."""
-    matrix, norm = _unit_rows(program)
+    matrix, norm = unit_rows(program)
     size = program.size
     with np.errstate(invalid="ignore", over="ignore"):
         slack = (matrix @ x - program.rhs / norm + moved_back) / size
@@ -68,7 +68,7 @@ def certified_radius(program: Program, certificate: FloatArray) -> float:
     For y >= 0 and any x of length ρ, yᵀ (A x - b) <= |yᵀ A| ρ - yᵀ b: negative for ρ < yᵀ b / |yᵀ A|. Sums are taken in
     extended precision; y belongs to the normalised rows.
     """
-    matrix, norm = _unit_rows(program)
+    matrix, norm = unit_rows(program)
     y = np.asarray(certificate, dtype=np.longdouble)
     if not np.isfinite(y).all() or y.min(initial=0.0) < 0.0:
         return 0.0
@@ -79,28 +79,8 @@ def certified_radius(program: Program, certificate: FloatArray) -> float:
     return gap / length / program.size if length > 0.0 else np.inf
 
 
-def least_violation(program: Program) -> float:
-    """Least t for which some x violates no normalised row by more than t, in sizes of the program; by linear program.
-
-    Positive: the rows contradict each other. An independent look at what `certified_radius` proves; good to about
-    1e-9.
-    """
-    from scipy.optimize import linprog
-
-    matrix, norm = _unit_rows(program)
-    n, size = program.variables, program.size
-    found = linprog(
-        np.concatenate([np.zeros(n), [1.0]]),
-        A_ub=np.hstack([-matrix, -np.ones((program.rows, 1))]),
-        b_ub=-program.rhs / norm / size,
-        bounds=[(None, None)] * n + [(-1.0, None)],
-        method="highs",
-        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
-    )
-    return float("nan") if found.status != 0 or found.x is None else float(found.x[-1])
-
-
-def _unit_rows(program: Program) -> tuple[FloatArray, FloatArray]:
+def unit_rows(program: Program) -> tuple[FloatArray, FloatArray]:
+    """Rows of length 1, shape (m, n), rows of zeros as they are; and the lengths they had, 1 for those, shape (m,)."""
     matrix = program.matrix
     norm: FloatArray = np.linalg.norm(matrix, axis=1)
     norm[norm == 0.0] = 1.0

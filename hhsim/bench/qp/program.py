@@ -84,51 +84,6 @@ class Program:
         return replace(self, guess=self.guess[:0])
 
 
-def dense_program(
-    kind: str, matrix: FloatArray, rhs: FloatArray, target: FloatArray, tolerance: float, relaxation: float = 0.0
-) -> Program:
-    """A program of any rows (m, n), n = 3, 6, or 6 with blocks of 3 behind of which a row uses at most one.
-
-    Rows of one block come to lie together: the order changes.
-
-    Raises:
-        ValueError: for other shapes.
-    """
-    m, n = matrix.shape
-    if n == 3:
-        owner, first = np.zeros(m, dtype=np.int64), np.zeros(1, dtype=np.int64)
-        common = np.zeros((0, m))
-    elif n >= 6 and n % 3 == 0:
-        used = (matrix[:, 6:].reshape(m, -1, 3) != 0.0).any(axis=2)
-        if used.sum(axis=1).max(initial=0) > 1:
-            raise ValueError("a row uses more than one block")
-        owner = np.where(used.any(axis=1), 1 + used.argmax(axis=1) if used.shape[1] else 0, 0)
-        first = np.concatenate([[-1], np.arange(6, n, 3)])
-        common = matrix[:, :6].T
-    else:
-        raise ValueError(f"{n} variables are no palm, finger or hand")
-    order = np.argsort(owner, kind="stable")
-    owner, matrix = owner[order], matrix[order]
-    block = np.zeros((3, m))
-    for g, column in enumerate(first):
-        if column >= 0:
-            block[:, owner == g] = matrix[owner == g, column : column + 3].T
-    groups = np.arange(first.size)
-    return Program(
-        kind=kind,
-        common=np.ascontiguousarray(common[:, order]),
-        block=block,
-        rhs=np.ascontiguousarray(rhs[order]),
-        group_start=np.searchsorted(owner, groups, side="left"),
-        group_stop=np.searchsorted(owner, groups, side="right"),
-        group_block=first,
-        target=np.ascontiguousarray(target),
-        tolerance=tolerance,
-        relaxation=relaxation,
-        guess=np.zeros(0, dtype=np.int64),
-    )
-
-
 @dataclass(frozen=True)
 class Outcome:
     """What the active set answered.

@@ -88,7 +88,8 @@ def harvest(
 
 def _scene(hand: HandModel, object_: str, motion: str, seed: int) -> tuple[SphereTree, HandConfiguration]:
     from hhsim.mesh.catalogue import load_object
-    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+    from hhsim.trees.cache import cached_sphere_tree
+    from hhsim.trees.options import TreeOptions
 
     item = load_object(object_)
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=item.level))

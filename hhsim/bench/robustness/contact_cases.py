@@ -15,7 +15,8 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STU
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import frozen_decay
 from hhsim.motion.analytic_motion import random_targets, still
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]

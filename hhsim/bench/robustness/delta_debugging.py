@@ -16,7 +16,6 @@ from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.motion.tick_motion import replayed
 
 Mask = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 MOST_RUNS = 3000
 """Candidates that are tried at most."""

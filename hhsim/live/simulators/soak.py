@@ -34,7 +34,8 @@ from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.solver.compile import warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 LATENCY_LIMIT = 2e-3
 """Of the 99th percentile of the added latency, where SCHED_FIFO was granted [s]."""

@@ -21,7 +21,8 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.replay import tremor_hold
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 HAND = HandModel.default()
 OPTIONS = PaperOptions(methods=("coupled", "paper"), objects=("cube", "bunny"), level=3, instances=2, repetitions=2)

@@ -9,7 +9,8 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.script import parse_script
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 SCRIPT = """
 objects = ["shamrock"]

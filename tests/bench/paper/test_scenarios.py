@@ -15,7 +15,8 @@ from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()

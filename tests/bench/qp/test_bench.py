@@ -1,74 +1,80 @@
 """`hhsim bench qp` on a small scale: the library, the calls of other solvers, the command."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import qpsolvers
 from conftest import Run
+from pyarrow import parquet
+from qp_problems import contact_programs, degenerate_set
 
-from hhsim.bench.qp.backends import KNOWN_BACKENDS, Answer, condition, other_backends, overhead, prepare
-from hhsim.bench.qp.bench import QpBench, QpBenchOptions, bench_qp, check_names
-from hhsim.bench.qp.degenerate_problems import degenerate_set
+from hhsim.bench.qp.backends import Answer, condition, other_backends, overhead, prepare
+from hhsim.bench.qp.bench import SAMPLE, QpBenchOptions, Tally, bench_qp, check_names, missed_programs
 from hhsim.bench.qp.kkt_check import residuals
 from hhsim.bench.qp.program import ProgramSolver
-from hhsim.bench.qp.random_problems import contact_programs
-from hhsim.bench.qp.statistics import Tally
+from hhsim.bench.qp.recorded_problems import harvest
 from hhsim.bench.table import load_table
 from hhsim.errors import UnknownNameError
 
 SMALL = QpBenchOptions(
-    problems=120,
-    per_set=2,
-    per_size=2,
-    objects=("sphere",),
-    motions=("grasp", "random"),
-    backends=("daqp", "quadprog", "clarabel"),
+    problems=250, objects=("sphere",), motions=("grasp", "random"), backends=("daqp", "quadprog", "clarabel")
 )
 ACCURATE = ("clarabel", "daqp", "quadprog")
 
 
 @pytest.fixture(scope="module")
-def bench() -> QpBench:
-    return bench_qp(SMALL)
+def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("qp") / "programs.parquet"
 
 
-def test_ours_solves_everything_and_proves_what_it_refuses(bench: QpBench) -> None:
-    assert bench.failures == []
-    assert bench.harvested["problems"] == 120
-    assert bench.harvested["linear_program_denies"] == 0
-    assert bench.harvested["compared"] > 0
-    assert bench.harvested["objective_difference"] < 1e-9
-    for row in bench.rows:
-        if row["backend"].startswith("active-set"):
-            assert row["solved"] + row["refused"] == row["problems"] > 0
-            assert row["residual_max"] <= 1e-9
-            assert row["wrong"] == row["unproved"] == row["accepted"] == row["gave_up"] == 0
+@pytest.fixture(scope="module")
+def rows(programs: Path) -> list[dict[str, Any]]:
+    return bench_qp(SMALL, programs)
 
 
-def test_every_solver_has_a_row_for_every_case(bench: QpBench) -> None:
-    solvers = {"active-set", *(SMALL.backends or ())}
-    degenerate = [row for row in bench.rows if row["part"] == "degenerate"]
-    assert len(degenerate) == 12 * 3 * len(solvers)
-    timed = [row for row in bench.rows if row["part"] == "time"]
-    for case in {row["case"] for row in timed}:
-        present = {row["backend"] for row in timed if row["case"] == case}
-        warm = {"active-set, warm", "daqp, warm"} if case.startswith("harvested") else set()
-        assert present == solvers | warm
-    assert {"3×10", "21×500", "harvested coupled"} <= {row["case"] for row in timed}
-    for row in timed:
-        assert 0.0 < row["native_p50"] <= row["native_p99"]
-        assert 0.0 < row["call_p50"] <= row["call_p99"]
-        assert row["residual_max"] < 1e-6
-    assert {entry["case"] for entry in bench.nearest} == {row["case"] for row in timed}
-    for entry in bench.nearest:
-        assert entry["ratio"] == pytest.approx(entry["nearest_p50"] / entry["native_p50"])
+def test_ours_solves_everything_and_proves_what_it_refuses(rows: list[dict[str, Any]]) -> None:
+    assert missed_programs(rows) == []
+    own = [row for row in rows if row["solver"] in ("active-set", "active-set, warm")]
+    assert sum(row["problems"] for row in own) == 2 * SMALL.problems
+    for row in own:
+        assert row["solved"] + row["refused"] == row["problems"] > 0
+        assert row["residual_max"] <= 1e-9
 
 
-def test_absent_solvers_are_named(bench: QpBench) -> None:
-    assert not set(bench.absent) & set(bench.versions)
-    assert set(bench.absent) | set(bench.versions) >= set(KNOWN_BACKENDS)
-    assert bench.versions["daqp"]
+def test_every_solver_has_a_row_for_every_kind(rows: list[dict[str, Any]]) -> None:
+    solvers = ["active-set", "active-set, warm", *(SMALL.backends or ()), "daqp, warm"]
+    for kind in {row["program"] for row in rows}:
+        mine = [row for row in rows if row["program"] == kind]
+        assert [row["solver"] for row in mine] == solvers
+        for row in mine:
+            assert 0.0 < row["native_p50"] <= row["native_p99"]
+            assert 0.0 < row["call_p50"] <= row["call_p99"]
+            assert row["residual_max"] < 1e-6
+            assert row["missed"] == 0
+            if row["solver"] != "active-set":
+                assert row["problems"] in (mine[0]["problems"], min(SAMPLE, mine[0]["problems"]))
+    assert {"coupled", "finger"} <= {row["program"] for row in rows}
+
+
+def test_the_programs_are_written_as_qpbenchmark_reads_them(rows: list[dict[str, Any]], programs: Path) -> None:
+    taken = parquet.read_table(programs).to_pylist()
+    assert [set(one) for one in taken[:1]] == [{"P", "q", "G", "h", "A", "b", "lb", "ub", "name"}]
+    assert len({one["name"] for one in taken}) == len(taken) == SMALL.problems
+    solver = ProgramSolver()
+    same = harvest(SMALL.problems, objects=SMALL.objects, motions=SMALL.motions)
+    for one, program in zip(taken[::25], list(same)[::25], strict=True):
+        n = len(one["q"])
+        matrices = {key: np.array(one[key]).reshape(-1, n) for key in ("P", "G")}
+        problem = qpsolvers.Problem(matrices["P"], np.array(one["q"]), matrices["G"], np.array(one["h"]))
+        theirs = qpsolvers.solve_problem(problem, "quadprog")
+        ours = solver.solve(program)
+        assert theirs.found == (ours.status == 0)
+        if theirs.x is not None:
+            np.testing.assert_allclose(theirs.x, ours.x, atol=1e-7 * program.size)
 
 
 @pytest.mark.parametrize("backend", other_backends())
@@ -108,34 +114,39 @@ def test_a_contradiction_is_no_solution(backend: str) -> None:
     for program in degenerate_set("infeasible by 1", 6, 5, seed=0):
         problem = condition(program)
         tally.count_answer(program, prepare(backend, problem).solve(problem), feasible=False)
-    assert tally.refused == tally.problems == 5
+    assert (tally.solved, tally.refused, tally.missed) == (0, 5, 0)
 
 
 def test_a_tally_tells_right_from_wrong() -> None:
     (program,) = contact_programs(3, 20, 1, seed=0)
     (contradiction,) = degenerate_set("infeasible by 1e-9", 3, 1, seed=0)
     solver = ProgramSolver()
-    outcome = solver.solve(program)
-    tally = Tally()
+    outcome, refused = solver.solve(program), solver.solve(contradiction)
     exact = Answer(True, outcome.x, outcome.multiplier, 1, None)
-    tally.count_answer(program, exact, feasible=True)
-    assert (tally.solved, tally.exact) == (1, True)
-    tally.count_answer(program, Answer(True, outcome.x + 1.0, outcome.multiplier, 1, None), feasible=True)
-    tally.count_answer(program, Answer(True, outcome.x * np.nan, outcome.multiplier, 1, None), feasible=True)
-    assert tally.wrong == 2
-    tally.count_answer(program, Answer(False, outcome.x, outcome.multiplier, 1, None), feasible=True)
-    assert tally.gave_up == 1
-    assert not tally.exact
-    refused = solver.solve(contradiction)
+
+    def counts(*answers: tuple[Any, Any, bool]) -> tuple[int, int, int]:
+        tally = Tally()
+        for one, answer, feasible in answers:
+            tally.count_answer(one, answer, feasible)
+        return tally.solved, tally.refused, tally.missed
+
+    nothing = Answer(False, outcome.x, outcome.multiplier, 1, None)
+    assert counts((program, exact, True)) == (1, 0, 0)
+    assert counts((contradiction, nothing, False)) == (0, 1, 0)
+    far = Answer(True, refused.x * 0.0 + 1e6, refused.multiplier, 1, None)
+    for wrong in (replace(exact, x=outcome.x + 1.0), replace(exact, x=outcome.x * np.nan), nothing):
+        assert counts((program, wrong, True)) == (0, 0, 1)
+    assert counts((contradiction, far, False)) == (0, 0, 1)
+
+    tally = Tally()
+    tally.count_outcome(program, outcome)
     tally.count_outcome(contradiction, refused)
-    assert tally.refused == 1
+    assert (tally.solved, tally.refused, tally.missed) == (1, 1, 0)
     assert refused.certificate is not None
-    tally.count_outcome(contradiction, type(refused)(**{**vars(refused), "certificate": refused.certificate * 0.0}))
-    assert tally.unproved == 1
-    tally.count_outcome(program, refused, feasible=True)
-    assert tally.gave_up == 2
-    tally.count_answer(contradiction, Answer(True, refused.x * 0.0 + 1e6, refused.multiplier, 1, None), feasible=False)
-    assert tally.wrong == 3
+    tally.count_outcome(contradiction, replace(refused, certificate=refused.certificate * 0.0))
+    tally.count_outcome(program, replace(refused, certificate=None))
+    tally.count_outcome(program, replace(outcome, x=outcome.x + 1e-8 * program.size))
+    assert (tally.solved, tally.refused, tally.missed) == (1, 1, 3)
 
 
 def test_names_are_checked_before_the_work() -> None:
@@ -148,58 +159,59 @@ def test_names_are_checked_before_the_work() -> None:
             check_names(options)
 
 
-def test_a_miss_is_said(bench: QpBench) -> None:
-    row = dict(next(row for row in bench.rows if row["backend"] == "active-set"))
-    missed = QpBench(rows=[{**row, "solved": row["solved"] - 1, "gave_up": 1}, {**row, "residual_max": 1e-8}])
-    assert len(missed.failures) == 2
-    assert "1 of" in missed.failures[0]
-    assert "1.0e-08" in missed.failures[1]
-    assert len(QpBench(harvested={"linear_program_denies": 2}).failures) == 1
+def test_a_miss_is_said(rows: list[dict[str, Any]]) -> None:
+    own, other = (
+        {**next(row for row in rows if row["solver"] == name), "missed": 1} for name in ("active-set", "daqp")
+    )
+    (sentence,) = missed_programs([own, other])
+    assert sentence.startswith(f"{own['program']}, active-set: 1 of {own['problems']} programs")
 
 
 ARGUMENTS = (
-    *("bench", "qp", "--problems", "40", "--per-set", "1", "--per-size", "1", "--object", "sphere"),
-    *("--motion", "random", "--qp", "daqp", "--out", "qp.h5"),
+    *("bench", "qp", "--problems", "40", "--object", "sphere", "--motion", "random"),
+    *("--qp", "daqp", "--programs", "ticks.parquet", "--out", "qp.h5"),
 )
 
 
 def test_the_command_prints_tables_and_writes_them(run: Run, tmp_path: Path) -> None:
     answer = run(*ARGUMENTS)
     assert answer.code == 0, answer.err
-    for words in ("programs of real ticks", "degenerate sets", "side by side", "infeasible by 1e-9", "not installed"):
+    for words in ("coupled: 21 variables", "active-set, warm", "daqp", "the programs are in ticks.parquet"):
         assert words in answer.out
     table = load_table(tmp_path / "qp.h5")
     assert table.suite == "qp"
-    assert {row["part"] for row in table.rows} == {"harvest", "degenerate", "time"}
     assert table.options["problems"] == 40
-    assert (tmp_path / "qp.csv").read_text().startswith("part,case,")
+    assert (tmp_path / "qp.csv").read_text().startswith("program,")
+    assert parquet.read_table(tmp_path / "ticks.parquet").num_rows == 40
 
 
 def test_json_is_one_document(run: Run) -> None:
-    answer = run(*ARGUMENTS, "--json")
-    document = json.loads(answer.out)
-    assert document["failures"] == []
-    assert document["harvest"]["problems"] == 40
+    document = json.loads(run(*ARGUMENTS, "--json").out)
+    assert document["missed"] == []
     assert document["options"]["backends"] == ["daqp"]
-    assert {"rows", "nearest", "versions", "absent", "path"} <= document.keys()
+    assert document["versions"]["daqp"]
+    assert {"rows", "table", "programs", "units"} <= document.keys()
 
 
 def test_a_miss_gives_exit_code_1(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.bench.qp.bench.QpBench.failures", property(lambda self: ["something"]))
+    monkeypatch.setattr("hhsim.bench.qp.bench.missed_programs", lambda rows: ["something"])
     answer = run(*ARGUMENTS)
     assert answer.code == 1
     assert "missed: something" in answer.err
 
 
 def test_wrong_words_are_refused_before_the_work(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "thesis.parquet").write_text("no programs")
     for words, told in (
         (("--object", "spere"), "sphere"),
         (("--motion", "graps"), "grasp"),
         (("--qp", "dapq"), "daqp"),
         (("--qp", " , "), "expected names with commas between"),
         (("--out", "qp.csv"), ".h5"),
+        (("--programs", "qp.npz"), ".parquet"),
+        (("--programs", "thesis.parquet"), "exists and is no Parquet file"),
     ):
         answer = run("bench", "qp", *words)
         assert answer.code == 2
         assert told in answer.err
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.parquet"]

@@ -2,12 +2,20 @@
 
 import numpy as np
 import pytest
+from qp_problems import (
+    FEASIBLE_SETS,
+    INFEASIBLE_SETS,
+    SIZES,
+    VARIABLES,
+    contact_programs,
+    degenerate_set,
+    dense_program,
+    least_violation,
+)
 
-from hhsim.bench.qp.degenerate_problems import FEASIBLE_SETS, INFEASIBLE_SETS, VARIABLES, degenerate_set
-from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, least_violation, residuals
-from hhsim.bench.qp.program import Program, ProgramSolver, dense_program
-from hhsim.bench.qp.random_problems import SIZES, contact_programs
-from hhsim.bench.qp.statistics import OWN_LIMIT
+from hhsim.bench.qp.bench import OWN_LIMIT
+from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residuals
+from hhsim.bench.qp.program import Program, ProgramSolver
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL
 
 COUNT = 20

@@ -4,12 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from qp_problems import least_violation
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
 
-from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, least_violation, residuals
+from hhsim.bench.qp.bench import OWN_LIMIT
+from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residuals
 from hhsim.bench.qp.program import Program, ProgramSolver
 from hhsim.bench.qp.recorded_problems import harvest, harvest_tick
-from hhsim.bench.qp.statistics import OWN_LIMIT
 from hhsim.errors import UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel

@@ -160,7 +160,8 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
     tmp_path: Path, run: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from hhsim.mesh.catalogue import load_object
-    from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+    from hhsim.trees.cache import cached_sphere_tree
+    from hhsim.trees.options import TreeOptions
 
     cube = load_object("cube")
     tree = cached_sphere_tree(cube.mesh, TreeOptions(level=cube.level))

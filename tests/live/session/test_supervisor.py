@@ -21,7 +21,8 @@ from hhsim.live.session import supervisor
 from hhsim.live.session.supervisor import GUARDIAN, LOOP, RECORDER, VIEWER, Supervisor
 from hhsim.mesh.catalogue import load_object
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.builder import TreeOptions, cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 
 # Without hhsim's numerics, which every one of them would load.
 BEGIN = """

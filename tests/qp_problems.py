@@ -1,11 +1,12 @@
-"""Programs that are known to hurt: the degenerate sets, each with what is true of it."""
+"""Programs that tests solve: any rows in the kernels' layout, degenerate sets, contacts at random; and a referee."""
 
 from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench.qp.program import Program, dense_program
+from hhsim.bench.qp.kkt_check import unit_rows
+from hhsim.bench.qp.program import Program
 
 FloatArray = NDArray[np.float64]
 Rows = tuple[FloatArray, FloatArray, FloatArray]
@@ -13,11 +14,11 @@ Rows = tuple[FloatArray, FloatArray, FloatArray]
 
 VARIABLES = (3, 6, 21)
 LEAST_ROWS, MOST_ROWS = 50, 100
-TOLERANCE = 1e-12
+DEGENERATE_TOLERANCE = 1e-12
 """Violation that counts as satisfied; the numbers in these sets are of the order of 1."""
 
 
-def _unit_rows(rng: np.random.Generator, n: int, m: int) -> FloatArray:
+def _hand_rows(rng: np.random.Generator, n: int, m: int) -> FloatArray:
     """Rows of length 1 in the pattern of a hand's: six columns of the palm, three of one finger."""
     matrix: FloatArray = rng.normal(size=(m, n))
     if n > 6:
@@ -30,7 +31,7 @@ def _unit_rows(rng: np.random.Generator, n: int, m: int) -> FloatArray:
 
 def _around(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Rows that a point inside satisfies with some slack, about half of them violated by the target; and the point."""
-    matrix, inside = _unit_rows(rng, n, m), rng.normal(size=n)
+    matrix, inside = _hand_rows(rng, n, m), rng.normal(size=n)
     return matrix, matrix @ inside - rng.exponential(0.3, size=m), inside + 2.0 * rng.normal(size=n), inside
 
 
@@ -147,4 +148,121 @@ def degenerate_set(name: str, variables: int, count: int, seed: int) -> Iterator
     rng = np.random.default_rng([seed, variables, *name.encode()])
     for _ in range(count):
         rows = int(rng.integers(LEAST_ROWS, MOST_ROWS + 1))
-        yield dense_program(name, *make(rng, variables, rows), tolerance=TOLERANCE)
+        yield dense_program(name, *make(rng, variables, rows), tolerance=DEGENERATE_TOLERANCE)
+
+
+SIZES = ((3, 10), (3, 100), (6, 100), (6, 250), (21, 50), (21, 250), (21, 500))
+"""Variables and rows."""
+
+PATCH = 8
+"""Contacts of a patch, on average."""
+TRANSLATION, ROTATION, FLEXION = 1000.0, 5.0, 0.5
+"""Stiffness [N/m], [N·m/rad], [N·m/rad]."""
+CONTACT_TOLERANCE = 3e-12
+"""Violation that counts as satisfied [√J]: 0.1 pm."""
+
+
+def contact_programs(variables: int, rows: int, count: int, seed: int) -> Iterator[Program]:
+    """`count` programs of one size.
+
+    Raises:
+        ValueError: for other than 3, 6 or 21 variables.
+    """
+    rng = np.random.default_rng([seed, variables, rows])
+    kind = f"{variables}×{rows}"
+    for _ in range(count):
+        yield _contacts(rng, kind, variables, rows)
+
+
+def _contacts(rng: np.random.Generator, kind: str, n: int, m: int) -> Program:
+    patches = max(1, m // PATCH)
+    patch = rng.integers(0, patches, size=m)
+    normal = rng.normal(size=(patches, 3))[patch] + 0.05 * rng.normal(size=(m, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    point = 0.05 * rng.normal(size=(patches, 3))[patch] + 0.002 * rng.normal(size=(m, 3))
+    lever = 0.03 * rng.normal(size=(patches, 3))[patch] + 0.002 * rng.normal(size=(m, 3))
+    root = np.sqrt([TRANSLATION] * 3 + [ROTATION] * 3 + [FLEXION] * 15)
+    reach = np.array([5e-3] * 3 + [0.05] * 3 + [0.1] * 15) * root
+    matrix = np.zeros((m, 21))
+    matrix[:, :3] = normal
+    matrix[:, 3:6] = np.cross(point, normal)
+    owner = rng.integers(0, 6, size=patches)[patch]
+    for finger in range(1, 6):
+        own = owner == finger
+        matrix[own, 3 + 3 * finger : 6 + 3 * finger] = lever[own]
+    if n == 3:
+        matrix, root, reach = lever, root[6:9], reach[6:9]
+    elif n == 6:
+        matrix, root, reach = matrix[:, :6], root[:6], reach[:6]
+    elif n != 21:
+        raise ValueError(f"{n} variables are no finger, palm or hand")
+    matrix = matrix / root
+    inside = 0.1 * reach * rng.normal(size=n)
+    rhs = matrix @ inside - rng.exponential(3e-4, size=m)
+    return dense_program(kind, matrix, rhs, inside + reach * rng.normal(size=n), CONTACT_TOLERANCE)
+
+
+def dense_program(
+    kind: str, matrix: FloatArray, rhs: FloatArray, target: FloatArray, tolerance: float, relaxation: float = 0.0
+) -> Program:
+    """A program of any rows (m, n), n = 3, 6, or 6 with blocks of 3 behind of which a row uses at most one.
+
+    Rows of one block come to lie together: the order changes.
+
+    Raises:
+        ValueError: for other shapes.
+    """
+    m, n = matrix.shape
+    if n == 3:
+        owner, first = np.zeros(m, dtype=np.int64), np.zeros(1, dtype=np.int64)
+        common = np.zeros((0, m))
+    elif n >= 6 and n % 3 == 0:
+        used = (matrix[:, 6:].reshape(m, -1, 3) != 0.0).any(axis=2)
+        if used.sum(axis=1).max(initial=0) > 1:
+            raise ValueError("a row uses more than one block")
+        owner = np.where(used.any(axis=1), 1 + used.argmax(axis=1) if used.shape[1] else 0, 0)
+        first = np.concatenate([[-1], np.arange(6, n, 3)])
+        common = matrix[:, :6].T
+    else:
+        raise ValueError(f"{n} variables are no palm, finger or hand")
+    order = np.argsort(owner, kind="stable")
+    owner, matrix = owner[order], matrix[order]
+    block = np.zeros((3, m))
+    for g, column in enumerate(first):
+        if column >= 0:
+            block[:, owner == g] = matrix[owner == g, column : column + 3].T
+    groups = np.arange(first.size)
+    return Program(
+        kind=kind,
+        common=np.ascontiguousarray(common[:, order]),
+        block=block,
+        rhs=np.ascontiguousarray(rhs[order]),
+        group_start=np.searchsorted(owner, groups, side="left"),
+        group_stop=np.searchsorted(owner, groups, side="right"),
+        group_block=first,
+        target=np.ascontiguousarray(target),
+        tolerance=tolerance,
+        relaxation=relaxation,
+        guess=np.zeros(0, dtype=np.int64),
+    )
+
+
+def least_violation(program: Program) -> float:
+    """Least t for which some x violates no normalised row by more than t, in sizes of the program; by linear program.
+
+    Positive: the rows contradict each other. An independent look at what `certified_radius` proves; good to about
+    1e-9.
+    """
+    from scipy.optimize import linprog
+
+    matrix, norm = unit_rows(program)
+    n, size = program.variables, program.size
+    found = linprog(
+        np.concatenate([np.zeros(n), [1.0]]),
+        A_ub=np.hstack([-matrix, -np.ones((program.rows, 1))]),
+        b_ub=-program.rhs / norm / size,
+        bounds=[(None, None)] * n + [(-1.0, None)],
+        method="highs",
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    )
+    return float("nan") if found.status != 0 or found.x is None else float(found.x[-1])

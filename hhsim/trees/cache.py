@@ -1,0 +1,104 @@
+"""Where a sphere tree comes from: it ships with hhsim, lies in the cache, or is built.
+
+A tree that is there needs no builder: the builder and its kernels are imported where a tree is built, and nowhere else.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from hhsim.errors import InputError, OutputError
+from hhsim.kernels.jit import cache_root
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.file import load_tree, save_tree
+from hhsim.trees.hierarchy import at_level
+from hhsim.trees.options import TreeOptions
+from hhsim.trees.sphere_tree import SphereTree
+
+Progress = Callable[[str, int, int], None]
+
+SHIPPED_SUFFIX = "-tree.h5"
+
+_SOURCES = (
+    *("trees", "kernels/cover", "kernels/mesh", "kernels/enclosing_ball.py", "kernels/kd_tree.py"),
+    *("kernels/round_cone_distance.py", "kernels/triangle.py", "mesh/canonical_frame.py"),
+)
+"""Folders and files of hhsim that a built tree depends on: who changes one must not be given yesterday's tree."""
+
+
+def cached_sphere_tree(
+    mesh: Mesh, options: TreeOptions | None = None, progress: Progress | None = None, threads: int = 1
+) -> SphereTree:
+    """Return the tree of `hhsim.trees.builder.build_sphere_tree`: the one that ships, or is in the cache, or a new one.
+
+    Args:
+        mesh: Watertight and wound outward.
+        options: None for the defaults.
+        progress: As for `build_sphere_tree`, where it comes to that.
+        threads: The same.
+
+    Raises:
+        InputError: No tree is within the largest error.
+        MeshError: The mesh has no inside, or a face could not be covered.
+    """
+    options = TreeOptions() if options is None else options
+    return shipped_tree(mesh, options) or kept_sphere_tree(mesh, options, progress, threads)
+
+
+def shipped_tree(mesh: Mesh, options: TreeOptions) -> SphereTree | None:
+    """Return the tree of a mesh that ships with hhsim, or a coarser level of it; None where none is what was asked for.
+
+    It has to be of exactly this mesh, these options and this version of the builder; the file's name decides nothing.
+    """
+    file = files("hhsim.objects") / f"{mesh.name}{SHIPPED_SUFFIX}"
+    if not file.is_file():
+        return None
+    try:
+        with as_file(file) as path:
+            tree = load_tree(path)
+    except InputError:
+        return None
+    if tree.mesh_sha256 != mesh.sha256 or options.leaf_level > tree.depth:
+        return None
+    if tree.options != replace(options, level=tree.depth).recorded():
+        return None
+    # Each level of a tree is the tree that is built for it.
+    return at_level(tree, options.leaf_level)
+
+
+def kept_sphere_tree(
+    mesh: Mesh, options: TreeOptions, progress: Progress | None = None, threads: int = 1
+) -> SphereTree:
+    """Return the tree from the cache, or build it and keep it there; arguments as for `cached_sphere_tree`.
+
+    A damaged file in the cache is built again; a cache that cannot be written is done without.
+    """
+    path = cache_path(mesh, options)
+    if path.is_file():
+        try:
+            return load_tree(path)
+        except InputError:
+            pass
+    from hhsim.trees.builder import build_sphere_tree
+
+    tree = build_sphere_tree(mesh, options, progress, threads)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_tree(tree, path)
+    except (OSError, OutputError):
+        pass
+    return tree
+
+
+def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
+    """Where the cache keeps the tree of a mesh."""
+    digest = hashlib.sha256(mesh.sha256.encode())
+    digest.update(json.dumps(options.recorded(), sort_keys=True).encode())
+    for source in _SOURCES:
+        place = Path(str(files("hhsim"))) / source
+        for path in sorted(place.glob("*.py")) if place.is_dir() else (place,):
+            digest.update(path.read_bytes())
+    return cache_root() / "trees" / f"{digest.hexdigest()[:32]}.h5"

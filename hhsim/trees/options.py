@@ -1,0 +1,89 @@
+"""What a sphere tree is to be: how fine, how many leaves, how close to the mesh."""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hhsim.errors import InputError, UnknownNameError
+
+BUILDER_VERSION = 1
+"""Raised with every change that changes what is built: a tree of another version is none of today's."""
+
+MOST_LEVEL = 5
+MOST_LEAVES = 262_144
+"""Beyond this a build takes many minutes, and no tick would be in time."""
+
+COVERS = ("outer", "balanced")
+"""What the spheres are to be, see `TreeOptions`."""
+
+
+@dataclass(frozen=True)
+class TreeOptions:
+    """What to build.
+
+    Attributes:
+        level: Level of the leaves, 1 to 5; the root is level 0. None for as many as `leaves` or `max_error` need, 4 if
+            neither is given.
+        branching: Most children of a node.
+        leaves: Most leaves; None for branching ** level.
+        seed: Of the samples that measure the errors; the spheres do not depend on it.
+        cover: "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
+        max_error: Farthest that the leaves may be off the mesh, as proved [m]: as few leaves are taken as that needs,
+            see `hhsim.trees.sphere_count_search.find_fewest`. None to take all.
+    """
+
+    level: int | None = None
+    branching: int = 8
+    leaves: int | None = None
+    seed: int = 0
+    cover: str = "outer"
+    max_error: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the ranges, and put the level in that is meant by None.
+
+        Raises:
+            InputError: A value out of its range.
+            UnknownNameError: No such cover.
+        """
+        if self.cover not in COVERS:
+            raise UnknownNameError("cover", self.cover, COVERS)
+        if self.max_error is not None and not (math.isfinite(self.max_error) and self.max_error > 0.0):
+            raise InputError(f"the largest error is {self.max_error:g} m, expected a positive length")
+        if not 2 <= self.branching <= 64:
+            raise InputError(f"tree branching {self.branching}, expected 2 to 64")
+        if self.level is None:
+            usual = 4 if self.max_error is None else MOST_LEVEL
+            level = usual if self.leaves is None else needed_level(self.leaves, self.branching)
+            object.__setattr__(self, "level", min(level, MOST_LEVEL))
+        if not 1 <= self.leaf_level <= MOST_LEVEL:
+            raise InputError(f"tree level {self.level}, expected 1 to {MOST_LEVEL}")
+        if self.leaves is not None and not 1 <= self.leaves <= self.branching**self.leaf_level:
+            raise InputError(
+                f"{self.leaves} leaves, expected 1 to {self.branching**self.leaf_level} "
+                f"(branching {self.branching} at level {self.level})"
+            )
+        if self.leaf_limit > MOST_LEAVES and self.max_error is None:
+            raise InputError(f"{self.leaf_limit:,} leaves, expected at most {MOST_LEAVES:,}")
+
+    def recorded(self) -> dict[str, Any]:
+        """What a tree says of how it was built: these options, and by which version of the builder."""
+        return asdict(self) | {"builder_version": BUILDER_VERSION}
+
+    @property
+    def leaf_level(self) -> int:
+        """Level of the leaves, or the finest that they may have where `max_error` decides."""
+        return 4 if self.level is None else self.level
+
+    @property
+    def leaf_limit(self) -> int:
+        """Most leaves that the tree may have."""
+        return self.branching**self.leaf_level if self.leaves is None else self.leaves
+
+
+def needed_level(leaves: int, branching: int) -> int:
+    """Coarsest level from 1 on that has room for so many leaves."""
+    level = 1
+    while branching**level < leaves:
+        level += 1
+    return level

@@ -1,0 +1,172 @@
+"""Where trees come from: those that ship are what the builder gives, and spare it; others are built once."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.generators import cube
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees import builder, cache
+from hhsim.trees.cache import SHIPPED_SUFFIX, cache_path, cached_sphere_tree, kept_sphere_tree, shipped_tree
+from hhsim.trees.file import load_tree
+from hhsim.trees.options import TreeOptions
+from hhsim.trees.sphere_tree import SphereTree
+from tools.build_trees import PALM_LEVEL, object_tree, palm_trees
+
+DUE = "not what ships: raise BUILDER_VERSION if the builder changed, and run `python -m tools.build_trees`"
+
+
+def assert_same(one: SphereTree | None, other: SphereTree) -> None:
+    """Byte for byte, with errors, covers and proofs."""
+    assert one is not None, DUE
+    for name in ("center", "radius", "level", "parent"):
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), DUE
+    assert (one.errors, one.mesh_sha256, one.options) == (other.errors, other.mesh_sha256, other.options), DUE
+    for mine, theirs in zip(one.covers, other.covers, strict=True):
+        for name in ("center", "radius", "depth", "proof"):
+            assert getattr(mine, name).tobytes() == getattr(theirs, name).tobytes(), DUE
+        assert mine.gap == theirs.gap
+
+
+@pytest.mark.parametrize("name", object_names())
+def test_a_tree_ships_for_every_object_and_its_proofs_hold(name: str) -> None:
+    item = load_object(name)
+    tree = shipped_tree(item.mesh, TreeOptions(level=item.level))
+    assert tree is not None, DUE
+    assert tree.check(item.mesh) == ()
+    assert tree.depth == item.level
+
+
+@pytest.mark.parametrize(
+    "name", ["cube", *(pytest.param(name, marks=pytest.mark.slow) for name in object_names() if name != "cube")]
+)
+def test_what_ships_is_what_the_builder_gives(name: str) -> None:
+    item = load_object(name)
+    assert_same(shipped_tree(item.mesh, TreeOptions(level=item.level)), object_tree(name))
+
+
+def test_the_palms_that_ship_are_what_the_builder_gives() -> None:
+    for mesh, tree in palm_trees():
+        assert_same(shipped_tree(mesh, TreeOptions(level=PALM_LEVEL)), tree)
+        assert tree.check(mesh) == ()
+
+
+def test_every_tree_that_ships_is_one_of_these(repository: Path) -> None:
+    names = {path.name.removesuffix(SHIPPED_SUFFIX) for path in (repository / "objects").glob("*.h5")}
+    assert names == {*object_names(), *(HandModel.default(side).palm_mesh.name for side in ("right", "left"))}
+
+
+def test_a_coarser_level_of_what_ships_is_the_tree_that_is_built_for_it() -> None:
+    item = load_object("cube")
+    options = TreeOptions(level=2)
+    assert_same(shipped_tree(item.mesh, options), builder.build_sphere_tree(item.mesh, options))
+
+
+def test_what_ships_is_taken_for_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = load_object("cube").mesh
+    for other in (
+        TreeOptions(level=4),
+        TreeOptions(level=3, leaves=500),
+        TreeOptions(level=3, branching=7),
+        TreeOptions(level=3, cover="balanced"),
+        TreeOptions(level=3, seed=1),
+        TreeOptions(level=3, max_error=0.01),
+    ):
+        assert shipped_tree(mesh, other) is None
+    assert shipped_tree(replace(mesh.scaled(2.0), name="cube"), TreeOptions(level=3)) is None
+    assert shipped_tree(Mesh(mesh.vertices, mesh.faces[::-1], name="cube"), TreeOptions(level=3)) is None
+    assert shipped_tree(mesh, TreeOptions(level=3)) is not None
+    monkeypatch.setattr("hhsim.trees.options.BUILDER_VERSION", 0)
+    assert shipped_tree(mesh, TreeOptions(level=3)) is None
+
+
+FIRST_RUN = """
+import json, sys
+from hhsim.hand.model import HandModel
+from hhsim.scene.open_scene import open_scene
+HandModel.default("left")
+open_scene("bunny", "grasp")
+print(json.dumps([name for name in sys.modules if name.startswith("hhsim.")]))
+"""
+
+
+def test_a_first_run_imports_no_kernel_of_the_builder(tmp_path: Path) -> None:
+    environment = os.environ | {"HHSIM_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", FIRST_RUN], capture_output=True, text=True, check=True, env=environment
+    )
+    imported = json.loads(done.stdout)
+    assert "hhsim.trees.cache" in imported and "hhsim.trees.builder" not in imported
+    assert [name for name in imported if name.startswith("hhsim.kernels.cover")] == []
+    assert not (tmp_path / "trees").exists()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(cache, "cache_root", lambda: tmp_path)
+    return tmp_path
+
+
+def test_cache_builds_once_for_each_content(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, options = cube(0.1), TreeOptions(level=1)
+    built: list[str] = []
+    build = builder.build_sphere_tree
+
+    def counted(*arguments: object) -> SphereTree:
+        built.append("once")
+        return build(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builder, "build_sphere_tree", counted)
+    first = cached_sphere_tree(mesh, options)
+    second = cached_sphere_tree(replace(mesh, name="another name"), options)
+    assert len(built) == 1
+    assert_same(second, first)
+    cached_sphere_tree(mesh, TreeOptions(level=1, leaves=5))
+    cached_sphere_tree(mesh.scaled(2.0), options)
+    assert len(built) == 3
+    assert len(list(folder.rglob("*"))) == 4
+
+
+def test_what_is_asked_of_the_builder_does_not_come_from_what_ships(folder: Path) -> None:
+    mesh = load_object("cube").mesh
+    kept_sphere_tree(mesh, TreeOptions(level=1))
+    assert cache_path(mesh, TreeOptions(level=1)).is_file()
+
+
+def test_damaged_cache_is_built_again(folder: Path) -> None:
+    mesh, options = cube(0.1), TreeOptions(level=1)
+    expected = cached_sphere_tree(mesh, options)
+    path = cache_path(mesh, options)
+    path.write_bytes(path.read_bytes()[:100])
+    assert np.array_equal(cached_sphere_tree(mesh, options).center, expected.center)
+    assert np.array_equal(load_tree(path).center, expected.center)
+
+
+def test_a_cache_that_cannot_be_written_is_done_without(folder: Path) -> None:
+    (folder / "trees").write_text("a file where the folder should be")
+    assert cached_sphere_tree(cube(0.1), TreeOptions(level=1)).leaf_count == 8
+
+
+SOURCES = """
+import sys
+import hhsim.trees.builder
+print(*(module.__file__ for name, module in sys.modules.items() if name.startswith("hhsim.") and module.__file__))
+"""
+
+
+def test_the_cache_knows_every_source_that_a_tree_depends_on() -> None:
+    done = subprocess.run([sys.executable, "-c", SOURCES], capture_output=True, text=True, check=True)
+    library = Path(builder.__file__).parents[1]
+    needed = {Path(name).relative_to(library).as_posix() for name in done.stdout.split()}
+    unknown = {name for name in needed if not name.startswith(cache._SOURCES) and not name.endswith("__init__.py")}
+    # Not what a tree is, but how it is computed, reported, written and walked, and the mesh, whose content counts.
+    other = {"errors.py", "kernels/jit.py", "kernels/sphere_tree.py"}
+    assert {name for name in unknown if not name.startswith(("system/", "mesh/"))} == other
