@@ -1,4 +1,4 @@
-"""Memory that several processes of a session see: a block, and a ring with one writer and any number of readers.
+"""Memory that several processes of a session see: a block, a ring with one writer and any number of readers, a setup.
 
 The memory has no name (memfd), so that nothing is left behind however the processes end; children inherit the
 descriptor. Words of eight bytes are written whole; on the processors that hhsim runs on, stores become visible in their
@@ -7,13 +7,16 @@ order, which is what a reader relies on.
 
 import mmap
 import os
+import pickle
 import sys
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
+
+Setup = TypeVar("Setup")
 
 
 class SharedBlock:
@@ -132,3 +135,22 @@ class RingReader:
         if self.next < oldest:
             self.lost += oldest - self.next
             self.next = oldest
+
+
+def write_setup(setup: object) -> int:
+    """Put what a process has to know into memory that children can inherit; returns the descriptor."""
+    descriptor = os.memfd_create("hhsim-setup", 0)
+    os.set_inheritable(descriptor, True)
+    with open(descriptor, "wb", closefd=False) as stream:
+        pickle.dump(setup, stream, pickle.HIGHEST_PROTOCOL)
+    return descriptor
+
+
+def read_setup(descriptor: int, kind: type[Setup]) -> Setup:
+    """What `write_setup` put there; every process may read it, whatever others have read."""
+    # By position: processes that inherit a descriptor share its place in the file.
+    size = os.fstat(descriptor).st_size
+    setup = pickle.loads(os.pread(descriptor, size, 0))
+    if not isinstance(setup, kind):
+        raise TypeError(f"the setup is a {type(setup).__name__}")
+    return setup

@@ -8,8 +8,8 @@ finger the bend at which it is stopped and a stiffness without unit.
 import math
 import time
 from collections import deque
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,8 @@ from hhsim.live.device import (
     GloveDevice,
     GloveInfo,
 )
-from hhsim.live.devices.calibration import load_calibration
+from hhsim.live.devices.dexmo import DexmoOptions
+from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.link.dexmo_codec import (
     CHANNELS,
     FramingError,
@@ -37,18 +38,15 @@ from hhsim.live.link.dexmo_codec import (
     framed,
 )
 from hhsim.live.link.tcp import TcpLink
-from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 if TYPE_CHECKING:
-    from hhsim.live.devices.registry import DeviceConfig
+    from hhsim.live.drivers.calibration import GloveCalibration
 
 FREE = (0.0,) * FINGER_COUNT
 UNKNOWN_STIFFNESS = (1.0,) * FINGER_COUNT
 """What the fingers may still be told from before a connection: nobody knows what the server made of it."""
 SETTLE = 0.1
 """After the first frame, how long other gloves are looked for [s]."""
-FAR = (-0.5, 1.5)
-"""Normalised bends beyond are of no hand; spread is cut there."""
 LEAST_SET_POINT = 1e-3
 """The sign of a set point is its direction, which 0 would not have."""
 MOST_MALFORMED = 20
@@ -63,19 +61,20 @@ class DexmoGlove(GloveDevice):
     """One glove of a Dexmo server.
 
     Args:
-        config: `host`, `port`, `hand`, `device_id`, `calibration` (.json of the vendor, .toml of ours), `profile`.
-
-    Raises:
-        InputError: a calibration that cannot be read.
+        config: With `DexmoOptions`, and a `GloveCalibration` unless the glove is opened for release.
     """
 
-    def __init__(self, config: "DeviceConfig") -> None:
-        """Read the calibration; nothing is connected yet."""
-        path = Path(config.calibration) if config.calibration else None
-        self._calibration = load_calibration(path, config.hand, config.profile)
-        self._hand, self._asked_id = config.hand, config.device_id
+    _calibration: "GloveCalibration"
+    """For what the glove sends; from `open` on."""
+
+    def __init__(self, config: GloveConfig) -> None:
+        """Nothing is connected yet."""
+        assert isinstance(config.options, DexmoOptions)
+        host, port, self._wanted_id = config.options.host, config.options.port, config.options.device_id
+        self._given = cast("GloveCalibration", config.calibration)
+        self._hand = config.hand
         self._device_id: int | None = None
-        self._link = TcpLink(config.host, config.port_used, f"dexmo at {config.host}:{config.port_used}")
+        self._link = TcpLink(host, port, f"dexmo at {host}:{port}")
         self._stream = MessageStream()
         self._waiting: deque[GloveMessage] = deque()
         self._received_ns = 0
@@ -83,22 +82,18 @@ class DexmoGlove(GloveDevice):
         self._seq = 0
         self._lost: DeviceError | None = None
         self._stiffness = list(UNKNOWN_STIFFNESS)
-        self._take(self._calibration.regression)
-        self._flexion, self._abduction = self._regression.angles(self._regression.open)
         self._battery = UNKNOWN
         self.counters = DeviceCounters()
-        self._describe(unit="")
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`; waits until the glove has said something that can be used."""
         sample = self._find(timeout)
         assert sample.channels is not None
         try:
-            self._take(self._calibration.fitting(sample.channels))
+            self._fit(sample.channels)
         except InputError as error:
             self._link.close()
             raise DeviceError(f"{self._link.name}: {error}") from None
-        self._describe(unit="count" if self._regression is self._calibration.counts else "")
 
     def open_for_release(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open_for_release`; the glove must be there, or nobody could be told to let go."""
@@ -182,6 +177,28 @@ class DexmoGlove(GloveDevice):
         """See `GloveDevice.close`."""
         self._link.close()
 
+    def _fit(self, channels: Sequence[float]) -> None:
+        """Take the calibration for what the glove sends, and describe the glove.
+
+        Raises:
+            InputError: There is none for it.
+        """
+        self._calibration = calibration = self._given.fitting(channels)
+        counted = calibration.counted
+        # A server that sends counts takes set points from 0 to 1 all the same.
+        low, high = (np.zeros(FINGER_COUNT), np.ones(FINGER_COUNT)) if counted else calibration.bend_ends()
+        self._bend_open, self._bend_span = low.tolist(), (high - low).tolist()
+        self._flexion, self._abduction = calibration.regression.angles(calibration.regression.open)
+        self.info = GloveInfo(
+            name=self._link.name,
+            capabilities=Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.SPLAY | Capability.BATTERY,
+            channels=CHANNELS,
+            hand=self._hand,
+            unit="count" if counted else "",
+            doubtful=calibration.doubtful,
+            kept_free=calibration.kept_free,
+        )
+
     def _find(self, timeout: float) -> GloveMessage:
         """Connect and wait for a finite sample of the glove; what comes is kept for `read`."""
         deadline = time.monotonic() + timeout
@@ -208,9 +225,9 @@ class DexmoGlove(GloveDevice):
                     for message in decode_frame(payload):
                         if message.channels is not None and all(map(math.isfinite, message.channels)):
                             seen[message.device_id] = message
-                if self._asked_id in seen:
+                if self._wanted_id in seen:
                     break
-                if self._asked_id == UNKNOWN and settled == deadline and self._candidates(seen):
+                if self._wanted_id is None and settled == deadline and self._candidates(seen):
                     settled = time.monotonic() + SETTLE
         except (FramingError, WireError) as error:
             self._link.close()
@@ -224,21 +241,21 @@ class DexmoGlove(GloveDevice):
         return ours or [message for message in seen.values() if message.right is None]
 
     def _chosen(self, seen: dict[int, GloveMessage], timeout: float) -> GloveMessage:
-        asked = self._asked_id != UNKNOWN
-        found = [seen[self._asked_id]] if self._asked_id in seen else [] if asked else self._candidates(seen)
+        number = self._wanted_id
+        if number is None:
+            found, wanted = self._candidates(seen), f"{self._hand} glove"
+        else:
+            found, wanted = [seen[number]] if number in seen else [], f"glove {number}"
         if len(found) == 1 and found[0].right in (None, self._hand == "right"):
             self._device_id = found[0].device_id
             return found[0]
         self._link.close()
-        wanted = f"glove {self._asked_id}" if asked else f"{self._hand} glove"
         sides = {True: "right", False: "left", None: "hand not said"}
         there = ", ".join(f"{message.device_id} ({sides[message.right]})" for message in seen.values()) or "none"
-        if asked and found:
-            raise DeviceError(f"{self._link.name}: glove {self._asked_id} is not a {self._hand} hand's")
+        if found and number is not None:
+            raise DeviceError(f"{self._link.name}: {wanted} is not a {self._hand} hand's")
         if found:
-            raise DeviceError(
-                f"{self._link.name} has {len(found)} {self._hand} gloves: {there}; name one by its number"
-            )
+            raise DeviceError(f"{self._link.name} has {len(found)} {wanted}s: {there}; name one by its number")
         raise DeviceError(f"{self._link.name}: no {wanted} within {timeout:g} s; gloves there: {there}")
 
     def _begin_stream(self) -> None:
@@ -294,14 +311,10 @@ class DexmoGlove(GloveDevice):
         if message.battery is not None:
             self._battery = message.battery if 0 <= message.battery <= 100 else UNKNOWN
         readings = np.array(message.channels)
-        good = bool(np.isfinite(readings).all())
-        if good:
-            normalised = self._regression.normalised(readings)
-            bends = normalised[self._bends]
-            good = bool((bends >= FAR[0]).all() and (bends <= FAR[1]).all())
-            if good:
-                np.clip(normalised, *FAR, out=normalised)
-                self._flexion, self._abduction = self._unscaled.angles(normalised)
+        found = self._calibration.angles(readings) if np.isfinite(readings).all() else None
+        good = found is not None
+        if found is not None:
+            self._flexion, self._abduction = found
         row["seq"] = self._seq
         row["time_ns"] = self._received_ns
         row["device_time_ns"] = row["device_seq"] = UNKNOWN
@@ -314,24 +327,3 @@ class DexmoGlove(GloveDevice):
         self.counters.samples += good
         self.counters.rejected += not good
         return 1
-
-    def _take(self, regression: DexmoRegression) -> None:
-        self._regression = regression
-        plain = DexmoRegression.default()
-        self._unscaled = DexmoRegression(plain.open, plain.closed, regression.slope, regression.offset)
-        counts = regression is self._calibration.counts
-        self._bends = list(BEND)
-        ends = plain if counts else regression
-        self._bend_open = ends.open[self._bends].tolist()
-        self._bend_span = (ends.closed - ends.open)[self._bends].tolist()
-
-    def _describe(self, *, unit: str) -> None:
-        self.info = GloveInfo(
-            name=self._link.name,
-            capabilities=Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.SPLAY | Capability.BATTERY,
-            channels=CHANNELS,
-            hand=self._hand,
-            unit=unit,
-            doubtful=self._calibration.doubtful,
-            kept_free=self._calibration.kept_free,
-        )

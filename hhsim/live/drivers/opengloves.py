@@ -3,20 +3,18 @@
 What such a glove takes is a position limit without a stiffness: a servo blocks the finger's string. So a stiffness here
 moves the limit: from free at 0 to the wanted bend at `FULL_STIFFNESS` and above.
 
-hhsim connects to the glove and never waits for it to connect: the guardian needs a connection of its own.
+hhsim connects to the glove and never waits for it to connect: the watchdog needs a connection of its own.
 """
 
 import math
 import time
 from collections import deque
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.hand.fingers import FINGERS
 from hhsim.live.device import (
     FINGER_COUNT,
     UNKNOWN,
@@ -27,7 +25,8 @@ from hhsim.live.device import (
     GloveDevice,
     GloveInfo,
 )
-from hhsim.live.devices.calibration import load_calibration
+from hhsim.live.devices.opengloves import OpenGlovesOptions
+from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.link.opengloves_codec import (
     FULL_LIMIT,
     RELEASE,
@@ -39,19 +38,13 @@ from hhsim.live.link.opengloves_codec import (
 )
 from hhsim.live.link.serial import SerialLink
 from hhsim.live.link.tcp import TcpLink
-from hhsim.recordings.dexmo_regression import BEND, CHANNELS, DexmoRegression
 
 if TYPE_CHECKING:
-    from hhsim.live.devices.registry import DeviceConfig
+    from hhsim.live.drivers.calibration import GloveCalibration
 
-FULL_SCALE = 4095.0
-"""Of a reading, without a calibration that says otherwise."""
 FULL_STIFFNESS = 0.25
-FAR = (-0.5, 1.5)
-"""Normalised bends beyond are of no hand."""
 MOST_MALFORMED = 20
 """So many lines in a row that cannot be read are told once, as lost framing."""
-SPLIT = tuple(CHANNELS.index(f"{finger}_split") for finger in FINGERS)
 BONES = ("metacarpal", "proximal", "middle", "distal")
 
 
@@ -62,48 +55,35 @@ class OpenGlovesGlove(GloveDevice):
     way.
 
     Args:
-        config: `path` and `baud` of the serial line, or `host` and `port`; `calibration` where its curls are not 0 to
-            `full_scale`.
+        config: With `OpenGlovesOptions`, and a `GloveCalibration` unless the glove is opened for release.
 
     Raises:
-        InputError: a calibration that cannot be read, or a baud rate or full scale that is none.
+        InputError: A baud rate or full scale that is none.
     """
 
-    def __init__(self, config: "DeviceConfig") -> None:
-        """Read the calibration; nothing is connected yet."""
-        if not (math.isfinite(config.full_scale) and config.full_scale >= 0.0):
-            raise InputError(f"full scale {config.full_scale}; expected the largest reading, such as 1023 or 4095")
-        path = Path(config.calibration) if config.calibration else None
-        calibration = load_calibration(path, config.hand, config.profile)
-        self._regression = calibration.counts or calibration.regression
-        self._scale = 1.0 if calibration.counts else config.full_scale or FULL_SCALE
-        self._serial = bool(config.path)
+    def __init__(self, config: GloveConfig) -> None:
+        """Nothing is connected yet."""
+        options = config.options
+        assert isinstance(options, OpenGlovesOptions)
+        if not (math.isfinite(options.full_scale) and options.full_scale > 0.0):
+            raise InputError(f"full scale {options.full_scale}; expected the largest reading, such as 1023 or 4095")
+        self._full_scale = options.full_scale
+        self._given = cast("GloveCalibration", config.calibration)
+        self._hand = config.hand
+        self._serial = bool(options.path)
         self._link: SerialLink | TcpLink
         if self._serial:
-            self._link = SerialLink(config.path, config.baud, f"opengloves at {config.path}, {config.baud} baud")
+            name = f"opengloves at {options.path}, {options.baud} baud"
+            self._link = SerialLink(options.path, options.baud, name)
         else:
-            self._link = TcpLink(config.host, config.port_used, f"opengloves at {config.host}:{config.port_used}")
+            self._link = TcpLink(options.host, options.port, f"opengloves at {options.host}:{options.port}")
         self._stream = LineStream(whole=True)
         self._waiting: deque[tuple[bytes, int]] = deque()
         self._lost: DeviceError | None = None
         self._malformed_run = 0
         self._overlong = 0
         self._seq = 0
-        self._flexion, self._abduction = self._regression.angles(self._regression.open)
         self.counters = DeviceCounters()
-        self.info = GloveInfo(
-            name=self._link.name,
-            capabilities=Capability.POSITION_LIMIT,
-            channels=(
-                *(f"{finger}_curl" for finger in FINGERS),
-                *(f"{finger}_splay" for finger in FINGERS),
-                *(f"{finger}_{bone}" for finger in FINGERS for bone in BONES),
-            ),
-            hand=config.hand,
-            unit="count",
-            doubtful=calibration.doubtful,
-            kept_free=calibration.kept_free,
-        )
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`; waits for the first sample, which a board that resets sends after a second or two."""
@@ -123,7 +103,7 @@ class OpenGlovesGlove(GloveDevice):
                     bad += 1
                     continue
                 if found is not None:
-                    self._describe(found)
+                    self._begin(found)
                     return
                 bad += 1
         self._link.close()
@@ -134,7 +114,7 @@ class OpenGlovesGlove(GloveDevice):
         raise DeviceError(f"{self._link.name}: sent nothing within {timeout:g} s: is this the glove's line?")
 
     def open_for_release(self, timeout: float = 5.0) -> None:
-        """See `GloveDevice.open_for_release`; a serial line is not read by the guardian."""
+        """See `GloveDevice.open_for_release`; a serial line is not read by the watchdog."""
         self._lost = None
         self._link.connect(timeout)
 
@@ -196,6 +176,32 @@ class OpenGlovesGlove(GloveDevice):
         """See `GloveDevice.close`."""
         self._link.close()
 
+    def _begin(self, line: GloveLine) -> None:
+        """Take the first sample as what this glove can do."""
+        from hhsim.hand.fingers import FINGERS
+
+        self._calibration = calibration = self._given.raw()
+        self._scale = 1.0 if calibration.counted else self._full_scale
+        self._flexion, self._abduction = calibration.regression.angles(calibration.regression.open)
+        can = Capability.POSITION_LIMIT
+        if any(map(math.isfinite, line.splay)):
+            can |= Capability.SPLAY
+        if any(math.isfinite(value) for bones in line.joints for value in bones):
+            can |= Capability.JOINTS
+        self.info = GloveInfo(
+            name=self._link.name,
+            capabilities=can,
+            channels=(
+                *(f"{finger}_curl" for finger in FINGERS),
+                *(f"{finger}_splay" for finger in FINGERS),
+                *(f"{finger}_{bone}" for finger in FINGERS for bone in BONES),
+            ),
+            hand=self._hand,
+            unit="count",
+            doubtful=calibration.doubtful,
+            kept_free=calibration.kept_free,
+        )
+
     def _begin_stream(self) -> None:
         """A connection begins with a line, a serial line anywhere."""
         self._stream, self._overlong, self._malformed_run = LineStream(whole=not self._serial), 0, 0
@@ -242,55 +248,29 @@ class OpenGlovesGlove(GloveDevice):
 
     def _angles(self, line: GloveLine) -> bool:
         """Take a sample as the angles of the hand; False where they are those of no hand."""
-        regression = self._regression
-        readings = regression.open.copy()
-        readings[list(BEND)] = np.array(line.curl) / self._scale
-        splay = np.array(line.splay) / self._scale
-        if self._scale != 1.0:
+        calibration, scale = self._calibration, self._scale
+        curl, splay = np.array(line.curl) / scale, np.array(line.splay) / scale
+        if scale != 1.0:
             # Without a calibration, the middle of the range is taken for straight fingers.
             splay = 2.0 * splay - 1.0
-        known = np.isfinite(splay)
-        readings[np.array(SPLIT)[known]] = splay[known]
-        normalised = regression.normalised(readings)
-        bends = normalised[list(BEND)]
-        if not (bends >= FAR[0]).all() or not (bends <= FAR[1]).all():
+        found = calibration.angles(calibration.readings(curl, splay))
+        joints = calibration.bends(our_joints(line) / scale)
+        if found is None or joints is None:
             return False
-        joints = self._joint_bends(line, bends)
-        if joints is None:
-            return False
-        np.clip(normalised, *FAR, out=normalised)
-        plain = DexmoRegression(_ZEROS, _ONES, regression.slope, regression.offset)
-        flexion, self._abduction = plain.angles(normalised)
-        slope = np.stack([regression.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(FINGER_COUNT)])
+        flexion, self._abduction = found
+        low, high = calibration.bend_ends()
+        bends = (curl - low) / (high - low)
+        slope, _ = calibration.bend_lines()
         self._flexion = flexion + np.where(np.isfinite(joints), (joints - bends[:, None]) * slope, 0.0)
         return True
 
-    def _joint_bends(self, line: GloveLine, bends: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Normalised bend of our three joints where the glove sends them, else NaN; None where one is out of range."""
-        bones = np.array(line.joints)
-        if not np.isfinite(bones).any():
-            return np.full((FINGER_COUNT, 3), np.nan)
-        # Our first joint is the knuckle, which moves the proximal bone; gloves without a distal sensor number from the
-        # first joint on.
-        joints = np.where(np.isfinite(bones[:, 3:]), bones[:, 1:], bones[:, :3])
-        low, high = self._regression.open[list(BEND), None], self._regression.closed[list(BEND), None]
-        scaled: NDArray[np.float64] = (joints / self._scale - low) / (high - low)
-        known = np.isfinite(scaled)
-        if (scaled[known] < FAR[0]).any() or (scaled[known] > FAR[1]).any():
-            return None
-        return scaled
 
-    def _describe(self, line: GloveLine) -> None:
-        can = Capability.POSITION_LIMIT
-        if any(map(math.isfinite, line.splay)):
-            can |= Capability.SPLAY
-        if any(math.isfinite(value) for bones in line.joints for value in bones):
-            can |= Capability.JOINTS
-        info = self.info
-        self.info = GloveInfo(info.name, can, info.channels, info.hand, info.unit, info.doubtful, info.kept_free)
-
-
-_ZEROS, _ONES = np.zeros(len(CHANNELS)), np.ones(len(CHANNELS))
+def our_joints(line: GloveLine) -> NDArray[np.float64]:
+    """Readings of our three joints of each finger, shape (5, 3), NaN where the glove does not send them."""
+    bones = np.array(line.joints)
+    # Our first joint is the knuckle, which moves the proximal bone; gloves without a distal sensor number from the
+    # first joint on.
+    return np.where(np.isfinite(bones[:, 3:]), bones[:, 1:], bones[:, :3])
 
 
 def limits(command: FingerCommand) -> list[int]:

@@ -2,7 +2,6 @@
 
 import math
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +15,9 @@ from hhsim.live.device import (
     GloveDevice,
     GloveInfo,
 )
+from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.playback import RETURN_TIME
 from hhsim.recordings.column_map import JOINT_NAMES
-
-if TYPE_CHECKING:
-    from hhsim.live.devices.registry import DeviceConfig
 
 
 class ReplayGlove(GloveDevice):
@@ -38,7 +35,7 @@ class ReplayGlove(GloveDevice):
         InputError: no motion.
     """
 
-    def __init__(self, config: "DeviceConfig") -> None:
+    def __init__(self, config: GloveConfig) -> None:
         """Nothing is read yet."""
         if config.playback is None:
             raise InputError("device replay has no motion; expected a trajectory")

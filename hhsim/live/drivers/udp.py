@@ -6,8 +6,7 @@ import os
 import socket
 import time
 from collections import deque
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,30 +21,22 @@ from hhsim.live.device import (
     GloveDevice,
     GloveInfo,
 )
-from hhsim.live.devices.calibration import load_calibration
-from hhsim.live.link.udp import UdpPort, resolve
+from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.devices.udp import UdpOptions
+from hhsim.live.link.udp import PacketOrder, UdpPort, resolve
 from hhsim.live.link.udp_codec import NONE_YET, Kind, Packet, encode_packet
-from hhsim.live.sequence_numbers import PacketOrder
-from hhsim.recordings.column_map import JOINT_NAMES
-from hhsim.recordings.dexmo_regression import BEND, CHANNELS
 
 if TYPE_CHECKING:
-    from hhsim.live.devices.registry import DeviceConfig
+    from hhsim.live.drivers.calibration import GloveCalibration
 
 SILENCE_NS = 500_000_000
 """A bridge that says nothing for so long is gone [ns]; the fingers are free long before."""
-FAR = (-0.5, 1.5)
-"""Normalised bends beyond are of no hand."""
 MOST_ANGLE = 2.0 * math.pi
 RELEASE_COPIES = 3
 """A release is sent so often, for a datagram may be lost."""
 NO_FORCE = np.zeros(10)
 
-CHANNEL_NAMES = {
-    Kind.BENDS: tuple(CHANNELS[index] for index in BEND),
-    Kind.CHANNELS: CHANNELS,
-    Kind.JOINTS: JOINT_NAMES,
-}
+SAMPLES = (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)
 
 
 class UdpGlove(GloveDevice):
@@ -55,21 +46,16 @@ class UdpGlove(GloveDevice):
     counted as dropped. The first packet says which kind of numbers the bridge sends.
 
     Args:
-        config: `host` of the bridge, `port` where samples arrive, commands go to the next one; `calibration` and
-            `profile` for bends and channels.
-
-    Raises:
-        InputError: a calibration that cannot be read.
+        config: With `UdpOptions`, and a `GloveCalibration` unless the glove is opened for release.
     """
 
-    def __init__(self, config: "DeviceConfig") -> None:
-        """Read the calibration; nothing is opened yet."""
-        self._host, self._port_number = config.host, config.port_used
-        path = Path(config.calibration) if config.calibration else None
-        self._calibration = load_calibration(path, config.hand, config.profile)
-        self._regression = self._calibration.regression
+    def __init__(self, config: GloveConfig) -> None:
+        """Nothing is opened yet."""
+        assert isinstance(config.options, UdpOptions)
+        self._host, self._port_number = config.options.host, config.options.port
+        self._calibration = self._given = cast("GloveCalibration", config.calibration)
         self._hand = config.hand
-        self._name = f"udp bridge at {config.host}, samples to port {self._port_number}"
+        self._name = f"udp bridge at {self._host}, samples to port {self._port_number}"
         self._port: UdpPort | None = None
         self._out: socket.socket | None = None
         self._target = ("", 0)
@@ -83,13 +69,13 @@ class UdpGlove(GloveDevice):
         self._seq = 0
         self._flexion, self._abduction = np.zeros((FINGER_COUNT, 3)), np.zeros(FINGER_COUNT)
         self.counters = DeviceCounters()
-        self.info = self._describe()
+        self._known = False
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`; waits for the first sample."""
         self.open_for_release(timeout)
         self._waiting.clear()
-        self.info = self._describe()
+        self._known = False
         try:
             self._port = UdpPort(self._host, self._port_number)
         except DeviceError:
@@ -105,9 +91,10 @@ class UdpGlove(GloveDevice):
             self._port.wait(left)
             self._receive(1)
         packet = self._waiting[0][0]
-        self._kind = packet.kind
+        self._kind, self._known = packet.kind, True
+        self._calibration = self._given
         if packet.kind is Kind.CHANNELS and np.isfinite(packet.values).all():
-            self._regression = self._calibration.fitting(packet.values.tolist())
+            self._calibration = self._given.fitting(packet.values.tolist())
         self.info = self._describe(battery=packet.battery >= 0)
 
     def open_for_release(self, timeout: float = 5.0) -> None:
@@ -194,7 +181,7 @@ class UdpGlove(GloveDevice):
         while taken < most and (found := self._port.receive()) is not None:
             packet, now = found
             counters.frames += 1
-            if packet.kind not in CHANNEL_NAMES or (self.info.channels and packet.kind is not self._kind):
+            if packet.kind not in SAMPLES or (self._known and packet.kind is not self._kind):
                 counters.other += 1
             elif self._order.take(packet.session, packet.seq, now):
                 self._waiting.append(found)
@@ -231,33 +218,38 @@ class UdpGlove(GloveDevice):
                 return False
             self._flexion, self._abduction = values[:15].reshape(FINGER_COUNT, 3), values[15:]
             return True
-        readings = values
+        calibration = self._calibration
         if self._kind is Kind.BENDS:
-            regression = self._regression
-            readings = regression.open.copy()
-            bend = list(BEND)
-            readings[bend] += values * (regression.closed - regression.open)[bend]
-        bends = self._regression.normalised(readings)[list(BEND)]
-        if not (bends >= FAR[0]).all() or not (bends <= FAR[1]).all():
+            low, high = calibration.bend_ends()
+            values = calibration.readings(low + values * (high - low))
+        found = calibration.angles(values)
+        if found is None:
             return False
-        self._flexion, self._abduction = self._regression.angles(readings)
+        self._flexion, self._abduction = found
         return True
 
-    def _describe(self, *, battery: bool = False) -> GloveInfo:
-        """What is known of the glove: without its first packet little."""
-        known = self._port is not None
-        doubts = known and self._kind is Kind.CHANNELS
+    def _describe(self, *, battery: bool) -> GloveInfo:
+        """What the first packet tells of the glove."""
+        from hhsim.recordings.column_map import JOINT_NAMES
+        from hhsim.recordings.dexmo_regression import BEND, CHANNELS
+
+        names = {
+            Kind.BENDS: tuple(CHANNELS[index] for index in BEND),
+            Kind.CHANNELS: CHANNELS,
+            Kind.JOINTS: JOINT_NAMES,
+        }
+        doubts = self._kind is Kind.CHANNELS
         can = Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.STAMPS
-        if known and self._kind is not Kind.BENDS:
+        if self._kind is not Kind.BENDS:
             can |= Capability.SPLAY
-        if known and self._kind is Kind.JOINTS:
+        if self._kind is Kind.JOINTS:
             can |= Capability.JOINTS
         if battery:
             can |= Capability.BATTERY
         return GloveInfo(
             name=self._name,
             capabilities=can,
-            channels=CHANNEL_NAMES[self._kind] if known else (),
+            channels=names[self._kind],
             hand=self._hand,
             unit="rad" if self._kind is Kind.JOINTS else "",
             doubtful=self._calibration.doubtful if doubts else (),

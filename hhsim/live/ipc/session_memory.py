@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.ipc.records import EVENT, LIVE_STATUS, LIVE_TICK
+from hhsim.live.ipc.records import EVENT, LIVE_TICK
+from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.shared_memory import SharedBlock, SharedRing
 
 TICK_CAPACITY = 16_384
@@ -146,7 +147,7 @@ class SessionMemory:
 
         | key | meaning |
         |---|---|
-        | real_time | the achieved mode, `hhsim.live.loop.real_time` |
+        | real_time | the achieved mode, `hhsim.live.real_time` |
         | device | name, hand, channels, unit, capabilities, doubtful |
         | pose | name of the source of the palm's pose |
         | summary | when it has ended: ticks, missed, wakeup and latency with their percentiles [ns], counters, reason |

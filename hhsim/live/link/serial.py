@@ -1,7 +1,7 @@
 """A serial line that a real-time loop can hold: nothing waits but `connect`, and nothing is sent by halves.
 
 By POSIX termios alone: USB serial adapters, Bluetooth serial (rfcomm) and pseudo-terminals. Several processes may have
-the same line open, which the guardian needs; only one of them reads.
+the same line open, which the watchdog needs; only one of them reads.
 """
 
 import contextlib

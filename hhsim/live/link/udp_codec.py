@@ -25,7 +25,7 @@ poses to 24172. Both directions have the same header of 32 bytes, little-endian,
 | 16 command | 10 | bend at which each finger is stopped (5), stiffness there, 0 free to 1 (5) |
 
 What a bridge must do for the hand in the glove: obey the newest command alone, free every finger when the numbers are
-not finite, and free every finger when no command came for 100 ms. Commands come from more than one sender (the guardian
+not finite, and free every finger when no command came for 100 ms. Commands come from more than one sender (the watchdog
 has its own session), so the newest is the one that arrived last. Samples that are late, behind a newer one, are counted
 and not used; another session is taken when the one before has been silent for 100 ms.
 """

@@ -1,9 +1,41 @@
 """The periods of a loop: absolute deadlines, of which those that cannot be met are skipped and counted."""
 
+import ctypes
+import errno
+import os
 import time
 from typing import Protocol
 
-from hhsim.live.linux_calls import AbsoluteSleep
+CLOCK_MONOTONIC = 1
+TIMER_ABSTIME = 1
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
+
+
+_nanosleep = ctypes.CDLL(None).clock_nanosleep
+_nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.POINTER(_Timespec), ctypes.c_void_p)
+
+
+class AbsoluteSleep:
+    """Sleeps until a moment instead of for a time, so that what happens before the call is not added to it."""
+
+    def __init__(self) -> None:
+        """Allocate what every call uses."""
+        self._time = _Timespec()
+        self._pointer = ctypes.byref(self._time)
+
+    def until(self, time_ns: int) -> None:
+        """Sleep until CLOCK_MONOTONIC is `time_ns`, or until a signal has been handled.
+
+        Raises:
+            OSError: the system takes no such time.
+        """
+        self._time.seconds, self._time.nanoseconds = divmod(time_ns, 1_000_000_000)
+        failure = _nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, self._pointer, None)
+        if failure not in (0, errno.EINTR):
+            raise OSError(failure, os.strerror(failure))
 
 
 class Clock(Protocol):

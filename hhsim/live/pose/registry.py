@@ -5,8 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.playback import Playback
-from hhsim.live.pose.config import POSE_KINDS, PoseConfig
-from hhsim.live.pose_source import PoseSource
+from hhsim.live.pose.source import POSES, PoseConfig, PoseSource
 from hhsim.live.shared_memory import SharedBlock
 
 Array = NDArray[np.float64]
@@ -38,7 +37,7 @@ def make_pose_source(config: PoseConfig, status: SharedBlock | None = None) -> P
         from hhsim.live.pose.udp_tracker import UdpPose
 
         return UdpPose(config)
-    raise UnknownNameError("pose source", config.kind, POSE_KINDS)
+    raise UnknownNameError("pose source", config.kind, POSES)
 
 
 def write_keyboard_pose(status: SharedBlock, position: ArrayLike, orientation: ArrayLike) -> None:

@@ -24,13 +24,13 @@ class ChildProcess:
         descriptors: that it inherits.
 
     Attributes:
-        told: whether its end has been told; for the supervisor.
+        reported: whether its end has been reported; for the supervisor.
     """
 
     def __init__(self, name: str, module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
         """Start it."""
         self.name = name
-        self.told = False
+        self.reported = False
         self._output = os.memfd_create(f"hhsim-{name}-output")
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],

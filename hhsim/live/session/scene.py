@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.devices.registry import GloveConfig, find_glove
 from hhsim.live.playback import Playback
-from hhsim.live.pose.config import PoseConfig
 from hhsim.live.pose.initial_pose import palm_place
+from hhsim.live.pose.source import PoseConfig
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.demonstration import Demonstration
@@ -15,8 +15,6 @@ from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
 
-PLAYED = ("replay", "sim")
-"""Gloves whose fingers make a motion."""
 KEYBOARD_BACK = 0.06
 """A palm that is moved with keys begins so far back from where it grasps [m]: its user comes to the object."""
 
@@ -35,7 +33,7 @@ class LiveScene:
 
     mesh: Mesh
     tree: SphereTree
-    device: DeviceConfig
+    device: GloveConfig
     pose: PoseConfig
     description: dict[str, Any]
 
@@ -44,7 +42,7 @@ def make_live_scene(
     mesh: Mesh,
     tree: SphereTree,
     hand: HandModel,
-    device: DeviceConfig,
+    device: GloveConfig,
     pose: PoseConfig,
     motion: Script | Demonstration | Trajectory | None,
     *,
@@ -76,7 +74,7 @@ def make_live_scene(
         mesh, tree = scene.mesh, scene.tree
         # One for both, so that fingers and palm stay together.
         playback = Playback(scene.trajectory, repeat=True)
-        if device.kind in PLAYED:
+        if find_glove(device.kind).plays:
             device = replace(device, playback=playback)
         if pose.kind == "replay":
             pose = replace(pose, playback=playback)

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from hhsim.errors import HhsimError, OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.live.ipc.config import LiveSetup, read_setup
-from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.ipc.status import Stage
+from hhsim.live.shared_memory import RingReader, read_setup
 from hhsim.replay.tick_columns import HapticTicks, TickColumns
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.blueprint import blueprint
@@ -194,7 +194,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with suppress(OSError):
         os.nice(NICENESS)
     try:
-        viewer = LiveViewer(read_setup(options.setup), attached(options))
+        viewer = LiveViewer(read_setup(options.setup, LiveSetup), attached(options))
         # Ctrl-C is for the session: its end is shown too.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGHUP, signal.SIG_IGN)

@@ -89,7 +89,7 @@ class SessionWriter:
             **description,
             "motion": description.get("motion") or "live",
             "rate": setup.rate,
-            "device": getattr(setup.device, "kind", ""),
+            "device": setup.device.kind,
             **describe_scene(setup.mesh, setup.tree, setup.hand, options, static),
         }
         tables = {
@@ -160,8 +160,8 @@ class SessionWriter:
         Raises:
             OutputError: the disk is full or gone; the ticks before stay readable.
         """
-        told = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
-        self._write({"counters": told, "ended": ended})
+        named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
+        self._write({"counters": named, "ended": ended})
 
     def finish(self, ended: str, counters: Array, missed: int) -> Path:
         """Write what was taken and the summary, and mark the file complete.

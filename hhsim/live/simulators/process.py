@@ -7,6 +7,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from hhsim.live.simulators.peer import PeerRecord, read_peer_log
+
 
 class FakeProcess:
     """`python -m MODULE --log FILE …` while the block runs; a context. It may be started again after `kill`.
@@ -94,3 +96,11 @@ class FakeProcess:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         """End."""
         self.end()
+
+
+class FakePeerProcess(FakeProcess):
+    """A program whose log is that of `hhsim.live.simulators.peer`."""
+
+    def record(self) -> PeerRecord:
+        """What it wrote down so far."""
+        return read_peer_log(self.log)

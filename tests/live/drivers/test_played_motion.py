@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
-from hhsim.live.devices.registry import DEVICE_KINDS, DeviceConfig, open_device
-from hhsim.live.ipc.records import LIVE_STATUS
+from hhsim.live.devices.registry import configure, glove_names, open_device
+from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.playback import RETURN_TIME, Playback
-from hhsim.live.pose.config import PoseConfig
 from hhsim.live.pose.registry import make_pose_source, write_keyboard_pose
+from hhsim.live.pose.source import PoseConfig
 from hhsim.live.shared_memory import SharedBlock
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.dexmo_regression import DexmoRegression
@@ -46,19 +46,19 @@ def read_all(device: GloveDevice, most: int = 4096) -> NDArray[np.void]:
 
 def test_every_kind_has_a_driver_and_an_unknown_one_is_named() -> None:
     with pytest.raises(UnknownNameError, match="did you mean dexmo"):
-        open_device(DeviceConfig(kind="dexmoo"))
+        configure("dexmoo")
     with pytest.raises(InputError, match="expected right or left"):
-        open_device(DeviceConfig(hand="both"))
+        configure(hand="both")  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="unknown pose source"):
         make_pose_source(PoseConfig(kind="camera"))
-    assert set(DEVICE_KINDS) >= {"sim", "replay"}
+    assert set(glove_names()) >= {"sim", "replay"}
 
 
 def test_replay_gives_the_samples_of_the_motion_whenever_it_is_read(clock: list[int]) -> None:
     given = motion()
     ways = []
     for steps in (np.full(100, 7_000_000), np.random.default_rng(1).integers(0, 30_000_000, 60)):
-        device = open_device(DeviceConfig(kind="replay", playback=Playback(given)))
+        device = open_device(configure("replay", playback=Playback(given)))
         device.open()
         parts = [read_all(device)]
         for step in steps:
@@ -77,7 +77,7 @@ def test_replay_gives_the_samples_of_the_motion_whenever_it_is_read(clock: list[
 
 def test_replay_at_its_own_rate_is_due_when_its_stamps_say_and_goes_back_to_begin_anew(clock: list[int]) -> None:
     given = motion()
-    device = open_device(DeviceConfig(kind="replay", playback=Playback(given, rate=500.0, repeat=True)))
+    device = open_device(configure("replay", playback=Playback(given, rate=500.0, repeat=True)))
     assert len(read_all(device)) == 1
     clock[0] += 2_000_000 - 1
     assert len(read_all(device)) == 0
@@ -95,7 +95,7 @@ def test_replay_at_its_own_rate_is_due_when_its_stamps_say_and_goes_back_to_begi
 
 
 def test_what_does_not_fit_waits_for_the_next_read(clock: list[int]) -> None:
-    device = open_device(DeviceConfig(kind="replay", playback=Playback(motion())))
+    device = open_device(configure("replay", playback=Playback(motion())))
     read_all(device)
     clock[0] += 300_000_000
     got = [read_all(device, 7)["seq"] for _ in range(6)]
@@ -118,7 +118,7 @@ def grasping() -> Trajectory:
 
 def test_a_simulated_finger_makes_the_motion_and_stops_where_it_is_resisted(clock: list[int]) -> None:
     regression = DexmoRegression.default()
-    device = open_device(DeviceConfig(kind="sim", playback=Playback(grasping()), seed=3))
+    device = open_device(configure("sim", playback=Playback(grasping()), seed=3))
     command = FingerCommand()
     command.bend[:] = 0.5
     command.stiffness[:] = (1.0, 1.0, 0.2, 0.0, 0.0)
@@ -147,7 +147,7 @@ def test_a_simulated_finger_makes_the_motion_and_stops_where_it_is_resisted(cloc
 def test_the_simulated_glove_follows_its_seed_and_drops_what_nobody_read(clock: list[int]) -> None:
     ways = []
     for step, seed in ((5_000_000, 1), (11_000_000, 1), (5_000_000, 2)):
-        device = open_device(DeviceConfig(kind="sim", seed=seed))
+        device = open_device(configure("sim", seed=seed))
         parts = [read_all(device)]
         while sum(map(len, parts)) < 200:
             clock[0] += step
@@ -164,7 +164,7 @@ def test_the_simulated_glove_follows_its_seed_and_drops_what_nobody_read(clock: 
 def test_fingers_and_palm_of_one_motion_begin_together(clock: list[int]) -> None:
     given = motion()
     playback = Playback(given)
-    device = open_device(DeviceConfig(kind="replay", playback=playback))
+    device = open_device(configure("replay", playback=playback))
     source = make_pose_source(PoseConfig(kind="replay", playback=playback))
     read_all(device)
     position, orientation = np.empty(3), np.empty(4)

@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 from sphere_scenes import brute_clearance
 
 from hhsim.errors import InputError
-from hhsim.live.ipc.config import write_setup
-from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.ipc.records import LIVE_TICK
 from hhsim.live.ipc.session_memory import TICK_CAPACITY, SessionMemory
+from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder
 from hhsim.live.session.summary import recorded_figures
 from hhsim.live.session.writer import SessionWriter
+from hhsim.live.shared_memory import write_setup
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK_COLUMNS, TICK_COLUMNS

@@ -1,0 +1,32 @@
+"""A glove that speaks the letter format of OpenGloves, on a serial line or over TCP."""
+
+from dataclasses import dataclass
+
+from hhsim.live.devices.registry import Glove, ServedOptions, setting
+
+
+@dataclass(frozen=True)
+class OpenGlovesOptions(ServedOptions):
+    """Settings of an OpenGloves or LucidGloves.
+
+    Attributes:
+        port: Of the glove, or of a program between, over TCP.
+        path: Serial line; "" for TCP.
+        baud: Of the serial line [bit/s].
+        full_scale: Largest reading of a curl [count]; a calibration that has the ends in counts goes before it.
+    """
+
+    port: int = setting(65432, "Port of the glove's server", "PORT", least=1, most=65535)
+    path: str = setting("", "Serial line, such as /dev/ttyUSB0, instead of TCP", "LINE", flags=("--serial", "--path"))
+    baud: int = setting(115_200, "Speed of the serial line", "BAUD", unit="bit/s", least=1)
+    full_scale: float = setting(
+        4095.0, "Largest reading; 1023 for boards with 10 bits", "COUNTS", unit="count", least=1.0
+    )
+
+
+GLOVE = Glove(
+    about="an OpenGloves or LucidGloves, by serial line or TCP",
+    driver="hhsim.live.drivers.opengloves:OpenGlovesGlove",
+    options=OpenGlovesOptions,
+    calibration="hhsim.live.drivers.calibration:glove_calibration",
+)

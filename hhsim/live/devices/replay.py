@@ -1,0 +1,11 @@
+"""A recorded motion in the place of a glove."""
+
+from hhsim.live.devices.registry import Glove
+
+GLOVE = Glove(
+    about="a recording in the place of one",
+    driver="hhsim.live.drivers.replay:ReplayGlove",
+    plays=True,
+    ends=True,
+    holds=False,
+)

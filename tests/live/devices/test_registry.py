@@ -1,0 +1,180 @@
+"""The gloves that there are, and one more: a file of its own is all that it takes."""
+
+import importlib
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from live_scripted import FIST, FREE, FakeClock, make_setup
+
+import hhsim.live.devices
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.live.device import FingerRelease, GloveDevice, NothingHeld
+from hhsim.live.devices.registry import (
+    configure,
+    find_glove,
+    for_release,
+    glove_names,
+    open_device,
+    open_release,
+)
+from hhsim.live.ipc.config import OutputLimits, SafetyLimits
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.loop.loop import LiveLoop
+from hhsim.live.pose.registry import FixedPose
+
+Run = Callable[..., Any]
+
+TEXT_GLOVE = '''
+"""Bends read from a file of text: five numbers a line, a line a sample."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
+from hhsim.live.devices.registry import Glove, GloveConfig, GloveOptions, setting
+
+
+@dataclass(frozen=True)
+class TextOptions(GloveOptions):
+    file: str = setting("", "File of bends", "FILE")
+    fist: float = setting(90.0, "Angle of every joint of a fist", "DEG", unit="deg", least=1.0, most=120.0)
+
+
+class TextGlove(GloveDevice):
+    def __init__(self, config: GloveConfig) -> None:
+        self.options = config.options
+        self.clock = lambda: 0
+        self.stiffness: list[float] = []
+
+    def open(self, timeout: float = 5.0) -> None:
+        if not Path(self.options.file).is_file():
+            raise DeviceError(f"no file {self.options.file}")
+        self.lines = [line.split() for line in Path(self.options.file).read_text().splitlines()]
+        self.info = GloveInfo("text", Capability.POSITION_LIMIT | Capability.STIFFNESS, ("bend",) * 5)
+        self.counters = DeviceCounters()
+
+    def read(self, samples_out: np.ndarray) -> int:
+        if self.counters.samples == len(self.lines):
+            return 0
+        sample = samples_out[0]
+        sample["seq"], sample["time_ns"], sample["good"] = self.counters.samples, self.clock(), True
+        sample["flexion"] = np.radians(self.options.fist) * np.array(self.lines[self.counters.samples], float)[:, None]
+        sample["abduction"], sample["battery"], sample["channels"] = 0.0, -1, np.nan
+        self.counters.samples += 1
+        return 1
+
+    def send(self, command: FingerCommand) -> bool:
+        self.stiffness.append(float(command.stiffness.max()))
+        return True
+
+    def release(self, timeout: float = 0.05) -> bool:
+        self.stiffness.append(0.0)
+        return True
+
+    def reconnect(self) -> bool:
+        return True
+
+    def close(self) -> None:
+        pass
+
+
+GLOVE = Glove("bends from a file of text", driver=f"{__name__}:TextGlove", options=TextOptions)
+'''
+
+
+@pytest.fixture
+def text_glove(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder with the one file that adds a glove, where the registry looks."""
+    folder = tmp_path / "gloves"
+    folder.mkdir()
+    (folder / "text.py").write_text(TEXT_GLOVE)
+    monkeypatch.setattr(hhsim.live.devices, "__path__", [*hhsim.live.devices.__path__, str(folder)])
+    yield folder
+    sys.modules.pop("hhsim.live.devices.text", None)
+    vars(hhsim.live.devices).pop("text", None)
+
+
+def test_every_glove_has_a_record_a_driver_and_settings_with_defaults() -> None:
+    assert set(glove_names()) == {"dexmo", "opengloves", "replay", "sim", "udp"}
+    for name in glove_names():
+        glove = find_glove(name)
+        module, _, inside = glove.driver.partition(":")
+        assert issubclass(getattr(importlib.import_module(module), inside), GloveDevice)
+        for item in fields(glove.options):
+            assert getattr(glove.options(), item.name) == item.default
+
+
+def test_what_there_is_not_is_named_with_what_there_is() -> None:
+    with pytest.raises(UnknownNameError, match="unknown glove 'dexmoo': did you mean dexmo"):
+        configure("dexmoo")
+    with pytest.raises(UnknownNameError, match="unknown setting of dexmo 'prot': did you mean port"):
+        configure("dexmo", prot=3)
+    with pytest.raises(InputError, match="expected right or left"):
+        configure(hand="both")  # type: ignore[arg-type]
+
+
+def test_what_the_watchdog_opens_knows_nothing_of_readings() -> None:
+    config = configure("dexmo", port=1)
+    assert config.calibration is not None
+    bare = for_release(config)
+    assert (bare.calibration, bare.playback, bare.options) == (None, None, config.options)
+    assert isinstance(open_release(bare), FingerRelease)
+    assert isinstance(open_release(configure("sim")), NothingHeld)
+
+
+def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: Path, tmp_path: Path) -> None:
+    bends = tmp_path / "bends.txt"
+    closing = np.linspace(FREE, FIST / np.pi * 2.0, 100)
+    bends.write_text("\n".join(" ".join([f"{bend:.6f}"] * 5) for bend in [*closing, *[closing[-1]] * 200]))
+    assert "text" in glove_names()
+    setup = make_setup(
+        device=configure("text", file=str(bends)),
+        safety=SafetyLimits(watchdog=False),
+        output=OutputLimits(ramp=0.02),
+        duration=0.25,
+    )
+    memory, clock = SessionMemory.create(), FakeClock()
+    glove: Any = open_device(setup.device)
+    glove.clock = clock.now
+    glove.open()
+    loop = LiveLoop(setup, memory, glove, FixedPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), clock=clock)
+    assert loop.run() == "duration"
+    ticks = memory.ticks.records[: memory.ticks.written]
+    assert len(ticks) == 250
+    np.testing.assert_allclose(ticks["haptic_flexion"][120], FIST, atol=1e-6)
+    assert max(glove.stiffness) == pytest.approx(0.3)
+    assert glove.stiffness[-1] == 0.0
+
+
+def test_a_glove_in_one_file_is_in_the_help_with_its_settings(
+    text_glove: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = importlib.import_module("hhsim.cli.live.glove")
+    try:
+        importlib.reload(module)
+        shown = " ".join(run("live", "glove", "--help").out.split())
+        assert "text: bends from a file of text" in shown
+        assert "--file FILE With --device text: file of bends." in shown
+        assert "--fist DEG With --device text: angle of every joint of a fist [deg]. [default: 90.0;" in shown
+        refused = run("live", "glove", "--device", "sim", "--fist", "80")
+        assert refused.err.startswith("hhsim: error: --fist is for --device text, not sim")
+        answer = run("live", "glove", "cube", "--device", "text", "--file", "gone", "--no-record", "--fist", "0")
+        assert "0.0 is not in the range 1.0<=x<=120.0" in answer.err
+    finally:
+        monkeypatch.undo()
+        importlib.reload(module)
+
+
+def test_the_help_imports_no_driver_and_nothing_heavy() -> None:
+    program = "import sys, hhsim.cli.live.glove; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert {"numpy", "numba", "h5py", "scipy", "trimesh"}.isdisjoint(loaded)
+    assert not [name for name in loaded if name.startswith("hhsim.live.drivers")]
