@@ -1,4 +1,7 @@
-"""The part of the proto3 wire format that gloves speak: int32, bool, float and messages, without a dependency.
+"""The part of the proto3 wire format that gloves speak: int32, bool, float and messages.
+
+It is read here, and not by protobuf's library, because it is read in the loop: a sample's floats are unpacked at once,
+without an object for each field, and nothing is loaded for it in the watchdog. Tests hold it against the library.
 
 What arrives is taken as protobuf's own parsers take it: fields in any order, the last value of a field wins, the parts
 of a message that comes in pieces are merged, and fields that are not known are skipped (protobuf.dev, "Encoding").
