@@ -27,7 +27,7 @@ from hhsim.trees.builder import TreeOptions, cached_sphere_tree
 # Without hhsim's numerics, which every one of them would load.
 BEGIN = """
 import argparse, pickle, signal, sys, time
-from hhsim.live.ipc.status import Stage
+from hhsim.live.ipc.status import LIVE_STATUS, Stage
 from hhsim.live.shared_memory import SharedBlock, SharedRing, read_setup
 parser = argparse.ArgumentParser()
 for name in ("setup", "status", "ticks", "samples", "events", "facts"):
@@ -133,7 +133,7 @@ def test_a_session_ends_in_order_and_the_watchdog_is_last(make: Make, marks: Pat
         session.request_stop("another reason")
     words = marks.read_text().split()
     assert words[0] == "loop"
-    assert sorted(words[1:]) == ["watchdog", "recorder", "viewer"]
+    assert sorted(words[1:]) == ["recorder", "viewer", "watchdog"]
     outcome = session.end()
     assert (outcome.reason, outcome.loop_failed, outcome.record_failed) == ("a key", "", "")
     assert told(session, WARNING) == ""
