@@ -49,30 +49,30 @@ class SoakFigures:
     """What a long run with one device gave; times in seconds.
 
     Attributes:
-        device: kind.
-        frames_sent: to the loop, while it had the glove open.
-        frames_before: sent earlier, and thrown away.
-        frames_decoded: as the driver counts.
-        frames_left: sent, and still on their way when the session ended.
-        frames_lost: sent, and neither decoded nor left: has to be 0.
-        samples_used, samples_superseded: each once in a tick; or replaced by a newer one before it could be.
-        samples_unused: before the first tick, after the last one, or not good.
-        samples_other: rejected, malformed, of another hand, late or doubled.
-        ticks, missed: periods with and without a tick.
-        longest_gap: longest time between two ticks.
-        commands_sent, commands_received: by the loop, and by the glove.
-        wakeup_p50, wakeup_p99, wakeup_p999: from a deadline to the loop's waking.
-        latency_p50, latency_p99, latency_p999, latency_max: from the glove's sending a sample to its receiving the
+        device: Kind.
+        frames_sent: To the loop, while it had the glove open.
+        frames_before: Sent earlier, and thrown away.
+        frames_decoded: As the driver counts.
+        frames_left: Sent, and still on their way when the session ended.
+        frames_lost: Sent, and neither decoded nor left: has to be 0.
+        samples_used, samples_superseded: Each once in a tick; or replaced by a newer one before it could be.
+        samples_unused: Before the first tick, after the last one, or not good.
+        samples_other: Rejected, malformed, of another hand, late or doubled.
+        ticks, missed: Periods with and without a tick.
+        longest_gap: Longest time between two ticks.
+        commands_sent, commands_received: By the loop, and by the glove.
+        wakeup_p50, wakeup_p99, wakeup_p999: From a deadline to the loop's waking.
+        latency_p50, latency_p99, latency_p999, latency_max: From the glove's sending a sample to its receiving the
             first command made with it.
-        latencies: how many of these were measured.
-        penetration_max: deepest that the shown hand ever was in the object [m].
-        in_contact: ticks with contact.
-        resisting: ticks in which a finger was told to resist.
-        kept_free: ticks whose fingers were kept free, by why.
-        identical: whether the recording runs again to the same bytes.
-        recorder_lost: ticks that it lacks.
-        real_time: the mode that was achieved.
-        missed_limits: what was not as it has to be, a line each.
+        latencies: How many of these were measured.
+        penetration_max: Deepest that the shown hand ever was in the object [m].
+        in_contact: Ticks with contact.
+        resisting: Ticks in which a finger was told to resist.
+        kept_free: Ticks whose fingers were kept free, by why.
+        identical: Whether the recording runs again to the same bytes.
+        recorder_lost: Ticks that it lacks.
+        real_time: The mode that was achieved.
+        missed_limits: What was not as it has to be, a line each.
     """
 
     device: str
@@ -112,12 +112,12 @@ def soak(peer: SoakPeer, setup: LiveSetup, *, again: bool = True) -> SoakFigures
     """Run a session with a fake glove, and account for everything.
 
     Args:
-        peer: the glove; it runs.
-        setup: of the session, with the glove and a recording in it.
-        again: also run the recording again.
+        peer: The glove; it runs.
+        setup: Of the session, with the glove and a recording in it.
+        again: Also run the recording again.
 
     Raises:
-        HhsimError: the session failed, or was stopped.
+        HhsimError: The session failed, or was stopped.
     """
     if setup.real_time.fifo and not measure_in_time(peer):
         tell("the glove's process has no SCHED_FIFO: what it waits for a processor counts as latency", 1)
@@ -139,11 +139,11 @@ def figures(device: str, outcome: SessionOutcome, result: Result, seen: PeerSeen
     """Account for a session.
 
     Args:
-        device: kind.
-        outcome: as its supervisor saw it.
-        result: its recording.
-        seen: the same as the glove saw it.
-        again: run the recording again.
+        device: Kind.
+        outcome: As its supervisor saw it.
+        result: Its recording.
+        seen: The same as the glove saw it.
+        again: Run the recording again.
     """
     tally, counters = outcome.tally, outcome.counters
     latency, used = result["live/tick/latency"], result["input_seq"]
@@ -220,10 +220,10 @@ def added_latencies(sent: ArrayLike, received: ArrayLike, commanded: ArrayLike, 
     The session says which command used which sample first, and when it was sent; the peer says when it came.
 
     Args:
-        sent: when the peer sent each sample, CLOCK_MONOTONIC [ns], by the sample's number.
-        received: when commands came to the peer [ns], ascending.
-        commanded: when the session sent each command that used a sample for the first time [ns].
-        of: the number of that sample.
+        sent: When the peer sent each sample, CLOCK_MONOTONIC [ns], by the sample's number.
+        received: When commands came to the peer [ns], ascending.
+        commanded: When the session sent each command that used a sample for the first time [ns].
+        of: The number of that sample.
 
     Returns:
         [ns], for those of `commanded` whose command came and whose sample is known; a command is taken for the first

@@ -32,11 +32,11 @@ class PeerSeen:
     """A session as its glove saw it; times are CLOCK_MONOTONIC [ns].
 
     Attributes:
-        sent: when each frame was sent to the loop.
-        of_sample: the frame of each recorded sample, by its number since the glove was opened; -1: of none.
-        received: when each command came, ascending.
-        before: frames that were sent before the loop had opened the glove, and that it threw away.
-        taken_back: most commands that were on their way when the fingers were freed, and that this took back.
+        sent: When each frame was sent to the loop.
+        of_sample: The frame of each recorded sample, by its number since the glove was opened; -1: of none.
+        received: When each command came, ascending.
+        before: Frames that were sent before the loop had opened the glove, and that it threw away.
+        taken_back: Most commands that were on their way when the fingers were freed, and that this took back.
     """
 
     sent: Times
@@ -50,9 +50,9 @@ class SoakPeer(ABC):
     """A fake glove in a process of its own, while the block runs.
 
     Args:
-        folder: for its log.
-        rate: frames a second [Hz].
-        seed: of its motion.
+        folder: For its log.
+        rate: Frames a second [Hz].
+        seed: Of its motion.
     """
 
     name: str
@@ -222,7 +222,7 @@ def places_of(sent: NDArray[Any], read: NDArray[Any]) -> Times:
     A line that nobody reads fills up, and what then does not fit of a row spoils the next one.
 
     Raises:
-        HhsimError: a row was read that is not among the next ones that were sent.
+        HhsimError: A row was read that is not among the next ones that were sent.
     """
     reached = -1
     for first in np.flatnonzero((sent == read[0]).all(axis=1)):

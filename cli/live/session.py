@@ -18,9 +18,9 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
     """Run a session to its end, on whatever way.
 
     Args:
-        setup: of the session.
-        heading: what runs, for the display.
-        quiet: show nothing but warnings and faults.
+        setup: Of the session.
+        heading: What runs, for the display.
+        quiet: Show nothing but warnings and faults.
 
     Returns:
         What became of it, and what went wrong: a line, or "".

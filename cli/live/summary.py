@@ -27,7 +27,7 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
 
 def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     """Label, figure and unit of every line."""
-    from hhsim.live.session.summary import session_figures
+    from hhsim.live.session.statistics import session_figures
     from hhsim.live.session.summary_table import session_rows
 
     tally, counters = outcome.tally, outcome.counters
@@ -56,11 +56,16 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
 
 def _deepest(outcome: "SessionOutcome") -> float | None:
     """Deepest penetration of the recorded ticks [m]; None where there is no whole recording."""
-    from hhsim.live.session.summary import recorded_figures
+    from hhsim.errors import InputError
+    from hhsim.result.reader import load_result
 
-    if outcome.record_failed or not outcome.recorded:
+    if outcome.record is None or outcome.record_failed or not outcome.recorded:
         return None
-    return recorded_figures(outcome.record).get("penetration_max")
+    try:
+        result = load_result(outcome.record)
+    except InputError:
+        return None
+    return float(result.summary["penetration_max"]) if result.complete else None
 
 
 def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:

@@ -76,14 +76,14 @@ class GloveInfo:
     """What a driver says of its glove.
 
     Attributes:
-        name: as people call it, with where it is: "dexmo at 127.0.0.1:55555".
-        capabilities: what it can do.
-        channels: names of the channels of a sample.
+        name: As people call it, with where it is: "dexmo at 127.0.0.1:55555".
+        capabilities: What it can do.
+        channels: Names of the channels of a sample.
         hand: "right" or "left"; "" where it is not known.
-        unit: of the channels, "" for normalised ones.
-        doubtful: channels whose calibration says little, in words; the loop logs them.
-        kept_free: numbers of the fingers, 0 (thumb) to 4, whose bend says too little to push on; no stiffness for them.
-        noiseless: a finger that rests keeps every bit of its samples.
+        unit: Of the channels, "" for normalised ones.
+        doubtful: Channels whose calibration says little, in words; the loop logs them.
+        kept_free: Numbers of the fingers, 0 (thumb) to 4, whose bend says too little to push on; no stiffness for them.
+        noiseless: A finger that rests keeps every bit of its samples.
     """
 
     name: str
@@ -125,8 +125,8 @@ class FingerCommand:
     """What the fingers are commanded; written in place, tick by tick.
 
     Attributes:
-        bend: where each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
-        stiffness: how hard, 0 (free) to 1, shape (5,).
+        bend: Where each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
+        stiffness: How hard, 0 (free) to 1, shape (5,).
     """
 
     bend: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
@@ -160,7 +160,7 @@ class FingerRelease(ABC):
         Never blocks. Does nothing unless a driver says otherwise.
 
         Raises:
-            DeviceError: the device is gone; `reconnect` may bring it back.
+            DeviceError: The device is gone; `reconnect` may bring it back.
         """
         return
 
@@ -221,13 +221,13 @@ class GloveDevice(FingerRelease):
         """Decode all that has arrived.
 
         Args:
-            samples_out: of `GLOVE_SAMPLE`, oldest first. What does not fit waits for the next call.
+            samples_out: Of `GLOVE_SAMPLE`, oldest first. What does not fit waits for the next call.
 
         Returns:
             How many samples.
 
         Raises:
-            DeviceError: the device is gone; `reconnect` may bring it back.
+            DeviceError: The device is gone; `reconnect` may bring it back.
         """
 
     @abstractmethod
@@ -238,5 +238,5 @@ class GloveDevice(FingerRelease):
             False where the device takes no more now; a command is never kept to be sent late.
 
         Raises:
-            DeviceError: the device is gone.
+            DeviceError: The device is gone.
         """

@@ -32,11 +32,11 @@ class RealTimeWishes:
 
     Attributes:
         fifo: SCHED_FIFO, at `priority`, 1 to 98; the watchdog runs one above.
-        priority: of the loop.
-        lock_memory: no page of the process is taken away (mlockall).
-        timer_slack: wake-ups are not put together with others (1 ns instead of 50 µs).
-        cpu: the processor to stay on, None to choose the last that the process may use, -1 not to be pinned.
-        freeze_gc: what is there when the loop begins is no more looked through for garbage.
+        priority: Of the loop.
+        lock_memory: No page of the process is taken away (mlockall).
+        timer_slack: Wake-ups are not put together with others (1 ns instead of 50 µs).
+        cpu: The processor to stay on, None to choose the last that the process may use, -1 not to be pinned.
+        freeze_gc: What is there when the loop begins is no more looked through for garbage.
     """
 
     fifo: bool = True
@@ -55,7 +55,7 @@ class RealTimeWishes:
         """Refuse a priority that leaves no room for the watchdog.
 
         Raises:
-            InputError: a priority or a processor out of range.
+            InputError: A priority or a processor out of range.
         """
         if not 1 <= self.priority <= 98:
             raise InputError(f"the real-time priority is {self.priority}: expected 1 to 98")
@@ -67,8 +67,8 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any
     """Ask the system for what is wished, for the calling thread and its process.
 
     Args:
-        wishes: what is wished.
-        above: how much higher than `wishes.priority` this process is to stand.
+        wishes: What is wished.
+        above: How much higher than `wishes.priority` this process is to stand.
 
     Returns:
         The mode that was achieved, as plain values:
@@ -178,7 +178,7 @@ def lock_memory() -> None:
     """Keep every page that the process has, and will have, in memory.
 
     Raises:
-        OSError: not allowed, or more than the limit of locked memory.
+        OSError: Not allowed, or more than the limit of locked memory.
     """
     _check(_mlockall(MCL_CURRENT | MCL_FUTURE))
 
@@ -187,7 +187,7 @@ def set_timer_slack(slack_ns: int) -> None:
     """How late a wake-up of this thread may be made in order to put it together with others [ns].
 
     Raises:
-        OSError: not allowed.
+        OSError: Not allowed.
     """
     _check(_prctl(PR_SET_TIMERSLACK, slack_ns, 0, 0, 0))
 
@@ -201,14 +201,14 @@ def end_with(parent: int, number: int = signal.SIGTERM) -> bool:
     """Be sent a signal when the parent ends, or rather the thread of it that started this process.
 
     Args:
-        parent: its process id.
-        number: the signal.
+        parent: Its process id.
+        number: The signal.
 
     Returns:
         False where it has ended already: no signal will come.
 
     Raises:
-        OSError: not allowed.
+        OSError: Not allowed.
     """
     _check(_prctl(PR_SET_PDEATHSIG, number, 0, 0, 0))
     return os.getppid() == parent

@@ -23,9 +23,9 @@ class SharedBlock:
     """An array in shared memory.
 
     Args:
-        descriptor: of the memory.
-        dtype: of the elements; every process must agree.
-        count: how many elements.
+        descriptor: Of the memory.
+        dtype: Of the elements; every process must agree.
+        count: How many elements.
     """
 
     def __init__(self, descriptor: int, dtype: np.dtype[Any], count: int = 1) -> None:
@@ -39,7 +39,7 @@ class SharedBlock:
         """Fresh memory, all zeros; `name` is for people who look into /proc. The descriptor can be inherited.
 
         Raises:
-            HhsimError: the system has no memory of this kind.
+            HhsimError: The system has no memory of this kind.
         """
         if not hasattr(os, "memfd_create"):
             raise HhsimError(f"live sessions need Linux, whose memory needs no file (memfd); this is {sys.platform}")
@@ -53,9 +53,9 @@ class SharedRing:
     """Records in shared memory: the writer never waits, a reader that falls behind loses the oldest and knows it.
 
     Args:
-        descriptor: of the memory.
-        dtype: of a record.
-        capacity: how many records the ring holds.
+        descriptor: Of the memory.
+        dtype: Of a record.
+        capacity: How many records the ring holds.
     """
 
     def __init__(self, descriptor: int, dtype: np.dtype[Any], capacity: int) -> None:
@@ -92,8 +92,8 @@ class RingReader:
     """One reader's place in a ring.
 
     Args:
-        ring: which.
-        from_start: begin with the oldest record that is there, or with the next one.
+        ring: Which.
+        from_start: Begin with the oldest record that is there, or with the next one.
     """
 
     lost: int
@@ -109,7 +109,7 @@ class RingReader:
         """The oldest records not yet read.
 
         Args:
-            most: at most this many.
+            most: At most this many.
 
         Returns:
             The number of the first one, counted from the ring's beginning, and copies of the records; numbers that

@@ -32,7 +32,7 @@ class ReplayGlove(GloveDevice):
         config: `playback` is the motion.
 
     Raises:
-        InputError: no motion.
+        InputError: No motion.
     """
 
     def __init__(self, config: GloveConfig) -> None:

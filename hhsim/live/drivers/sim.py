@@ -49,7 +49,7 @@ class SimGlove(GloveDevice):
         config: `playback` or, without one, fingers that open and close as `seed` says; `rate` [Hz].
 
     Raises:
-        InputError: a rate that is not positive.
+        InputError: A rate that is not positive.
     """
 
     def __init__(self, config: GloveConfig) -> None:

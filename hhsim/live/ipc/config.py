@@ -33,11 +33,11 @@ class OutputLimits:
     """What the fingers may be told, and how fast it may change.
 
     Attributes:
-        stiffness: of each finger while it carries contact force, 0 (free) to 1, five numbers.
-        stiffness_rise: fastest growth of the stiffness [1/s]; it falls at once.
-        bend_speed: fastest change of the bend at which a finger is stopped, both ways [1/s].
-        ramp: how long the stiffness takes to its full value at the start and after every fault [s].
-        contact_force: a finger whose phalanges feel less than this together is free [N].
+        stiffness: Of each finger while it carries contact force, 0 (free) to 1, five numbers.
+        stiffness_rise: Fastest growth of the stiffness [1/s]; it falls at once.
+        bend_speed: Fastest change of the bend at which a finger is stopped, both ways [1/s].
+        ramp: How long the stiffness takes to its full value at the start and after every fault [s].
+        contact_force: A finger whose phalanges feel less than this together is free [N].
     """
 
     stiffness: tuple[float, ...] = (0.3,) * FINGER_COUNT
@@ -50,7 +50,7 @@ class OutputLimits:
         """Refuse what no glove takes.
 
         Raises:
-            InputError: a stiffness out of range, or a limit that is none.
+            InputError: A stiffness out of range, or a limit that is none.
         """
         if len(self.stiffness) != FINGER_COUNT:
             raise InputError(f"{len(self.stiffness)} values of stiffness: expected {FINGER_COUNT}, one a finger")
@@ -69,11 +69,11 @@ class SafetyLimits:
     """From when on the fingers are freed.
 
     Attributes:
-        stale: age of the newest sample, or of the pose where its source can go silent [s].
-        overruns: periods missed one after the other.
-        watchdog: whether a watchdog must be there.
-        watchdog_stale: age of the watchdog's last sign of life [s].
-        heartbeat_stale: age of the loop's last sign of life at which the watchdog frees the fingers [s].
+        stale: Age of the newest sample, or of the pose where its source can go silent [s].
+        overruns: Periods missed one after the other.
+        watchdog: Whether a watchdog must be there.
+        watchdog_stale: Age of the watchdog's last sign of life [s].
+        heartbeat_stale: Age of the loop's last sign of life at which the watchdog frees the fingers [s].
     """
 
     stale: float = 0.025
@@ -86,7 +86,7 @@ class SafetyLimits:
         """Refuse limits that are none.
 
         Raises:
-            InputError: a limit that is not positive.
+            InputError: A limit that is not positive.
         """
         for name in ("stale", "watchdog_stale", "heartbeat_stale"):
             _require_positive(name, getattr(self, name), "s")
@@ -99,24 +99,24 @@ class LiveSetup:
     """A live session before it begins.
 
     Attributes:
-        mesh: the object's surface [m], world frame.
-        tree: its sphere tree, world frame.
-        hand: the hand.
-        options: of the solver; its period is that of the rate.
-        device: which glove; its calibration says what a bend is in angles, and so makes the set points.
-        pose: where the palm's pose comes from.
-        rate: ticks per second [Hz].
-        duration: how long to run [s]; None until it is stopped.
-        output: what the fingers may be told.
-        safety: when they are freed.
-        real_time: what the system is asked for.
-        record: the session's file; None keeps nothing.
+        mesh: The object's surface [m], world frame.
+        tree: Its sphere tree, world frame.
+        hand: The hand.
+        options: Of the solver; its period is that of the rate.
+        device: Which glove; its calibration says what a bend is in angles, and so makes the set points.
+        pose: Where the palm's pose comes from.
+        rate: Ticks per second [Hz].
+        duration: How long to run [s]; None until it is stopped.
+        output: What the fingers may be told.
+        safety: When they are freed.
+        real_time: What the system is asked for.
+        record: The session's file; None keeps nothing.
         rerun: "spawn", an address or a file for the viewer; None shows nothing.
-        dry_run: nothing is sent to the glove.
-        command: the command line, for the record.
-        description: what else the file is to say of how the scene came about, as plain values; `object_position` [m]
+        dry_run: Nothing is sent to the glove.
+        command: The command line, for the record.
+        description: What else the file is to say of how the scene came about, as plain values; `object_position` [m]
             and `object_orientation` (w, x, y, z) are the object's pose, where its own frame is not the world's.
-        supervisor: process id of who makes the setup and starts the others; the loop ends with it.
+        supervisor: Process id of who makes the setup and starts the others; the loop ends with it.
     """
 
     mesh: Mesh
@@ -141,7 +141,7 @@ class LiveSetup:
         """Refuse a rate or a duration that is none.
 
         Raises:
-            InputError: out of range.
+            InputError: Out of range.
         """
         low, high = RATE_RANGE
         if not low <= self.rate <= high:

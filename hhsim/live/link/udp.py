@@ -23,7 +23,7 @@ def resolve(host: str) -> str:
     """IPv4 address of a host.
 
     Raises:
-        DeviceError: no such host.
+        DeviceError: No such host.
     """
     try:
         return socket.gethostbyname(host)
@@ -35,11 +35,11 @@ class UdpPort:
     """Takes datagrams without waiting; those of other hosts are not looked at.
 
     Args:
-        host: from which they come.
-        port: where they arrive.
+        host: From which they come.
+        port: Where they arrive.
 
     Raises:
-        DeviceError: no such host, or the port is taken.
+        DeviceError: No such host, or the port is taken.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -101,11 +101,11 @@ class PacketOrder:
     """Counts by `seq`, per session.
 
     Attributes:
-        lost: datagrams that were sent and have not come.
-        late: those that came behind a newer one.
-        repeated: those that came twice, or far too late.
-        foreign: those of another session while this one still spoke.
-        sessions: how many sessions there were.
+        lost: Datagrams that were sent and have not come.
+        late: Those that came behind a newer one.
+        repeated: Those that came twice, or far too late.
+        foreign: Those of another session while this one still spoke.
+        sessions: How many sessions there were.
     """
 
     def __init__(self) -> None:
@@ -120,8 +120,8 @@ class PacketOrder:
         """Whether this datagram is newer than all before it.
 
         Args:
-            session, seq: of the datagram.
-            now_ns: when it came [ns].
+            session, seq: Of the datagram.
+            now_ns: When it came [ns].
         """
         if session != self._session:
             if self._session >= 0 and now_ns - self._newest_ns < SESSION_SILENCE_NS:

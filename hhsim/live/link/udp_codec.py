@@ -88,12 +88,12 @@ def encode_packet(
     """The bytes of a packet; `seq` is taken modulo 2³².
 
     Args:
-        kind: what the numbers are.
-        values: as many as the kind has.
-        session, seq, t_ns, answers, battery: as in the table above.
+        kind: What the numbers are.
+        values: As many as the kind has.
+        session, seq, t_ns, answers, battery: As in the table above.
 
     Raises:
-        PacketError: not as many numbers as the kind has.
+        PacketError: Not as many numbers as the kind has.
     """
     numbers = np.asarray(values, dtype=NUMBERS).ravel()
     if numbers.size != COUNT[kind]:
@@ -106,7 +106,7 @@ def decode_packet(data: bytes) -> Packet:
     """Read one datagram.
 
     Raises:
-        PacketError: another magic, version, kind or length.
+        PacketError: Another magic, version, kind or length.
     """
     if len(data) < HEADER.size:
         raise PacketError(f"{len(data)} bytes; expected at least {HEADER.size}")

@@ -24,12 +24,12 @@ class FingerCommander:
     Limits count in ticks and not in time: after missed ticks nothing changes faster.
 
     Args:
-        limits: what the fingers may be commanded.
-        bend_lines: what a bend is in angles, as of `Calibration.bend_lines`.
-        period: of a tick [s].
+        limits: What the fingers may be commanded.
+        bend_lines: What a bend is in angles, as of `Calibration.bend_lines`.
+        period: Of a tick [s].
 
     Attributes:
-        command: of the last tick, stiffness 0 before the first.
+        command: Of the last tick, stiffness 0 before the first.
     """
 
     def __init__(self, limits: OutputLimits, bend_lines: tuple[Array, Array], period: float) -> None:
@@ -60,10 +60,10 @@ class FingerCommander:
         """Make the command of a tick.
 
         Args:
-            flexion: of the graphic hand [rad], shape (5, 3).
-            phalanx: force on each phalanx [N], shape (5, 3, 3).
-            safety: bits of `Safety`; any of them frees all fingers.
-            kept_free: fingers on which nothing may push, shape (5,).
+            flexion: Of the graphic hand [rad], shape (5, 3).
+            phalanx: Force on each phalanx [N], shape (5, 3, 3).
+            safety: Bits of `Safety`; any of them frees all fingers.
+            kept_free: Fingers on which nothing may push, shape (5,).
 
         Returns:
             `safety`, with SOLVER_FAILED where an angle or a force is not finite.

@@ -21,11 +21,11 @@ class Interlock:
     A bit stands as long as its reason does; the output's ramp then keeps the fingers from being seized at once.
 
     Args:
-        limits: from when on the fingers are freed.
-        dry_run: nothing is sent, so that no watchdog is needed.
+        limits: From when on the fingers are freed.
+        dry_run: Nothing is sent, so that no watchdog is needed.
 
     Attributes:
-        streak: periods missed since the last tick that came in time.
+        streak: Periods missed since the last tick that came in time.
     """
 
     def __init__(self, limits: SafetyLimits, *, dry_run: bool = False) -> None:
@@ -54,14 +54,14 @@ class Interlock:
 
         Args:
             now_ns: CLOCK_MONOTONIC [ns].
-            sample_ns: of the sample in use, -1 before the first.
-            pose_ns: of the pose in use, -1 before the first.
-            usable: whether the newest sample that came can be used.
-            missed: periods missed right before this tick.
-            watchdog_ns: the watchdog's last sign of life, 0 before the first.
-            armed: whether the watchdog can reach the glove.
-            lost: whether the glove is gone.
-            stopping: whether this is one of the last ticks.
+            sample_ns: Of the sample in use, -1 before the first.
+            pose_ns: Of the pose in use, -1 before the first.
+            usable: Whether the newest sample that came can be used.
+            missed: Periods missed right before this tick.
+            watchdog_ns: The watchdog's last sign of life, 0 before the first.
+            armed: Whether the watchdog can reach the glove.
+            lost: Whether the glove is gone.
+            stopping: Whether this is one of the last ticks.
         """
         bits = self._always
         if sample_ns < 0 or pose_ns < 0:
@@ -99,7 +99,7 @@ class SafetyLog:
     """Turns changes of the safety bits into lines of the log; a bit that flickers is told once a second.
 
     Attributes:
-        detail: what is known of the reason for a bit, for when it is told next.
+        detail: What is known of the reason for a bit, for when it is told next.
     """
 
     def __init__(self) -> None:
@@ -114,7 +114,7 @@ class SafetyLog:
         """Level and text of what is to be said of a tick.
 
         Args:
-            safety: the tick's bits.
+            safety: The tick's bits.
             now_ns: CLOCK_MONOTONIC [ns].
         """
         if safety == self._last:

@@ -52,17 +52,17 @@ class LiveLoop:
     A tick whose haptic hand is not known yet, or whose solver raised, is not published: there is nothing to replay.
 
     Args:
-        setup: of the session.
-        memory: of the session; this is the loop that writes it.
-        device: the glove, open.
-        pose: of the palm, open.
+        setup: Of the session.
+        memory: Of the session; this is the loop that writes it.
+        device: The glove, open.
+        pose: Of the palm, open.
         clock: CLOCK_MONOTONIC by default.
 
     Attributes:
-        deadlines: of the periods.
-        wakeups: how late the loop woke, from the deadline that was slept for.
-        latencies: from the newest sample's bytes read to the command sent.
-        works: from waking to the end of the tick's work.
+        deadlines: Of the periods.
+        wakeups: How late the loop woke, from the deadline that was slept for.
+        latencies: From the newest sample's bytes read to the command sent.
+        works: From waking to the end of the tick's work.
     """
 
     def __init__(

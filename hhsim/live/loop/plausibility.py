@@ -43,7 +43,7 @@ class GloveWatch:
     """Looks at one glove's samples, in their order.
 
     Args:
-        info: of the glove; what it finds doubtful is told first.
+        info: Of the glove; what it finds doubtful is told first.
     """
 
     def __init__(self, info: GloveInfo) -> None:
@@ -64,9 +64,9 @@ class GloveWatch:
         """Look at a sample; `free` then says which fingers are kept free.
 
         Args:
-            sample: of `GLOVE_SAMPLE`.
-            flexion_out: what to believe of it [rad], shape (5, 3).
-            abduction_out: what to believe of it [rad], shape (5,).
+            sample: Of `GLOVE_SAMPLE`.
+            flexion_out: What to believe of it [rad], shape (5, 3).
+            abduction_out: What to believe of it [rad], shape (5,).
 
         Returns:
             False where nothing of the sample may be used: nothing is written then. What is written is always finite.

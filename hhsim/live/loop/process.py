@@ -57,14 +57,14 @@ def run_session(setup: LiveSetup, memory: SessionMemory, device: GloveDevice, po
     """Make everything ready, run the loop until it is stopped, and leave the glove released and closed.
 
     Args:
-        setup: of the session.
-        memory: of the session.
-        device: not yet opened.
-        pose: not yet opened.
-        ending: what signals do, installed.
+        setup: Of the session.
+        memory: Of the session.
+        device: Not yet opened.
+        pose: Not yet opened.
+        ending: What signals do, installed.
 
     Raises:
-        HhsimError: the glove or the pose cannot be reached.
+        HhsimError: The glove or the pose cannot be reached.
     """
     facts: dict[str, Any] = {}
     opened = False

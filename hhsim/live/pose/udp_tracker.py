@@ -24,7 +24,7 @@ class UdpPose(PoseSource):
         config: `host` of the tracker and `port` where its packets arrive.
 
     Attributes:
-        rejected: packets of another kind, or with a pose that is none.
+        rejected: Packets of another kind, or with a pose that is none.
     """
 
     may_stop = True

@@ -18,13 +18,13 @@ class ChildProcess:
     processes in their order. What it writes is kept in memory for `complaint`.
 
     Args:
-        name: for people.
-        module: that is run.
-        arguments: of its command line.
-        descriptors: that it inherits.
+        name: For people.
+        module: That is run.
+        arguments: Of its command line.
+        descriptors: That it inherits.
 
     Attributes:
-        reported: whether its end has been reported; for the supervisor.
+        reported: Whether its end has been reported; for the supervisor.
     """
 
     def __init__(self, name: str, module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:

@@ -41,8 +41,8 @@ class Recorder:
     """Reads the rings of a session and writes its file.
 
     Args:
-        setup: of the session; `record` names the file.
-        memory: of the session.
+        setup: Of the session; `record` names the file.
+        memory: Of the session.
     """
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
@@ -65,7 +65,7 @@ class Recorder:
         """Record until the session has ended.
 
         Raises:
-            OutputError: the file cannot be written.
+            OutputError: The file cannot be written.
         """
         check_result_destination(self._path)
         options = loop_options(self._setup.options, self._setup.rate)

@@ -24,11 +24,11 @@ class LiveScene:
     """Object, glove and palm of a session.
 
     Attributes:
-        mesh: the object's surface [m], world frame.
-        tree: its sphere tree, world frame.
-        device: the glove, with its motion where it plays one.
-        pose: the palm's source, with its motion or where it begins.
-        description: how it came about, as plain values.
+        mesh: The object's surface [m], world frame.
+        tree: Its sphere tree, world frame.
+        device: The glove, with its motion where it plays one.
+        pose: The palm's source, with its motion or where it begins.
+        description: How it came about, as plain values.
     """
 
     mesh: Mesh
@@ -52,17 +52,17 @@ def make_live_scene(
     """Put object, glove and palm together.
 
     Args:
-        mesh: the object [m], in its own frame.
-        tree: its sphere tree, in the same frame.
-        hand: which hand.
-        device: settings of the glove.
-        pose: settings of the palm's source.
-        motion: what a simulated or replayed glove does, and a palm that is replayed; None where neither is.
-        placed: the position and orientation of `pose` are wanted; else the palm begins where it can grasp.
-        seed: of a script's tremor and sensor noise.
+        mesh: The object [m], in its own frame.
+        tree: Its sphere tree, in the same frame.
+        hand: Which hand.
+        device: Settings of the glove.
+        pose: Settings of the palm's source.
+        motion: What a simulated or replayed glove does, and a palm that is replayed; None where neither is.
+        placed: The position and orientation of `pose` are wanted; else the palm begins where it can grasp.
+        seed: Of a script's tremor and sensor noise.
 
     Raises:
-        TrajectoryError: the motion cannot be done on this object.
+        TrajectoryError: The motion cannot be done on this object.
     """
     where = {}
     if motion is not None:

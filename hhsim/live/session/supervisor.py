@@ -63,21 +63,21 @@ class SessionOutcome:
     """What became of a session.
 
     Attributes:
-        reason: why it ended.
-        seconds: how long the loop ran.
-        ticks: that the loop did.
-        missed: periods without a tick.
-        tally: of its ticks.
-        facts: what the loop said of it (`SessionMemory.read_facts`).
-        counters: of the device.
-        record: the recording, where there is one.
-        recorded: ticks in it.
-        record_lost: ticks that it lacks.
-        record_failed: what ended it early; "" where nothing did.
-        notices: what was told: seconds since the beginning, level, text.
-        watchdog_restarts: how often the watchdog was started again.
-        watchdog_releases: how often it freed the fingers.
-        loop_failed: how the loop ended, where it did not end as it should.
+        reason: Why it ended.
+        seconds: How long the loop ran.
+        ticks: That the loop did.
+        missed: Periods without a tick.
+        tally: Of its ticks.
+        facts: What the loop said of it (`SessionMemory.read_facts`).
+        counters: Of the device.
+        record: The recording, where there is one.
+        recorded: Ticks in it.
+        record_lost: Ticks that it lacks.
+        record_failed: What ended it early; "" where nothing did.
+        notices: What was told: seconds since the beginning, level, text.
+        watchdog_restarts: How often the watchdog was started again.
+        watchdog_releases: How often it freed the fingers.
+        loop_failed: How the loop ended, where it did not end as it should.
     """
 
     reason: str
@@ -101,8 +101,8 @@ class Supervisor:
     """A live session; use it in a `with`, which ends the session in order on every way out.
 
     Args:
-        setup: of the session.
-        say: told of what happens while it happens.
+        setup: Of the session.
+        say: Told of what happens while it happens.
     """
 
     memory: SessionMemory
@@ -136,7 +136,7 @@ class Supervisor:
         """Start all processes.
 
         Raises:
-            HhsimError: a process cannot be started; none is left running.
+            HhsimError: A process cannot be started; none is left running.
         """
         self._began = time.monotonic()
         try:
@@ -210,7 +210,7 @@ class Supervisor:
         """End all processes in order; asking again gives the same.
 
         Args:
-            reason: why, where nothing else has ended the session.
+            reason: Why, where nothing else has ended the session.
 
         Returns:
             What became of it.
@@ -236,8 +236,8 @@ class Supervisor:
         """Raise what went wrong, after `end`.
 
         Raises:
-            DeviceError: the glove could not be reached.
-            HhsimError: the loop died, or the recording is not whole.
+            DeviceError: The glove could not be reached.
+            HhsimError: The loop died, or the recording is not whole.
         """
         outcome = self.end()
         if self._loop_failed:

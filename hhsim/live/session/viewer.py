@@ -63,8 +63,8 @@ class LiveViewer:
     """Shows one session.
 
     Args:
-        setup: of the session; `rerun` names the viewer or the file.
-        memory: of the session; `viewer_ns` of the status is written here.
+        setup: Of the session; `rerun` names the viewer or the file.
+        memory: Of the session; `viewer_ns` of the status is written here.
     """
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
@@ -91,8 +91,8 @@ class LiveViewer:
         """Show the session until it has ended.
 
         Raises:
-            ViewerGoneError: the viewer was closed.
-            InputError, OutputError: as `hhsim.view.sink.rerun_stream`.
+            ViewerGoneError: The viewer was closed.
+            InputError, OutputError: As `hhsim.view.sink.rerun_stream`.
         """
         setup = self._setup
         scene = ShownScene(
@@ -130,7 +130,7 @@ class LiveViewer:
         """Whether the viewer has taken all that was sent.
 
         Raises:
-            ViewerGoneError: it was closed, or has stalled for too long.
+            ViewerGoneError: It was closed, or has stalled for too long.
         """
         try:
             stream.flush(timeout_sec=PATIENCE)
