@@ -1,6 +1,6 @@
-"""Processes of a session with a glove that writes down what it is told, for the tests of the guardian.
+"""Processes of a session with a glove that writes down what it is told, for the tests of the watchdog.
 
-`python guarded_loop.py loop|guardian LOG --setup FD …`; a line of the log is CLOCK_MONOTONIC [ns], who spoke, and the
+`python guarded_loop.py loop|watchdog LOG --setup FD …`; a line of the log is CLOCK_MONOTONIC [ns], who spoke, and the
 stiffest finger. Lines are appended whole, so that two processes may write the same file.
 """
 
@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.device import Capability, DeviceCounters, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.ipc.config import read_setup
+from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import add_memory_options, attached
+from hhsim.live.ipc.status import WatchdogSetup
 from hhsim.live.loop.process import Ending, run_session
-from hhsim.live.loop.watchdog import guard
+from hhsim.live.loop.watchdog import watch
 from hhsim.live.pose.registry import make_pose_source
+from hhsim.live.shared_memory import read_setup
 
 FIST = 0.9
 CLOSING_SECONDS = 0.2
@@ -31,14 +33,16 @@ class LoggingGlove(GloveDevice):
         self.counters = DeviceCounters()
         self._log = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         self._who = who
-        self._begin = time.monotonic_ns()
+        self._begin = 0
 
     def open(self, timeout: float = 5.0) -> None:
-        self._begin = time.monotonic_ns()
+        return
 
     def read(self, samples_out: NDArray[np.void]) -> int:
         sample = samples_out[0]
         now = time.monotonic_ns()
+        # From the first read on: a hand that begins inside the object takes a long first tick to be brought out.
+        self._begin = self._begin or now
         sample["seq"] = self.counters.samples
         sample["time_ns"] = now
         sample["good"] = True
@@ -68,15 +72,23 @@ class LoggingGlove(GloveDevice):
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("who", choices=["loop", "guardian"])
+    parser.add_argument("who", choices=["loop", "watchdog"])
     parser.add_argument("log", type=Path)
+    known, rest = parser.parse_known_args()
+    glove = LoggingGlove(known.log, known.who)
+    if known.who == "watchdog":
+        parser.add_argument("--setup", type=int)
+        setup = read_setup(parser.parse_args().setup, WatchdogSetup)
+        watch(setup, None if setup.device is None else glove)
+    else:
+        run_loop(glove, rest)
+
+
+def run_loop(glove: LoggingGlove, arguments: list[str]) -> None:
+    parser = argparse.ArgumentParser()
     add_memory_options(parser)
-    options = parser.parse_args()
-    setup, memory = read_setup(options.setup), attached(options)
-    glove = LoggingGlove(options.log, options.who)
-    if options.who == "guardian":
-        guard(setup, memory, glove)
-        return
+    options = parser.parse_args(arguments)
+    setup, memory = read_setup(options.setup, LiveSetup), attached(options)
     memory.status["loop_pid"] = os.getpid()
     ending = Ending()
     ending.install()

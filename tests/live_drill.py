@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits
-from hhsim.live.ipc.records import Stage
-from hhsim.live.pose.config import PoseConfig
+from hhsim.live.ipc.status import Stage
+from hhsim.live.pose.source import PoseConfig
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.supervisor import LOOP, Supervisor
 from hhsim.live.shared_memory import RingReader
@@ -39,7 +39,7 @@ def grasping_setup(port: int, record: Path | None) -> LiveSetup:
     item = load_object("cube")
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=3))
     hand = HandModel.default("right")
-    device = DeviceConfig(kind="dexmo", port=port)
+    device = configure("dexmo", port=port)
     scene = make_live_scene(item.mesh, tree, hand, device, PoseConfig("fixed"), None)
     options = SolverOptions()
     warm_up(hand, options)
@@ -67,10 +67,10 @@ class Drill:
 
     def __init__(self, glove: FakeDexmo, record: Path | None = None, rerun: str | None = None) -> None:
         self.glove = glove
-        self.told: list[str] = []
+        self.log: list[str] = []
         """What the supervisor said."""
         setup = replace(grasping_setup(glove.port, record), rerun=rerun)
-        self.session = Supervisor(setup, lambda text, level: self.told.append(text))
+        self.session = Supervisor(setup, lambda text, level: self.log.append(text))
         self._ring = RingReader(self.session.memory.ticks)
         self._ticks: list[NDArray[Any]] = []
 

@@ -10,12 +10,13 @@ from sphere_scenes import bumpy_ball
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.ipc.records import LIVE_TICK
 from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
-from hhsim.live.pose.config import PoseConfig
+from hhsim.live.pose.source import PoseConfig
 from hhsim.live.shared_memory import SharedRing
 from hhsim.mesh.generators import sphere
 from hhsim.scene.scene import make_scene
@@ -61,7 +62,7 @@ def make_setup(record: Path | None, options: SolverOptions | None = None) -> Liv
         tree=scene.tree,
         hand=scene.hand,
         options=options or SolverOptions(),
-        device=DeviceConfig(kind="sim"),
+        device=configure("sim"),
         pose=PoseConfig(kind="fixed"),
         record=record,
         command=("hhsim", "live", "glove"),

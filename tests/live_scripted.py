@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.pose.config import PoseConfig
+from hhsim.live.pose.source import PoseConfig
 from hhsim.mesh.generators import sphere
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -25,13 +25,13 @@ FREE, FIST = 0.0, 0.9
 
 
 def make_setup(**changes: Any) -> LiveSetup:
-    """A session at 1 kHz with a ball; no guardian is needed unless `changes` say so."""
+    """A session at 1 kHz with a ball; no watchdog is needed unless `changes` say so."""
     given: dict[str, Any] = {
         "mesh": sphere(0.06, 1),
         "tree": BALL,
         "hand": HandModel.default(),
         "options": SolverOptions(),
-        "device": DeviceConfig(),
+        "device": configure(),
         "pose": PoseConfig(),
     }
     return LiveSetup(**(given | changes))
@@ -77,7 +77,7 @@ class Moment:
 
 
 @dataclass
-class Told:
+class SentCommand:
     """A command as the glove got it."""
 
     time_ns: int
@@ -92,7 +92,7 @@ class ScriptedGlove(GloveDevice):
     clock: FakeClock
     script: Sequence[Moment]
     at_tick: dict[int, Callable[[], None]] = field(default_factory=dict)
-    told: list[Told] = field(default_factory=list)
+    commands: list[SentCommand] = field(default_factory=list)
     released: list[int] = field(default_factory=list)
     closed: bool = False
     backlog: int = 0
@@ -139,7 +139,7 @@ class ScriptedGlove(GloveDevice):
     def send(self, command: FingerCommand) -> bool:
         if self._moment().send_fails:
             raise DeviceError("the scripted glove takes nothing")
-        self.told.append(Told(self.clock.now(), command.bend.copy(), command.stiffness.copy()))
+        self.commands.append(SentCommand(self.clock.now(), command.bend.copy(), command.stiffness.copy()))
         self.counters.commands += 1
         return True
 

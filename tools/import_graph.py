@@ -19,7 +19,10 @@ PACKAGES = (
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.verify"),
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
-    *(f"hhsim.live{part}" for part in ("", ".link", ".devices", ".pose", ".ipc", ".loop", ".session", ".simulators")),
+    *(
+        f"hhsim.live{part}"
+        for part in ("", ".link", ".devices", ".drivers", ".pose", ".ipc", ".loop", ".session", ".simulators")
+    ),
     "hhsim.report",
 )
 """Every package of the library, lowest first: a module imports from its own package and from those before it."""

@@ -2,9 +2,12 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from hhsim.live.devices.registry import find_glove, glove_names
+from hhsim.live.pose.source import POSES, USUAL_POSE_PORT, PoseConfig
 
 from .. import options, tree_level
 from ..console import announce_compilation, print_json, print_notes, progress
@@ -12,15 +15,15 @@ from ..number_list import number_list
 from ..object_argument import complete_object, read_object
 from ..replay import complete_trajectory
 from ..rerun_option import METAVAR, read_target
+from .glove_settings import given_settings, glove_options
 from .session import run_session
 from .summary import print_summary, summary_json
 
 if TYPE_CHECKING:
-    from hhsim.live.devices.registry import DeviceConfig
-    from hhsim.recordings.dexmo_regression import DexmoRegression
-
-GLOVES = ("dexmo", "opengloves", "udp", "replay", "sim")
-POSES = ("keyboard", "fixed", "replay", "udp")
+    from hhsim.hand.model import HandModel
+    from hhsim.live.devices.registry import GloveConfig, Hand
+    from hhsim.live.ipc.config import LiveSetup
+    from hhsim.live.session.scene import LiveScene
 
 
 def read_stiffness(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
@@ -45,71 +48,22 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
 
 @click.command()
 @click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
-@click.option(
-    "--device",
-    type=click.Choice(GLOVES),
-    default="sim",
-    show_default=True,
-    help="dexmo: a Dexmo at its vendor's server; opengloves: an OpenGloves or LucidGloves, by serial line or TCP; udp: "
-    "any other, by an open packet; replay: a recording in its place; sim: a simulated one, which needs no hardware.",
-)
-@click.option("--host", metavar="HOST", default="127.0.0.1", show_default=True, help="Where the glove's server is.")
-@click.option(
-    "--port",
-    type=click.IntRange(1, 65535),
-    metavar="PORT",
-    help="Port of the glove's server. Default: 55555 for dexmo, 65432 for opengloves, 24170 for udp.",
-)
-@click.option(
-    "--serial",
-    "--path",
-    "path",
-    metavar="LINE",
-    help="Serial line of opengloves, such as /dev/ttyUSB0, instead of TCP.",
-)
-@click.option(
-    "--baud",
-    type=click.IntRange(1),
-    default=115_200,
-    show_default=True,
-    metavar="BAUD",
-    help="Bits a second of the serial line.",
-)
-@click.option(
-    "--full-scale",
-    type=click.FloatRange(1.0),
-    metavar="COUNTS",
-    help="Largest reading of opengloves; 1023 for boards with 10 bits. Default: 4095.",
-)
+@glove_options
 @click.option(
     "--hand", type=click.Choice(["right", "left"]), help="Which hand's glove. Default: right, or the recording's."
 )
 @click.option(
-    "--device-id",
-    type=click.IntRange(0),
-    metavar="ID",
-    help="The glove's number at its server. Default: the hand's first.",
-)
-@click.option(
-    "--calibration",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Calibration of the glove: our TOML, or the vendor's JSON of profiles.",
-)
-@click.option("--profile", metavar="NAME", help="Profile of a calibration file that holds several.")
-@click.option(
     "--trajectory",
     metavar="TRAJECTORY",
     shell_complete=complete_trajectory,
-    help="Motion of --device sim or replay, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
+    help="Motion of --device replay or sim, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
     "replay takes it. Default: grasp.",
 )
 @click.option(
     "--pose",
-    type=click.Choice(POSES),
-    help="Where the palm is, which no glove says. keyboard: moved with keys; fixed: at one place; replay: as in "
-    "--trajectory; udp: by packets of a tracker. Default: replay where the glove plays a motion; else keyboard in a "
-    "terminal, and fixed elsewhere.",
+    type=click.Choice(list(POSES)),
+    help=f"Where the palm is, which no glove says. {'; '.join(f'{name}: {about}' for name, about in POSES.items())}. "
+    "Default: replay where the glove plays a motion; else keyboard in a terminal, and fixed elsewhere.",
 )
 @click.option(
     "--palm",
@@ -134,7 +88,9 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     "--pose-port",
     type=click.IntRange(1, 65535),
     metavar="PORT",
-    help="Port that these packets arrive at. Default: 24172.",
+    default=USUAL_POSE_PORT,
+    show_default=True,
+    help="Port that these packets arrive at.",
 )
 @click.option(
     "--stiffness",
@@ -201,46 +157,8 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
 @options.seed
 @options.json
 @options.quiet
-def command(
-    object_: str,
-    device: str,
-    host: str,
-    port: int | None,
-    path: str | None,
-    baud: int,
-    full_scale: float | None,
-    hand: str | None,
-    device_id: int | None,
-    calibration: Path | None,
-    profile: str | None,
-    trajectory: str | None,
-    pose: str | None,
-    palm: tuple[float, ...] | None,
-    palm_turn: tuple[float, ...] | None,
-    pose_host: str,
-    pose_port: int | None,
-    stiffness: tuple[float, ...] | None,
-    stale: float,
-    method: str,
-    level: int | None,
-    max_error: float | None,
-    fingers: tuple[str, ...] | None,
-    budget: int | None,
-    rate: float,
-    duration: float | None,
-    record: Path | None,
-    no_record: bool,
-    rerun: str | None,
-    dry_run: bool,
-    cpu: int | None,
-    no_realtime: bool,
-    unit: str | None,
-    size: float | None,
-    thickness: float | None,
-    seed: int,
-    as_json: bool,
-    quiet: bool,
-) -> int:
+@click.pass_context
+def command(context: click.Context, /, object_: str, as_json: bool, quiet: bool, **given: Any) -> int:
     """Put a glove in the loop: its fingers move the hand, and are stopped where the shown hand is.
 
     OBJECT is a name (hhsim objects) or a mesh file. A finger that touches nothing is free. All fingers are freed, at
@@ -260,111 +178,106 @@ def command(
       hhsim live glove --device replay --trajectory session.h5 --duration 10
     """
     from hhsim.hand.model import HandModel
-    from hhsim.live.devices.registry import DeviceConfig, open_device
-    from hhsim.live.ipc.config import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits
-    from hhsim.live.pose.config import PoseConfig
-    from hhsim.live.session.scene import PLAYED, make_live_scene
+    from hhsim.live.devices.registry import open_device
+    from hhsim.live.session.scene import make_live_scene
     from hhsim.result.reader import check_result_path
-    from hhsim.scene.motion_catalogue import resolve_trajectory
     from hhsim.solver.compile import warm_up
-    from hhsim.solver.options import SolverOptions
     from hhsim.system.output_path import dated_output_path
 
-    if no_record and record is not None:
-        raise click.UsageError(f"--no-record and --record {record} exclude each other")
-    if path is not None and device != "opengloves":
-        raise click.UsageError(f"--serial is for --device opengloves, not {device}")
-    pose = pose or ("replay" if device in PLAYED else "keyboard" if sys.stdin.isatty() else "fixed")
-    if pose in ("replay", "udp") and (palm or palm_turn):
-        raise click.UsageError(f"--palm and --palm-turn are for --pose fixed and keyboard, not {pose}")
-    if palm_turn is not None and palm is None:
-        raise click.UsageError("--palm-turn needs --palm, where the palm is")
-    plays = device in PLAYED or pose == "replay"
-    if trajectory is not None and not plays:
-        raise click.UsageError("--trajectory is for --device sim or replay, and for --pose replay")
-    motion = resolve_trajectory(trajectory or "grasp") if plays else None
-    side: Literal["right", "left"] = "left" if (hand or getattr(motion, "hand", "")) == "left" else "right"
-    glove = DeviceConfig(
-        kind=device,
-        host=host,
-        port=port or 0,
-        path=path or "",
-        baud=baud,
-        full_scale=full_scale or 0.0,
-        hand=side,
-        calibration=str(calibration) if calibration else "",
-        profile=profile or "",
-        device_id=-1 if device_id is None else device_id,
-        seed=seed,
-    )
-    x, y, z = [1e-3 * value for value in palm] if palm else (0.0, 0.0, 0.0)
-    a, b, c, d = palm_turn or (1.0, 0.0, 0.0, 0.0)
-    source = PoseConfig(pose, (x, y, z), (a, b, c, d), host=pose_host, port=pose_port or 0)
-    changed: dict[str, Any] = {"fingers": fingers, "budget": budget}
-    solver = SolverOptions(
-        method=method, period=1.0 / rate, **{name: value for name, value in changed.items() if value is not None}
-    )
+    glove, palm, motion = chosen_input(context, given)
+    record, duration = given["record"], given["duration"]
     announce_compilation(quiet=quiet)
-    mesh, usual_level = read_object(object_, unit, size, thickness)
-    output_path = None if no_record else record or dated_output_path(f"{mesh.name}-live-{device}")
-    if output_path is not None:
-        check_result_path(output_path)
+    mesh, usual_level = read_object(object_, *(given[name] for name in ("unit", "size", "thickness")))
+    if record is None and not given["no_record"]:
+        record = dated_output_path(f"{mesh.name}-live-{glove.kind}")
+    if record is not None:
+        check_result_path(record)
     print_notes(mesh.warnings, prefix="warning")
+    model = HandModel.default(glove.hand)
     with progress(quiet=quiet) as report:
-        model = HandModel.default(side)
-        chosen = tree_level.choose_tree(mesh, level, usual_level, max_error, report)
-        scene = make_live_scene(mesh, chosen.tree, model, glove, source, motion, placed=palm is not None, seed=seed)
+        chosen = tree_level.choose_tree(mesh, given["level"], usual_level, given["max_error"], report)
+        placed = given["palm"] is not None
+        scene = make_live_scene(mesh, chosen.tree, model, glove, palm, motion, placed=placed, seed=given["seed"])
     print_notes(chosen.notes)
-    if device == "replay" and duration is None and scene.device.playback is not None:
+    if find_glove(glove.kind).ends and duration is None and scene.device.playback is not None:
         duration = scene.device.playback.duration
-    # What the driver cannot use is told before any process is started.
+    # What the driver cannot use is reported before any process is started.
     open_device(scene.device)
-    setup = LiveSetup(
-        mesh=scene.mesh,
-        tree=scene.tree,
-        hand=model,
-        options=solver,
-        device=scene.device,
-        pose=scene.pose,
-        regression=_regression(glove),
-        rate=rate,
-        duration=duration,
-        output=OutputLimits() if stiffness is None else OutputLimits(stiffness=stiffness),
-        safety=SafetyLimits(stale=1e-3 * stale),
-        real_time=RealTimeWishes(False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False)
-        if no_realtime
-        else RealTimeWishes(cpu=cpu),
-        record=output_path,
-        rerun=rerun,
-        dry_run=dry_run,
-        command=("hhsim", *sys.argv[1:]),
-        description={
-            **scene.description,
-            "object": object_,
-            "object_mesh": mesh.sha256,
-            "level": chosen.level,
-            "device": device,
-            "trajectory": trajectory or ("grasp" if plays else None),
-            "seed": seed,
-        },
-    )
-    warm_up(model, solver)
-    outcome, error = run_session(setup, f"{mesh.name}, {method}, {device}", quiet=quiet)
+    description = {
+        **scene.description,
+        "object": object_,
+        "object_mesh": mesh.sha256,
+        "level": chosen.level,
+        "device": glove.kind,
+        "trajectory": None if motion is None else given["trajectory"] or "grasp",
+        "seed": given["seed"],
+    }
+    setup = make_setup(scene, model, given, record=record, duration=duration, description=description)
+    warm_up(model, setup.options)
+    heading = f"{mesh.name}, {given['method']}, {glove.kind}"
+    outcome, error = run_session(setup, heading, quiet=quiet)
     if as_json:
         print_json(summary_json(outcome, error))
     elif not quiet and outcome.ticks:
-        print_summary(outcome, f"{mesh.name}, {method}, {device}: {outcome.seconds:,.1f} s, {outcome.reason}")
+        print_summary(outcome, f"{heading}: {outcome.seconds:,.1f} s, {outcome.reason}")
     if error:
         print(f"hhsim: error: {error}", file=sys.stderr)
     return 2 if error else 0
 
 
-def _regression(glove: "DeviceConfig") -> "DexmoRegression":
-    """What a bend of this glove is in angles."""
-    from hhsim.recordings.dexmo_regression import DexmoRegression
+def chosen_input(context: click.Context, given: dict[str, Any]) -> "tuple[GloveConfig, PoseConfig, Any]":
+    """The glove, where the palm is, and the motion that either of them makes, or None.
 
-    if glove.kind != "dexmo" or not glove.calibration:
-        return DexmoRegression.default()
-    from hhsim.live.devices.calibration import load_calibration
+    Raises:
+        click.UsageError: Options that contradict each other.
+    """
+    from hhsim.live.devices.registry import configure
+    from hhsim.scene.motion_catalogue import resolve_trajectory
 
-    return load_calibration(Path(glove.calibration), glove.hand, glove.profile).regression
+    device, palm, turn = given["device"], given["palm"], given["palm_turn"]
+    if given["no_record"] and given["record"] is not None:
+        raise click.UsageError(f"--no-record and --record {given['record']} exclude each other")
+    settings = given_settings(context, device)
+    plays = find_glove(device).plays
+    pose = given["pose"] or ("replay" if plays else "keyboard" if sys.stdin.isatty() else "fixed")
+    if pose in ("replay", "udp") and (palm or turn):
+        raise click.UsageError(f"--palm and --palm-turn are for --pose fixed and keyboard, not {pose}")
+    if turn is not None and palm is None:
+        raise click.UsageError("--palm-turn needs --palm, where the palm is")
+    plays = plays or pose == "replay"
+    if given["trajectory"] is not None and not plays:
+        playing = " or ".join(name for name in glove_names() if find_glove(name).plays)
+        raise click.UsageError(f"--trajectory is for --device {playing}, and for --pose replay")
+    motion = resolve_trajectory(given["trajectory"] or "grasp") if plays else None
+    hand: Hand = "left" if (given["hand"] or getattr(motion, "hand", "")) == "left" else "right"
+    glove = configure(device, hand=hand, seed=given["seed"], **settings)
+    x, y, z = [1e-3 * value for value in palm] if palm else (0.0, 0.0, 0.0)
+    a, b, c, d = turn or (1.0, 0.0, 0.0, 0.0)
+    source = PoseConfig(pose, (x, y, z), (a, b, c, d), host=given["pose_host"], port=given["pose_port"])
+    return glove, source, motion
+
+
+def make_setup(scene: "LiveScene", hand: "HandModel", given: dict[str, Any], **more: Any) -> "LiveSetup":
+    """The session that the options mean."""
+    from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
+    from hhsim.live.real_time import RealTimeWishes
+    from hhsim.solver.options import SolverOptions
+
+    solver = {name: given[name] for name in ("method", "fingers", "budget") if given[name] is not None}
+    stiffness, ordinary = given["stiffness"], given["no_realtime"]
+    return LiveSetup(
+        mesh=scene.mesh,
+        tree=scene.tree,
+        hand=hand,
+        options=SolverOptions(period=1.0 / given["rate"], **solver),
+        device=scene.device,
+        pose=scene.pose,
+        rate=given["rate"],
+        output=OutputLimits() if stiffness is None else OutputLimits(stiffness=stiffness),
+        safety=SafetyLimits(stale=1e-3 * given["stale"]),
+        real_time=RealTimeWishes.none() if ordinary else RealTimeWishes(cpu=given["cpu"]),
+        rerun=given["rerun"],
+        dry_run=given["dry_run"],
+        command=("hhsim", *sys.argv[1:]),
+        **more,
+    )

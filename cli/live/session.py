@@ -18,9 +18,9 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
     """Run a session to its end, on whatever way.
 
     Args:
-        setup: of the session.
-        heading: what runs, for the display.
-        quiet: show nothing but warnings and faults.
+        setup: Of the session.
+        heading: What runs, for the display.
+        quiet: Show nothing but warnings and faults.
 
     Returns:
         What became of it, and what went wrong: a line, or "".
@@ -35,7 +35,7 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
     palm = PalmKeys(setup.pose.position, setup.pose.orientation)
     status = LiveStatus(heading, HELP if by_keys else (HELP[-1],), quiet=quiet)
     with (
-        stop_signals() as asked,
+        stop_signals() as stop_signal,
         terminal_keys() as read_keys,
         status.shown(),
         Supervisor(setup, status.say) as session,
@@ -46,12 +46,12 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
             time.sleep(POLL)
             now = time.monotonic()
             keys = read_keys() if read_keys is not None else ""
-            reason = asked() or ("the terminal is gone" if keys is None else "")
+            reason = stop_signal() or ("the terminal is gone" if keys is None else "")
             if palm.press(keys or ""):
                 reason = reason or "a key"
             if reason and not stopping:
                 stopping = True
-                session.ask_stop(reason)
+                session.request_stop(reason)
             if by_keys and palm.advance(now - before):
                 write_keyboard_pose(session.memory.status_block, palm.position, palm.orientation)
             before = now

@@ -22,9 +22,9 @@ class LiveStatus:
     """Shows how a session is.
 
     Args:
-        heading: what runs, on which glove.
-        keys: names of keys and what they do; empty where no keys are taken.
-        quiet: show nothing but warnings and faults.
+        heading: What runs, on which glove.
+        keys: Names of keys and what they do; empty where no keys are taken.
+        quiet: Show nothing but warnings and faults.
     """
 
     def __init__(self, heading: str, keys: Sequence[tuple[str, str]] = (), *, quiet: bool = False) -> None:
@@ -70,10 +70,10 @@ class LiveStatus:
         """Show the state anew where it is time to.
 
         Args:
-            status: the session's record of `LIVE_STATUS`.
-            tally: of its ticks.
-            recording: where the recording goes, "" for nowhere.
-            palm: that the keys move; None where they do not.
+            status: The session's record of `LIVE_STATUS`.
+            tally: Of its ticks.
+            recording: Where the recording goes, "" for nowhere.
+            palm: That the keys move; None where they do not.
         """
         now = time.monotonic()
         if self.quiet or now - self._shown < (PANEL_SECONDS if self.panel else LINE_SECONDS):
@@ -109,9 +109,9 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
     """The lines of the display: name and text.
 
     Args:
-        status: one record of `LIVE_STATUS`.
-        tally: of the session's ticks.
-        recording: where it goes, "" for nowhere.
+        status: One record of `LIVE_STATUS`.
+        tally: Of the session's ticks.
+        recording: Where it goes, "" for nowhere.
         now_ns: CLOCK_MONOTONIC [ns].
     """
     from hhsim.hand.fingers import FINGERS

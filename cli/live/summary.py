@@ -17,7 +17,7 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
     print_table(("", "hhsim", "unit"), summary_rows(outcome), title=title, numbers=("hhsim",))
     mode = outcome.facts.get("real_time")
     if mode:
-        from hhsim.live.loop.real_time import described
+        from hhsim.live.real_time import described
 
         print(f"real time: {described(mode)}")
     if outcome.record is not None and outcome.recorded:
@@ -27,25 +27,25 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
 
 def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     """Label, figure and unit of every line."""
-    from hhsim.live.session.summary import session_figures
+    from hhsim.live.session.statistics import session_figures
     from hhsim.live.session.summary_table import session_rows
 
     tally, counters = outcome.tally, outcome.counters
     everything = max(outcome.ticks + outcome.missed, 1)
     counted = session_rows(session_figures(tally, outcome.missed, math.nan, {}))
-    told = {"ticks", "missed", "penetration_max"}
+    above = {"ticks", "missed", "penetration_max"}
     rows: list[Row] = [
         ("ticks", f"{outcome.ticks:,}", ""),
         ("missed ticks", f"{outcome.missed:,}", ""),
         ("missed ticks, of all periods", f"{100.0 * outcome.missed / everything:.3f}", "%"),
-        *((row.label, row.shown, row.unit) for row in counted if row.name not in told),
+        *((row.label, row.shown, row.unit) for row in counted if row.name not in above),
         ("frames of the glove", f"{counters.frames:,}", ""),
         ("samples of the hand", f"{counters.samples:,}", ""),
         ("samples rejected, malformed, for others, lost", _several(counters), ""),
         ("commands sent, not taken", f"{counters.commands:,}, {counters.commands_refused:,}", ""),
     ]
-    if outcome.guardian_restarts or outcome.guardian_releases:
-        rows.append(("guardian: restarts, releases", f"{outcome.guardian_restarts}, {outcome.guardian_releases}", ""))
+    if outcome.watchdog_restarts or outcome.watchdog_releases:
+        rows.append(("watchdog: restarts, releases", f"{outcome.watchdog_restarts}, {outcome.watchdog_releases}", ""))
     if outcome.record is not None:
         rows.append(("ticks recorded, lost", f"{outcome.recorded:,}, {outcome.record_lost:,}", ""))
     deepest = _deepest(outcome)
@@ -56,11 +56,16 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
 
 def _deepest(outcome: "SessionOutcome") -> float | None:
     """Deepest penetration of the recorded ticks [m]; None where there is no whole recording."""
-    from hhsim.live.session.summary import recorded_figures
+    from hhsim.errors import InputError
+    from hhsim.result.reader import load_result
 
-    if outcome.record_failed or not outcome.recorded:
+    if outcome.record is None or outcome.record_failed or not outcome.recorded:
         return None
-    return recorded_figures(outcome.record).get("penetration_max")
+    try:
+        result = load_result(outcome.record)
+    except InputError:
+        return None
+    return float(result.summary["penetration_max"]) if result.complete else None
 
 
 def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
@@ -80,8 +85,8 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "recorded_ticks": outcome.recorded,
         "recorder_lost": outcome.record_lost,
         "penetration_max": _deepest(outcome),
-        "guardian_restarts": outcome.guardian_restarts,
-        "guardian_releases": outcome.guardian_releases,
+        "watchdog_restarts": outcome.watchdog_restarts,
+        "watchdog_releases": outcome.watchdog_releases,
         "events": [{"seconds": at, "level": level, "text": text} for at, level, text in outcome.notices],
     }
 

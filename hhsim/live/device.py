@@ -7,6 +7,7 @@ XR_MNDX_force_feedback_curl are one thing, the bend at which a finger is stopped
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import Flag, auto
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,14 +76,14 @@ class GloveInfo:
     """What a driver says of its glove.
 
     Attributes:
-        name: as people call it, with where it is: "dexmo at 127.0.0.1:55555".
-        capabilities: what it can do.
-        channels: names of the channels of a sample.
+        name: As people call it, with where it is: "dexmo at 127.0.0.1:55555".
+        capabilities: What it can do.
+        channels: Names of the channels of a sample.
         hand: "right" or "left"; "" where it is not known.
-        unit: of the channels, "" for normalised ones.
-        doubtful: channels whose calibration says little, in words; the loop logs them.
-        kept_free: numbers of the fingers, 0 (thumb) to 4, whose bend says too little to push on; no stiffness for them.
-        noiseless: a finger that rests keeps every bit of its samples.
+        unit: Of the channels, "" for normalised ones.
+        doubtful: Channels whose calibration says little, in words; the loop logs them.
+        kept_free: Numbers of the fingers, 0 (thumb) to 4, whose bend says too little to push on; no stiffness for them.
+        noiseless: A finger that rests keeps every bit of its samples.
     """
 
     name: str
@@ -121,81 +122,47 @@ class DeviceCounters:
 
 @dataclass
 class FingerCommand:
-    """What the fingers are told; written in place, tick by tick.
+    """What the fingers are commanded; written in place, tick by tick.
 
     Attributes:
-        bend: where each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
-        stiffness: how hard, 0 (free) to 1, shape (5,).
+        bend: Where each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
+        stiffness: How hard, 0 (free) to 1, shape (5,).
     """
 
     bend: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
     stiffness: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
 
 
-class GloveDevice(ABC):
-    """A glove. `read`, `send` and `reconnect` never block: they are called in a tick."""
+class Calibration(Protocol):
+    """What the readings of a glove mean: all that a session asks of it, whatever else a driver does."""
 
-    info: GloveInfo
-    counters: DeviceCounters
+    def bend_lines(self) -> tuple[Array, Array]:
+        """Angles of each finger as its bend alone moves them [rad]: slope and offset, each of shape (5, 3)."""
+
+
+class FingerRelease(ABC):
+    """A connection that frees the fingers: what the watchdog needs of a glove. Only `open_for_release` may wait."""
 
     @abstractmethod
-    def open(self, timeout: float = 5.0) -> None:
-        """Connect.
-
-        Args:
-            timeout: longest wait [s].
-
-        Raises:
-            DeviceError: nothing there, or something that speaks otherwise.
-        """
-
     def open_for_release(self, timeout: float = 5.0) -> None:
-        """Connect as the guardian does, beside the loop's connection: only `release`, `close` and `drain` follow.
-
-        Takes no samples away from the loop. The same as `open` unless a driver says otherwise.
+        """Connect beside the loop's connection, and take no samples away from it.
 
         Args:
-            timeout: longest wait [s].
+            timeout: Longest wait [s].
 
         Raises:
-            DeviceError: nothing there.
+            DeviceError: Nothing there.
         """
-        self.open(timeout)
 
     def drain(self) -> None:
-        """Throw away what has arrived on a connection opened for release, so that the device's buffers do not fill.
+        """Throw away what has arrived, so that the device's buffers do not fill.
 
         Never blocks. Does nothing unless a driver says otherwise.
 
         Raises:
-            DeviceError: the device is gone; `reconnect` may bring it back.
+            DeviceError: The device is gone; `reconnect` may bring it back.
         """
         return
-
-    @abstractmethod
-    def read(self, samples_out: NDArray[np.void]) -> int:
-        """Decode all that has arrived.
-
-        Args:
-            samples_out: of `GLOVE_SAMPLE`, oldest first. What does not fit waits for the next call.
-
-        Returns:
-            How many samples.
-
-        Raises:
-            DeviceError: the device is gone; `reconnect` may bring it back.
-        """
-
-    @abstractmethod
-    def send(self, command: FingerCommand) -> bool:
-        """Tell the fingers; all of it or nothing.
-
-        Returns:
-            False where the device takes no more now; a command is never kept to be sent late.
-
-        Raises:
-            DeviceError: the device is gone.
-        """
 
     @abstractmethod
     def release(self, timeout: float = 0.05) -> bool:
@@ -208,3 +175,68 @@ class GloveDevice(ABC):
     @abstractmethod
     def close(self) -> None:
         """Let go of the device; never raises. Does not release: call `release` before."""
+
+
+class NothingHeld(FingerRelease):
+    """Stands for a glove in which no finger can stay held."""
+
+    def open_for_release(self, timeout: float = 5.0) -> None:
+        """See `FingerRelease.open_for_release`; there is nothing to connect to."""
+
+    def release(self, timeout: float = 0.05) -> bool:
+        """See `FingerRelease.release`."""
+        return True
+
+    def reconnect(self) -> bool:
+        """See `FingerRelease.reconnect`."""
+        return True
+
+    def close(self) -> None:
+        """See `FingerRelease.close`."""
+
+
+class GloveDevice(FingerRelease):
+    """A glove. `read`, `send` and `reconnect` never block: they are called in a tick."""
+
+    info: GloveInfo
+    counters: DeviceCounters
+
+    @abstractmethod
+    def open(self, timeout: float = 5.0) -> None:
+        """Connect; `info` is then known.
+
+        Args:
+            timeout: Longest wait [s].
+
+        Raises:
+            DeviceError: Nothing there, or something that speaks otherwise.
+        """
+
+    def open_for_release(self, timeout: float = 5.0) -> None:
+        """See `FingerRelease.open_for_release`; the same as `open` unless a driver says otherwise."""
+        self.open(timeout)
+
+    @abstractmethod
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        """Decode all that has arrived.
+
+        Args:
+            samples_out: Of `GLOVE_SAMPLE`, oldest first. What does not fit waits for the next call.
+
+        Returns:
+            How many samples.
+
+        Raises:
+            DeviceError: The device is gone; `reconnect` may bring it back.
+        """
+
+    @abstractmethod
+    def send(self, command: FingerCommand) -> bool:
+        """Tell the fingers; all of it or nothing.
+
+        Returns:
+            False where the device takes no more now; a command is never kept to be sent late.
+
+        Raises:
+            DeviceError: The device is gone.
+        """

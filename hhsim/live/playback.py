@@ -24,15 +24,15 @@ class Playback:
     """A trajectory and the instant at which it began.
 
     Attributes:
-        trajectory: the motion.
-        rate: samples a second instead of the stamps' own [Hz]; 0 for the stamps.
-        repeat: begin anew after the end, with `RETURN_TIME` for the way back; else the last sample stays.
+        trajectory: The motion.
+        rate: Samples a second instead of the stamps' own [Hz]; 0 for the stamps.
+        repeat: Begin anew after the end, with `RETURN_TIME` for the way back; else the last sample stays.
         start_ns: CLOCK_MONOTONIC of the first sample [ns]; -1 until somebody asks, which starts the motion.
-        stamps: of the samples since the first one [s], shape (T,).
-        period: usual time from one sample to the next [s].
+        stamps: Of the samples since the first one [s], shape (T,).
+        period: Usual time from one sample to the next [s].
 
     Raises:
-        InputError: a rate that is negative or not finite.
+        InputError: A rate that is negative or not finite.
     """
 
     trajectory: Trajectory

@@ -1,4 +1,4 @@
-"""Memory that several processes of a session see: a block, and a ring with one writer and any number of readers.
+"""Memory that several processes of a session see: a block, a ring with one writer and any number of readers, a setup.
 
 The memory has no name (memfd), so that nothing is left behind however the processes end; children inherit the
 descriptor. Words of eight bytes are written whole; on the processors that hhsim runs on, stores become visible in their
@@ -7,22 +7,25 @@ order, which is what a reader relies on.
 
 import mmap
 import os
+import pickle
 import sys
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
 
+Setup = TypeVar("Setup")
+
 
 class SharedBlock:
     """An array in shared memory.
 
     Args:
-        descriptor: of the memory.
-        dtype: of the elements; every process must agree.
-        count: how many elements.
+        descriptor: Of the memory.
+        dtype: Of the elements; every process must agree.
+        count: How many elements.
     """
 
     def __init__(self, descriptor: int, dtype: np.dtype[Any], count: int = 1) -> None:
@@ -36,7 +39,7 @@ class SharedBlock:
         """Fresh memory, all zeros; `name` is for people who look into /proc. The descriptor can be inherited.
 
         Raises:
-            HhsimError: the system has no memory of this kind.
+            HhsimError: The system has no memory of this kind.
         """
         if not hasattr(os, "memfd_create"):
             raise HhsimError(f"live sessions need Linux, whose memory needs no file (memfd); this is {sys.platform}")
@@ -50,9 +53,9 @@ class SharedRing:
     """Records in shared memory: the writer never waits, a reader that falls behind loses the oldest and knows it.
 
     Args:
-        descriptor: of the memory.
-        dtype: of a record.
-        capacity: how many records the ring holds.
+        descriptor: Of the memory.
+        dtype: Of a record.
+        capacity: How many records the ring holds.
     """
 
     def __init__(self, descriptor: int, dtype: np.dtype[Any], capacity: int) -> None:
@@ -89,8 +92,8 @@ class RingReader:
     """One reader's place in a ring.
 
     Args:
-        ring: which.
-        from_start: begin with the oldest record that is there, or with the next one.
+        ring: Which.
+        from_start: Begin with the oldest record that is there, or with the next one.
     """
 
     lost: int
@@ -106,7 +109,7 @@ class RingReader:
         """The oldest records not yet read.
 
         Args:
-            most: at most this many.
+            most: At most this many.
 
         Returns:
             The number of the first one, counted from the ring's beginning, and copies of the records; numbers that
@@ -132,3 +135,22 @@ class RingReader:
         if self.next < oldest:
             self.lost += oldest - self.next
             self.next = oldest
+
+
+def write_setup(setup: object) -> int:
+    """Put what a process has to know into memory that children can inherit; returns the descriptor."""
+    descriptor = os.memfd_create("hhsim-setup", 0)
+    os.set_inheritable(descriptor, True)
+    with open(descriptor, "wb", closefd=False) as stream:
+        pickle.dump(setup, stream, pickle.HIGHEST_PROTOCOL)
+    return descriptor
+
+
+def read_setup(descriptor: int, kind: type[Setup]) -> Setup:
+    """What `write_setup` put there; every process may read it, whatever others have read."""
+    # By position: processes that inherit a descriptor share its place in the file.
+    size = os.fstat(descriptor).st_size
+    setup = pickle.loads(os.pread(descriptor, size, 0))
+    if not isinstance(setup, kind):
+        raise TypeError(f"the setup is a {type(setup).__name__}")
+    return setup

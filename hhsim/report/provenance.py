@@ -131,7 +131,7 @@ def _coupling(stiffness: Mapping[str, Any]) -> str:
 
 
 def _session(live: Mapping[str, Any]) -> dict[str, str]:
-    from hhsim.live.loop.real_time import described
+    from hhsim.live.real_time import described
 
     device = _json(live.get("device"))
     mode = _json(live.get("real_time"))

@@ -12,7 +12,7 @@ class Safety(IntFlag):
     OVERRUN_STREAK = 8
     DEVICE_LOST = 16
     STOPPING = 32
-    NO_GUARDIAN = 64
+    NO_WATCHDOG = 64
     DRY_RUN = 128
     NO_INPUT_YET = 256
 
@@ -24,7 +24,7 @@ WORDS = {
     Safety.OVERRUN_STREAK: "too many late ticks in a row",
     Safety.DEVICE_LOST: "the glove is gone",
     Safety.STOPPING: "stopping",
-    Safety.NO_GUARDIAN: "no guardian",
+    Safety.NO_WATCHDOG: "no watchdog",
     Safety.DRY_RUN: "dry run: nothing is sent",
     Safety.NO_INPUT_YET: "no input yet",
 }

@@ -11,7 +11,7 @@ from hhsim.verify.session_rows import QUIET, SessionRows
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-STALE, NOT_FINITE, SOLVER_FAILED, OVERRUN, DEVICE_LOST, STOPPING, NO_GUARDIAN, DRY_RUN, NO_INPUT = (
+STALE, NOT_FINITE, SOLVER_FAILED, OVERRUN, DEVICE_LOST, STOPPING, NO_WATCHDOG, DRY_RUN, NO_INPUT = (
     1 << bit for bit in range(9)
 )
 """Why the fingers are free: bits of `safety`."""
@@ -50,8 +50,8 @@ def _reasons(rows: SessionRows) -> Claim:
     if clear.any():
         bad = ~rows.usable[np.maximum(rows.newest, 0)]
         wrong["not finite"] |= clear & (bad != (bits & NOT_FINITE > 0)) & (status & HELD == 0)
-    if rows.dry_run or not safety["guardian"]:
-        wrong["no guardian"] = bits & NO_GUARDIAN > 0
+    if rows.dry_run or not safety["watchdog"]:
+        wrong["no watchdog"] = bits & NO_WATCHDOG > 0
     found = [f"{name} at {int(ticks.argmax()):,}" for name, ticks in wrong.items() if ticks.any()]
     says = "the reasons for free fingers are those that the stamps, the samples and the status show"
     any_ = np.any(list(wrong.values()), axis=0)

@@ -30,6 +30,8 @@ QUIET = 1_000_000_000
 """For so long [ns] the log does not tell the same again."""
 LOOP_DIED = "the loop failed or was killed"
 """Why a session ended that was not brought to its end."""
+OLD_NAME = ("guardian", "watchdog")
+"""What the first sessions call the watchdog, and what all later ones do: as for `str.replace`."""
 
 
 class SessionRows:
@@ -56,7 +58,7 @@ class SessionRows:
         """Read the ticks."""
         self.result = result
         self.live: dict[str, Any] = dict(result.live or {})
-        self.limits: dict[str, Any] = json.loads(str(self.live["limits"]))
+        self.limits: dict[str, Any] = json.loads(str(self.live["limits"]).replace(*OLD_NAME))
         self.dry_run = bool(self.live["dry_run"])
         self.period_ns = round(1e9 / float(result.scene["rate"]))
         self.numbers = np.arange(result.ticks)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.verify.claim import Claim, judged
-from hhsim.verify.session_rows import LOOP_DIED, SessionRows
+from hhsim.verify.session_rows import LOOP_DIED, OLD_NAME, SessionRows
 
 Values = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ HALF_A_BIN = 1e-3
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p999": 99.9}
 REASONS = (
     *("stale_input", "not_finite", "solver_failed", "overrun_streak", "device_lost"),
-    *("stopping", "no_guardian", "dry_run", "no_input_yet"),
+    *("stopping", "no_watchdog", "dry_run", "no_input_yet"),
 )
 """Names of the bits of `safety`, lowest first."""
 
@@ -26,7 +26,8 @@ def session_figures_claims(rows: SessionRows) -> list[Claim]:
     """The figures of the summary, where there is one."""
     if not rows.result.complete:
         return []
-    stored, wrong, off = rows.result.summary, [], []
+    stored = {name.replace(*OLD_NAME): value for name, value in rows.result.summary.items()}
+    wrong, off = [], []
     own = {**counted(rows), **percentiles(rows)}
     for name, value in own.items():
         given = float(stored.get(name, math.nan))

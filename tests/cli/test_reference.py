@@ -113,10 +113,8 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     from hhsim.bench.paper import bench as bench_paper
     from hhsim.bench.qp import recorded_problems as qp_harvest
     from hhsim.gate.suite import default_suite
-    from hhsim.live.devices import opengloves as opengloves_glove
-    from hhsim.live.devices import registry as devices
+    from hhsim.live.devices.registry import configure
     from hhsim.live.ipc import config as live_setup
-    from hhsim.live.pose import config as pose_sources
     from hhsim.solver import options as solver_options
 
     usual, paper, coupling = (
@@ -149,10 +147,9 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     yield "hhsim bench qp", "--object", ",".join(qp_harvest.OBJECTS)
     yield "hhsim bench qp", "--motion", ",".join(qp_harvest.MOTIONS)
     yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().processes}"
-    ports = ", ".join(f"{port} for {kind}" for kind, port in devices.USUAL_PORT.items())
+    served: list[Any] = [(kind, configure(kind).options) for kind in ("dexmo", "opengloves", "udp")]
+    ports = ", ".join(f"{options.port} for {kind}" for kind, options in served)
     yield "hhsim live glove", "--port", ports
-    yield "hhsim live glove", "--pose-port", str(pose_sources.USUAL_POSE_PORT)
-    yield "hhsim live glove", "--full-scale", f"{opengloves_glove.FULL_SCALE:g}"
     yield "hhsim live glove", "--stiffness", f"{live_setup.OutputLimits().stiffness[0]:g}"
 
 

@@ -17,10 +17,10 @@ from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_set
 from verify_document import documented_faults
 
 from hhsim.kernels.tick.state import STATUS_FULL, STATUS_HELD
-from hhsim.live.devices import plausibility as glove_watch
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop import loop as live_loop
+from hhsim.live.loop import plausibility as glove_watch
 from hhsim.live.loop.interlock import QUIET_NS, WORDS
 from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.pose.registry import FixedPose
@@ -81,7 +81,7 @@ class Scripted:
     """A loop that has run the script on a clock of its own: the same bytes every time."""
 
     def __init__(self, record: Path, **changes: Any) -> None:
-        given = {"output": OUTPUT, "safety": SafetyLimits(guardian=False), "duration": 1e-3 * (len(SCRIPT) + 1)}
+        given = {"output": OUTPUT, "safety": SafetyLimits(watchdog=False), "duration": 1e-3 * (len(SCRIPT) + 1)}
         self.setup: LiveSetup = make_setup(**{**given, "record": record, **changes})
         self.memory = SessionMemory.create()
         clock = FakeClock()
@@ -147,7 +147,7 @@ def pushed_though_stale(file: h5py.File) -> None:
 
 
 def excused_though_pushed(file: h5py.File) -> None:
-    file["live/tick/safety"][HOLD] = int(Safety.NO_GUARDIAN)
+    file["live/tick/safety"][HOLD] = int(Safety.NO_WATCHDOG)
 
 
 def unsaid_stale(file: h5py.File) -> None:

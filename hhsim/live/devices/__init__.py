@@ -1,1 +1,1 @@
-"""Gloves: one driver each, and the watch over their samples."""
+"""The gloves that there are, one file each: what a glove is called, what can be set, and where its driver is."""

@@ -1,78 +1,191 @@
-"""Which glove: its settings as plain values, and the driver that they mean."""
+"""Finds the gloves: each is a module of this package, with the glove's name, that holds a record `GLOVE`.
 
-from dataclasses import dataclass
+To add a glove, add one such file: the settings that it has, and its driver or where that is. `hhsim live glove` then
+lists the glove and asks for its settings. A driver is imported when its glove is opened; what this package imports, the
+command's help waits for, which is why the drivers of hhsim are in a package of their own, `hhsim.live.drivers`.
+"""
+
+from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Any, Literal
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.live.device import GloveDevice
-from hhsim.live.playback import Playback
 
-DEVICE_KINDS = ("dexmo", "opengloves", "udp", "replay", "sim")
-USUAL_PORT = {"dexmo": 55555, "opengloves": 65432, "udp": 24170}
-"""TCP ports of the gloves' servers; for `udp` where samples arrive, commands go to the next port."""
+if TYPE_CHECKING:
+    from hhsim.live.device import Calibration, FingerRelease, GloveDevice
+    from hhsim.live.playback import Playback
+
+Hand = Literal["right", "left"]
+
+PACKAGE = "hhsim.live.devices"
 
 
 @dataclass(frozen=True)
-class DeviceConfig:
-    """Settings of a glove; a driver takes those that concern it.
+class Setting:
+    """How the command line asks for a setting.
 
     Attributes:
-        kind: one of `DEVICE_KINDS`.
-        host: of the glove's server (dexmo, opengloves over TCP) or bridge (udp).
-        port: 0 for the usual one, `USUAL_PORT`.
-        path: serial line of `opengloves`, such as /dev/ttyUSB0; "" for TCP.
-        baud: of the serial line.
-        full_scale: largest reading of `opengloves`; 0 for 4095, boards with 10 bits have 1023.
-        hand: "right" or "left": which hand's glove is used.
-        calibration: file of a calibration; "" for none.
-        profile: of a calibration file that holds several; "" where there is one.
-        device_id: number of the glove at its server; -1 for the first one of the hand.
-        playback: motion of `replay`, or that the user of `sim` makes; `sim` without one opens and closes its fingers.
-        rate: samples a second of `sim` [Hz].
-        seed: of the noise of `sim`, and of its fingers' motion without a playback.
+        text: What it is, without a full stop.
+        metavar: What stands for its value.
+        unit: Of its value; "" for none.
+        flags: Names of the option; by default the setting's own.
+        least: Least value.
+        most: Largest value.
     """
 
-    kind: str = "sim"
-    host: str = "127.0.0.1"
-    port: int = 0
-    path: str = ""
-    baud: int = 115_200
-    full_scale: float = 0.0
-    hand: str = "right"
+    text: str
+    metavar: str
+    unit: str = ""
+    flags: tuple[str, ...] = ()
+    least: float | None = None
+    most: float | None = None
+
+
+def setting(default: Any, text: str, metavar: str, **more: Any) -> Any:
+    """A field of `GloveOptions`: its default, and what `Setting` holds."""
+    return field(default=default, metadata={"setting": Setting(text, metavar, **more)})
+
+
+@dataclass(frozen=True)
+class GloveOptions:
+    """Settings of a glove, each a `setting`; those of one name and text are one option for all gloves that have it."""
+
+
+@dataclass(frozen=True)
+class ServedOptions(GloveOptions):
+    """Settings of a glove that is reached by a server, and whose readings can be calibrated.
+
+    Attributes:
+        host: Of the server.
+        port: Of the server.
+        calibration: File of a calibration; "" for the default one.
+        profile: Of a calibration file that holds several; "" where there is one.
+    """
+
+    host: str = setting("127.0.0.1", "Where the glove's server is", "HOST")
+    port: int = setting(0, "Port of the glove's server", "PORT", least=1, most=65535)
+    calibration: str = setting("", "Calibration of the glove: our TOML, or the vendor's JSON of profiles", "FILE")
+    profile: str = setting("", "Profile of a calibration file that holds several", "NAME")
+
+
+@dataclass(frozen=True)
+class Glove:
+    """A glove that can be chosen.
+
+    Attributes:
+        about: What it is, in half a line.
+        driver: Its `GloveDevice`, as "module:Class"; called with a `GloveConfig`.
+        options: The type of its settings.
+        calibration: What reads its calibration, as "module:function", called with its settings and the hand and
+            returning a `Calibration`; "" where it has none.
+        plays: Its fingers make a motion: it is given a playback.
+        ends: A session ends with that motion.
+        holds: Fingers stay held in it when nobody tells it otherwise: the watchdog needs a connection of its own.
+    """
+
+    about: str
+    driver: str
+    options: type[GloveOptions] = GloveOptions
     calibration: str = ""
-    profile: str = ""
-    device_id: int = -1
-    playback: Playback | None = None
-    rate: float = 200.0
+    plays: bool = False
+    ends: bool = False
+    holds: bool = True
+
+
+@dataclass(frozen=True)
+class GloveConfig:
+    """A glove as it is to be opened: which, its settings, and what the session adds.
+
+    Attributes:
+        kind: Its name.
+        options: Its settings.
+        hand: "right" or "left": which hand's glove is used.
+        seed: Of what is random in a simulated glove.
+        playback: Motion of a glove that plays one.
+        calibration: What its readings mean; None where it has none, and where it is opened for release alone.
+    """
+
+    kind: str
+    options: GloveOptions
+    hand: Hand = "right"
     seed: int = 0
-
-    @property
-    def port_used(self) -> int:
-        """The port, or the kind's usual one."""
-        return self.port or USUAL_PORT.get(self.kind, 0)
+    playback: "Playback | None" = None
+    calibration: "Calibration | None" = None
 
 
-def open_device(config: DeviceConfig) -> GloveDevice:
+def glove_names() -> tuple[str, ...]:
+    """Names of all gloves."""
+    package = import_module(PACKAGE)
+    return tuple(sorted(module.name for module in iter_modules(package.__path__) if module.name != "registry"))
+
+
+def find_glove(name: str) -> Glove:
+    """The record of a glove.
+
+    Raises:
+        UnknownNameError: No such glove.
+    """
+    names = glove_names()
+    if name not in names:
+        raise UnknownNameError("glove", name, names)
+    glove = import_module(f"{PACKAGE}.{name}").GLOVE
+    assert isinstance(glove, Glove)
+    return glove
+
+
+def configure(
+    kind: str = "sim", *, hand: Hand = "right", seed: int = 0, playback: "Playback | None" = None, **settings: Any
+) -> GloveConfig:
+    """A glove with its settings, and with its calibration read.
+
+    Args:
+        kind: Its name.
+        hand: "right" or "left".
+        seed: As in `GloveConfig`.
+        playback: As in `GloveConfig`.
+        settings: By their names; those left out have their defaults.
+
+    Raises:
+        UnknownNameError: No such glove, or no such setting of it.
+        InputError: No such hand, or a calibration that cannot be read.
+    """
+    glove = find_glove(kind)
+    if hand not in ("right", "left"):
+        raise InputError(f"hand '{hand}'; expected right or left")
+    known = [item.name for item in fields(glove.options)]
+    for name in settings:
+        if name not in known:
+            raise UnknownNameError(f"setting of {kind}", name, known)
+    options = glove.options(**settings)
+    calibration = _named(glove.calibration)(options, hand) if glove.calibration else None
+    return GloveConfig(kind, options, hand, seed, playback, calibration)
+
+
+def open_device(config: GloveConfig) -> "GloveDevice":
     """The driver of a glove, not yet opened.
 
     Raises:
-        UnknownNameError: no such kind of glove.
-        InputError: settings that the driver cannot use, or a calibration that cannot be read.
+        InputError: Settings that the driver cannot use.
     """
-    if config.hand not in ("right", "left"):
-        raise InputError(f"hand '{config.hand}'; expected right or left")
-    if config.kind not in _DRIVERS:
-        raise UnknownNameError("glove", config.kind, DEVICE_KINDS)
-    module, name = _DRIVERS[config.kind]
-    driver: GloveDevice = getattr(import_module(f"hhsim.live.{module}"), name)(config)
-    return driver
+    device: GloveDevice = _named(find_glove(config.kind).driver)(config)
+    return device
 
 
-# By name, since each is imported where it is used: the loop's process holds as little as possible.
-_DRIVERS = {
-    "dexmo": ("dexmo_glove", "DexmoGlove"),
-    "opengloves": ("opengloves_glove", "OpenGlovesGlove"),
-    "udp": ("udp_glove", "UdpGlove"),
-    "replay": ("replay_glove", "ReplayGlove"),
-    "sim": ("sim_glove", "SimGlove"),
-}
+def open_release(config: GloveConfig) -> "FingerRelease":
+    """What frees the fingers of a glove beside its driver, not yet opened; needs neither calibration nor motion."""
+    if find_glove(config.kind).holds:
+        return open_device(config)
+    from hhsim.live.device import NothingHeld
+
+    return NothingHeld()
+
+
+def for_release(config: GloveConfig) -> GloveConfig:
+    """What `open_release` needs of a configuration."""
+    return replace(config, playback=None, calibration=None)
+
+
+def _named(name: str) -> Any:
+    module, _, inside = name.partition(":")
+    return getattr(import_module(module), inside)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.ipc.records import EVENT, LIVE_STATUS, LIVE_TICK
+from hhsim.live.ipc.records import EVENT, LIVE_TICK
+from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.shared_memory import SharedBlock, SharedRing
 
 TICK_CAPACITY = 16_384
@@ -52,14 +53,14 @@ class SessionMemory:
     """All that the processes of a session share.
 
     Args:
-        status: of `LIVE_STATUS`.
-        ticks: of `LIVE_TICK`, written by the loop.
-        samples: of `GLOVE_SAMPLE`, written by the loop.
-        events: of `EVENT`, written by the loop.
-        facts: of `FACTS`, written by the loop.
+        status: Of `LIVE_STATUS`.
+        ticks: Of `LIVE_TICK`, written by the loop.
+        samples: Of `GLOVE_SAMPLE`, written by the loop.
+        events: Of `EVENT`, written by the loop.
+        facts: Of `FACTS`, written by the loop.
 
     Attributes:
-        status: the one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
+        status: The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
     """
 
     def __init__(
@@ -116,7 +117,7 @@ class SessionMemory:
 
         Args:
             level: INFORMATION, WARNING or FAULT.
-            text: one line.
+            text: One line.
             time_ns: CLOCK_MONOTONIC [ns]; now by default.
         """
         slot = self.events.slot()
@@ -130,7 +131,7 @@ class SessionMemory:
         """Say what is known of the session, as plain values; only the loop may, before it runs and when it has ended.
 
         Raises:
-            ValueError: more than fits.
+            ValueError: More than fits.
         """
         encoded = json.dumps(facts).encode("utf-8")
         if len(encoded) > FACT_BYTES:
@@ -146,7 +147,7 @@ class SessionMemory:
 
         | key | meaning |
         |---|---|
-        | real_time | the achieved mode, `hhsim.live.loop.real_time` |
+        | real_time | the achieved mode, `hhsim.live.real_time` |
         | device | name, hand, channels, unit, capabilities, doubtful |
         | pose | name of the source of the palm's pose |
         | summary | when it has ended: ticks, missed, wakeup and latency with their percentiles [ns], counters, reason |

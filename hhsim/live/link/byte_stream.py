@@ -20,10 +20,10 @@ class ByteLink(ABC):
     """A line of bytes to a glove or to its server.
 
     Args:
-        name: of the device in messages, as "dexmo at 127.0.0.1:55555".
+        name: Of the device in messages, as "dexmo at 127.0.0.1:55555".
 
     Attributes:
-        connection: counts how often the line was opened.
+        connection: Counts how often the line was opened.
     """
 
     MOST_UNSENT: ClassVar[int]
@@ -55,6 +55,10 @@ class ByteLink(ABC):
     def _let_go(self) -> None:
         """Close what is open, without waiting; never raises."""
 
+    def close(self) -> None:
+        """Let go of the line; never raises."""
+        self._let_go()
+
     @property
     def connected(self) -> bool:
         """Whether the line is open, as far as is known."""
@@ -64,7 +68,7 @@ class ByteLink(ABC):
         """What has arrived; None where nothing has.
 
         Raises:
-            DeviceError: the peer is gone.
+            DeviceError: The peer is gone.
         """
         self._require_open()
         try:
@@ -81,14 +85,14 @@ class ByteLink(ABC):
         """Send all of it or nothing, without waiting.
 
         Args:
-            data: to send.
-            urgent: also to a peer that is slow to take what it was sent.
+            data: To send.
+            urgent: Also to a peer that is slow to take what it was sent.
 
         Returns:
             False where the peer takes no more now.
 
         Raises:
-            DeviceError: the peer is gone.
+            DeviceError: The peer is gone.
         """
         self._require_open()
         try:

@@ -74,10 +74,10 @@ class GloveMessage(NamedTuple):
     """What one glove says in a frame.
 
     Attributes:
-        device_id: of the glove.
-        channels: in the order of `CHANNELS`, None without hand data. They may be NaN or infinite.
-        right: whether it is a right hand's, None where the frame does not say it.
-        battery: charge [%], None where the frame does not say it.
+        device_id: Of the glove.
+        channels: In the order of `CHANNELS`, None without hand data. They may be NaN or infinite.
+        right: Whether it is a right hand's, None where the frame does not say it.
+        battery: Charge [%], None where the frame does not say it.
     """
 
     device_id: int
@@ -90,10 +90,10 @@ class Impedance(NamedTuple):
     """What the fingers of one glove are told.
 
     Attributes:
-        device_id: of the glove.
-        stiffness: of each finger from thumb to little finger, 0 (free) to 1.
-        set_point: bend at which a force begins, 0 to 1; positive against closing, negative against opening.
-        kept: the server may not drop the command for a newer one (has_index).
+        device_id: Of the glove.
+        stiffness: Of each finger from thumb to little finger, 0 (free) to 1.
+        set_point: Bend at which a force begins, 0 to 1; positive against closing, negative against opening.
+        kept: The server may not drop the command for a newer one (has_index).
     """
 
     device_id: int
@@ -111,7 +111,7 @@ def decode_frame(payload: bytes) -> list[GloveMessage]:
     """The gloves of a frame.
 
     Raises:
-        WireError: no frame.
+        WireError: No frame.
     """
     found = []
     for message in decode(FRAME, payload)["messages"]:
@@ -131,7 +131,7 @@ def encode_frame(gloves: Iterable[GloveMessage]) -> bytes:
     """A frame as the server sends it, without its length.
 
     Raises:
-        WireError: a number that its field cannot hold.
+        WireError: A number that its field cannot hold.
     """
     messages = []
     for glove in gloves:
@@ -148,7 +148,7 @@ def decode_impedances(payload: bytes) -> list[Impedance]:
     """What a command tells the fingers; a finger that it does not name is told 0.
 
     Raises:
-        WireError: no command.
+        WireError: No command.
     """
     command = decode(COMMAND, payload)
     free = IMPEDANCE_DATA.new()
@@ -170,7 +170,7 @@ def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequ
     """A command as a client sends it, without its length; every finger is named. Arguments as in `Impedance`.
 
     Raises:
-        WireError: a number that its field cannot hold.
+        WireError: A number that its field cannot hold.
     """
     # Written out rather than with `encode`: this is the one message that is made in every tick.
     body = bytearray()
@@ -192,7 +192,7 @@ class MessageStream:
     """Cuts a stream of bytes into messages, however the bytes arrive.
 
     Args:
-        most_bytes: a message of more is not waited for.
+        most_bytes: A message of more is not waited for.
     """
 
     def __init__(self, most_bytes: int = MOST_BYTES) -> None:
@@ -215,7 +215,7 @@ class MessageStream:
         """The next message, without its length; None until all of it is there.
 
         Raises:
-            FramingError: a negative length, or one that no message has.
+            FramingError: A negative length, or one that no message has.
         """
         start = self._at + LENGTH.size
         if start > len(self._bytes):

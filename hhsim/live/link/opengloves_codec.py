@@ -42,9 +42,9 @@ class GloveLine(NamedTuple):
     """A sample in the glove's own numbers; NaN where the glove says nothing.
 
     Attributes:
-        curl: of thumb to little finger.
-        splay: of thumb to little finger.
-        joints: four of each finger, from the wrist on.
+        curl: Of thumb to little finger.
+        splay: Of thumb to little finger.
+        joints: Four of each finger, from the wrist on.
     """
 
     curl: tuple[float, ...]
@@ -59,7 +59,7 @@ def parse_line(line: bytes) -> GloveLine | None:
         The sample, or None where the line says something else than fingers.
 
     Raises:
-        LineError: not of the format, a key twice, or only some of the fingers.
+        LineError: Not of the format, a key twice, or only some of the fingers.
     """
     found: dict[str, float] = {}
     place = 0
@@ -111,7 +111,7 @@ def parse_limits(line: bytes) -> tuple[int, ...]:
     """Read a command, as a glove does; negative where it leaves a finger as it is.
 
     Raises:
-        LineError: not of the format, or only some of the fingers.
+        LineError: Not of the format, or only some of the fingers.
     """
     found = parse_line(line)
     if found is None:
@@ -123,14 +123,14 @@ class LineStream:
     """Cuts what arrives into lines.
 
     Attributes:
-        overlong: lines that were longer than `LONGEST_LINE` and are left out.
+        overlong: Lines that were longer than `LONGEST_LINE` and are left out.
     """
 
     def __init__(self, *, whole: bool) -> None:
         """Begin.
 
         Args:
-            whole: what arrives begins with a line; else with the rest of one, which is left out.
+            whole: What arrives begins with a line; else with the rest of one, which is left out.
         """
         self.overlong = 0
         self._rest = b""

@@ -1,4 +1,7 @@
-"""The part of the proto3 wire format that gloves speak: int32, bool, float and messages, without a dependency.
+"""The part of the proto3 wire format that gloves speak: int32, bool, float and messages.
+
+It is read here, and not by protobuf's library, because it is read in the loop: a sample's floats are unpacked at once,
+without an object for each field, and nothing is loaded for it in the watchdog. Tests hold it against the library.
 
 What arrives is taken as protobuf's own parsers take it: fields in any order, the last value of a field wins, the parts
 of a message that comes in pieces are merged, and fields that are not known are skipped (protobuf.dev, "Encoding").
@@ -44,11 +47,11 @@ class Field(NamedTuple):
     """A field of a message.
 
     Attributes:
-        number: on the wire.
-        name: in a `Message`.
-        kind: of its values.
-        schema: of a message.
-        repeated: whether it holds a list; messages only.
+        number: On the wire.
+        name: In a `Message`.
+        kind: Of its values.
+        schema: Of a message.
+        repeated: Whether it holds a list; messages only.
     """
 
     number: int
@@ -67,7 +70,7 @@ class Schema:
     """What a message is made of.
 
     Args:
-        fields: by ascending number.
+        fields: By ascending number.
     """
 
     def __init__(self, *fields: Field) -> None:
@@ -101,7 +104,7 @@ def decode(schema: Schema, data: bytes) -> Message:
     """The message of some bytes; floats may be NaN or infinite.
 
     Raises:
-        WireError: no such message.
+        WireError: No such message.
     """
     message = schema.new()
     _read(schema, data, 0, len(data), message)
@@ -112,11 +115,11 @@ def encode(schema: Schema, message: Mapping[str, Any]) -> bytes:
     """The bytes of a message: fields in their order, numbers that are at their default left out.
 
     Args:
-        schema: of the message.
-        message: fields that it does not have are at their default.
+        schema: Of the message.
+        message: Fields that it does not have are at their default.
 
     Raises:
-        WireError: a number that its field cannot hold.
+        WireError: A number that its field cannot hold.
     """
     out = bytearray()
     for field in schema.fields:

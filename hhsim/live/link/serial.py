@@ -1,7 +1,7 @@
 """A serial line that a real-time loop can hold: nothing waits but `connect`, and nothing is sent by halves.
 
 By POSIX termios alone: USB serial adapters, Bluetooth serial (rfcomm) and pseudo-terminals. Several processes may have
-the same line open, which the guardian needs; only one of them reads.
+the same line open, which the watchdog needs; only one of them reads.
 """
 
 import contextlib
@@ -27,12 +27,12 @@ class SerialLink(ByteLink):
     """A serial line, 8 bits, no parity, one stop bit, raw.
 
     Args:
-        path: of the line, such as /dev/ttyUSB0.
-        baud: bits per second.
-        name: of the device in messages.
+        path: Of the line, such as /dev/ttyUSB0.
+        baud: Bits per second.
+        name: Of the device in messages.
 
     Raises:
-        InputError: a baud rate that this system does not know.
+        InputError: A baud rate that this system does not know.
     """
 
     MOST_UNSENT = 26
@@ -57,7 +57,7 @@ class SerialLink(ByteLink):
         """Open the line.
 
         Raises:
-            DeviceError: no such line, no permission, or no serial line.
+            DeviceError: No such line, no permission, or no serial line.
         """
         self.close()
         try:
@@ -94,7 +94,7 @@ class SerialLink(ByteLink):
         """Look whether the line is still there, without reading from it.
 
         Raises:
-            DeviceError: the line is gone.
+            DeviceError: The line is gone.
         """
         self._require_open()
         if ready(self._file, 0, 0.0):
@@ -104,8 +104,8 @@ class SerialLink(ByteLink):
         """Send all of it before anything that still waits, on this line or one opened anew; never raises.
 
         Args:
-            data: to send; begins with an end of line, since what waited may have been cut off.
-            timeout: longest wait [s].
+            data: To send; begins with an end of line, since what waited may have been cut off.
+            timeout: Longest wait [s].
 
         Returns:
             Whether it was handed to the system.
@@ -134,10 +134,6 @@ class SerialLink(ByteLink):
                     return False
                 ready(self._file, select.POLLOUT, left)
         return True
-
-    def close(self) -> None:
-        """Let go of the line; never raises."""
-        self._let_go()
 
     def _read(self) -> bytes:
         return os.read(self._file, MOST_READ)

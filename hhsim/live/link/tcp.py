@@ -26,9 +26,9 @@ class TcpLink(ByteLink):
     """A connection to a server.
 
     Args:
-        host: name or address.
+        host: Name or address.
         port: TCP port.
-        name: of the device in messages.
+        name: Of the device in messages.
     """
 
     MOST_UNSENT = 1024
@@ -53,10 +53,10 @@ class TcpLink(ByteLink):
         """Connect, and wait for it.
 
         Args:
-            timeout: longest wait [s].
+            timeout: Longest wait [s].
 
         Raises:
-            DeviceError: no such host, or nothing there that answers.
+            DeviceError: No such host, or nothing there that answers.
         """
         self.close()
         deadline = time.monotonic() + timeout
@@ -112,7 +112,7 @@ class TcpLink(ByteLink):
         """What has arrived; None where nothing has.
 
         Raises:
-            DeviceError: the peer is gone.
+            DeviceError: The peer is gone.
         """
         self._drain_retired()
         return super().receive()
@@ -121,8 +121,8 @@ class TcpLink(ByteLink):
         """Send all of it on this connection or else on a fresh one, which then is this one; never raises.
 
         Args:
-            data: to send.
-            timeout: longest wait [s].
+            data: To send.
+            timeout: Longest wait [s].
 
         Returns:
             Whether it was sent.

@@ -25,7 +25,7 @@ poses to 24172. Both directions have the same header of 32 bytes, little-endian,
 | 16 command | 10 | bend at which each finger is stopped (5), stiffness there, 0 free to 1 (5) |
 
 What a bridge must do for the hand in the glove: obey the newest command alone, free every finger when the numbers are
-not finite, and free every finger when no command came for 100 ms. Commands come from more than one sender (the guardian
+not finite, and free every finger when no command came for 100 ms. Commands come from more than one sender (the watchdog
 has its own session), so the newest is the one that arrived last. Samples that are late, behind a newer one, are counted
 and not used; another session is taken when the one before has been silent for 100 ms.
 """
@@ -88,12 +88,12 @@ def encode_packet(
     """The bytes of a packet; `seq` is taken modulo 2³².
 
     Args:
-        kind: what the numbers are.
-        values: as many as the kind has.
-        session, seq, t_ns, answers, battery: as in the table above.
+        kind: What the numbers are.
+        values: As many as the kind has.
+        session, seq, t_ns, answers, battery: As in the table above.
 
     Raises:
-        PacketError: not as many numbers as the kind has.
+        PacketError: Not as many numbers as the kind has.
     """
     numbers = np.asarray(values, dtype=NUMBERS).ravel()
     if numbers.size != COUNT[kind]:
@@ -106,7 +106,7 @@ def decode_packet(data: bytes) -> Packet:
     """Read one datagram.
 
     Raises:
-        PacketError: another magic, version, kind or length.
+        PacketError: Another magic, version, kind or length.
     """
     if len(data) < HEADER.size:
         raise PacketError(f"{len(data)} bytes; expected at least {HEADER.size}")

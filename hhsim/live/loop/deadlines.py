@@ -1,9 +1,41 @@
 """The periods of a loop: absolute deadlines, of which those that cannot be met are skipped and counted."""
 
+import ctypes
+import errno
+import os
 import time
 from typing import Protocol
 
-from hhsim.live.linux_calls import AbsoluteSleep
+CLOCK_MONOTONIC = 1
+TIMER_ABSTIME = 1
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
+
+
+_nanosleep = ctypes.CDLL(None).clock_nanosleep
+_nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.POINTER(_Timespec), ctypes.c_void_p)
+
+
+class AbsoluteSleep:
+    """Sleeps until a moment instead of for a time, so that what happens before the call is not added to it."""
+
+    def __init__(self) -> None:
+        """Allocate what every call uses."""
+        self._time = _Timespec()
+        self._pointer = ctypes.byref(self._time)
+
+    def until(self, time_ns: int) -> None:
+        """Sleep until CLOCK_MONOTONIC is `time_ns`, or until a signal has been handled.
+
+        Raises:
+            OSError: The system takes no such time.
+        """
+        self._time.seconds, self._time.nanoseconds = divmod(time_ns, 1_000_000_000)
+        failure = _nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, self._pointer, None)
+        if failure not in (0, errno.EINTR):
+            raise OSError(failure, os.strerror(failure))
 
 
 class Clock(Protocol):
@@ -33,17 +65,17 @@ class Deadlines:
     loop that is woken periods too late goes on at once, in the period that it is in.
 
     Args:
-        period_ns: one period [ns].
+        period_ns: One period [ns].
         clock: CLOCK_MONOTONIC by default.
 
     Attributes:
-        tick: number of the present period, from 0; missed ones leave gaps.
-        deadline_ns: when it began.
-        woke_ns: when the loop woke.
-        wakeup_ns: how long after `deadline_ns` that was.
-        late_ns: how long after the deadline that was slept for; more than `wakeup_ns` where whole periods went by.
-        missed: periods between the tick before and this one.
-        missed_total: since the start.
+        tick: Number of the present period, from 0; missed ones leave gaps.
+        deadline_ns: When it began.
+        woke_ns: When the loop woke.
+        wakeup_ns: How long after `deadline_ns` that was.
+        late_ns: How long after the deadline that was slept for; more than `wakeup_ns` where whole periods went by.
+        missed: Periods between the tick before and this one.
+        missed_total: Since the start.
     """
 
     def __init__(self, period_ns: int, clock: Clock | None = None) -> None:

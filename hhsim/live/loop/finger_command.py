@@ -1,4 +1,4 @@
-"""From the graphic hand to what the fingers are told.
+"""From the graphic hand to what the fingers are commanded.
 
 A finger is stopped at the bend of the graphic hand, with the configured stiffness while its phalanges carry contact
 force, and is free otherwise. Both change no faster than the limits allow, but the stiffness falls at once.
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from hhsim.live.device import FINGER_COUNT, FingerCommand
 from hhsim.live.ipc.config import OutputLimits
-from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import Safety
 
 Array = NDArray[np.float64]
@@ -19,21 +18,21 @@ Array = NDArray[np.float64]
 _SOLVER_FAILED = int(Safety.SOLVER_FAILED)
 
 
-class OutputStage:
+class FingerCommander:
     """Writes the command of each tick in place.
 
     Limits count in ticks and not in time: after missed ticks nothing changes faster.
 
     Args:
-        limits: what the fingers may be told.
-        regression: what a bend is in angles.
-        period: of a tick [s].
+        limits: What the fingers may be commanded.
+        bend_lines: What a bend is in angles, as of `Calibration.bend_lines`.
+        period: Of a tick [s].
 
     Attributes:
-        command: of the last tick, stiffness 0 before the first.
+        command: Of the last tick, stiffness 0 before the first.
     """
 
-    def __init__(self, limits: OutputLimits, regression: DexmoRegression, period: float) -> None:
+    def __init__(self, limits: OutputLimits, bend_lines: tuple[Array, Array], period: float) -> None:
         """Every finger is free."""
         self.command = FingerCommand()
         self._configured = np.array(limits.stiffness, np.float64)
@@ -41,7 +40,7 @@ class OutputStage:
         self._move = limits.bend_speed * period
         self._ramp_ticks = max(1, math.ceil(limits.ramp / period))
         self._contact_force = limits.contact_force
-        slope, self._offset = regression.bend_lines()
+        slope, self._offset = bend_lines
         size = (slope * slope).sum(axis=1, keepdims=True)
         # As `DexmoRegression.bends`, with the division done beforehand.
         self._gain = np.divide(slope, size, out=np.zeros_like(slope), where=size > 0.0)
@@ -61,10 +60,10 @@ class OutputStage:
         """Make the command of a tick.
 
         Args:
-            flexion: of the graphic hand [rad], shape (5, 3).
-            phalanx: force on each phalanx [N], shape (5, 3, 3).
-            safety: bits of `Safety`; any of them frees all fingers.
-            kept_free: fingers on which nothing may push, shape (5,).
+            flexion: Of the graphic hand [rad], shape (5, 3).
+            phalanx: Force on each phalanx [N], shape (5, 3, 3).
+            safety: Bits of `Safety`; any of them frees all fingers.
+            kept_free: Fingers on which nothing may push, shape (5,).
 
         Returns:
             `safety`, with SOLVER_FAILED where an angle or a force is not finite.
@@ -105,17 +104,17 @@ class OutputStage:
 
     def _follow(self, bend: Array) -> None:
         """Move the set points; the first ones have nowhere to come from, and no finger is held yet."""
-        told = self.command.bend
+        set_point = self.command.bend
         if not self._begun:
             self._begun = True
-            told[:] = bend
+            set_point[:] = bend
             return
-        np.subtract(bend, told, out=bend)
+        np.subtract(bend, set_point, out=bend)
         np.maximum(bend, -self._move, out=bend)
         np.minimum(bend, self._move, out=bend)
-        np.add(told, bend, out=told)
-        np.maximum(told, 0.0, out=told)
-        np.minimum(told, 1.0, out=told)
+        np.add(set_point, bend, out=set_point)
+        np.maximum(set_point, 0.0, out=set_point)
+        np.minimum(set_point, 1.0, out=set_point)
 
     def _press(self, kept_free: NDArray[np.bool_]) -> None:
         stiffness = self.command.stiffness

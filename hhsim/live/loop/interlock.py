@@ -10,30 +10,30 @@ _NOT_FINITE = int(Safety.NOT_FINITE)
 _OVERRUN_STREAK = int(Safety.OVERRUN_STREAK)
 _DEVICE_LOST = int(Safety.DEVICE_LOST)
 _STOPPING = int(Safety.STOPPING)
-_NO_GUARDIAN = int(Safety.NO_GUARDIAN)
+_NO_WATCHDOG = int(Safety.NO_WATCHDOG)
 _DRY_RUN = int(Safety.DRY_RUN)
 _NO_INPUT_YET = int(Safety.NO_INPUT_YET)
 
 
-class SafetyGate:
+class Interlock:
     """Judges what is known of a tick before it is solved.
 
     A bit stands as long as its reason does; the output's ramp then keeps the fingers from being seized at once.
 
     Args:
-        limits: from when on the fingers are freed.
-        dry_run: nothing is sent, so that no guardian is needed.
+        limits: From when on the fingers are freed.
+        dry_run: Nothing is sent, so that no watchdog is needed.
 
     Attributes:
-        streak: periods missed since the last tick that came in time.
+        streak: Periods missed since the last tick that came in time.
     """
 
     def __init__(self, limits: SafetyLimits, *, dry_run: bool = False) -> None:
         """Nothing has been missed."""
         self._stale_ns = round(1e9 * limits.stale)
-        self._guardian_ns = round(1e9 * limits.guardian_stale)
+        self._watchdog_ns = round(1e9 * limits.watchdog_stale)
         self._overruns = limits.overruns
-        self._guardian = limits.guardian and not dry_run
+        self._watchdog = limits.watchdog and not dry_run
         self._always = _DRY_RUN if dry_run else 0
         self.streak = 0
 
@@ -45,7 +45,7 @@ class SafetyGate:
         pose_ns: int,
         usable: bool,
         missed: int,
-        guardian_ns: int,
+        watchdog_ns: int,
         armed: bool,
         lost: bool,
         stopping: bool,
@@ -54,14 +54,14 @@ class SafetyGate:
 
         Args:
             now_ns: CLOCK_MONOTONIC [ns].
-            sample_ns: of the sample in use, -1 before the first.
-            pose_ns: of the pose in use, -1 before the first.
-            usable: whether the newest sample that came can be used.
-            missed: periods missed right before this tick.
-            guardian_ns: the guardian's last sign of life, 0 before the first.
-            armed: whether the guardian can reach the glove.
-            lost: whether the glove is gone.
-            stopping: whether this is one of the last ticks.
+            sample_ns: Of the sample in use, -1 before the first.
+            pose_ns: Of the pose in use, -1 before the first.
+            usable: Whether the newest sample that came can be used.
+            missed: Periods missed right before this tick.
+            watchdog_ns: The watchdog's last sign of life, 0 before the first.
+            armed: Whether the watchdog can reach the glove.
+            lost: Whether the glove is gone.
+            stopping: Whether this is one of the last ticks.
         """
         bits = self._always
         if sample_ns < 0 or pose_ns < 0:
@@ -77,8 +77,8 @@ class SafetyGate:
             bits |= _DEVICE_LOST
         if stopping:
             bits |= _STOPPING
-        if self._guardian and not (armed and now_ns - guardian_ns <= self._guardian_ns):
-            bits |= _NO_GUARDIAN
+        if self._watchdog and not (armed and now_ns - watchdog_ns <= self._watchdog_ns):
+            bits |= _NO_WATCHDOG
         return bits
 
 
@@ -88,7 +88,7 @@ WORDS: dict[Safety, tuple[int, str, str]] = {
     Safety.SOLVER_FAILED: (FAULT, "the solver failed", "the solver is back"),
     Safety.OVERRUN_STREAK: (WARNING, "one period after the other was missed", "the loop is in time again"),
     Safety.DEVICE_LOST: (FAULT, "the glove is gone", "the glove is back"),
-    Safety.NO_GUARDIAN: (FAULT, "the guardian does not answer, or cannot reach the glove", "the guardian is there"),
+    Safety.NO_WATCHDOG: (FAULT, "the watchdog does not answer, or cannot reach the glove", "the watchdog is there"),
 }
 """Level of the event, what is wrong, and what is said when it no longer is."""
 
@@ -99,22 +99,22 @@ class SafetyLog:
     """Turns changes of the safety bits into lines of the log; a bit that flickers is told once a second.
 
     Attributes:
-        detail: what is known of the reason for a bit, for when it is told next.
+        detail: What is known of the reason for a bit, for when it is told next.
     """
 
     def __init__(self) -> None:
         """No bit is set."""
         self.detail: dict[Safety, str] = {}
         self._last = 0
-        self._told: dict[Safety, int] = {}
-        self._untold: dict[Safety, int] = {}
+        self._last_logged: dict[Safety, int] = {}
+        self._not_logged: dict[Safety, int] = {}
         self._open: set[Safety] = set()
 
     def changed(self, safety: int, now_ns: int) -> list[tuple[int, str]]:
         """Level and text of what is to be said of a tick.
 
         Args:
-            safety: the tick's bits.
+            safety: The tick's bits.
             now_ns: CLOCK_MONOTONIC [ns].
         """
         if safety == self._last:
@@ -124,14 +124,14 @@ class SafetyLog:
         lines: list[tuple[int, str]] = []
         for bit, (level, wrong, right) in WORDS.items():
             if risen & bit:
-                if now_ns - self._told.get(bit, now_ns - QUIET_NS) < QUIET_NS:
-                    self._untold[bit] = self._untold.get(bit, 0) + 1
+                if now_ns - self._last_logged.get(bit, now_ns - QUIET_NS) < QUIET_NS:
+                    self._not_logged[bit] = self._not_logged.get(bit, 0) + 1
                     continue
-                untold = self._untold.pop(bit, 0)
-                more = f" ({untold:,} times more since this was last said)" if untold else ""
+                left_out = self._not_logged.pop(bit, 0)
+                more = f" ({left_out:,} times more since this was last said)" if left_out else ""
                 detail = self.detail.get(bit)
                 lines.append((level, f"{wrong}: the fingers are free{more}{f': {detail}' if detail else ''}"))
-                self._told[bit] = now_ns
+                self._last_logged[bit] = now_ns
                 self._open.add(bit)
             elif fallen & bit and bit in self._open:
                 self._open.remove(bit)

@@ -10,15 +10,16 @@ import numpy as np
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_FULL, STATUS_HELD, WORK_TOUCHING
 from hhsim.live.device import GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
-from hhsim.live.devices.plausibility import GloveWatch
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.ipc.records import LIVE_TICK
 from hhsim.live.ipc.session_memory import FAULT, SessionMemory
+from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.deadlines import Clock, Deadlines
-from hhsim.live.loop.finger_command import OutputStage
-from hhsim.live.loop.interlock import SafetyGate, SafetyLog
+from hhsim.live.loop.finger_command import FingerCommander
+from hhsim.live.loop.interlock import Interlock, SafetyLog
+from hhsim.live.loop.plausibility import GloveWatch
 from hhsim.live.loop.tick_times import TickTimes
-from hhsim.live.pose_source import PoseSource
+from hhsim.live.pose.source import PoseSource
 from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -51,17 +52,17 @@ class LiveLoop:
     A tick whose haptic hand is not known yet, or whose solver raised, is not published: there is nothing to replay.
 
     Args:
-        setup: of the session.
-        memory: of the session; this is the loop that writes it.
-        device: the glove, open.
-        pose: of the palm, open.
+        setup: Of the session.
+        memory: Of the session; this is the loop that writes it.
+        device: The glove, open.
+        pose: Of the palm, open.
         clock: CLOCK_MONOTONIC by default.
 
     Attributes:
-        deadlines: of the periods.
-        wakeups: how late the loop woke, from the deadline that was slept for.
-        latencies: from the newest sample's bytes read to the command sent.
-        works: from waking to the end of the tick's work.
+        deadlines: Of the periods.
+        wakeups: How late the loop woke, from the deadline that was slept for.
+        latencies: From the newest sample's bytes read to the command sent.
+        works: From waking to the end of the tick's work.
     """
 
     def __init__(
@@ -82,8 +83,8 @@ class LiveLoop:
         self.deadlines = Deadlines(period, clock)
         self.wakeups, self.latencies, self.works = TickTimes(), TickTimes(), TickTimes()
         self.solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
-        self.output = OutputStage(setup.output, setup.regression, 1e-9 * period)
-        self.gate = SafetyGate(setup.safety, dry_run=setup.dry_run)
+        self.commander = FingerCommander(setup.output, setup.bend_lines(), 1e-9 * period)
+        self.interlock = Interlock(setup.safety, dry_run=setup.dry_run)
         self.watch = GloveWatch(device.info)
         self._safety_log = SafetyLog()
         self._periods = None if setup.duration is None else max(1, round(setup.duration * setup.rate))
@@ -133,14 +134,14 @@ class LiveLoop:
         self._pass_over_backlog()
         self.deadlines.start()
         status["heartbeat_ns"] = self.deadlines.woke_ns
-        self._tell()
+        self._log_plausibility()
         status["stage"] = Stage.RUNNING
 
     def end(self) -> None:
         """Release the glove and say so; may be called twice."""
         self._status["stage"] = Stage.ENDING
         self._status["command_stiffness"] = 0.0
-        self.output.free()
+        self.commander.free()
         if not self.setup.dry_run and not self.device.release():
             self.memory.log(FAULT, "the glove could not be told to free the fingers")
         self._status["counters"][:] = _read_counters(self.device.counters)
@@ -154,14 +155,14 @@ class LiveLoop:
         pose_ns = self.pose.read(now, self._position, self._orientation)
         if pose_ns >= 0:
             self._pose_ns = pose_ns
-        safety = self.gate.judge(
+        safety = self.interlock.judge(
             now,
             sample_ns=self._sample_ns,
             pose_ns=self._pose_ns,
             usable=self._usable,
             missed=deadlines.missed,
-            guardian_ns=int(status["guardian_ns"]),
-            armed=bool(status["guardian_armed"]),
+            watchdog_ns=int(status["watchdog_ns"]),
+            armed=bool(status["watchdog_armed"]),
             lost=self._lost,
             stopping=bool(self._stop),
         )
@@ -172,7 +173,7 @@ class LiveLoop:
             # What was judged good then need not be so now.
             safety |= _OVERRUN_STREAK
         if safety or not solved:
-            self.output.free()
+            self.commander.free()
         safety, sent = self._send(safety)
         done = clock.now()
         latency = done - arrived if sent and arrived >= 0 else -1
@@ -184,8 +185,8 @@ class LiveLoop:
             row["missed"] = deadlines.missed
             row["input_seq"] = self._input_seq
             row["safety"] = safety
-            row["command_bend"] = self.output.command.bend
-            row["command_stiffness"] = self.output.command.stiffness
+            row["command_bend"] = self.commander.command.bend
+            row["command_stiffness"] = self.commander.command.stiffness
             ticks = self.memory.ticks
             ticks.records[ticks.written % ticks.capacity] = row
             ticks.publish()
@@ -231,7 +232,7 @@ class LiveLoop:
                 self._input_seq = int(sample["seq"])
         self._status["sample_ns"] = self._sample_ns
         self._status["battery"] = sample["battery"]
-        self._tell()
+        self._log_plausibility()
         return int(sample["time_ns"])
 
     def _reconnected(self) -> bool:
@@ -259,7 +260,7 @@ class LiveLoop:
             safety |= _SOLVER_FAILED
         if status & STATUS_HELD:
             safety |= _NOT_FINITE
-        return True, self.output.update(self._graphic, self._phalanx, safety, self.watch.free)
+        return True, self.commander.update(self._graphic, self._phalanx, safety, self.watch.free)
 
     def _send(self, safety: int) -> tuple[int, bool]:
         """Send the command; the tick's safety bits, and whether the glove has it (or would have it, in a dry run)."""
@@ -268,22 +269,22 @@ class LiveLoop:
         if self._lost:
             return safety, False
         try:
-            return safety, self.device.send(self.output.command)
+            return safety, self.device.send(self.commander.command)
         except DeviceError as error:
             self._lose(error)
-            self.output.free()
+            self.commander.free()
             return safety | _DEVICE_LOST, False
 
     def _show(self, safety: int) -> None:
         status, deadlines = self._status, self.deadlines
         status["ticks"] += 1
         status["missed"] = deadlines.missed_total
-        status["streak"] = self.gate.streak
+        status["streak"] = self.interlock.streak
         status["safety"] = safety
         status["contacts"] = self._record.work[0, WORK_TOUCHING]
-        status["force"] = self.output.force
-        status["command_bend"] = self.output.command.bend
-        status["command_stiffness"] = self.output.command.stiffness
+        status["force"] = self.commander.force
+        status["command_bend"] = self.commander.command.bend
+        status["command_stiffness"] = self.commander.command.stiffness
         if deadlines.tick % COUNTER_TICKS == 0:
             status["counters"][:] = _read_counters(self.device.counters)
 
@@ -308,12 +309,12 @@ class LiveLoop:
         self._status["latency_p50_ns"] = self.latencies.percentile(50.0)
         self._status["latency_p99_ns"] = self.latencies.percentile(99.0)
 
-    def _tell(self) -> None:
+    def _log_plausibility(self) -> None:
         for level, text in self.watch.events():
             self.memory.log(level, text)
 
     def _look_for_stop(self) -> None:
-        if self._status["stop_asked"]:
+        if self._status["stop_requested"]:
             self.stop("stopped")
         if self._periods is not None and self.deadlines.tick + 1 >= self._periods:
             self.stop("duration")

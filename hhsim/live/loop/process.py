@@ -1,7 +1,7 @@
 """The process of the loop: `python -m hhsim.live.loop.process --setup FD --status FD …`, started by the supervisor.
 
 Kernels are ready and everything is allocated before the glove is connected. However the process ends, short of being
-killed outright, the glove is released; then the guardian does it.
+killed outright, the glove is released; then the watchdog does it.
 
 Exit codes: 0 it was stopped, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached, or a setup that
 cannot be used. The reason is the last event and a line on stderr.
@@ -20,14 +20,14 @@ from typing import Any
 from hhsim.errors import HhsimError
 from hhsim.live.device import GloveDevice
 from hhsim.live.devices.registry import open_device
-from hhsim.live.ipc.config import LiveSetup, read_setup
-from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory, add_memory_options, attached
-from hhsim.live.linux_calls import end_with
+from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.loop.real_time import become_ordinary, become_real_time, described
 from hhsim.live.pose.registry import make_pose_source
-from hhsim.live.pose_source import PoseSource
+from hhsim.live.pose.source import PoseSource
+from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with
+from hhsim.live.shared_memory import read_setup
 from hhsim.solver.compile import warm_up
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -37,7 +37,7 @@ class Ending:
     """What a signal does: before the loop runs it ends the process, then it makes the next tick the last one."""
 
     loop: LiveLoop | None = None
-    _asked = False
+    _signalled = False
 
     def install(self) -> None:
         """Take over `SIGNALS`."""
@@ -47,9 +47,9 @@ class Ending:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self.loop is not None:
             self.loop.stop(signal.Signals(number).name)
-        elif not self._asked:
+        elif not self._signalled:
             # Once: the second signal may come while the glove is being released.
-            self._asked = True
+            self._signalled = True
             raise SystemExit(0)
 
 
@@ -57,14 +57,14 @@ def run_session(setup: LiveSetup, memory: SessionMemory, device: GloveDevice, po
     """Make everything ready, run the loop until it is stopped, and leave the glove released and closed.
 
     Args:
-        setup: of the session.
-        memory: of the session.
-        device: not yet opened.
-        pose: not yet opened.
-        ending: what signals do, installed.
+        setup: Of the session.
+        memory: Of the session.
+        device: Not yet opened.
+        pose: Not yet opened.
+        ending: What signals do, installed.
 
     Raises:
-        HhsimError: the glove or the pose cannot be reached.
+        HhsimError: The glove or the pose cannot be reached.
     """
     facts: dict[str, Any] = {}
     opened = False
@@ -121,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.process", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)
-    setup, memory = read_setup(options.setup), attached(options)
+    setup, memory = read_setup(options.setup, LiveSetup), attached(options)
     ending = Ending()
     ending.install()
     memory.status["loop_pid"] = os.getpid()

@@ -1,10 +1,12 @@
-"""The guardian: frees the fingers when the loop no longer can; `python -m hhsim.live.loop.watchdog --setup FD …`.
+"""The watchdog: frees the fingers when the loop no longer can; `python -m hhsim.live.loop.watchdog --setup FD`.
 
 It has a process and a connection to the glove of its own, stands above the loop under SCHED_FIFO, and watches two
 things: the loop's heartbeat, and the end of its process, which the system tells. The heartbeat is usually the quicker
 one, since a process with much locked memory takes its time to go. While either is amiss the glove is told every 20 ms
 that the fingers are free. It does not end before the loop has, whatever signal it gets; a session that has ended is
 released once more, for good measure.
+
+It loads as little as it can: a setup of its own, the status block, and of the glove's driver what is needed to connect.
 """
 
 import argparse
@@ -17,15 +19,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import FrameType
 
-from hhsim.live.device import DeviceError, GloveDevice
-from hhsim.live.devices.registry import open_device
-from hhsim.live.ipc.config import LiveSetup, read_setup
-from hhsim.live.ipc.records import Stage
-from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
-from hhsim.live.loop.real_time import become_ordinary, become_real_time
+from hhsim.live.device import DeviceError, FingerRelease
+from hhsim.live.devices.registry import open_release
+from hhsim.live.ipc.status import LIVE_STATUS, Stage, WatchdogSetup
+from hhsim.live.real_time import become_ordinary, become_real_time
+from hhsim.live.shared_memory import SharedBlock, read_setup
 
 WATCH_MS = 4
-"""The guardian looks at least this often [ms]."""
+"""The watchdog looks at least this often [ms]."""
 RELEASE_NS = 20_000_000
 """While the loop is amiss the glove is told anew after this long."""
 CONNECT_NS = 250_000_000
@@ -36,21 +37,20 @@ PERIODS = 2.5
 """A slow loop may keep still for this many periods."""
 
 
-class Guardian:
+class Watchdog:
     """Watches one session.
 
     Args:
-        setup: of the session.
-        memory: of the session; the guardian's fields of the status are written here.
-        device: the guardian's own, not yet opened.
+        setup: Of the session.
+        device: The watchdog's own connection to the glove, not yet opened; None sends nothing.
     """
 
-    def __init__(self, setup: LiveSetup, memory: SessionMemory, device: GloveDevice) -> None:
+    def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
         """Nothing is connected yet."""
-        self._dry_run = setup.dry_run
         self._supervisor = setup.supervisor
-        self._stale_ns = max(round(1e9 * setup.safety.heartbeat_stale), round(PERIODS * setup.period_ns))
-        self._status = memory.status
+        self._stale_ns = max(round(1e9 * setup.heartbeat_stale), round(PERIODS * setup.period_ns))
+        self._block = SharedBlock(setup.status, LIVE_STATUS)
+        self._status = self._block.array[0]
         self._device = device
         self._loop = _LoopProcess()
         self._opened = False
@@ -58,11 +58,11 @@ class Guardian:
         self._tried_ns = -CONNECT_NS
         self._released_ns = -RELEASE_NS
         self._gone_ns = -1
-        self._asked = False
+        self._may_end = False
 
-    def ask(self) -> None:
-        """End as soon as the loop has; safe to call from a signal's handler."""
-        self._asked = True
+    def allow_end(self) -> None:
+        """End as soon as the loop has, and not before; safe to call from a signal's handler."""
+        self._may_end = True
 
     def watch(self) -> None:
         """Watch until the session has ended, then release the glove once more."""
@@ -70,9 +70,9 @@ class Guardian:
             while not self._step():
                 pass
         finally:
-            self._status["guardian_armed"] = 0
+            self._status["watchdog_armed"] = 0
             self._free_fingers()
-            if self._opened:
+            if self._opened and self._device is not None:
                 self._device.close()
             self._loop.close()
 
@@ -81,7 +81,7 @@ class Guardian:
         status = self._status
         self._loop.wait(int(status["loop_pid"]), WATCH_MS)
         now = time.monotonic_ns()
-        status["guardian_ns"] = now
+        status["watchdog_ns"] = now
         self._stay_connected(now)
         stage = int(status["stage"])
         if stage == Stage.ENDED:
@@ -91,11 +91,11 @@ class Guardian:
         if amiss and now - self._released_ns >= RELEASE_NS:
             self._released_ns = now
             if self._free_fingers():
-                status["guardian_releases"] += 1
+                status["watchdog_releases"] += 1
         return self._may_go(now, running)
 
     def _may_go(self, now: int, running: bool) -> bool:
-        """Whether nobody is left who would want a guardian."""
+        """Whether nobody is left who would want a watchdog."""
         nobody = self._loop.gone or not self._loop.known
         if not nobody:
             self._gone_ns = -1
@@ -105,38 +105,38 @@ class Guardian:
         orphan = os.getppid() != self._supervisor
         # A loop that was killed while it ran: the first word may have been lost.
         long_enough = not running or now - self._gone_ns >= LAST_WORDS_NS
-        return (self._asked or orphan) and long_enough
+        return (self._may_end or orphan) and long_enough
 
     def _stay_connected(self, now: int) -> None:
-        if self._dry_run:
+        if self._device is None:
             return
         if self._armed:
             try:
                 self._device.drain()
             except DeviceError:
                 self._armed = False
-                self._status["guardian_armed"] = 0
+                self._status["watchdog_armed"] = 0
         if not self._armed and now - self._tried_ns >= CONNECT_NS:
             self._tried_ns = now
-            self._armed = self._connect()
-            self._status["guardian_armed"] = int(self._armed)
+            self._armed = self._connect(self._device)
+            self._status["watchdog_armed"] = int(self._armed)
 
-    def _connect(self) -> bool:
+    def _connect(self, device: FingerRelease) -> bool:
         if self._opened:
-            return self._device.reconnect()
+            return device.reconnect()
         try:
-            self._device.open_for_release(1.0)
+            device.open_for_release(1.0)
         except DeviceError:
             return False
         self._opened = True
         return True
 
     def _free_fingers(self) -> bool:
-        return not self._dry_run and self._opened and self._device.release()
+        return self._opened and self._device is not None and self._device.release()
 
 
 class _LoopProcess:
-    """The process of the loop, whose end wakes the guardian."""
+    """The process of the loop, whose end wakes the watchdog."""
 
     def __init__(self) -> None:
         self.known = False
@@ -183,27 +183,25 @@ def _exists(pid: int) -> bool:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Guard a session; returns the exit code."""
+    """Watch a session; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.watchdog", description=__doc__)
-    add_memory_options(parser)
-    options = parser.parse_args(arguments)
-    setup, memory = read_setup(options.setup), attached(options)
-    guard(setup, memory, open_device(setup.device))
+    parser.add_argument("--setup", type=int, required=True, metavar="FD")
+    setup = read_setup(parser.parse_args(arguments).setup, WatchdogSetup)
+    watch(setup, None if setup.device is None else open_release(setup.device))
     return 0
 
 
-def guard(setup: LiveSetup, memory: SessionMemory, device: GloveDevice) -> None:
-    """Guard a session in this process, under real-time scheduling; signals do not end it while the loop lives.
+def watch(setup: WatchdogSetup, device: FingerRelease | None) -> None:
+    """Watch a session in this process, under real-time scheduling; signals do not end it while the loop lives.
 
     Args:
-        setup: of the session.
-        memory: of the session.
-        device: the guardian's own, not yet opened.
+        setup: Of the session.
+        device: As for `Watchdog`.
     """
-    guardian = Guardian(setup, memory, device)
-    on_signal(guardian.ask)
+    watchdog = Watchdog(setup, device)
+    on_signal(watchdog.allow_end)
     become_real_time(replace(setup.real_time, cpu=-1), above=1)
-    guardian.watch()
+    watchdog.watch()
     become_ordinary()
 
 

@@ -20,9 +20,9 @@ def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[Ar
     """Find a place for the palm.
 
     Args:
-        hand: which hand.
-        tree: the object, world frame.
-        back: how far the palm is drawn back from where the fingers grasp [m].
+        hand: Which hand.
+        tree: The object, world frame.
+        back: How far the palm is drawn back from where the fingers grasp [m].
 
     Returns:
         The palm's origin [m], shape (3,), and its unit quaternion (w, x, y, z), both in the world frame: of the script

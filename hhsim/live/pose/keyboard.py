@@ -63,8 +63,8 @@ class PalmKeys:
     """Where the palm is, and where the keys want it.
 
     Args:
-        position: where it begins [m], shape (3,), world.
-        orientation: unit (w, x, y, z), shape (4,).
+        position: Where it begins [m], shape (3,), world.
+        orientation: Unit (w, x, y, z), shape (4,).
     """
 
     def __init__(self, position: ArrayLike, orientation: ArrayLike) -> None:

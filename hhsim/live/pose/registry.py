@@ -5,8 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.playback import Playback
-from hhsim.live.pose.config import POSE_KINDS, PoseConfig
-from hhsim.live.pose_source import PoseSource
+from hhsim.live.pose.source import POSES, PoseConfig, PoseSource
 from hhsim.live.shared_memory import SharedBlock
 
 Array = NDArray[np.float64]
@@ -16,12 +15,12 @@ def make_pose_source(config: PoseConfig, status: SharedBlock | None = None) -> P
     """The source, not yet opened.
 
     Args:
-        config: which.
-        status: block of `LIVE_STATUS`, which `keyboard` reads.
+        config: Which.
+        status: Block of `LIVE_STATUS`, which `keyboard` reads.
 
     Raises:
-        UnknownNameError: no such kind.
-        InputError: a pose that is none, or what the source needs is missing.
+        UnknownNameError: No such kind.
+        InputError: A pose that is none, or what the source needs is missing.
     """
     if config.kind == "fixed":
         return FixedPose(config.position, config.orientation)
@@ -38,19 +37,19 @@ def make_pose_source(config: PoseConfig, status: SharedBlock | None = None) -> P
         from hhsim.live.pose.udp_tracker import UdpPose
 
         return UdpPose(config)
-    raise UnknownNameError("pose source", config.kind, POSE_KINDS)
+    raise UnknownNameError("pose source", config.kind, POSES)
 
 
 def write_keyboard_pose(status: SharedBlock, position: ArrayLike, orientation: ArrayLike) -> None:
     """Move the palm that `keyboard` reads, whole or not at all; there is one writer.
 
     Args:
-        status: block of `LIVE_STATUS`.
+        status: Block of `LIVE_STATUS`.
         position: [m], shape (3,), world.
         orientation: (w, x, y, z), shape (4,).
 
     Raises:
-        InputError: a pose that is none.
+        InputError: A pose that is none.
     """
     place, turn = checked_pose(position, orientation)
     record = status.array[0]
@@ -65,7 +64,7 @@ def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[Array, Ar
     """Position [m] and unit quaternion (w, x, y, z).
 
     Raises:
-        InputError: wrong shape, not finite, or a quaternion of length zero.
+        InputError: Wrong shape, not finite, or a quaternion of length zero.
     """
     place, turn = np.asarray(position, np.float64), np.asarray(orientation, np.float64)
     if place.shape != (3,) or turn.shape != (4,):
@@ -84,7 +83,7 @@ class FixedPose(PoseSource):
         orientation: (w, x, y, z).
 
     Raises:
-        InputError: a pose that is none.
+        InputError: A pose that is none.
     """
 
     def __init__(self, position: ArrayLike, orientation: ArrayLike) -> None:
@@ -103,12 +102,12 @@ class KeyboardPose(PoseSource):
     """The palm that the supervisor moves with keys, through the status block.
 
     Args:
-        position: before the first key [m], world.
-        orientation: before the first key, (w, x, y, z).
-        status: block of `LIVE_STATUS`.
+        position: Before the first key [m], world.
+        orientation: Before the first key, (w, x, y, z).
+        status: Block of `LIVE_STATUS`.
 
     Raises:
-        InputError: a pose that is none.
+        InputError: A pose that is none.
     """
 
     def __init__(self, position: ArrayLike, orientation: ArrayLike, status: SharedBlock) -> None:
@@ -136,7 +135,7 @@ class ReplayPose(PoseSource):
     """The palm of a motion, between samples on the straight way from one to the next.
 
     Args:
-        playback: the motion, begun with the first read.
+        playback: The motion, begun with the first read.
     """
 
     def __init__(self, playback: Playback) -> None:

@@ -1,17 +1,11 @@
 """The palm's pose from a tracker, in the open packet of `hhsim.live.link.udp_codec`."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.link.udp import UdpPort
+from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import Kind
-from hhsim.live.pose_source import PoseSource
-from hhsim.live.sequence_numbers import PacketOrder
-
-if TYPE_CHECKING:
-    from hhsim.live.pose.config import PoseConfig
+from hhsim.live.pose.source import PoseConfig, PoseSource
 
 Array = NDArray[np.float64]
 
@@ -30,14 +24,14 @@ class UdpPose(PoseSource):
         config: `host` of the tracker and `port` where its packets arrive.
 
     Attributes:
-        rejected: packets of another kind, or with a pose that is none.
+        rejected: Packets of another kind, or with a pose that is none.
     """
 
     may_stop = True
 
-    def __init__(self, config: "PoseConfig") -> None:
+    def __init__(self, config: PoseConfig) -> None:
         """Nothing is opened yet."""
-        self.name = f"udp pose from {config.host} at port {config.port_used}"
+        self.name = f"udp pose from {config.host} at port {config.port}"
         self._config = config
         self._port: UdpPort | None = None
         self._order = PacketOrder()
@@ -48,7 +42,7 @@ class UdpPose(PoseSource):
     def open(self) -> None:
         """See `PoseSource.open`; does not wait for a pose."""
         self.close()
-        self._port = UdpPort(self._config.host, self._config.port_used)
+        self._port = UdpPort(self._config.host, self._config.port)
 
     def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
         """See `PoseSource.read`."""

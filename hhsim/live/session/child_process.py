@@ -18,19 +18,19 @@ class ChildProcess:
     processes in their order. What it writes is kept in memory for `complaint`.
 
     Args:
-        name: for people.
-        module: that is run.
-        arguments: of its command line.
-        descriptors: that it inherits.
+        name: For people.
+        module: That is run.
+        arguments: Of its command line.
+        descriptors: That it inherits.
 
     Attributes:
-        told: whether its end has been told; for the supervisor.
+        reported: Whether its end has been reported; for the supervisor.
     """
 
     def __init__(self, name: str, module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
         """Start it."""
         self.name = name
-        self.told = False
+        self.reported = False
         self._output = os.memfd_create(f"hhsim-{name}-output")
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],

@@ -18,12 +18,12 @@ from collections.abc import Sequence
 from types import FrameType
 
 from hhsim.errors import HhsimError
-from hhsim.live.ipc.config import LiveSetup, read_setup
-from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.writer import RINGS, SessionWriter
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.shared_memory import RingReader, read_setup
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.solver.compile import warm_up
 
@@ -41,8 +41,8 @@ class Recorder:
     """Reads the rings of a session and writes its file.
 
     Args:
-        setup: of the session; `record` names the file.
-        memory: of the session.
+        setup: Of the session; `record` names the file.
+        memory: Of the session.
     """
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
@@ -65,7 +65,7 @@ class Recorder:
         """Record until the session has ended.
 
         Raises:
-            OutputError: the file cannot be written.
+            OutputError: The file cannot be written.
         """
         check_result_path(self._path)
         options = loop_options(self._setup.options, self._setup.rate)
@@ -155,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.session.recorder", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)
-    setup, memory = read_setup(options.setup), attached(options)
+    setup, memory = read_setup(options.setup, LiveSetup), attached(options)
     recorder = Recorder(setup, memory)
     # Ctrl-C is for the session: its end is recorded too.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

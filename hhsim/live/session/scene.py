@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.devices.registry import GloveConfig, find_glove
 from hhsim.live.playback import Playback
-from hhsim.live.pose.config import PoseConfig
 from hhsim.live.pose.initial_pose import palm_place
+from hhsim.live.pose.source import PoseConfig
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.demonstration import Demonstration
@@ -15,8 +15,6 @@ from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
 
-PLAYED = ("replay", "sim")
-"""Gloves whose fingers make a motion."""
 KEYBOARD_BACK = 0.06
 """A palm that is moved with keys begins so far back from where it grasps [m]: its user comes to the object."""
 
@@ -26,16 +24,16 @@ class LiveScene:
     """Object, glove and palm of a session.
 
     Attributes:
-        mesh: the object's surface [m], world frame.
-        tree: its sphere tree, world frame.
-        device: the glove, with its motion where it plays one.
-        pose: the palm's source, with its motion or where it begins.
-        description: how it came about, as plain values.
+        mesh: The object's surface [m], world frame.
+        tree: Its sphere tree, world frame.
+        device: The glove, with its motion where it plays one.
+        pose: The palm's source, with its motion or where it begins.
+        description: How it came about, as plain values.
     """
 
     mesh: Mesh
     tree: SphereTree
-    device: DeviceConfig
+    device: GloveConfig
     pose: PoseConfig
     description: dict[str, Any]
 
@@ -44,7 +42,7 @@ def make_live_scene(
     mesh: Mesh,
     tree: SphereTree,
     hand: HandModel,
-    device: DeviceConfig,
+    device: GloveConfig,
     pose: PoseConfig,
     motion: Script | Demonstration | Trajectory | None,
     *,
@@ -54,17 +52,17 @@ def make_live_scene(
     """Put object, glove and palm together.
 
     Args:
-        mesh: the object [m], in its own frame.
-        tree: its sphere tree, in the same frame.
-        hand: which hand.
-        device: settings of the glove.
-        pose: settings of the palm's source.
-        motion: what a simulated or replayed glove does, and a palm that is replayed; None where neither is.
-        placed: the position and orientation of `pose` are wanted; else the palm begins where it can grasp.
-        seed: of a script's tremor and sensor noise.
+        mesh: The object [m], in its own frame.
+        tree: Its sphere tree, in the same frame.
+        hand: Which hand.
+        device: Settings of the glove.
+        pose: Settings of the palm's source.
+        motion: What a simulated or replayed glove does, and a palm that is replayed; None where neither is.
+        placed: The position and orientation of `pose` are wanted; else the palm begins where it can grasp.
+        seed: Of a script's tremor and sensor noise.
 
     Raises:
-        TrajectoryError: the motion cannot be done on this object.
+        TrajectoryError: The motion cannot be done on this object.
     """
     where = {}
     if motion is not None:
@@ -76,7 +74,7 @@ def make_live_scene(
         mesh, tree = scene.mesh, scene.tree
         # One for both, so that fingers and palm stay together.
         playback = Playback(scene.trajectory, repeat=True)
-        if device.kind in PLAYED:
+        if find_glove(device.kind).plays:
             device = replace(device, playback=playback)
         if pose.kind == "replay":
             pose = replace(pose, playback=playback)

@@ -1,5 +1,6 @@
 """Figures of a session while it runs and at its end, from the ring of its ticks."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES
 from hhsim.live.shared_memory import RingReader, SharedRing
 from hhsim.result.safety import Safety
 from hhsim.system.log_histogram import LogHistogram
+
+Scalar = str | int | float | bool
 
 AT_ONCE = 2048
 """Ticks taken from the ring in one go."""
@@ -20,7 +23,7 @@ class LiveTally:
     """Reads the ticks of a session and counts.
 
     Args:
-        ring: of `LIVE_TICK`; read from its beginning. None where the ticks are handed to `count`.
+        ring: Of `LIVE_TICK`; read from its beginning. None where the ticks are handed to `count`.
     """
 
     ticks: int
@@ -114,6 +117,34 @@ class LiveTally:
         self.new_samples += int(np.sum(steps > 0))
         self.superseded += int(np.sum(steps[steps > 1] - 1))
         self._sample = int(ticks["input_seq"][-1])
+
+
+def session_figures(
+    tally: LiveTally, missed: int, penetration_max: float, lost: Mapping[str, int]
+) -> dict[str, Scalar]:
+    """The summary of a session: of all ticks that were recorded, SI units.
+
+    Args:
+        tally: Of these ticks.
+        missed: Periods without a tick since the loop began.
+        penetration_max: Deepest of all of them [m].
+        lost: Records that were overwritten before they could be written, by ring.
+
+    Returns:
+        What `LiveTally.to_json` names (`wakeup_p999` is the 99.9th percentile [s]), the ticks that were kept free as
+        one figure a reason (`kept_free_stale_input`), `missed`, `penetration_max` [m], and `lost_ticks`,
+        `lost_samples` and `lost_events`.
+    """
+    figures = tally.to_json()
+    del figures["uncounted_ticks"]
+    free: Mapping[str, int] = figures.pop("ticks_kept_free")
+    return {
+        **{name: value for name, value in figures.items() if isinstance(value, Scalar)},
+        "missed": missed,
+        **{f"kept_free_{why.lower()}": count for why, count in free.items()},
+        "penetration_max": penetration_max,
+        **{f"lost_{name}": count for name, count in lost.items()},
+    }
 
 
 def _percentiles(name: str, values: LogHistogram) -> dict[str, float]:

@@ -23,15 +23,15 @@ def stop_signals() -> Iterator[Callable[[], str]]:
     A signal that is ignored already (nohup) stays ignored. Outside of the main thread nothing is noted.
 
     Yields:
-        Returns what asked first, in words; "" while nothing has.
+        Returns the first signal, in words; "" while none has come.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: ""
         return
-    asked: list[str] = []
+    received: list[str] = []
 
     def note(number: int, frame: FrameType | None) -> None:
-        asked.append(WORDS[signal.Signals(number).name])
+        received.append(WORDS[signal.Signals(number).name])
 
     before = {}
     for name in WORDS:
@@ -39,7 +39,7 @@ def stop_signals() -> Iterator[Callable[[], str]]:
         if signal.getsignal(number) is not signal.SIG_IGN:
             before[number] = signal.signal(number, note)
     try:
-        yield lambda: asked[0] if asked else ""
+        yield lambda: received[0] if received else ""
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

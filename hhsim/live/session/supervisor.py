@@ -1,9 +1,9 @@
-"""Starts the processes of a live session, watches them, and ends them in order: the loop first, the guardian last.
+"""Starts the processes of a live session, watches them, and ends them in order: the loop first, the watchdog last.
 
 | process | dies by itself | then |
 |---|---|---|
-| loop | the guardian frees the fingers | the session ends |
-| guardian | the loop frees the fingers | it is started again, and the fingers come back with their ramp |
+| loop | the watchdog frees the fingers | the session ends |
+| watchdog | the loop frees the fingers | it is started again, and the fingers come back with their ramp |
 | recorder | nothing | the session goes on; the file holds what was written |
 | viewer | nothing | the session goes on |
 
@@ -22,20 +22,20 @@ from typing import Any, Self
 
 from hhsim.errors import HhsimError
 from hhsim.live.device import DeviceCounters, DeviceError
-from hhsim.live.ipc.config import LiveSetup, write_setup
-from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory
+from hhsim.live.ipc.status import Stage
 from hhsim.live.session.child_process import ChildProcess
 from hhsim.live.session.statistics import LiveTally
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.shared_memory import RingReader, write_setup
 
 Say = Callable[[str, int], None]
 """Called with a line for people and its level."""
 
-LOOP, GUARDIAN, RECORDER, VIEWER = "loop", "guardian", "recorder", "viewer"
+LOOP, WATCHDOG, RECORDER, VIEWER = "loop", "watchdog", "recorder", "viewer"
 MODULES = {
     LOOP: "hhsim.live.loop.process",
-    GUARDIAN: "hhsim.live.loop.watchdog",
+    WATCHDOG: "hhsim.live.loop.watchdog",
     RECORDER: "hhsim.live.session.recorder",
     VIEWER: "hhsim.live.session.viewer",
 }
@@ -47,15 +47,15 @@ AT_LEAST = 0.2
 RECORDER_PATIENCE = 60.0
 """How long the recorder has to write the rest [s]."""
 RELEASE_PATIENCE = 0.25
-"""How long the guardian has to free the fingers after a loop that did not [s]: a dozen times what it needs."""
+"""How long the watchdog has to free the fingers after a loop that did not [s]: a dozen times what it needs."""
 VIEWER_PATIENCE = 5.0
-GUARDIAN_PATIENCE = 2.0
+WATCHDOG_PATIENCE = 2.0
 SILENCE = 0.5
-"""A loop without a sign of life for so long is told of [s]; the guardian has freed the fingers long before."""
+"""A loop without a sign of life for so long is told of [s]; the watchdog has freed the fingers long before."""
 RESTART_PAUSES = (0.0, 0.1, 0.5, 2.0)
-"""Before a guardian is started again, the first time, the second and so on [s]."""
+"""Before a watchdog is started again, the first time, the second and so on [s]."""
 STEADY = 10.0
-"""A guardian that has lived so long begins again at the first pause [s]."""
+"""A watchdog that has lived so long begins again at the first pause [s]."""
 
 
 @dataclass
@@ -63,21 +63,21 @@ class SessionOutcome:
     """What became of a session.
 
     Attributes:
-        reason: why it ended.
-        seconds: how long the loop ran.
-        ticks: that the loop did.
-        missed: periods without a tick.
-        tally: of its ticks.
-        facts: what the loop said of it (`SessionMemory.read_facts`).
-        counters: of the device.
-        record: the recording, where there is one.
-        recorded: ticks in it.
-        record_lost: ticks that it lacks.
-        record_failed: what ended it early; "" where nothing did.
-        notices: what was told: seconds since the beginning, level, text.
-        guardian_restarts: how often the guardian was started again.
-        guardian_releases: how often it freed the fingers.
-        loop_failed: how the loop ended, where it did not end as it should.
+        reason: Why it ended.
+        seconds: How long the loop ran.
+        ticks: That the loop did.
+        missed: Periods without a tick.
+        tally: Of its ticks.
+        facts: What the loop said of it (`SessionMemory.read_facts`).
+        counters: Of the device.
+        record: The recording, where there is one.
+        recorded: Ticks in it.
+        record_lost: Ticks that it lacks.
+        record_failed: What ended it early; "" where nothing did.
+        notices: What was told: seconds since the beginning, level, text.
+        watchdog_restarts: How often the watchdog was started again.
+        watchdog_releases: How often it freed the fingers.
+        loop_failed: How the loop ended, where it did not end as it should.
     """
 
     reason: str
@@ -92,8 +92,8 @@ class SessionOutcome:
     record_lost: int = 0
     record_failed: str = ""
     notices: list[tuple[float, int, str]] = field(default_factory=list)
-    guardian_restarts: int = 0
-    guardian_releases: int = 0
+    watchdog_restarts: int = 0
+    watchdog_releases: int = 0
     loop_failed: str = ""
 
 
@@ -101,8 +101,8 @@ class Supervisor:
     """A live session; use it in a `with`, which ends the session in order on every way out.
 
     Args:
-        setup: of the session.
-        say: told of what happens while it happens.
+        setup: Of the session.
+        say: Told of what happens while it happens.
     """
 
     memory: SessionMemory
@@ -115,18 +115,20 @@ class Supervisor:
         self.memory = SessionMemory.create()
         self.tally = LiveTally(self.memory.ticks)
         self._events = RingReader(self.memory.events)
-        self._setup_descriptor = write_setup(setup)
+        descriptor = write_setup(setup)
+        self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
+        self._setups[WATCHDOG] = write_setup(setup.for_watchdog(self.memory.descriptors.status))
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
         self._reason = ""
         self._loop_failed = ""
         self._record_failed = ""
-        self._guardians = 0
-        self._guardian_restarts = 0
-        self._guardian_due = 0.0
+        self._watchdogs = 0
+        self._watchdog_restarts = 0
+        self._watchdog_due = 0.0
         self._began = time.monotonic()
         self._never_ran = False
-        self._asked = math.inf
+        self._stop_time = math.inf
         self._hangs = False
         self._outcome: SessionOutcome | None = None
 
@@ -134,14 +136,14 @@ class Supervisor:
         """Start all processes.
 
         Raises:
-            HhsimError: a process cannot be started; none is left running.
+            HhsimError: A process cannot be started; none is left running.
         """
         self._began = time.monotonic()
         try:
             if self.setup.record is not None:
                 self._start(RECORDER)
-            if self.setup.safety.guardian and not self.setup.dry_run:
-                self._start(GUARDIAN)
+            if self.setup.safety.watchdog and not self.setup.dry_run:
+                self._start(WATCHDOG)
             self._start(LOOP)
             if self.setup.rerun is not None:
                 self._start(VIEWER)
@@ -169,7 +171,7 @@ class Supervisor:
         return time.monotonic() - self._began
 
     def pid(self, name: str) -> int | None:
-        """The number of a process that runs, by `LOOP`, `GUARDIAN`, `RECORDER` or `VIEWER`; None where it does not."""
+        """The number of a process that runs, by `LOOP`, `WATCHDOG`, `RECORDER` or `VIEWER`; None where it does not."""
         child = self._children.get(name)
         return child.pid if child is not None and child.running else None
 
@@ -186,29 +188,29 @@ class Supervisor:
         if not self._children[LOOP].running or self._waited_enough():
             return False
         self._watch_loop()
-        self._watch_guardian()
+        self._watch_watchdog()
         for name, loses in ((RECORDER, "the rest of the session is not recorded"), (VIEWER, "")):
             child = self._children.get(name)
             ended_well = child is not None and child.code == 0 and self.stage == Stage.ENDED
-            if child is not None and not child.running and not child.told and not ended_well:
-                child.told = True
+            if child is not None and not child.running and not child.reported and not ended_well:
+                child.reported = True
                 if name == RECORDER:
                     self._record_failed = child.how_it_ended()
                 what = f"; {loses}" if loses else ""
                 self._notice(f"the {name} {child.how_it_ended()}{what}; the session goes on", WARNING)
         return True
 
-    def ask_stop(self, reason: str) -> None:
+    def request_stop(self, reason: str) -> None:
         """Ask the loop to free the fingers and end; the first reason is kept."""
         self._reason = self._reason or reason
-        self._asked = min(self._asked, time.monotonic())
-        self.memory.status["stop_asked"] = 1
+        self._stop_time = min(self._stop_time, time.monotonic())
+        self.memory.status["stop_requested"] = 1
 
     def end(self, reason: str = "") -> SessionOutcome:
         """End all processes in order; asking again gives the same.
 
         Args:
-            reason: why, where nothing else has ended the session.
+            reason: Why, where nothing else has ended the session.
 
         Returns:
             What became of it.
@@ -220,21 +222,22 @@ class Supervisor:
         self._end_loop()
         self._end_recorder()
         self._end_viewer()
-        self._end_guardian()
+        self._end_watchdog()
         self.tally.read()
         self._tell_events()
-        self._outcome = self._told()
+        self._outcome = self._outcome_now()
         for child in self._children.values():
             child.close()
-        os.close(self._setup_descriptor)
+        for descriptor in set(self._setups.values()):
+            os.close(descriptor)
         return self._outcome
 
     def check(self) -> None:
         """Raise what went wrong, after `end`.
 
         Raises:
-            DeviceError: the glove could not be reached.
-            HhsimError: the loop died, or the recording is not whole.
+            DeviceError: The glove could not be reached.
+            HhsimError: The loop died, or the recording is not whole.
         """
         outcome = self.end()
         if self._loop_failed:
@@ -246,55 +249,58 @@ class Supervisor:
             raise HhsimError(f"the recording{where} is not whole: {self._record_failed}")
 
     def _start(self, name: str) -> ChildProcess:
-        arguments = ["--setup", str(self._setup_descriptor), *self.memory.arguments()]
-        descriptors = [self._setup_descriptor, *self.memory.descriptors]
-        child = ChildProcess(name, MODULES[name], arguments, descriptors)
+        setup, memory = self._setups[name], self.memory
+        if name == WATCHDOG:
+            arguments, descriptors = [], [memory.descriptors.status]
+        else:
+            arguments, descriptors = memory.arguments(), list(memory.descriptors)
+        child = ChildProcess(name, MODULES[name], ["--setup", str(setup), *arguments], [setup, *descriptors])
         self._children[name] = child
         return child
 
     def _waited_enough(self) -> bool:
         """Whether a loop that was asked to end has had its time for it."""
-        return time.monotonic() - self._asked > LOOP_PATIENCE
+        return time.monotonic() - self._stop_time > LOOP_PATIENCE
 
     def _watch_loop(self) -> None:
         heartbeat = int(self.memory.status["heartbeat_ns"])
         silent = 1e-9 * (time.monotonic_ns() - heartbeat)
         hangs = heartbeat > 0 and self.stage == Stage.RUNNING and silent > SILENCE
         if hangs and not self._hangs:
-            text = f"the loop has given no sign of life for {silent:.1f} s: the guardian keeps the fingers free"
+            text = f"the loop has given no sign of life for {silent:.1f} s: the watchdog keeps the fingers free"
             self._notice(text, FAULT)
         elif self._hangs and not hangs and self.stage == Stage.RUNNING:
             self._notice("the loop is alive again", INFORMATION)
         self._hangs = hangs
 
-    def _watch_guardian(self) -> None:
-        guardian = self._children.get(GUARDIAN)
-        if guardian is None or guardian.running or self.stage == Stage.ENDED:
+    def _watch_watchdog(self) -> None:
+        watchdog = self._children.get(WATCHDOG)
+        if watchdog is None or watchdog.running or self.stage == Stage.ENDED:
             return
         now = time.monotonic()
-        if not guardian.told:
-            guardian.told = True
-            self._guardians = 0 if now - guardian.began > STEADY else self._guardians + 1
-            self._guardian_due = now + RESTART_PAUSES[min(max(self._guardians - 1, 0), len(RESTART_PAUSES) - 1)]
-            text = f"the guardian {guardian.how_it_ended()}: it is started again, the fingers are free until it is back"
+        if not watchdog.reported:
+            watchdog.reported = True
+            self._watchdogs = 0 if now - watchdog.began > STEADY else self._watchdogs + 1
+            self._watchdog_due = now + RESTART_PAUSES[min(max(self._watchdogs - 1, 0), len(RESTART_PAUSES) - 1)]
+            text = f"the watchdog {watchdog.how_it_ended()}: it is started again, the fingers are free until it is back"
             self._notice(text, FAULT)
-        if now >= self._guardian_due and self.memory.status["stop_asked"] == 0:
-            guardian.close()
-            self._guardian_restarts += 1
-            self._start(GUARDIAN)
+        if now >= self._watchdog_due and self.memory.status["stop_requested"] == 0:
+            watchdog.close()
+            self._watchdog_restarts += 1
+            self._start(WATCHDOG)
 
     def _end_loop(self) -> None:
         loop = self._children.get(LOOP)
         if loop is None:
             self.memory.status["stage"] = Stage.ENDED
             return
-        self._asked = min(self._asked, time.monotonic())
-        self.memory.status["stop_asked"] = 1
+        self._stop_time = min(self._stop_time, time.monotonic())
+        self.memory.status["stop_requested"] = 1
         for number, signal_ in enumerate((None, signal.SIGTERM, signal.SIGKILL), 1):
             if signal_ is not None:
                 self._notice(f"the loop does not end: it gets {signal_.name}", FAULT)
                 loop.send(signal_)
-            left = self._asked + number * LOOP_PATIENCE - time.monotonic()
+            left = self._stop_time + number * LOOP_PATIENCE - time.monotonic()
             if loop.wait(max(left, AT_LEAST)):
                 break
         if loop.code != 0 or self.stage != Stage.ENDED:
@@ -303,15 +309,15 @@ class Supervisor:
             self._reason = self._reason or self._loop_failed
             self._never_ran = not died and int(self.memory.status["ticks"]) == 0
             if not self._never_ran:
-                self._notice(f"{self._loop_failed}; the guardian frees the fingers", FAULT)
+                self._notice(f"{self._loop_failed}; the watchdog frees the fingers", FAULT)
         if self.stage != Stage.ENDED:
-            # The loop is dead and writes no more. The guardian frees the fingers first: it stops when this is ENDED.
-            self._let_guardian_release()
+            # The loop is dead and writes no more. The watchdog frees the fingers first: it stops when this is ENDED.
+            self._let_watchdog_release()
             self.memory.status["stage"] = Stage.ENDED
 
-    def _let_guardian_release(self) -> None:
+    def _let_watchdog_release(self) -> None:
         until = time.monotonic() + RELEASE_PATIENCE
-        while self.pid(GUARDIAN) is not None and time.monotonic() < until:
+        while self.pid(WATCHDOG) is not None and time.monotonic() < until:
             time.sleep(0.01)
 
     def _end_recorder(self) -> None:
@@ -323,9 +329,9 @@ class Supervisor:
             self.tally.read()
         if recorder.running:
             recorder.send(signal.SIGTERM)
-            if not recorder.wait(GUARDIAN_PATIENCE):
+            if not recorder.wait(WATCHDOG_PATIENCE):
                 recorder.send(signal.SIGKILL)
-                recorder.wait(GUARDIAN_PATIENCE)
+                recorder.wait(WATCHDOG_PATIENCE)
             self._record_failed = self._record_failed or "the recorder did not end"
         if recorder.code != 0 and not self._record_failed:
             self._record_failed = recorder.complaint() or recorder.how_it_ended()
@@ -340,14 +346,14 @@ class Supervisor:
             if viewer.wait(VIEWER_PATIENCE):
                 return
 
-    def _end_guardian(self) -> None:
-        guardian = self._children.get(GUARDIAN)
-        if guardian is None:
+    def _end_watchdog(self) -> None:
+        watchdog = self._children.get(WATCHDOG)
+        if watchdog is None:
             return
         for signal_ in (None, signal.SIGTERM, signal.SIGKILL):
             if signal_ is not None:
-                guardian.send(signal_)
-            if guardian.wait(GUARDIAN_PATIENCE):
+                watchdog.send(signal_)
+            if watchdog.wait(WATCHDOG_PATIENCE):
                 return
 
     def _tell_events(self) -> None:
@@ -368,7 +374,7 @@ class Supervisor:
             # A terminal that has gone hears nothing more; the session is ended in order all the same.
             self._say = lambda text, level: None
 
-    def _told(self) -> SessionOutcome:
+    def _outcome_now(self) -> SessionOutcome:
         status = self.memory.status
         names = [f.name for f in fields(DeviceCounters)]
         counters = DeviceCounters(**dict(zip(names, map(int, status["counters"]), strict=True)))
@@ -391,10 +397,10 @@ class Supervisor:
             record_lost=int(status["recorder_lost"]),
             record_failed=failed,
             notices=self._notices,
-            guardian_restarts=self._guardian_restarts,
-            guardian_releases=int(status["guardian_releases"]),
+            watchdog_restarts=self._watchdog_restarts,
+            watchdog_releases=int(status["watchdog_releases"]),
             loop_failed=self._loop_failed,
         )
 
 
-__all__ = ["FAULT", "GUARDIAN", "INFORMATION", "LOOP", "RECORDER", "VIEWER", "WARNING", "SessionOutcome", "Supervisor"]
+__all__ = ["FAULT", "INFORMATION", "LOOP", "RECORDER", "VIEWER", "WARNING", "WATCHDOG", "SessionOutcome", "Supervisor"]

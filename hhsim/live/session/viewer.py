@@ -27,10 +27,10 @@ from hhsim.errors import HhsimError, OutputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.live.ipc.config import LiveSetup, read_setup
-from hhsim.live.ipc.records import Stage
+from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.ipc.status import Stage
+from hhsim.live.shared_memory import RingReader, read_setup
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.blueprint import blueprint
@@ -64,8 +64,8 @@ class LiveViewer:
     """Shows one session.
 
     Args:
-        setup: of the session; `rerun` names the viewer or the file.
-        memory: of the session; `viewer_ns` of the status is written here.
+        setup: Of the session; `rerun` names the viewer or the file.
+        memory: Of the session; `viewer_ns` of the status is written here.
     """
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
@@ -92,8 +92,8 @@ class LiveViewer:
         """Show the session until it has ended.
 
         Raises:
-            ViewerGoneError: the viewer was closed.
-            InputError, OutputError: as `hhsim.view.sink.rerun_stream`.
+            ViewerGoneError: The viewer was closed.
+            InputError, OutputError: As `hhsim.view.sink.rerun_stream`.
         """
         setup = self._setup
         scene = ShownScene(
@@ -131,7 +131,7 @@ class LiveViewer:
         """Whether the viewer has taken all that was sent.
 
         Raises:
-            ViewerGoneError: it was closed, or has stalled for too long.
+            ViewerGoneError: It was closed, or has stalled for too long.
         """
         try:
             stream.flush(timeout_sec=PATIENCE)
@@ -195,7 +195,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with suppress(OSError):
         os.nice(NICENESS)
     try:
-        viewer = LiveViewer(read_setup(options.setup), attached(options))
+        viewer = LiveViewer(read_setup(options.setup, LiveSetup), attached(options))
         # Ctrl-C is for the session: its end is shown too.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGHUP, signal.SIG_IGN)

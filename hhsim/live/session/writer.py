@@ -16,6 +16,7 @@ written where it was cut short:
 | ended | why it ended; "" while it runs, and where the recording was cut short |
 """
 
+import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -29,8 +30,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import DeviceCounters
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.session.statistics import LiveTally
-from hhsim.live.session.summary import as_text, session_figures
+from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.replay.stored_scene import describe_scene, static_arrays
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.schema import (
@@ -57,13 +57,13 @@ class SessionWriter:
     """Takes records as they come out of the rings, and writes them block by block.
 
     Args:
-        path: of the file.
-        setup: of the session.
-        options: that the loop solves with.
-        facts: what the loop said before it ran, `SessionMemory.read_facts`.
+        path: Of the file.
+        setup: Of the session.
+        options: That the loop solves with.
+        facts: What the loop said before it ran, `SessionMemory.read_facts`.
 
     Raises:
-        OutputError: the file cannot be made.
+        OutputError: The file cannot be made.
     """
 
     lost: dict[str, int]
@@ -90,7 +90,7 @@ class SessionWriter:
             **description,
             "motion": description.get("motion") or "live",
             "rate": setup.rate,
-            "device": getattr(setup.device, "kind", ""),
+            "device": setup.device.kind,
             **describe_scene(setup.mesh, setup.tree, setup.hand, options, static),
         }
         tables = {
@@ -143,9 +143,9 @@ class SessionWriter:
         """Keep records of a ring for the next block.
 
         Args:
-            ring: one of `RINGS`.
-            first: number of the first one, counted from the ring's beginning.
-            records: of the ring's type.
+            ring: One of `RINGS`.
+            first: Number of the first one, counted from the ring's beginning.
+            records: Of the ring's type.
         """
         if len(records):
             self._waiting[ring].append((first, records))
@@ -155,25 +155,25 @@ class SessionWriter:
         """Write what was taken, and flush it.
 
         Args:
-            counters: of the device, in the order of `DeviceCounters`.
-            ended: why the recording ends here; "" where it goes on.
+            counters: Of the device, in the order of `DeviceCounters`.
+            ended: Why the recording ends here; "" where it goes on.
 
         Raises:
-            OutputError: the disk is full or gone; the ticks before stay readable.
+            OutputError: The disk is full or gone; the ticks before stay readable.
         """
-        told = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
-        self._write({"counters": told, "ended": ended})
+        named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
+        self._write({"counters": named, "ended": ended})
 
     def finish(self, ended: str, counters: Array, missed: int) -> Path:
         """Write what was taken and the summary, and mark the file complete.
 
         Args:
-            ended: why the session ended.
-            counters: as in `write`.
-            missed: periods without a tick since the loop began.
+            ended: Why the session ended.
+            counters: As in `write`.
+            missed: Periods without a tick since the loop began.
 
         Raises:
-            OutputError: as in `write`.
+            OutputError: As in `write`.
         """
         self.write(counters, ended)
         return self._writer.finish(session_figures(self.tally, missed, self.penetration_max, self.lost))
@@ -223,3 +223,8 @@ def _taken(columns: Sequence[Column], records: Records) -> dict[str, Array]:
 
 def _joined(blocks: list[dict[str, Array]]) -> dict[str, Array]:
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]} if blocks else {}
+
+
+def as_text(value: Any) -> str:
+    """Plain values as the JSON text that an attribute of the file holds."""
+    return json.dumps(value, sort_keys=True, ensure_ascii=False)

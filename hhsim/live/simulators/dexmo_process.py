@@ -51,9 +51,9 @@ class FakeDexmo(FakeProcess):
     """The server in a process of its own, for tests and long runs; a context.
 
     Args:
-        log: file of its records, `read_log`.
+        log: File of its records, `read_log`.
         port: 0 for any that is free; after `kill`, `start` takes the same again.
-        arguments: more of the command line, as "--seed", "3".
+        arguments: More of the command line, as "--seed", "3".
     """
 
     port: int

@@ -59,8 +59,8 @@ def fake_channels(seed: int, time: float) -> NDArray[np.float64]:
     """Channels of the made-up motion, 0 to 1.
 
     Args:
-        seed: of the pace of each finger.
-        time: since the beginning [s].
+        seed: Of the pace of each finger.
+        time: Since the beginning [s].
 
     Returns:
         In the order of `CHANNELS`, shape (11,).
@@ -84,12 +84,12 @@ class FakeDexmoServer:
 
     Args:
         port: 0 for any that is free.
-        rate: frames per second [Hz].
-        seed: of the motion.
-        gloves: numbers and hands: (337785601, "right").
-        log: file of records.
-        counts: channels are raw counts.
-        battery: charge [%].
+        rate: Frames per second [Hz].
+        seed: Of the motion.
+        gloves: Numbers and hands: (337785601, "right").
+        log: File of records.
+        counts: Channels are raw counts.
+        battery: Charge [%].
     """
 
     def __init__(
@@ -254,9 +254,15 @@ class FakeDexmoServer:
         client.stream.feed(data)
         try:
             while (payload := client.stream.next()) is not None:
-                for told in decode_impedances(payload):
+                for impedance in decode_impedances(payload):
                     self._note(
-                        Kind.COMMAND, client.number, told.device_id, told.kept, told.stiffness, told.set_point, now
+                        Kind.COMMAND,
+                        client.number,
+                        impedance.device_id,
+                        impedance.kept,
+                        impedance.stiffness,
+                        impedance.set_point,
+                        now,
                     )
         except HhsimError:
             self._note(Kind.BROKEN, client.number)

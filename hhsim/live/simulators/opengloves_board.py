@@ -37,7 +37,7 @@ class FakeLine:
     """The glove's end of a pseudo-terminal.
 
     Args:
-        link: path that always leads to the line that hhsim is to open.
+        link: Path that always leads to the line that hhsim is to open.
     """
 
     def __init__(self, link: Path) -> None:
@@ -149,7 +149,7 @@ class FakeOpenGloves:
     """The glove.
 
     Args:
-        options: of the command line.
+        options: Of the command line.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:

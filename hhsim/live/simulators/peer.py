@@ -44,7 +44,7 @@ class PeerLog:
     """Writes the log of a fake glove.
 
     Args:
-        path: of the log; None keeps none.
+        path: Of the log; None keeps none.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -112,8 +112,8 @@ class FakeHand:
     """The hand in a fake glove, with its faults.
 
     Args:
-        rate: samples a second [Hz].
-        seed: of its motion.
+        rate: Samples a second [Hz].
+        seed: Of its motion.
     """
 
     def __init__(self, rate: float, seed: int) -> None:
@@ -158,10 +158,10 @@ class FakePeer:
     """Runs a fake glove: samples at their times, commands as they come, faults as they are asked for.
 
     Args:
-        rate: samples a second [Hz].
-        seed: of the hand's motion.
-        log: where the frames are written down.
-        orders: that this glove obeys besides those of all, with what follows the word.
+        rate: Samples a second [Hz].
+        seed: Of the hand's motion.
+        log: Where the frames are written down.
+        orders: That this glove obeys besides those of all, with what follows the word.
     """
 
     def __init__(
@@ -186,9 +186,9 @@ class FakePeer:
         """Go on until the standard input ends.
 
         Args:
-            send: sends the sample of this number; numbers that fell into a stall are left out.
-            sources: descriptors from which commands come, and what reads them.
-            leave, back: take the connection away, and bring it back.
+            send: Sends the sample of this number; numbers that fell into a stall are left out.
+            sources: Descriptors from which commands come, and what reads them.
+            leave, back: Take the connection away, and bring it back.
         """
         start = time.monotonic()
         number = 0

@@ -7,6 +7,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from hhsim.live.simulators.peer import PeerRecord, read_peer_log
+
 
 class FakeProcess:
     """`python -m MODULE --log FILE …` while the block runs; a context. It may be started again after `kill`.
@@ -15,13 +17,13 @@ class FakeProcess:
     ends with that input.
 
     Args:
-        module: such as `hhsim.live.simulators.udp_sender`.
-        log: its log; a process that is started again goes on with it.
-        arguments: more of the command line.
-        ready: the word.
+        module: Such as `hhsim.live.simulators.udp_sender`.
+        log: Its log; a process that is started again goes on with it.
+        arguments: More of the command line.
+        ready: The word.
 
     Attributes:
-        where: what it says of where it can be reached: a port, or the path of a serial line.
+        where: What it says of where it can be reached: a port, or the path of a serial line.
     """
 
     where: str
@@ -36,7 +38,7 @@ class FakeProcess:
         """Start the process, and wait until it can be reached.
 
         Raises:
-            RuntimeError: it ended instead.
+            RuntimeError: It ended instead.
         """
         self._process = subprocess.Popen(
             [sys.executable, "-m", self.module, "--log", str(self.log), *self._arguments],
@@ -58,7 +60,7 @@ class FakeProcess:
         """Give an order, and wait until it is obeyed.
 
         Raises:
-            RuntimeError: there is no such order, or the process ended.
+            RuntimeError: There is no such order, or the process ended.
         """
         assert self._process is not None and self._process.stdin is not None
         self._process.stdin.write(text + "\n")
@@ -94,3 +96,11 @@ class FakeProcess:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         """End."""
         self.end()
+
+
+class FakePeerProcess(FakeProcess):
+    """A program whose log is that of `hhsim.live.simulators.peer`."""
+
+    def record(self) -> PeerRecord:
+        """What it wrote down so far."""
+        return read_peer_log(self.log)

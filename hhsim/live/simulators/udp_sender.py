@@ -24,7 +24,7 @@ class FakeUdpGlove:
     """The glove and its bridge.
 
     Args:
-        options: of the command line.
+        options: Of the command line.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:

@@ -38,7 +38,7 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
         (["--no-record", "--record", "a.h5"], "--no-record and --record a.h5 exclude each other"),
         (
             ["--device", "udp", "--trajectory", "pinch"],
-            "--trajectory is for --device sim or replay, and for --pose replay",
+            "--trajectory is for --device replay or sim, and for --pose replay",
         ),
         (
             ["--pose", "replay", "--palm", "0,0,0"],

@@ -1,222 +1,180 @@
-"""Gloves and poses that need no hardware: the simulated glove, the replayed one, and where the palm is."""
+"""The gloves that there are, and one more: a file of its own is all that it takes."""
 
-import time
+import importlib
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from live_scripted import FIST, FREE, FakeClock, make_setup
 
+import hhsim.live.devices
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
-from hhsim.live.devices.registry import DEVICE_KINDS, DeviceConfig, open_device
-from hhsim.live.ipc.records import LIVE_STATUS
-from hhsim.live.playback import RETURN_TIME, Playback
-from hhsim.live.pose.config import PoseConfig
-from hhsim.live.pose.registry import make_pose_source, write_keyboard_pose
-from hhsim.live.shared_memory import SharedBlock
-from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.dexmo_regression import DexmoRegression
+from hhsim.live.device import FingerRelease, GloveDevice, NothingHeld
+from hhsim.live.devices.registry import (
+    configure,
+    find_glove,
+    for_release,
+    glove_names,
+    open_device,
+    open_release,
+)
+from hhsim.live.ipc.config import OutputLimits, SafetyLimits
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.loop.loop import LiveLoop
+from hhsim.live.pose.registry import FixedPose
+
+Run = Callable[..., Any]
+
+TEXT_GLOVE = '''
+"""Bends read from a file of text: five numbers a line, a line a sample."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
+from hhsim.live.devices.registry import Glove, GloveConfig, GloveOptions, setting
+
+
+@dataclass(frozen=True)
+class TextOptions(GloveOptions):
+    file: str = setting("", "File of bends", "FILE")
+    fist: float = setting(90.0, "Angle of every joint of a fist", "DEG", unit="deg", least=1.0, most=120.0)
+
+
+class TextGlove(GloveDevice):
+    def __init__(self, config: GloveConfig) -> None:
+        self.options = config.options
+        self.clock = lambda: 0
+        self.stiffness: list[float] = []
+
+    def open(self, timeout: float = 5.0) -> None:
+        if not Path(self.options.file).is_file():
+            raise DeviceError(f"no file {self.options.file}")
+        self.lines = [line.split() for line in Path(self.options.file).read_text().splitlines()]
+        self.info = GloveInfo("text", Capability.POSITION_LIMIT | Capability.STIFFNESS, ("bend",) * 5)
+        self.counters = DeviceCounters()
+
+    def read(self, samples_out: np.ndarray) -> int:
+        if self.counters.samples == len(self.lines):
+            return 0
+        sample = samples_out[0]
+        sample["seq"], sample["time_ns"], sample["good"] = self.counters.samples, self.clock(), True
+        sample["flexion"] = np.radians(self.options.fist) * np.array(self.lines[self.counters.samples], float)[:, None]
+        sample["abduction"], sample["battery"], sample["channels"] = 0.0, -1, np.nan
+        self.counters.samples += 1
+        return 1
+
+    def send(self, command: FingerCommand) -> bool:
+        self.stiffness.append(float(command.stiffness.max()))
+        return True
+
+    def release(self, timeout: float = 0.05) -> bool:
+        self.stiffness.append(0.0)
+        return True
+
+    def reconnect(self) -> bool:
+        return True
+
+    def close(self) -> None:
+        pass
+
+
+GLOVE = Glove("bends from a file of text", driver=f"{__name__}:TextGlove", options=TextOptions)
+'''
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """CLOCK_MONOTONIC [ns] that the drivers see; tests move it."""
-    now = [10_000_000_000]
-    monkeypatch.setattr(time, "monotonic_ns", lambda: now[0])
-    return now
+def text_glove(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder with the one file that adds a glove, where the registry looks."""
+    folder = tmp_path / "gloves"
+    folder.mkdir()
+    (folder / "text.py").write_text(TEXT_GLOVE)
+    monkeypatch.setattr(hhsim.live.devices, "__path__", [*hhsim.live.devices.__path__, str(folder)])
+    yield folder
+    sys.modules.pop("hhsim.live.devices.text", None)
+    vars(hhsim.live.devices).pop("text", None)
 
 
-def motion(count: int = 50, rate: float = 100.0) -> Trajectory:
-    """A seeded motion in which no two samples are the same."""
-    random = np.random.default_rng(7)
-    return Trajectory(
-        time=np.arange(count) / rate + 3.0,
-        position=random.uniform(-0.1, 0.1, (count, 3)),
-        orientation=random.standard_normal((count, 4)),
-        flexion=random.uniform(0.0, 1.0, (count, 5, 3)),
-        abduction=random.uniform(-0.1, 0.1, (count, 5)),
-        name="seeded",
-    )
+def test_every_glove_has_a_record_a_driver_and_settings_with_defaults() -> None:
+    assert set(glove_names()) == {"dexmo", "opengloves", "replay", "sim", "udp"}
+    for name in glove_names():
+        glove = find_glove(name)
+        module, _, inside = glove.driver.partition(":")
+        assert issubclass(getattr(importlib.import_module(module), inside), GloveDevice)
+        for item in fields(glove.options):
+            assert getattr(glove.options(), item.name) == item.default
 
 
-def read_all(device: GloveDevice, most: int = 4096) -> NDArray[np.void]:
-    samples = np.zeros(most, GLOVE_SAMPLE)
-    return samples[: device.read(samples)]
-
-
-def test_every_kind_has_a_driver_and_an_unknown_one_is_named() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean dexmo"):
-        open_device(DeviceConfig(kind="dexmoo"))
+def test_what_there_is_not_is_named_with_what_there_is() -> None:
+    with pytest.raises(UnknownNameError, match="unknown glove 'dexmoo': did you mean dexmo"):
+        configure("dexmoo")
+    with pytest.raises(UnknownNameError, match="unknown setting of dexmo 'prot': did you mean port"):
+        configure("dexmo", prot=3)
     with pytest.raises(InputError, match="expected right or left"):
-        open_device(DeviceConfig(hand="both"))
-    with pytest.raises(UnknownNameError, match="unknown pose source"):
-        make_pose_source(PoseConfig(kind="camera"))
-    assert set(DEVICE_KINDS) >= {"sim", "replay"}
+        configure(hand="both")  # type: ignore[arg-type]
 
 
-def test_replay_gives_the_samples_of_the_motion_whenever_it_is_read(clock: list[int]) -> None:
-    given = motion()
-    ways = []
-    for steps in (np.full(100, 7_000_000), np.random.default_rng(1).integers(0, 30_000_000, 60)):
-        device = open_device(DeviceConfig(kind="replay", playback=Playback(given)))
-        device.open()
-        parts = [read_all(device)]
-        for step in steps:
-            clock[0] += int(step)
-            parts.append(read_all(device))
-        ways.append(np.concatenate(parts))
-        assert device.counters.frames == device.counters.samples == len(ways[-1])
-    for samples in ways:
-        assert np.array_equal(samples["seq"], np.arange(len(samples)))
-        assert np.array_equal(samples["flexion"][:50], given.flexion)
-        assert np.array_equal(samples["abduction"][:50], given.abduction)
-        assert np.array_equal(samples["device_time_ns"][:50], np.round(1e9 * (given.time - given.time[0])))
-        assert (samples["flexion"][50:] == given.flexion[-1]).all(), "a hand that rests"
-        assert samples["good"].all()
+def test_what_the_watchdog_opens_knows_nothing_of_readings() -> None:
+    config = configure("dexmo", port=1)
+    assert config.calibration is not None
+    bare = for_release(config)
+    assert (bare.calibration, bare.playback, bare.options) == (None, None, config.options)
+    assert isinstance(open_release(bare), FingerRelease)
+    assert isinstance(open_release(configure("sim")), NothingHeld)
 
 
-def test_replay_at_its_own_rate_is_due_when_its_stamps_say_and_goes_back_to_begin_anew(clock: list[int]) -> None:
-    given = motion()
-    device = open_device(DeviceConfig(kind="replay", playback=Playback(given, rate=500.0, repeat=True)))
-    assert len(read_all(device)) == 1
-    clock[0] += 2_000_000 - 1
-    assert len(read_all(device)) == 0
-    clock[0] += 1
-    assert len(read_all(device)) == 1
-    # 50 samples, then 1 s back in steps of 2 ms.
-    clock[0] += round(1e9 * (49 / 500.0 + RETURN_TIME))
-    again = read_all(device)
-    assert np.array_equal(np.diff(again["device_time_ns"]), np.full(len(again) - 1, 2_000_000))
-    assert np.array_equal(again["flexion"][:48], given.flexion[2:])
-    assert np.array_equal(again["flexion"][-2:], given.flexion[:2]), "the motion begins anew"
-    back = again["flexion"][47:-1]
-    assert len(back) == 501
-    assert np.allclose(back, back[0] + np.linspace(0.0, 1.0, 501)[:, None, None] * (back[-1] - back[0]))
-
-
-def test_what_does_not_fit_waits_for_the_next_read(clock: list[int]) -> None:
-    device = open_device(DeviceConfig(kind="replay", playback=Playback(motion())))
-    read_all(device)
-    clock[0] += 300_000_000
-    got = [read_all(device, 7)["seq"] for _ in range(6)]
-    assert np.array_equal(np.concatenate(got), np.arange(1, 31))
-
-
-def grasping() -> Trajectory:
-    """All fingers close in one second along the regression and stay."""
-    channels = np.zeros((201, 11))
-    channels[:, 2::2] = np.clip(np.arange(201)[:, None] / 100.0, 0.0, 1.0) * 0.8
-    flexion, abduction = DexmoRegression.default().angles(channels)
-    return Trajectory(
-        time=np.arange(201) / 100.0,
-        position=np.zeros((201, 3)),
-        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (201, 1)),
-        flexion=flexion,
-        abduction=abduction,
+def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: Path, tmp_path: Path) -> None:
+    bends = tmp_path / "bends.txt"
+    closure = np.linspace(FREE, FIST / np.pi * 2.0, 100)
+    bends.write_text("\n".join(" ".join([f"{bend:.6f}"] * 5) for bend in [*closure, *[closure[-1]] * 200]))
+    assert "text" in glove_names()
+    setup = make_setup(
+        device=configure("text", file=str(bends)),
+        safety=SafetyLimits(watchdog=False),
+        output=OutputLimits(ramp=0.02),
+        duration=0.25,
     )
+    memory, clock = SessionMemory.create(), FakeClock()
+    glove: Any = open_device(setup.device)
+    glove.clock = clock.now
+    glove.open()
+    loop = LiveLoop(setup, memory, glove, FixedPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), clock=clock)
+    assert loop.run() == "duration"
+    ticks = memory.ticks.records[: memory.ticks.written]
+    assert len(ticks) == 250
+    np.testing.assert_allclose(ticks["haptic_flexion"][120], FIST, atol=1e-6)
+    assert max(glove.stiffness) == pytest.approx(0.3)
+    assert glove.stiffness[-1] == 0.0
 
 
-def test_a_simulated_finger_makes_the_motion_and_stops_where_it_is_resisted(clock: list[int]) -> None:
-    regression = DexmoRegression.default()
-    device = open_device(DeviceConfig(kind="sim", playback=Playback(grasping()), seed=3))
-    command = FingerCommand()
-    command.bend[:] = 0.5
-    command.stiffness[:] = (1.0, 1.0, 0.2, 0.0, 0.0)
-    assert device.send(command)
-    parts = [read_all(device)]
-    for _ in range(400):
-        clock[0] += 5_000_000
-        parts.append(read_all(device))
-    samples = np.concatenate(parts)
-    assert len(samples) == 401
-    bend = regression.bends(samples["flexion"])
-    early = samples["device_time_ns"] < 5e8
-    wanted = np.clip(samples["device_time_ns"] / 1e9, 0.0, 1.0)[:, None] * 0.8
-    count = 5.0 / 2000.0
-    assert np.abs(bend - wanted)[early].max() < count, "free fingers go where their user goes"
-    expected = 0.8 - 0.3 * np.array([20.0 / 21.0, 20.0 / 21.0, 4.0 / 5.0, 0.0, 0.0])
-    assert np.abs(bend[-1] - expected).max() < count, "springs against each other"
-    assert np.allclose(np.clip(samples["channels"][:, :5], 0.0, 1.0), bend, atol=1e-9)
-    assert device.release()
-    for _ in range(40):
-        clock[0] += 5_000_000
-        last = read_all(device)
-    assert np.abs(regression.bends(last["flexion"]) - 0.8).max() < count, "released fingers close again"
+def test_a_glove_in_one_file_is_in_the_help_with_its_settings(
+    text_glove: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = importlib.import_module("hhsim.cli.live.glove")
+    try:
+        importlib.reload(module)
+        shown = " ".join(run("live", "glove", "--help").out.split())
+        assert "text: bends from a file of text" in shown
+        assert "--file FILE With --device text: file of bends." in shown
+        assert "--fist DEG With --device text: angle of every joint of a fist [deg]. [default: 90.0;" in shown
+        refused = run("live", "glove", "--device", "sim", "--fist", "80")
+        assert refused.err.startswith("hhsim: error: --fist is for --device text, not sim")
+        answer = run("live", "glove", "cube", "--device", "text", "--file", "gone", "--no-record", "--fist", "0")
+        assert "0.0 is not in the range 1.0<=x<=120.0" in answer.err
+    finally:
+        monkeypatch.undo()
+        importlib.reload(module)
 
 
-def test_the_simulated_glove_follows_its_seed_and_drops_what_nobody_read(clock: list[int]) -> None:
-    ways = []
-    for step, seed in ((5_000_000, 1), (11_000_000, 1), (5_000_000, 2)):
-        device = open_device(DeviceConfig(kind="sim", seed=seed))
-        parts = [read_all(device)]
-        while sum(map(len, parts)) < 200:
-            clock[0] += step
-            parts.append(read_all(device))
-        ways.append(np.concatenate(parts)["flexion"][:200])
-    assert np.array_equal(ways[0], ways[1])
-    assert not np.array_equal(ways[0], ways[2])
-    before = device.counters.samples
-    clock[0] += 10_000_000_000
-    assert len(read_all(device)) <= 201
-    assert device.counters.dropped + device.counters.samples == before + 2000
-
-
-def test_fingers_and_palm_of_one_motion_begin_together(clock: list[int]) -> None:
-    given = motion()
-    playback = Playback(given)
-    device = open_device(DeviceConfig(kind="replay", playback=playback))
-    source = make_pose_source(PoseConfig(kind="replay", playback=playback))
-    read_all(device)
-    position, orientation = np.empty(3), np.empty(4)
-    for k in range(50):
-        assert source.read(clock[0], position, orientation) == clock[0]
-        assert np.allclose(position, given.position[k], atol=1e-12)
-        assert np.allclose(np.abs(orientation @ given.orientation[k]), 1.0, atol=1e-12)
-        clock[0] += 10_000_000
-    clock[0] += 1_000_000_000
-    source.read(clock[0], position, orientation)
-    assert np.array_equal(position, given.position[-1]), "the palm stays"
-
-
-def test_a_repeated_motion_never_jumps() -> None:
-    playback = Playback(motion(), repeat=True)
-    source = make_pose_source(PoseConfig(kind="replay", playback=playback))
-    path = []
-    for now in range(0, 5_000_000_000, 1_000_000):
-        position, orientation = np.empty(3), np.empty(4)
-        source.read(now, position, orientation)
-        assert abs(np.linalg.norm(orientation) - 1.0) < 1e-12
-        path.append(position)
-    assert np.abs(np.diff(path, axis=0)).max() <= 0.2 / 10 + 1e-12, "no more than between two samples"
-
-
-def test_the_keyboard_pose_is_never_half_of_one_and_half_of_another() -> None:
-    status = SharedBlock.create("test-status", LIVE_STATUS)
-    source = make_pose_source(PoseConfig(kind="keyboard", position=(0.1, 0.2, 0.3)), status)
-    position, orientation = np.empty(3), np.empty(4)
-    assert source.read(5, position, orientation) == 5
-    assert position.tolist() == [0.1, 0.2, 0.3]
-    write_keyboard_pose(status, (1.0, 1.0, 1.0), (0.0, 2.0, 0.0, 0.0))
-    source.read(6, position, orientation)
-    assert position.tolist() == [1.0, 1.0, 1.0]
-    assert orientation.tolist() == [0.0, 1.0, 0.0, 0.0]
-    record = status.array[0]
-    record["pose_version"] += 1
-    record["pose_position"] = 2.0
-    source.read(7, position, orientation)
-    assert position.tolist() == [1.0, 1.0, 1.0], "a pose in the making is not read"
-    record["pose_version"] += 1
-    record["pose_position"] = np.nan
-    source.read(8, position, orientation)
-    assert position.tolist() == [1.0, 1.0, 1.0], "nor one that is not finite"
-    with pytest.raises(InputError, match="expected finite numbers"):
-        write_keyboard_pose(status, (0.0, np.inf, 0.0), (1.0, 0.0, 0.0, 0.0))
-
-
-def test_a_fixed_pose_is_checked() -> None:
-    position, orientation = np.empty(3), np.empty(4)
-    source = make_pose_source(PoseConfig(position=(1.0, 2.0, 3.0), orientation=(0.0, 0.0, 3.0, 0.0)))
-    assert source.read(1, position, orientation) == 1
-    assert orientation.tolist() == [0.0, 0.0, 1.0, 0.0]
-    with pytest.raises(InputError, match="expected finite numbers and a rotation"):
-        make_pose_source(PoseConfig(orientation=(0.0, 0.0, 0.0, 0.0)))
+def test_the_help_imports_no_driver_and_nothing_heavy() -> None:
+    program = "import sys, hhsim.cli.live.glove; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert {"numpy", "numba", "h5py", "scipy", "trimesh"}.isdisjoint(loaded)
+    assert not [name for name in loaded if name.startswith("hhsim.live.drivers")]

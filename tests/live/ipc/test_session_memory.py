@@ -10,11 +10,12 @@ import pytest
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import DeviceConfig
-from hhsim.live.ipc.config import LiveSetup, OutputLimits, RealTimeWishes, SafetyLimits, read_setup, write_setup
+from hhsim.live.devices.registry import configure
+from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import FACT_BYTES, WARNING, SessionMemory, add_memory_options, attached
-from hhsim.live.pose.config import PoseConfig
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.pose.source import PoseConfig
+from hhsim.live.real_time import RealTimeWishes
+from hhsim.live.shared_memory import RingReader, read_setup, write_setup
 from hhsim.mesh.generators import sphere
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -22,12 +23,12 @@ from hhsim.trees.sphere_tree import SphereTree
 CHILD = """
 import argparse
 from hhsim.live.ipc.session_memory import add_memory_options, attached
-from hhsim.live.ipc.config import read_setup
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.shared_memory import RingReader, read_setup
 parser = argparse.ArgumentParser()
 add_memory_options(parser)
 options = parser.parse_args()
-memory, setup = attached(options), read_setup(options.setup)
+memory, setup = attached(options), read_setup(options.setup, LiveSetup)
 first, ticks = RingReader(memory.ticks).read(10)
 heartbeat = int(memory.status["heartbeat_ns"])
 print(first, ticks["tick"].tolist(), heartbeat, memory.read_facts(), setup.rate, setup.device.kind)
@@ -42,7 +43,7 @@ def setup() -> LiveSetup:
         tree=SphereTree(np.zeros((1, 3)), np.array([0.03]), np.array([0]), np.array([-1])),
         hand=HandModel.default(),
         options=SolverOptions(),
-        device=DeviceConfig(kind="sim"),
+        device=configure("sim"),
         pose=PoseConfig(),
         rate=500.0,
     )
@@ -71,7 +72,7 @@ def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup) -> None:
 
 
 def test_a_setup_comes_back_whole(setup: LiveSetup) -> None:
-    again = read_setup(write_setup(setup))
+    again = read_setup(write_setup(setup), LiveSetup)
     assert np.array_equal(again.mesh.vertices, setup.mesh.vertices)
     assert np.array_equal(again.tree.radius, setup.tree.radius)
     assert again.options == setup.options

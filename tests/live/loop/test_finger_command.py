@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.live.ipc.config import OutputLimits
-from hhsim.live.loop.finger_command import OutputStage
+from hhsim.live.loop.finger_command import FingerCommander
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import Safety
 
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 PERIOD = 1e-3
 NOBODY = np.zeros(5, dtype=bool)
 REGRESSION = DexmoRegression.default()
+BEND_LINES = REGRESSION.bend_lines()
 ROUNDING = 1e-12
 
 numbers = st.one_of(st.floats(-10.0, 10.0), st.sampled_from([np.nan, np.inf, -np.inf, 1e300]))
@@ -55,7 +56,7 @@ def fill(flexion: float, force: float) -> tuple[Array, Array]:
 @settings(max_examples=200)
 @given(limits, st.lists(inputs, min_size=1, max_size=40))
 def test_no_input_breaks_the_limits(limits: OutputLimits, steps: list[Input]) -> None:
-    stage = OutputStage(limits, REGRESSION, PERIOD)
+    stage = FingerCommander(limits, BEND_LINES, PERIOD)
     command = stage.command
     before, bend_before, begun, since = command.stiffness.copy(), None, False, 0
     for step in steps:
@@ -87,7 +88,7 @@ def test_no_input_breaks_the_limits(limits: OutputLimits, steps: list[Input]) ->
 
 @pytest.mark.parametrize("bit", list(Safety))
 def test_every_safety_bit_frees_the_fingers_in_its_tick_and_the_ramp_follows(bit: Safety) -> None:
-    stage = OutputStage(OutputLimits(ramp=0.1, stiffness_rise=1e6), REGRESSION, PERIOD)
+    stage = FingerCommander(OutputLimits(ramp=0.1, stiffness_rise=1e6), BEND_LINES, PERIOD)
     for _ in range(200):
         stage.update(*fill(0.5, 1.0), 0, NOBODY)
     assert (stage.command.stiffness == 0.3).all()
@@ -102,7 +103,7 @@ def test_every_safety_bit_frees_the_fingers_in_its_tick_and_the_ramp_follows(bit
 @pytest.mark.parametrize("place", ["flexion", "force"])
 @pytest.mark.parametrize("finger", [0, 4])
 def test_a_solver_that_is_not_finite_has_failed(bad: float, place: str, finger: int) -> None:
-    stage = OutputStage(OutputLimits(ramp=0.0), REGRESSION, PERIOD)
+    stage = FingerCommander(OutputLimits(ramp=0.0), BEND_LINES, PERIOD)
     for _ in range(100):
         stage.update(*fill(0.5, 1.0), 0, NOBODY)
     bend = stage.command.bend.copy()
@@ -115,7 +116,7 @@ def test_a_solver_that_is_not_finite_has_failed(bad: float, place: str, finger: 
 
 def test_set_points_are_those_of_the_regression() -> None:
     random = np.random.default_rng(1)
-    stage = OutputStage(OutputLimits(bend_speed=1e6), REGRESSION, PERIOD)
+    stage = FingerCommander(OutputLimits(bend_speed=1e6), BEND_LINES, PERIOD)
     for _ in range(100):
         flexion = random.uniform(-0.3, 2.0, (5, 3))
         stage.update(flexion, np.zeros((5, 3, 3)), 0, NOBODY)
@@ -126,13 +127,13 @@ def test_a_finger_whose_bend_means_nothing_is_told_zero() -> None:
     slope = REGRESSION.slope.copy()
     slope[3:6] = 0.0
     dead = DexmoRegression(REGRESSION.open, REGRESSION.closed, slope, REGRESSION.offset)
-    stage = OutputStage(OutputLimits(), dead, PERIOD)
+    stage = FingerCommander(OutputLimits(), dead.bend_lines(), PERIOD)
     stage.update(*fill(0.5, 1.0), 0, NOBODY)
     assert stage.command.bend[1] == dead.bends(np.full((5, 3), 0.5))[1] == 0.0
 
 
 def test_only_a_finger_that_carries_force_is_held() -> None:
-    stage = OutputStage(OutputLimits(ramp=0.0, stiffness_rise=1e6, contact_force=0.1), REGRESSION, PERIOD)
+    stage = FingerCommander(OutputLimits(ramp=0.0, stiffness_rise=1e6, contact_force=0.1), BEND_LINES, PERIOD)
     force = np.zeros((5, 3, 3))
     # Forces that are opposed are forces too.
     force[1, 0, 0], force[1, 1, 0] = 0.06, -0.06

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hhsim.live.ipc.config import SafetyLimits
-from hhsim.live.loop.interlock import QUIET_NS, SafetyGate, SafetyLog
+from hhsim.live.loop.interlock import QUIET_NS, Interlock, SafetyLog
 from hhsim.result.safety import Safety
 
 NOW = 10**12
@@ -17,7 +17,7 @@ GOOD: dict[str, Any] = {
     "pose_ns": NOW,
     "usable": True,
     "missed": 0,
-    "guardian_ns": NOW,
+    "watchdog_ns": NOW,
     "armed": True,
     "lost": False,
     "stopping": False,
@@ -25,7 +25,7 @@ GOOD: dict[str, Any] = {
 
 
 def test_what_is_good_frees_nothing() -> None:
-    assert SafetyGate(SafetyLimits()).judge(NOW, **GOOD) == 0
+    assert Interlock(SafetyLimits()).judge(NOW, **GOOD) == 0
 
 
 @pytest.mark.parametrize(
@@ -40,30 +40,30 @@ def test_what_is_good_frees_nothing() -> None:
         ({"usable": False}, Safety.NOT_FINITE),
         ({"missed": 9}, 0),
         ({"missed": 10}, Safety.OVERRUN_STREAK),
-        ({"guardian_ns": NOW - 100 * MS}, 0),
-        ({"guardian_ns": NOW - 100 * MS - 1}, Safety.NO_GUARDIAN),
-        ({"guardian_ns": 0, "armed": False}, Safety.NO_GUARDIAN),
-        ({"armed": False}, Safety.NO_GUARDIAN),
+        ({"watchdog_ns": NOW - 100 * MS}, 0),
+        ({"watchdog_ns": NOW - 100 * MS - 1}, Safety.NO_WATCHDOG),
+        ({"watchdog_ns": 0, "armed": False}, Safety.NO_WATCHDOG),
+        ({"armed": False}, Safety.NO_WATCHDOG),
         ({"lost": True}, Safety.DEVICE_LOST),
         ({"stopping": True}, Safety.STOPPING),
         ({"stopping": True, "lost": True, "usable": False}, Safety.STOPPING | Safety.DEVICE_LOST | Safety.NOT_FINITE),
     ],
 )
 def test_each_reason_has_its_bit(change: dict[str, Any], expected: int) -> None:
-    assert SafetyGate(SafetyLimits()).judge(NOW, **(GOOD | change)) == expected
+    assert Interlock(SafetyLimits()).judge(NOW, **(GOOD | change)) == expected
 
 
 def test_a_streak_is_periods_missed_without_one_in_time() -> None:
-    gate = SafetyGate(SafetyLimits(overruns=4))
+    gate = Interlock(SafetyLimits(overruns=4))
     judged = [gate.judge(NOW, **(GOOD | {"missed": missed})) for missed in (1, 1, 1, 0, 1, 1, 1, 1, 0)]
     assert judged == [0, 0, 0, 0, 0, 0, 0, Safety.OVERRUN_STREAK, 0]
     assert gate.streak == 0
 
 
-def test_a_dry_run_is_free_and_needs_no_guardian() -> None:
-    change = {"armed": False, "guardian_ns": 0}
-    assert SafetyGate(SafetyLimits(), dry_run=True).judge(NOW, **(GOOD | change)) == Safety.DRY_RUN
-    assert SafetyGate(SafetyLimits(guardian=False)).judge(NOW, **(GOOD | change)) == 0
+def test_a_dry_run_is_free_and_needs_no_watchdog() -> None:
+    change = {"armed": False, "watchdog_ns": 0}
+    assert Interlock(SafetyLimits(), dry_run=True).judge(NOW, **(GOOD | change)) == Safety.DRY_RUN
+    assert Interlock(SafetyLimits(watchdog=False)).judge(NOW, **(GOOD | change)) == 0
 
 
 @given(st.lists(st.integers(0, 2**9 - 1), max_size=100))

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import FingerCommand
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.ipc.records import LIVE_TICK
 from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.loop.tick_times import BATCH
 from hhsim.live.pose.registry import FixedPose
-from hhsim.live.pose_source import PoseSource
+from hhsim.live.pose.source import PoseSource
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
@@ -40,7 +41,7 @@ class Session:
     """A loop that has run a script to its end."""
 
     def __init__(self, script: Sequence[Moment], pose: PoseSource | None = None, **changes: Any) -> None:
-        given: dict[str, Any] = {"output": QUICK, "safety": SafetyLimits(guardian=False)}
+        given: dict[str, Any] = {"output": QUICK, "safety": SafetyLimits(watchdog=False)}
         self.setup: LiveSetup = make_setup(**(given | {"duration": 1e-3 * (len(script) + 1)} | changes))
         self.memory = SessionMemory.create()
         self.clock = FakeClock()
@@ -58,7 +59,7 @@ class Session:
     def stiffness_at(self, tick: int) -> Array:
         """What the glove has been told when a tick is over, shape (5,)."""
         end = self.loop.deadlines.clock.now() if tick < 0 else 10**9 + (tick + 2) * PERIOD
-        told = [command for command in self.glove.told if command.time_ns < end]
+        told = [command for command in self.glove.commands if command.time_ns < end]
         return told[-1].stiffness
 
 
@@ -72,7 +73,7 @@ def test_a_hand_that_holds_is_held_and_is_released_at_the_end() -> None:
     assert session.stiffness_at(100).max() == 0.3
     assert session.ticks["safety"][:-1].tolist() == [0] * 120
     assert session.ticks["safety"][-1] == Safety.STOPPING
-    assert (session.glove.told[-1].stiffness == 0.0).all(), "the last tick frees the fingers"
+    assert (session.glove.commands[-1].stiffness == 0.0).all(), "the last tick frees the fingers"
     assert len(session.glove.released) == 1
     assert session.memory.status["stage"] == Stage.ENDING
     assert session.ticks["tick"].tolist() == list(range(121))
@@ -85,7 +86,7 @@ def test_a_hand_that_holds_is_held_and_is_released_at_the_end() -> None:
 
 def test_what_is_published_is_what_the_glove_was_told() -> None:
     session = holding()
-    told = session.glove.told
+    told = session.glove.commands
     np.testing.assert_array_equal(session.ticks["command_stiffness"], [command.stiffness for command in told])
     np.testing.assert_array_equal(session.ticks["command_bend"], [command.bend for command in told])
 
@@ -189,7 +190,7 @@ def test_a_command_that_was_long_in_the_making_frees_the_fingers() -> None:
     session.run()
     assert session.ticks["command_stiffness"][119].max() == 0.3
     assert session.ticks["safety"][120] == Safety.OVERRUN_STREAK
-    assert (session.glove.told[120].stiffness == 0.0).all()
+    assert (session.glove.commands[120].stiffness == 0.0).all()
 
 
 def test_a_glove_that_goes_is_free_when_it_comes_back() -> None:
@@ -204,7 +205,7 @@ def test_a_glove_that_goes_is_free_when_it_comes_back() -> None:
     session.run()
     assert tries == [121, 131, 141], "it is looked for again and again, but not in every tick"
     assert_freed(session, 120, 140, Safety.DEVICE_LOST)
-    assert len(session.glove.told) == 120 + 29, "nothing is sent to a glove that is gone"
+    assert len(session.glove.commands) == 120 + 29, "nothing is sent to a glove that is gone"
     np.testing.assert_allclose(session.ticks["command_stiffness"][141:151].max(axis=1), 0.03 * np.arange(1, 11))
     assert any("the glove is gone" in text and "scripted glove is gone" in text for text in session.events)
     assert "the glove is back" in session.events
@@ -247,17 +248,17 @@ def test_a_solver_that_is_full_frees_the_fingers() -> None:
     assert (session.ticks["command_stiffness"] == 0.0).all()
 
 
-def test_without_a_guardian_the_fingers_are_free_and_then_ramped() -> None:
-    session = Session(HOLDING, safety=SafetyLimits(guardian=True))
+def test_without_a_watchdog_the_fingers_are_free_and_then_ramped() -> None:
+    session = Session(HOLDING, safety=SafetyLimits(watchdog=True))
     status = session.memory.status
 
     def arrive() -> None:
-        status["guardian_armed"] = 1
-        status["guardian_ns"] = session.clock.now()
+        status["watchdog_armed"] = 1
+        status["watchdog_ns"] = session.clock.now()
 
     session.glove.at_tick[90] = arrive
     session.run()
-    guarded = np.flatnonzero((session.ticks["safety"] & Safety.NO_GUARDIAN) == 0)
+    guarded = np.flatnonzero((session.ticks["safety"] & Safety.NO_WATCHDOG) == 0)
     assert guarded[0] == 90 or guarded[0] == 91
     assert (session.ticks["command_stiffness"][: guarded[0]] == 0.0).all()
     assert session.ticks["command_stiffness"][119].max() == 0.3
@@ -265,7 +266,7 @@ def test_without_a_guardian_the_fingers_are_free_and_then_ramped() -> None:
 
 def test_a_dry_run_sends_nothing_at_all() -> None:
     session = Session(HOLDING, dry_run=True, safety=SafetyLimits()).run()
-    assert session.glove.told == []
+    assert session.glove.commands == []
     assert session.glove.released == []
     assert ((session.ticks["safety"] & Safety.DRY_RUN) != 0).all()
     assert (session.ticks["command_stiffness"] == 0.0).all()
@@ -285,8 +286,8 @@ def test_nothing_is_solved_before_there_is_an_input() -> None:
     session = Session([*[Moment(None)] * 20, *HOLDING]).run()
     assert session.ticks["tick"][0] == 20
     assert session.ticks["input_seq"][0] == 0
-    assert len(session.glove.told) == 141
-    assert all((command.stiffness == 0.0).all() for command in session.glove.told[:20])
+    assert len(session.glove.commands) == 141
+    assert all((command.stiffness == 0.0).all() for command in session.glove.commands[:20])
 
 
 def test_a_pose_that_stops_is_stale_input() -> None:
@@ -311,14 +312,14 @@ def test_a_stop_frees_the_fingers_in_the_next_tick_and_releases(how: str) -> Non
         if how == "signal":
             session.loop.stop("SIGTERM")
         else:
-            session.memory.status["stop_asked"] = 1
+            session.memory.status["stop_requested"] = 1
 
     session.glove.at_tick[100] = stop
     session.run()
     assert session.reason == ("SIGTERM" if how == "signal" else "stopped")
-    assert (session.glove.told[-1].stiffness == 0.0).all()
-    assert session.glove.told[-2].stiffness.max() == 0.3
-    assert len(session.glove.told) in (101, 102)
+    assert (session.glove.commands[-1].stiffness == 0.0).all()
+    assert session.glove.commands[-2].stiffness.max() == 0.3
+    assert len(session.glove.commands) in (101, 102)
     assert len(session.glove.released) == 1
 
 

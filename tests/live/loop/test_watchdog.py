@@ -1,4 +1,4 @@
-"""The guardian, in processes of its own: it frees the fingers when the loop cannot, and ends when nobody needs it."""
+"""The watchdog, in processes of its own: it frees the fingers when the loop cannot, and ends when nobody needs it."""
 
 import os
 import select
@@ -14,9 +14,12 @@ from typing import NamedTuple
 import pytest
 from live_scripted import make_setup
 
-from hhsim.live.ipc.config import LiveSetup, OutputLimits, RealTimeWishes, write_setup
-from hhsim.live.ipc.records import Stage
+from hhsim.live.devices.registry import GloveConfig, configure, glove_names
+from hhsim.live.ipc.config import LiveSetup, OutputLimits
 from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.ipc.status import Stage
+from hhsim.live.real_time import RealTimeWishes
+from hhsim.live.shared_memory import write_setup
 
 PROGRAM = Path(__file__).parents[2] / "guarded_loop.py"
 MS = 1_000_000
@@ -30,18 +33,20 @@ class Line(NamedTuple):
 
 
 class Guarded:
-    """A session of a loop and a guardian, with what the glove was told."""
+    """A session of a loop and a watchdog, with what the glove was told."""
 
     def __init__(self, folder: Path, setup: LiveSetup) -> None:
         self.memory = SessionMemory.create()
-        self.setup = write_setup(setup)
+        watched = setup.for_watchdog(self.memory.descriptors.status)
+        self.setups = {"loop": write_setup(setup), "watchdog": write_setup(watched)}
         self.log = folder / "log"
         self.children: list[subprocess.Popen[bytes]] = []
 
     def start(self, who: str) -> subprocess.Popen[bytes]:
+        memory = self.memory.arguments() if who == "loop" else []
         child = subprocess.Popen(
-            [sys.executable, str(PROGRAM), who, str(self.log), "--setup", str(self.setup), *self.memory.arguments()],
-            pass_fds=(self.setup, *self.memory.descriptors),
+            [sys.executable, str(PROGRAM), who, str(self.log), "--setup", str(self.setups[who]), *memory],
+            pass_fds=(self.setups[who], *self.memory.descriptors),
         )
         self.children.append(child)
         return child
@@ -58,20 +63,20 @@ class Guarded:
             assert time.monotonic() < end, f"{what} did not come about in {PATIENCE:g} s"
             time.sleep(0.005)
 
-    def until_guardian_lives_on(self) -> None:
-        seen = int(self.memory.status["guardian_ns"])
-        self.until(lambda: self.memory.status["guardian_ns"] > seen + 50 * MS, "a sign of life of the guardian")
+    def until_watchdog_lives_on(self) -> None:
+        seen = int(self.memory.status["watchdog_ns"])
+        self.until(lambda: self.memory.status["watchdog_ns"] > seen + 50 * MS, "a sign of life of the watchdog")
 
     def hold(self) -> tuple[subprocess.Popen[bytes], subprocess.Popen[bytes]]:
-        """Guardian and loop, once a finger is held."""
-        guardian = self.start("guardian")
+        """Watchdog and loop, once a finger is held."""
+        watchdog = self.start("watchdog")
         loop = self.start("loop")
         self.until(lambda: self.memory.status["command_stiffness"].max() > 0.1, "a finger that is held")
-        return guardian, loop
+        return watchdog, loop
 
     @property
     def limit_ns(self) -> int:
-        """Within this the fingers must be free: 50 ms where the guardian has real-time scheduling."""
+        """Within this the fingers must be free: 50 ms where the watchdog has real-time scheduling."""
         try:
             policies = [os.sched_getscheduler(child.pid) for child in self.children]
         except OSError:
@@ -84,14 +89,16 @@ SUPERVISOR = """
 import subprocess, sys, time
 sys.path.insert(0, sys.argv[1])
 from live_scripted import make_setup
-from hhsim.live.ipc.config import RealTimeWishes, write_setup
+from hhsim.live.real_time import RealTimeWishes
+from hhsim.live.shared_memory import write_setup
 from hhsim.live.ipc.session_memory import SessionMemory
 memory = SessionMemory.create()
-setup = write_setup(make_setup(real_time=RealTimeWishes(lock_memory=False, cpu=-1)))
-for name in ("guardian", "loop_process"):
-    arguments = ["--setup", str(setup), *memory.arguments()]
-    command = [sys.executable, "-m", f"hhsim.live.{name}", *arguments]
-    child = subprocess.Popen(command, pass_fds=(setup, *memory.descriptors))
+whole = make_setup(real_time=RealTimeWishes(lock_memory=False, cpu=-1))
+watched = whole.for_watchdog(memory.descriptors.status)
+for name, setup, arguments in (("watchdog", watched, []), ("process", whole, memory.arguments())):
+    descriptor = write_setup(setup)
+    command = [sys.executable, "-m", f"hhsim.live.loop.{name}", "--setup", str(descriptor), *arguments]
+    child = subprocess.Popen(command, pass_fds=(descriptor, *memory.descriptors))
     print(child.pid)
 while memory.status["ticks"] < 20:
     time.sleep(0.01)
@@ -112,32 +119,32 @@ def guarded(tmp_path: Path) -> Iterator[Guarded]:
 
 
 def test_a_loop_that_is_killed_is_spoken_for(guarded: Guarded) -> None:
-    guardian, loop = guarded.hold()
+    watchdog, loop = guarded.hold()
     limit = guarded.limit_ns
-    assert not any(line.who == "guardian" for line in guarded.lines()), "it is quiet while the loop is well"
+    assert not any(line.who == "watchdog" for line in guarded.lines()), "it is quiet while the loop is well"
     killed = time.monotonic_ns()
     loop.kill()
     loop.wait()
-    guarded.until(lambda: guarded.lines()[-1].who == "guardian", "a word of the guardian")
-    after = [line for line in guarded.lines() if line.time_ns >= killed and line.who == "guardian"]
+    guarded.until(lambda: guarded.lines()[-1].who == "watchdog", "a word of the watchdog")
+    after = [line for line in guarded.lines() if line.time_ns >= killed and line.who == "watchdog"]
     assert after[0].stiffness == 0.0
     assert after[0].time_ns - killed <= limit
-    guardian.send_signal(signal.SIGTERM)
-    assert guardian.wait(PATIENCE) == 0
-    spoken = [line for line in guarded.lines() if line.who == "guardian" and line.stiffness == 0.0]
+    watchdog.send_signal(signal.SIGTERM)
+    assert watchdog.wait(PATIENCE) == 0
+    spoken = [line for line in guarded.lines() if line.who == "watchdog" and line.stiffness == 0.0]
     assert len(spoken) >= 3, "again and again: a first word may be lost"
-    assert guarded.memory.status["guardian_releases"] == len(spoken) - 1, "its last word is a matter of course"
-    assert guarded.memory.status["guardian_armed"] == 0
+    assert guarded.memory.status["watchdog_releases"] == len(spoken) - 1, "its last word is a matter of course"
+    assert guarded.memory.status["watchdog_armed"] == 0
     assert guarded.lines()[-1].stiffness == -1.0, "its connection is closed"
 
 
 def test_a_loop_that_stands_still_is_spoken_for_until_it_goes_on(guarded: Guarded) -> None:
-    guardian, loop = guarded.hold()
+    watchdog, loop = guarded.hold()
     limit = guarded.limit_ns
     stopped = time.monotonic_ns()
     loop.send_signal(signal.SIGSTOP)
-    guarded.until(lambda: guarded.memory.status["guardian_releases"] >= 3, "three words of the guardian")
-    spoken = [line for line in guarded.lines() if line.who == "guardian"]
+    guarded.until(lambda: guarded.memory.status["watchdog_releases"] >= 3, "three words of the watchdog")
+    spoken = [line for line in guarded.lines() if line.who == "watchdog"]
     assert spoken[0].time_ns - stopped <= limit
     gaps = [after.time_ns - before.time_ns for before, after in pairwise(spoken)]
     assert all(gap >= 19 * MS for gap in gaps)
@@ -151,51 +158,51 @@ def test_a_loop_that_stands_still_is_spoken_for_until_it_goes_on(guarded: Guarde
     assert since()[0].stiffness == 0.0, "a loop that stood still frees the fingers before it holds them again"
     loop.send_signal(signal.SIGINT)
     assert loop.wait(PATIENCE) == 0
-    assert guardian.wait(PATIENCE) == 0
+    assert watchdog.wait(PATIENCE) == 0
 
 
-def test_the_guardian_outlives_the_loop_whatever_signal_it_gets(guarded: Guarded) -> None:
-    guardian, loop = guarded.hold()
+def test_the_watchdog_outlives_the_loop_whatever_signal_it_gets(guarded: Guarded) -> None:
+    watchdog, loop = guarded.hold()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        guardian.send_signal(number)
-        guarded.until_guardian_lives_on()
-        assert guardian.poll() is None
+        watchdog.send_signal(number)
+        guarded.until_watchdog_lives_on()
+        assert watchdog.poll() is None
     loop.send_signal(signal.SIGINT)
     assert loop.wait(PATIENCE) == 0
-    assert guardian.wait(PATIENCE) == 0
+    assert watchdog.wait(PATIENCE) == 0
     told = [line for line in guarded.lines() if line.stiffness >= 0.0]
     assert told[-1].stiffness == 0.0
     assert any(line.who == "loop" and line.stiffness == -1.0 for line in guarded.lines()), "the loop closed its glove"
     assert guarded.memory.status["stage"] == Stage.ENDED
 
 
-def test_a_loop_whose_guardian_is_killed_frees_the_fingers_until_there_is_another(guarded: Guarded) -> None:
-    guardian, loop = guarded.hold()
-    guardian.kill()
-    guardian.wait()
+def test_a_loop_whose_watchdog_is_killed_frees_the_fingers_until_there_is_another(guarded: Guarded) -> None:
+    watchdog, loop = guarded.hold()
+    watchdog.kill()
+    watchdog.wait()
     guarded.until(lambda: guarded.memory.status["command_stiffness"].max() == 0.0, "fingers that are free")
-    guarded.start("guardian")
+    guarded.start("watchdog")
     guarded.until(lambda: guarded.memory.status["command_stiffness"].max() > 0.1, "a finger that is held again")
     loop.send_signal(signal.SIGTERM)
     assert loop.wait(PATIENCE) == 0
 
 
-def test_a_guardian_without_a_loop_ends_when_it_is_asked_to(guarded: Guarded) -> None:
-    guardian = guarded.start("guardian")
-    guarded.until(lambda: guarded.memory.status["guardian_armed"], "a guardian that is armed")
-    guardian.send_signal(signal.SIGTERM)
-    assert guardian.wait(PATIENCE) == 0
+def test_a_watchdog_without_a_loop_ends_when_it_is_asked_to(guarded: Guarded) -> None:
+    watchdog = guarded.start("watchdog")
+    guarded.until(lambda: guarded.memory.status["watchdog_armed"], "a watchdog that is armed")
+    watchdog.send_signal(signal.SIGTERM)
+    assert watchdog.wait(PATIENCE) == 0
 
 
 def test_nobody_speaks_in_a_dry_run(tmp_path: Path) -> None:
     session = Guarded(tmp_path, make_setup(dry_run=True, duration=0.3))
-    guardian, loop = session.start("guardian"), session.start("loop")
+    watchdog, loop = session.start("watchdog"), session.start("loop")
     assert loop.wait(PATIENCE) == 0
-    assert guardian.wait(PATIENCE) == 0
+    assert watchdog.wait(PATIENCE) == 0
     assert [line for line in session.lines() if line.stiffness >= 0.0] == []
 
 
-def test_loop_and_guardian_end_when_their_supervisor_is_killed() -> None:
+def test_loop_and_watchdog_end_when_their_supervisor_is_killed() -> None:
     arguments = [sys.executable, "-c", SUPERVISOR, str(PROGRAM.parent)]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as supervisor:
         assert supervisor.stdout is not None
@@ -210,3 +217,45 @@ def test_loop_and_guardian_end_when_their_supervisor_is_killed() -> None:
         if not ended:
             os.kill(pid, signal.SIGKILL)
         assert ended
+
+
+def loaded_by_the_watchdog(config: GloveConfig) -> list[str]:
+    """Modules of hhsim in the watchdog's process once it watches."""
+    memory = SessionMemory.create()
+    setup = make_setup(device=config, real_time=RealTimeWishes.none(), supervisor=os.getpid())
+    descriptor = write_setup(setup.for_watchdog(memory.descriptors.status))
+    with subprocess.Popen(
+        [sys.executable, "-c", LOADED, "--setup", str(descriptor)],
+        pass_fds=(descriptor, memory.descriptors.status),
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            end = time.monotonic() + PATIENCE
+            while memory.status["watchdog_ns"] == 0:
+                assert time.monotonic() < end and process.poll() is None
+                time.sleep(0.005)
+            process.terminate()
+            answer, _ = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    return answer.split()
+
+
+LOADED = """
+import runpy, sys
+sys.argv[0] = "watchdog"
+try:
+    runpy.run_module("hhsim.live.loop.watchdog", run_name="__main__", alter_sys=True)
+except SystemExit as end:
+    assert not end.code
+print(*sys.modules)
+"""
+
+
+@pytest.mark.parametrize("kind", glove_names())
+def test_the_watchdog_is_small(kind: str) -> None:
+    loaded = loaded_by_the_watchdog(configure(kind))
+    ours = [name for name in loaded if name.split(".")[0] == "hhsim"]
+    assert len(ours) <= 20, ours
+    assert {"numba", "trimesh", "h5py", "scipy"}.isdisjoint(loaded)

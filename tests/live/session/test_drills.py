@@ -22,8 +22,8 @@ import pytest
 from live_drill import IN_TIME, LOOP, STIFF, WITHOUT_REAL_TIME, Drill, FakeDexmo, Kind, Safety, grasping_setup, stiff
 from numpy.typing import NDArray
 
-from hhsim.live.ipc.records import Stage
-from hhsim.live.session.supervisor import GUARDIAN, RECORDER, VIEWER
+from hhsim.live.ipc.status import Stage
+from hhsim.live.session.supervisor import RECORDER, VIEWER, WATCHDOG
 from hhsim.result.reader import load_result
 
 JUST_BEFORE = 200_000_000
@@ -136,7 +136,7 @@ def test_glove_jumps(drill: Drill) -> None:
     assert free["time_ns"][0] - jumped <= drill.allowed
     assert drill.session.stage == Stage.RUNNING
     drill.session.poll()
-    assert any("finger jumped by" in text for text in drill.told), drill.told
+    assert any("finger jumped by" in text for text in drill.log), drill.log
 
 
 def test_loop_hangs(drill: Drill) -> None:
@@ -152,8 +152,8 @@ def test_loop_hangs(drill: Drill) -> None:
     finally:
         os.kill(pid, signal.SIGCONT)
     assert_free_in_time(drill, told, hung)
-    assert any("the loop has given no sign of life" in text for text in drill.told), drill.told
-    # The guardian says it again and again.
+    assert any("the loop has given no sign of life" in text for text in drill.log), drill.log
+    # The watchdog says it again and again.
     assert len(told[told["time_ns"] > hung + drill.allowed]) > 3
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
     drill.go_on(0.05)
@@ -161,16 +161,16 @@ def test_loop_hangs(drill: Drill) -> None:
     assert_ramp(told[told["time_ns"] > going])
 
 
-def test_guardian_killed(drill: Drill) -> None:
+def test_watchdog_killed(drill: Drill) -> None:
     drill.grasp()
-    first = drill.session.pid(GUARDIAN)
-    killed = drill.kill(GUARDIAN)
+    first = drill.session.pid(WATCHDOG)
+    killed = drill.kill(WATCHDOG)
     status = drill.session.memory.status
-    drill.until(lambda: bool(status["safety"] & Safety.NO_GUARDIAN), "word of the lost guardian")
+    drill.until(lambda: bool(status["safety"] & Safety.NO_WATCHDOG), "word of the lost watchdog")
     freed = held_last(drill.ticks, killed)
-    assert freed <= drill.allowed + 1e9 * drill.session.setup.safety.guardian_stale
+    assert freed <= drill.allowed + 1e9 * drill.session.setup.safety.watchdog_stale
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
-    assert drill.session.pid(GUARDIAN) not in (None, first)
+    assert drill.session.pid(WATCHDOG) not in (None, first)
 
 
 def test_viewer_closed(drill: Drill) -> None:
@@ -180,7 +180,7 @@ def test_viewer_closed(drill: Drill) -> None:
     drill.until(lambda: drill.session.memory.status["viewer_ns"] != 0, "viewer")
     drill.kill(VIEWER)
     drill.still_holds()
-    assert any("the viewer was ended by SIGKILL" in text for text in drill.told), drill.told
+    assert any("the viewer was ended by SIGKILL" in text for text in drill.log), drill.log
 
 
 def test_disk_full(drill: Drill) -> None:
@@ -196,7 +196,7 @@ def test_disk_full(drill: Drill) -> None:
     drill.until(lambda: drill.session.pid(RECORDER) is None, "full disk")
     drill.still_holds()
     assert status["recorder_failed"]
-    assert any("the recorder ended with code 2: " in text for text in drill.told), drill.told
+    assert any("the recorder ended with code 2: " in text for text in drill.log), drill.log
     result = load_result(path)
     assert not result.complete
     assert result.ticks > 500
@@ -208,7 +208,7 @@ def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> N
         drill.until(lambda: int(drill.session.memory.status["recorder_ticks"]) > 500, "recorded ticks")
         drill.kill(RECORDER)
         drill.still_holds()
-        assert any("the recorder was ended by SIGKILL" in text for text in drill.told), drill.told
+        assert any("the recorder was ended by SIGKILL" in text for text in drill.log), drill.log
         drill.grasp()
         loop = drill.loop_client()
         killed = drill.kill(LOOP)
@@ -218,14 +218,14 @@ def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> N
         told = drill.commands()
     assert held_last(told, killed) <= drill.allowed
     assert stiff(told[(told["time_ns"] < killed) & (told["time_ns"] > killed - JUST_BEFORE)]).any()
-    # By the guardian, on a connection of its own, soon enough and again.
+    # By the watchdog, on a connection of its own, soon enough and again.
     freed = told[(told["client"] != loop) & (told["time_ns"] > killed)]
     assert len(freed) >= 2
     assert not stiff(freed).any()
     assert freed["time_ns"].min() - killed <= drill.allowed
     outcome = drill.session.end()
     assert "SIGKILL" in outcome.loop_failed
-    assert outcome.guardian_releases >= 2
+    assert outcome.watchdog_releases >= 2
     assert "SIGKILL" in outcome.record_failed
     result = load_result(tmp_path / "session.h5")
     assert not result.complete

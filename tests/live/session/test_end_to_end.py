@@ -9,9 +9,10 @@ from live_rings import SCRIPT, make_setup
 from sphere_scenes import bumpy_ball
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import DeviceConfig
-from hhsim.live.ipc.config import LiveSetup, RealTimeWishes
-from hhsim.live.pose.config import PoseConfig
+from hhsim.live.devices.registry import configure
+from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.pose.source import PoseConfig
+from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.supervisor import SessionOutcome, Supervisor
 from hhsim.mesh.generators import sphere
@@ -33,7 +34,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, SessionOu
         sphere(0.076, 3),
         bumpy_ball(200),
         hand,
-        DeviceConfig(kind="sim"),
+        configure("sim"),
         PoseConfig(kind="replay"),
         parse_script(SCRIPT, name="short", where="short"),
     )

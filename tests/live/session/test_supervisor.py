@@ -12,13 +12,14 @@ import pytest
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
 from hhsim.live.device import DeviceError
-from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.records import EVENT, LIVE_STATUS, Stage
+from hhsim.live.ipc.records import EVENT
 from hhsim.live.ipc.session_memory import EVENT_CAPACITY, FAULT, WARNING
-from hhsim.live.pose.config import PoseConfig
+from hhsim.live.ipc.status import Stage
+from hhsim.live.pose.source import PoseConfig
 from hhsim.live.session import supervisor
-from hhsim.live.session.supervisor import GUARDIAN, LOOP, RECORDER, VIEWER, Supervisor
+from hhsim.live.session.supervisor import LOOP, RECORDER, VIEWER, WATCHDOG, Supervisor
 from hhsim.mesh.catalogue import load_object
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
@@ -26,19 +27,19 @@ from hhsim.trees.options import TreeOptions
 
 # Without hhsim's numerics, which every one of them would load.
 BEGIN = """
-import argparse, enum, pickle, signal, sys, time
-from hhsim.live.shared_memory import SharedBlock, SharedRing
-class Stage(enum.IntEnum):
-    RUNNING = 1
-    ENDED = 3
+import argparse, pickle, signal, sys, time
+from hhsim.live.ipc.status import LIVE_STATUS, Stage
+from hhsim.live.shared_memory import SharedBlock, SharedRing, read_setup
 parser = argparse.ArgumentParser()
 for name in ("setup", "status", "ticks", "samples", "events", "facts"):
-    parser.add_argument("--" + name, type=int, required=True)
+    parser.add_argument("--" + name, type=int)
 options = parser.parse_args()
 with open({dtypes!r}, "rb") as file:
-    LIVE_STATUS, EVENT, EVENT_CAPACITY = pickle.load(file)
-status = SharedBlock(options.status, LIVE_STATUS).array[0]
-events = SharedRing(options.events, EVENT, EVENT_CAPACITY)
+    EVENT, EVENT_CAPACITY = pickle.load(file)
+# The watchdog's setup names the status block, and it has nothing else.
+status = SharedBlock(options.status or read_setup(options.setup, object).status, LIVE_STATUS).array[0]
+if options.events:
+    events = SharedRing(options.events, EVENT, EVENT_CAPACITY)
 def mark(word):
     with open({marks!r}, "a") as file:
         file.write(word + " ")
@@ -47,7 +48,7 @@ GOOD_LOOP = """
 events.slot()["text"] = b"the loop is here"
 events.publish()
 status["stage"] = Stage.RUNNING
-while not status["stop_asked"]:
+while not status["stop_requested"]:
     time.sleep(0.005)
 mark("loop")
 status["stage"] = Stage.ENDED
@@ -56,7 +57,7 @@ STUBBORN_LOOP = "signal.signal(signal.SIGTERM, signal.SIG_IGN)\nstatus['stage'] 
 POLITE_LOOP = "status['stage'] = Stage.RUNNING\ntime.sleep(60)"
 NO_GLOVE = "print('hhsim: error: no glove at 127.0.0.1:1', file=sys.stderr)\nsys.exit(2)"
 UNTIL_ENDED = "while status['stage'] != Stage.ENDED:\n    time.sleep(0.005)\nmark('{name}')"
-GUARDIAN_UNTIL_ENDED = "time.sleep(0.1)\n" + UNTIL_ENDED.format(name="guardian")
+WATCHDOG_UNTIL_ENDED = "time.sleep(0.1)\n" + UNTIL_ENDED.format(name="watchdog")
 MORTAL = "time.sleep(0.3)\nsys.exit(5)"
 FULL_DISK = "print('hhsim: error: no space left', file=sys.stderr)\nsys.exit(2)"
 
@@ -71,12 +72,12 @@ def marks(tmp_path: Path) -> Path:
 @pytest.fixture
 def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    for name, seconds in (("LOOP_PATIENCE", 0.7), ("VIEWER_PATIENCE", 0.7), ("GUARDIAN_PATIENCE", 0.7)):
+    for name, seconds in (("LOOP_PATIENCE", 0.7), ("VIEWER_PATIENCE", 0.7), ("WATCHDOG_PATIENCE", 0.7)):
         monkeypatch.setattr(supervisor, name, seconds)
     monkeypatch.setattr(supervisor, "MODULES", {name: f"{name}_program" for name in supervisor.MODULES})
     programs = {
         LOOP: GOOD_LOOP,
-        GUARDIAN: GUARDIAN_UNTIL_ENDED,
+        WATCHDOG: WATCHDOG_UNTIL_ENDED,
         RECORDER: UNTIL_ENDED.format(name="recorder"),
         VIEWER: UNTIL_ENDED.format(name="viewer"),
     }
@@ -86,7 +87,7 @@ def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
 
     def session(*, record: bool = True, view: bool = False, **changed: str) -> Supervisor:
         dtypes = tmp_path / "dtypes.pickle"
-        dtypes.write_bytes(pickle.dumps((LIVE_STATUS, EVENT, EVENT_CAPACITY)))
+        dtypes.write_bytes(pickle.dumps((EVENT, EVENT_CAPACITY)))
         begin = BEGIN.format(dtypes=str(dtypes), marks=str(marks))
         for name, program in {**programs, **changed}.items():
             (tmp_path / f"{name}_program.py").write_text(begin + program)
@@ -95,7 +96,7 @@ def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
             tree=tree,
             hand=HandModel.default("right"),
             options=SolverOptions(),
-            device=DeviceConfig(),
+            device=configure(),
             pose=PoseConfig(),
             record=tmp_path / "session.h5" if record else None,
             rerun="spawn" if view else None,
@@ -123,17 +124,17 @@ def running(session: Supervisor) -> bool:
     return session.stage == Stage.RUNNING
 
 
-def test_a_session_ends_in_order_and_the_guardian_is_last(make: Make, marks: Path) -> None:
+def test_a_session_ends_in_order_and_the_watchdog_is_last(make: Make, marks: Path) -> None:
     session = make(view=True)
     with session:
         run(session, lambda: running(session))
-        pids = [session.pid(name) for name in (LOOP, GUARDIAN, RECORDER, VIEWER)]
+        pids = [session.pid(name) for name in (LOOP, WATCHDOG, RECORDER, VIEWER)]
         assert None not in pids
-        session.ask_stop("a key")
-        session.ask_stop("another reason")
+        session.request_stop("a key")
+        session.request_stop("another reason")
     words = marks.read_text().split()
     assert words[0] == "loop"
-    assert sorted(words[1:]) == ["guardian", "recorder", "viewer"]
+    assert sorted(words[1:]) == ["recorder", "viewer", "watchdog"]
     outcome = session.end()
     assert (outcome.reason, outcome.loop_failed, outcome.record_failed) == ("a key", "", "")
     assert told(session, WARNING) == ""
@@ -152,7 +153,7 @@ def test_an_error_of_the_caller_ends_everything_in_order(make: Make, marks: Path
         raise ZeroDivisionError
     assert marks.read_text().split()[0] == "loop"
     assert session.end().reason == "an error"
-    assert all(session.pid(name) is None for name in (LOOP, GUARDIAN, RECORDER))
+    assert all(session.pid(name) is None for name in (LOOP, WATCHDOG, RECORDER))
 
 
 def test_a_glove_that_is_not_there_is_told_as_the_loop_told_it(make: Make) -> None:
@@ -163,7 +164,7 @@ def test_a_glove_that_is_not_there_is_told_as_the_loop_told_it(make: Make) -> No
         session.check()
 
 
-def test_a_loop_that_is_killed_is_told_and_the_guardian_outlives_it(make: Make, marks: Path) -> None:
+def test_a_loop_that_is_killed_is_told_and_the_watchdog_outlives_it(make: Make, marks: Path) -> None:
     session = make()
     with session:
         run(session, lambda: running(session))
@@ -174,8 +175,8 @@ def test_a_loop_that_is_killed_is_told_and_the_guardian_outlives_it(make: Make, 
         killed = time.monotonic()
     assert time.monotonic() - killed >= supervisor.RELEASE_PATIENCE
     # The stand-in ends when the session is marked as ended, which only the supervisor could do.
-    assert "guardian" in marks.read_text()
-    assert "the loop was ended by SIGKILL; the guardian frees the fingers" in told(session, FAULT)
+    assert "watchdog" in marks.read_text()
+    assert "the loop was ended by SIGKILL; the watchdog frees the fingers" in told(session, FAULT)
     with pytest.raises(HhsimError, match="the session ended early: the loop was ended by SIGKILL"):
         session.check()
 
@@ -185,7 +186,7 @@ def test_a_loop_that_does_not_end_is_ended(make: Make, program: str, last: str) 
     session = make(loop=program)
     with session:
         run(session, lambda: running(session))
-        session.ask_stop("a key")
+        session.request_stop("a key")
     assert f"the loop does not end: it gets {last}" in told(session, FAULT)
     assert f"ended by {last}" in session.end().loop_failed
     assert session.end().reason == "a key"
@@ -195,21 +196,21 @@ def test_a_loop_that_hangs_is_told_and_ended_when_it_is_asked(make: Make) -> Non
     session = make(loop="status['heartbeat_ns'] = time.monotonic_ns()\n" + STUBBORN_LOOP)
     with session:
         run(session, lambda: "no sign of life" in str(session._notices))
-        session.ask_stop("a key")
+        session.request_stop("a key")
         # Whoever looks after it is let go, although the loop never ends by itself.
         run(session, lambda: False)
     assert "ended by SIGKILL" in session.end().loop_failed
 
 
-def test_a_guardian_that_dies_is_started_again(make: Make) -> None:
-    session = make(guardian=MORTAL)
+def test_a_watchdog_that_dies_is_started_again(make: Make) -> None:
+    session = make(watchdog=MORTAL)
     with session:
-        run(session, lambda: session.pid(GUARDIAN) is not None)
-        first = session.pid(GUARDIAN)
-        run(session, lambda: session.pid(GUARDIAN) not in (None, first))
+        run(session, lambda: session.pid(WATCHDOG) is not None)
+        first = session.pid(WATCHDOG)
+        run(session, lambda: session.pid(WATCHDOG) not in (None, first))
     outcome = session.end()
-    assert outcome.guardian_restarts >= 1
-    assert "the guardian ended with code 5: it is started again" in told(session, FAULT)
+    assert outcome.watchdog_restarts >= 1
+    assert "the watchdog ended with code 5: it is started again" in told(session, FAULT)
     assert outcome.loop_failed == ""
 
 
@@ -231,12 +232,12 @@ def test_the_session_goes_on_without_a_recorder_or_a_viewer(make: Make, part: st
 
 
 def test_a_terminal_that_is_gone_does_not_keep_the_session_from_ending(make: Make) -> None:
-    session = make(guardian=MORTAL)
+    session = make(watchdog=MORTAL)
 
     def gone(text: str, level: int) -> None:
         raise OSError("Input/output error")
 
     session._say = gone
     with session:
-        run(session, lambda: session.end is not None and session._guardian_restarts > 0)
+        run(session, lambda: session.end is not None and session._watchdog_restarts > 0)
     assert session.end().loop_failed == ""

@@ -16,14 +16,15 @@ from short_grasp import short_grasp, short_scene
 
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_TOUCHING
-from hhsim.live.devices.registry import DeviceConfig
-from hhsim.live.ipc.config import LiveSetup, write_setup
-from hhsim.live.ipc.records import LIVE_TICK, Stage
+from hhsim.live.devices.registry import configure
+from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.ipc.records import LIVE_TICK
 from hhsim.live.ipc.session_memory import WARNING, SessionMemory
-from hhsim.live.pose.config import PoseConfig
+from hhsim.live.ipc.status import Stage
+from hhsim.live.pose.source import PoseConfig
 from hhsim.live.session.viewer import LiveViewer
 from hhsim.live.session.writer import SessionWriter
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.shared_memory import RingReader, write_setup
 from hhsim.render.hand_meshes import piece_poses
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
@@ -60,7 +61,7 @@ def played() -> tuple[LiveSetup, Records]:
         tree=scene.tree,
         hand=scene.hand,
         options=options,
-        device=DeviceConfig(kind="sim"),
+        device=configure("sim"),
         pose=PoseConfig(kind="fixed"),
     )
     return setup, records

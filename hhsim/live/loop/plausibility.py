@@ -43,7 +43,7 @@ class GloveWatch:
     """Looks at one glove's samples, in their order.
 
     Args:
-        info: of the glove; what it finds doubtful is told first.
+        info: Of the glove; what it finds doubtful is told first.
     """
 
     def __init__(self, info: GloveInfo) -> None:
@@ -64,9 +64,9 @@ class GloveWatch:
         """Look at a sample; `free` then says which fingers are kept free.
 
         Args:
-            sample: of `GLOVE_SAMPLE`.
-            flexion_out: what to believe of it [rad], shape (5, 3).
-            abduction_out: what to believe of it [rad], shape (5,).
+            sample: Of `GLOVE_SAMPLE`.
+            flexion_out: What to believe of it [rad], shape (5, 3).
+            abduction_out: What to believe of it [rad], shape (5,).
 
         Returns:
             False where nothing of the sample may be used: nothing is written then. What is written is always finite.
@@ -109,8 +109,8 @@ class _Jumps:
         self._since = np.zeros(20, dtype=np.int64)
         self._count = np.zeros(20, dtype=np.int64)
         self._time = -1
-        self._told = np.full(FINGER_COUNT, -(10**12), dtype=np.int64)
-        self._untold = np.zeros(FINGER_COUNT, dtype=np.int64)
+        self._last_logged = np.full(FINGER_COUNT, -(10**12), dtype=np.int64)
+        self._not_logged = np.zeros(FINGER_COUNT, dtype=np.int64)
 
     def step(self, angles: Array, now: int) -> Array:
         if self._time < 0:
@@ -161,11 +161,11 @@ class _Jumps:
         self._following &= ~there
         # What was passed on at full speed leaves nothing over.
         self._reach[self._following | there] = 0.0
-        self._tell(fresh, back, sure, distance, now)
+        self._log(fresh, back, sure, distance, now)
         self.doubted[:] = False
         self.doubted[FINGER_OF[self._pending | self._following]] = True
 
-    def _tell(
+    def _log(
         self,
         fresh: NDArray[np.bool_],
         back: NDArray[np.bool_],
@@ -174,17 +174,19 @@ class _Jumps:
         now: int,
     ) -> None:
         for finger in np.unique(FINGER_OF[fresh]):
-            if now - self._told[finger] < 1e9 * QUIET:
-                self._untold[finger] += 1
+            if now - self._last_logged[finger] < 1e9 * QUIET:
+                self._not_logged[finger] += 1
                 continue
             degrees = np.degrees(distance[fresh & (finger == FINGER_OF)].max())
-            more = f"; {self._untold[finger]} more jumps since the last one told" if self._untold[finger] else ""
+            more = (
+                f"; {self._not_logged[finger]} more jumps since the last one told" if self._not_logged[finger] else ""
+            )
             jumped = f"{NAMES[finger]} jumped by {degrees:.0f}° in one sample"
             self._say(WARNING, f"{jumped}: not believed until it stays, and kept free{more}")
-            self._told[finger], self._untold[finger] = now, 0
+            self._last_logged[finger], self._not_logged[finger] = now, 0
         for joints, text in ((back, "came back from its jump"), (sure, "stays where it jumped to: followed")):
             for finger in np.unique(FINGER_OF[joints]):
-                if now - self._told[finger] < 1e9 * QUIET:
+                if now - self._last_logged[finger] < 1e9 * QUIET:
                     self._say(INFORMATION, f"{NAMES[finger]} {text}")
 
 

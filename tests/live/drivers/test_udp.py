@@ -20,16 +20,15 @@ from live_peers import PATIENCE, Reader, free_ports
 from numpy.typing import NDArray
 
 from hhsim.live.device import Capability, DeviceError, FingerCommand
-from hhsim.live.devices.registry import DeviceConfig, open_device
-from hhsim.live.devices.udp import UdpGlove
+from hhsim.live.devices.registry import GloveConfig, configure, open_device
+from hhsim.live.drivers.udp import UdpGlove
 from hhsim.live.link import udp_codec as udp_packet
-from hhsim.live.link.udp import UdpPort
+from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
-from hhsim.live.pose.config import PoseConfig
 from hhsim.live.pose.registry import make_pose_source
-from hhsim.live.sequence_numbers import PacketOrder
+from hhsim.live.pose.source import PoseConfig
 from hhsim.live.simulators.peer import PeerRecord
-from hhsim.live.simulators.peer_process import FakePeerProcess
+from hhsim.live.simulators.process import FakePeerProcess
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "udp_bridge.py"
@@ -144,8 +143,8 @@ class Bridge:
         fields = {"session": self.session, "t_ns": 1000 * seq, **other}
         self.socket.sendto(encode_packet(kind, np.asarray(values), seq=seq, **fields), ("127.0.0.1", self.port))
 
-    def config(self) -> DeviceConfig:
-        return DeviceConfig(kind="udp", port=self.port)
+    def config(self) -> GloveConfig:
+        return configure("udp", port=self.port)
 
 
 @pytest.fixture
@@ -156,7 +155,7 @@ def bridge() -> Iterator[Bridge]:
 
 
 @contextmanager
-def opened(bridge: Bridge, kind: Kind, values: object, config: DeviceConfig | None = None) -> Iterator[UdpGlove]:
+def opened(bridge: Bridge, kind: Kind, values: object, config: GloveConfig | None = None) -> Iterator[UdpGlove]:
     """A device to which a bridge sends its packet 0 until it hears it; nothing is read yet."""
     device = UdpGlove(config or bridge.config())
     heard = threading.Event()
@@ -241,14 +240,14 @@ def test_commands_and_releases_go_to_the_next_port(bridge: Bridge) -> None:
         command.stiffness[2] = np.nan
         assert device.send(command)
         assert not decode_packet(bridge.socket.recv(512)).values.any(), "a command that is not finite frees the fingers"
-        guardian = UdpGlove(bridge.config())
-        assert not guardian.release()
-        guardian.open_for_release()
-        assert guardian.release()
+        watchdog = UdpGlove(bridge.config())
+        assert not watchdog.release()
+        watchdog.open_for_release()
+        assert watchdog.release()
         freed = decode_packet(bridge.socket.recv(512))
         assert freed.session != first.session
         assert not freed.values.any()
-        guardian.close()
+        watchdog.close()
         bridge.send(Kind.BENDS, np.full(5, 0.3), 1)
         Reader(device).until(lambda: device.counters.samples > 1)
 
@@ -269,7 +268,7 @@ def test_a_bridge_that_is_not_there_is_said_so(bridge: Bridge) -> None:
             assert port.receive() is None
         assert "no open packet: 2 bytes" in port.hint
     with pytest.raises(DeviceError, match="no host"):
-        UdpGlove(replace(bridge.config(), host="no.such.host.invalid")).open(0.05)
+        UdpGlove(configure("udp", port=bridge.port, host="no.such.host.invalid")).open(0.05)
     with (
         opened(bridge, Kind.BENDS, np.zeros(5)),
         pytest.raises(DeviceError, match="cannot listen: Address already in use"),
@@ -280,7 +279,7 @@ def test_a_bridge_that_is_not_there_is_said_so(bridge: Bridge) -> None:
 def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_path: Path) -> None:
     port = free_ports(socket.SOCK_DGRAM)
     arguments = ("--port", port, "--lose", 0.03, "--swap", 0.05, "--seed", 5)
-    device = open_device(DeviceConfig(kind="udp", port=port))
+    device = open_device(configure("udp", port=port))
     with (
         FakePeerProcess("hhsim.live.simulators.udp_sender", tmp_path / "peer.log", *arguments) as peer,
         closing(device),
@@ -349,7 +348,7 @@ def test_the_example_bridge_speaks_the_packet(stop: signal.Signals) -> None:
     words = [sys.executable, "-u", str(BRIDGE), str(port)]
     bridge = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
-        device = open_device(DeviceConfig(kind="udp", port=port))
+        device = open_device(configure("udp", port=port))
         device.open(PATIENCE)
         reader = Reader(device)
         reader.until(lambda: reader.count() >= 20)

@@ -1,4 +1,4 @@
-"""What the channels of a live Dexmo mean: from the vendor's calibration file, or from ours.
+"""What the channels of a live glove mean: from the vendor's calibration file, or from ours.
 
 The vendor's server keeps the ends of each channel as raw 12-bit counts, in profiles with names::
 
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.live.devices.registry import ServedOptions
 from hhsim.live.link.dexmo_codec import CHANNELS
 from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
 
@@ -31,18 +32,22 @@ MOST_COUNT = 4095.0
 """Of a 12-bit sensor."""
 MOST_FILE = 4 << 20
 """Bytes of a calibration file."""
+BENDS = list(BEND)
+SPLITS = np.array([CHANNELS.index(f"{finger}_split") for finger in ("thumb", "index", "middle", "ring", "pinky")])
+FAR = (-0.5, 1.5)
+"""Normalised bends beyond are of no hand; spread is cut there."""
 
 
 @dataclass(frozen=True, eq=False)
-class DexmoCalibration:
+class GloveCalibration:
     """The calibration of a live glove.
 
     Attributes:
-        regression: from what the glove sends, 0 to 1 where `counts` is not used, to joint angles.
-        counts: the same for a glove that sends raw counts; None where nothing is known of its counts.
-        doubtful: channels that say little, in words.
-        kept_free: numbers of the fingers whose bend says too little to push on.
-        name: where it comes from, for messages; "" for the default.
+        regression: From what the glove sends, 0 to 1 where `counts` is not used, to joint angles.
+        counts: The same for a glove that sends raw counts; None where nothing is known of its counts.
+        doubtful: Channels that say little, in words.
+        kept_free: Numbers of the fingers whose bend says too little to push on.
+        name: Where it comes from, for messages; "" for the default.
     """
 
     regression: DexmoRegression
@@ -51,14 +56,24 @@ class DexmoCalibration:
     kept_free: tuple[int, ...] = ()
     name: str = ""
 
-    def fitting(self, channels: Sequence[float]) -> DexmoRegression:
-        """The regression for what a glove sends.
+    @property
+    def counted(self) -> bool:
+        """Whether the regression is that for a glove that sends raw counts."""
+        return self.regression is self.counts
+
+    @property
+    def in_counts(self) -> bool:
+        """Whether the ends of the regression are raw counts."""
+        return bool(np.abs(self.regression.closed - self.regression.open).max() > MOST_NORMALISED)
+
+    def fitting(self, channels: Sequence[float]) -> "GloveCalibration":
+        """The calibration with the regression for what a glove sends.
 
         Args:
-            channels: of one sample, finite, shape (11,).
+            channels: Of one sample, finite, shape (11,).
 
         Raises:
-            InputError: counts without their ends, or ends in counts of channels that are 0 to 1.
+            InputError: Counts without their ends, or ends in counts of channels that are 0 to 1.
         """
         most = max(abs(value) for value in channels)
         if most > MOST_NORMALISED:
@@ -67,39 +82,87 @@ class DexmoCalibration:
                     f"the glove sends raw counts (up to {most:g}): expected 0 to 1, or a calibration with the counts "
                     "of the open and of the closed hand"
                 )
-            return self.counts
-        if _in_counts(self.regression):
+            return replace(self, regression=self.counts)
+        if self.in_counts:
             raise InputError(
                 f"{self.name}: its [channel] ends are raw counts, but the glove sends 0 to 1: "
                 "expected a calibration without [channel]"
             )
-        return self.regression
+        return self
+
+    def bend_lines(self) -> tuple[Array, Array]:
+        """See `hhsim.live.device.Calibration`."""
+        return self.regression.bend_lines()
+
+    def bend_ends(self) -> tuple[Array, Array]:
+        """Readings of the bends in the flat hand and in the fist, each of shape (5,)."""
+        return self.regression.open[BENDS], self.regression.closed[BENDS]
+
+    def angles(self, readings: Array) -> tuple[Array, Array] | None:
+        """Flexion (5, 3) and abduction (5,) [rad] of finite readings, shape (11,); None where they are of no hand."""
+        normalised = self.regression.normalised(readings)
+        bends = normalised[BENDS]
+        if not ((bends >= FAR[0]).all() and (bends <= FAR[1]).all()):
+            return None
+        whole = np.clip(normalised, *FAR) @ self.regression.slope.T + self.regression.offset
+        return whole[:15].reshape(5, 3), whole[15:]
+
+    def bends(self, readings: Array) -> Array | None:
+        """Bends, 0 flat to 1 fist, of readings of each finger's, shape (5, n), NaN where unknown; None: of no hand."""
+        low, high = self.bend_ends()
+        bends = (readings - low[:, None]) / (high - low)[:, None]
+        return None if (bends < FAR[0]).any() or (bends > FAR[1]).any() else bends
+
+    def readings(self, bends: Array, splits: Array | None = None) -> Array:
+        """Readings of all channels, shape (11,), from those of the bends and the splits; what is unknown is at rest.
+
+        Args:
+            bends: Shape (5,).
+            splits: Shape (5,), NaN where unknown.
+        """
+        found = self.regression.open.copy()
+        found[BENDS] = bends
+        if splits is not None:
+            known = np.isfinite(splits)
+            found[SPLITS[known]] = splits[known]
+        return found
+
+    def raw(self) -> "GloveCalibration":
+        """The calibration with the regression for raw counts, where there is one."""
+        return self if self.counts is None else replace(self, regression=self.counts)
 
 
-def load_calibration(path: Path | None, hand: str = "right", profile: str = "") -> DexmoCalibration:
+def glove_calibration(options: ServedOptions, hand: str) -> GloveCalibration:
+    """The calibration that a glove's settings name.
+
+    Raises:
+        InputError: As `load_calibration`.
+    """
+    path = Path(options.calibration) if options.calibration else None
+    return load_calibration(path, hand, options.profile)
+
+
+def load_calibration(path: Path | None, hand: str = "right", profile: str = "") -> GloveCalibration:
     """A calibration from a file, `.json` of the vendor or `.toml` of ours.
 
     Args:
-        path: of the file; None for the default.
+        path: Of the file; None for the default.
         hand: "right" or "left", for the vendor's file, which holds both.
-        profile: name within the vendor's file; may be "" where there is only one for the hand.
+        profile: Name within the vendor's file; may be "" where there is only one for the hand.
 
     Raises:
-        InputError: a file that cannot be read, that is neither, or that lacks what is asked for.
+        InputError: A file that cannot be read, that is neither, or that lacks what is asked for.
     """
     if path is None:
-        return DexmoCalibration(DexmoRegression.default())
+        return GloveCalibration(DexmoRegression.default())
     if path.suffix.lower() == ".json":
         return _parse_vendor(_text(path), str(path), hand, profile)
     regression = read_calibration(path)
-    if _in_counts(regression):
+    found = GloveCalibration(regression, name=str(path))
+    if found.in_counts:
         low, high = regression.open, regression.closed
-        return DexmoCalibration(regression, regression, _narrow(low, high), _kept_free(low, high), str(path))
-    return DexmoCalibration(regression, name=str(path))
-
-
-def _in_counts(regression: DexmoRegression) -> bool:
-    return bool(np.abs(regression.closed - regression.open).max() > MOST_NORMALISED)
+        return replace(found, counts=regression, doubtful=_narrow(low, high), kept_free=_kept_free(low, high))
+    return found
 
 
 def _text(path: Path) -> str:
@@ -115,18 +178,16 @@ def _text(path: Path) -> str:
         raise InputError(f"{path}: not a text file; expected a calibration of the vendor's server") from None
 
 
-def _parse_vendor(text: str, where: str, hand: str, profile: str) -> DexmoCalibration:
+def _parse_vendor(text: str, where: str, hand: str, profile: str) -> GloveCalibration:
     try:
         whole = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where}: not JSON: {error}") from None
     sides = {key.lower(): value for key, value in _table(where, whole).items()}
-    if (hand or "right") not in sides:
-        raise InputError(
-            f"{where}: no {(hand or 'right').upper()}; it has {', '.join(_table(where, whole)) or 'nothing'}"
-        )
-    where = f"{where}: {(hand or 'right').upper()}"
-    profiles = _table(where, sides[hand or "right"])
+    if hand not in sides:
+        raise InputError(f"{where}: no {hand.upper()}; it has {', '.join(_table(where, whole)) or 'nothing'}")
+    where = f"{where}: {hand.upper()}"
+    profiles = _table(where, sides[hand])
     if not profile:
         if len(profiles) != 1:
             raise InputError(
@@ -140,7 +201,7 @@ def _parse_vendor(text: str, where: str, hand: str, profile: str) -> DexmoCalibr
     low, high = (_ends(f"{where}.{key}", ends.get(key)) for key in ("min", "max"))
     base = DexmoRegression.default()
     dead = high - low <= 0.0
-    if dead[list(BEND)].any():
+    if dead[BENDS].any():
         name = next(CHANNELS[k] for k in BEND if dead[k])
         raise InputError(f"{where}: {name}: min is not below max; expected the counts of a finger that moves")
     hints = _narrow(low, high)
@@ -150,7 +211,7 @@ def _parse_vendor(text: str, where: str, hand: str, profile: str) -> DexmoCalibr
     # A channel without span would divide by nothing: its joints stay at their offset.
     slope = np.where(dead, 0.0, base.slope)
     counts = replace(base, open=low, closed=np.where(dead, low + 1.0, high), slope=slope)
-    return DexmoCalibration(replace(base, slope=slope), counts, hints, _kept_free(low, high), where)
+    return GloveCalibration(replace(base, slope=slope), counts, hints, _kept_free(low, high), where)
 
 
 def _narrow(low: Array, high: Array) -> tuple[str, ...]:

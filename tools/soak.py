@@ -1,4 +1,4 @@
-"""Long runs of the loop beside fake gloves: `python -m hhsim.live.simulators.soak --duration 600`.
+"""Long runs of the loop beside fake gloves: `python -m tools.soak --duration 600`.
 
 Each device has a session of its own, recorded; the glove is another process that speaks the real format and writes
 down, by the same clock, what it sent and what it was told. Printed are what became of every frame, how the loop kept
@@ -17,18 +17,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import DeviceConfig
-from hhsim.live.ipc.config import LiveSetup, RealTimeWishes
-from hhsim.live.loop.real_time import described
-from hhsim.live.pose.config import PoseConfig
+from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.ipc.config import LiveSetup
+from hhsim.live.pose.source import PoseConfig
+from hhsim.live.real_time import RealTimeWishes, described
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.stop_signals import stop_signals
 from hhsim.live.session.supervisor import SessionOutcome, Supervisor
-from hhsim.live.simulators.round_trip import added_latencies
-from hhsim.live.simulators.soak_peers import PEERS, PeerSeen, SoakPeer, measure_in_time
 from hhsim.mesh.catalogue import load_object
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
@@ -36,11 +35,14 @@ from hhsim.solver.compile import warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from tools.soak_peers import PEERS, PeerSeen, SoakPeer, Times, measure_in_time
 
 LATENCY_LIMIT = 2e-3
 """Of the 99th percentile of the added latency, where SCHED_FIFO was granted [s]."""
 IN_FLIGHT = 0.1
 """Frames of so long [s] may still be on their way when a session ends."""
+BEFORE = 20_000
+"""A command can reach a glove on another processor this much before the sender looks at its clock [ns]."""
 
 
 @dataclass(frozen=True)
@@ -48,30 +50,30 @@ class SoakFigures:
     """What a long run with one device gave; times in seconds.
 
     Attributes:
-        device: kind.
-        frames_sent: to the loop, while it had the glove open.
-        frames_before: sent earlier, and thrown away.
-        frames_decoded: as the driver counts.
-        frames_left: sent, and still on their way when the session ended.
-        frames_lost: sent, and neither decoded nor left: has to be 0.
-        samples_used, samples_superseded: each once in a tick; or replaced by a newer one before it could be.
-        samples_unused: before the first tick, after the last one, or not good.
-        samples_other: rejected, malformed, of another hand, late or doubled.
-        ticks, missed: periods with and without a tick.
-        longest_gap: longest time between two ticks.
-        commands_sent, commands_received: by the loop, and by the glove.
-        wakeup_p50, wakeup_p99, wakeup_p999: from a deadline to the loop's waking.
-        latency_p50, latency_p99, latency_p999, latency_max: from the glove's sending a sample to its receiving the
+        device: Kind.
+        frames_sent: To the loop, while it had the glove open.
+        frames_before: Sent earlier, and thrown away.
+        frames_decoded: As the driver counts.
+        frames_left: Sent, and still on their way when the session ended.
+        frames_lost: Sent, and neither decoded nor left: has to be 0.
+        samples_used, samples_superseded: Each once in a tick; or replaced by a newer one before it could be.
+        samples_unused: Before the first tick, after the last one, or not good.
+        samples_other: Rejected, malformed, of another hand, late or doubled.
+        ticks, missed: Periods with and without a tick.
+        longest_gap: Longest time between two ticks.
+        commands_sent, commands_received: By the loop, and by the glove.
+        wakeup_p50, wakeup_p99, wakeup_p999: From a deadline to the loop's waking.
+        latency_p50, latency_p99, latency_p999, latency_max: From the glove's sending a sample to its receiving the
             first command made with it.
-        latencies: how many of these were measured.
-        penetration_max: deepest that the shown hand ever was in the object [m].
-        in_contact: ticks with contact.
-        resisting: ticks in which a finger was told to resist.
-        kept_free: ticks whose fingers were kept free, by why.
-        identical: whether the recording runs again to the same bytes.
-        recorder_lost: ticks that it lacks.
-        real_time: the mode that was achieved.
-        missed_limits: what was not as it has to be, a line each.
+        latencies: How many of these were measured.
+        penetration_max: Deepest that the shown hand ever was in the object [m].
+        in_contact: Ticks with contact.
+        resisting: Ticks in which a finger was told to resist.
+        kept_free: Ticks whose fingers were kept free, by why.
+        identical: Whether the recording runs again to the same bytes.
+        recorder_lost: Ticks that it lacks.
+        real_time: The mode that was achieved.
+        missed_limits: What was not as it has to be, a line each.
     """
 
     device: str
@@ -111,24 +113,24 @@ def soak(peer: SoakPeer, setup: LiveSetup, *, again: bool = True) -> SoakFigures
     """Run a session with a fake glove, and account for everything.
 
     Args:
-        peer: the glove; it runs.
-        setup: of the session, with the glove and a recording in it.
-        again: also run the recording again.
+        peer: The glove; it runs.
+        setup: Of the session, with the glove and a recording in it.
+        again: Also run the recording again.
 
     Raises:
-        HhsimError: the session failed, or was stopped.
+        HhsimError: The session failed, or was stopped.
     """
     if setup.real_time.fifo and not measure_in_time(peer):
         tell("the glove's process has no SCHED_FIFO: what it waits for a processor counts as latency", 1)
-    with stop_signals() as asked, Supervisor(setup, tell) as session:
+    with stop_signals() as stop_signal, Supervisor(setup, tell) as session:
         while session.poll():
-            if asked():
-                session.ask_stop(asked())
+            if stop_signal():
+                session.request_stop(stop_signal())
             time.sleep(0.05)
         outcome = session.end()
     session.check()
-    if asked():
-        raise HhsimError(f"stopped: {asked()}")
+    if stop_signal():
+        raise HhsimError(f"stopped: {stop_signal()}")
     assert setup.record is not None
     result = load_result(setup.record)
     return figures(peer.name, outcome, result, peer.seen(result), again=again)
@@ -138,11 +140,11 @@ def figures(device: str, outcome: SessionOutcome, result: Result, seen: PeerSeen
     """Account for a session.
 
     Args:
-        device: kind.
-        outcome: as its supervisor saw it.
-        result: its recording.
-        seen: the same as the glove saw it.
-        again: run the recording again.
+        device: Kind.
+        outcome: As its supervisor saw it.
+        result: Its recording.
+        seen: The same as the glove saw it.
+        again: Run the recording again.
     """
     tally, counters = outcome.tally, outcome.counters
     latency, used = result["live/tick/latency"], result["input_seq"]
@@ -150,8 +152,8 @@ def figures(device: str, outcome: SessionOutcome, result: Result, seen: PeerSeen
     sample_time = np.zeros(seen.of_sample.size, np.int64)
     recorded = result["live/sample/seq"]
     sample_time[recorded] = result["live/sample/time"]
-    told = sample_time[used[answered]] + latency[answered]
-    added = 1e-9 * added_latencies(seen.sent, seen.received, told, seen.of_sample[used[answered]])
+    commanded = sample_time[used[answered]] + latency[answered]
+    added = 1e-9 * added_latencies(seen.sent, seen.received, commanded, seen.of_sample[used[answered]])
     p50, p99, p999 = np.percentile(added, (50.0, 99.0, 99.9)) if added.size else (np.nan,) * 3
     woke = result["live/tick/deadline"] + result["live/tick/wakeup"]
     # A glove goes on sending when the loop has ended.
@@ -213,6 +215,30 @@ def figures(device: str, outcome: SessionOutcome, result: Result, seen: PeerSeen
     )
 
 
+def added_latencies(sent: ArrayLike, received: ArrayLike, commanded: ArrayLike, of: ArrayLike) -> Times:
+    """From each sample sent to the first command that used it, both as the peer saw them.
+
+    The session says which command used which sample first, and when it was sent; the peer says when it came.
+
+    Args:
+        sent: When the peer sent each sample, CLOCK_MONOTONIC [ns], by the sample's number.
+        received: When commands came to the peer [ns], ascending.
+        commanded: When the session sent each command that used a sample for the first time [ns].
+        of: The number of that sample.
+
+    Returns:
+        [ns], for those of `commanded` whose command came and whose sample is known; a command is taken for the first
+        one that came after it was sent, so that a doubt makes it longer, never shorter.
+    """
+    sent_, received_, commanded_ = (np.asarray(values, np.int64) for values in (sent, received, commanded))
+    number = np.asarray(of, np.int64)
+    known = (number >= 0) & (number < sent_.size)
+    commanded_, number = commanded_[known], number[known]
+    place = np.searchsorted(received_, commanded_ - BEFORE)
+    came = place < received_.size
+    return np.asarray(received_[place[came]] - sent_[number[came]], np.int64)
+
+
 def outcome_slack(outcome: SessionOutcome, sent: int) -> int:
     """Samples that may stay unused: those of the time in which the loop was made ready, and of its last tick."""
     return round(2.0 * sent / max(outcome.seconds, 1.0)) + 2
@@ -222,7 +248,7 @@ def _fifo(outcome: SessionOutcome) -> int:
     return int(outcome.facts.get("real_time", {}).get("fifo", 0))
 
 
-def make_setup(device: DeviceConfig, name: str, record: Path, duration: float, wishes: RealTimeWishes) -> LiveSetup:
+def make_setup(device: GloveConfig, name: str, record: Path, duration: float, wishes: RealTimeWishes) -> LiveSetup:
     """A hand whose fingers open and close where they grasp an object of the catalogue."""
     item = load_object(name)
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
@@ -289,7 +315,7 @@ def tell(text: str, level: int) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run as the command line says; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.simulators.soak", description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m tools.soak", description=__doc__.split("\n\n")[0])
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="of each device [s]")
     parser.add_argument("--device", choices=(*PEERS, "all"), default="all")
     parser.add_argument("--object", default="bunny", metavar="NAME", help="of the catalogue")
@@ -303,7 +329,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     wishes = RealTimeWishes()
     if options.no_realtime:
-        wishes = RealTimeWishes(fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False)
+        wishes = RealTimeWishes.none()
     runs: list[SoakFigures] = []
     try:
         with tempfile.TemporaryDirectory(prefix="hhsim-soak-") as scratch:

@@ -17,8 +17,8 @@ import pytest
 from numpy.typing import NDArray
 
 from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand
-from hhsim.live.devices.dexmo import MOST_MALFORMED, DexmoGlove
-from hhsim.live.devices.registry import DeviceConfig, open_device
+from hhsim.live.devices.registry import configure, open_device
+from hhsim.live.drivers.dexmo import MOST_MALFORMED, DexmoGlove
 from hhsim.live.link.dexmo_codec import CHANNELS, GloveMessage, encode_frame, framed
 from hhsim.live.simulators.dexmo_process import FakeDexmo, Kind
 from hhsim.live.simulators.dexmo_server import COUNT_LOW, COUNT_SPAN, fake_channels
@@ -45,7 +45,7 @@ def no_glove_stays_open() -> Iterator[None]:
 
 
 def glove_of(server: FakeDexmo, **settings: Any) -> DexmoGlove:
-    glove = open_device(DeviceConfig(kind="dexmo", port=server.port, **settings))
+    glove = open_device(configure("dexmo", port=server.port, **settings))
     assert isinstance(glove, DexmoGlove)
     MADE.append(glove)
     return glove
@@ -277,7 +277,7 @@ HALF = (0.5,) * 11
 )
 def test_a_server_that_speaks_otherwise(text: bytes, reason: str) -> None:
     with speaking(text) as port:
-        glove = open_device(DeviceConfig(kind="dexmo", port=port))
+        glove = open_device(configure("dexmo", port=port))
         with pytest.raises(DeviceError, match=f"what answers there is no Dexmo server: {reason}"):
             glove.open(HANG)
 
@@ -294,7 +294,7 @@ def test_a_server_that_speaks_otherwise(text: bytes, reason: str) -> None:
 )
 def test_which_glove_is_ours(gloves: list[GloveMessage], number: int) -> None:
     with speaking(frame_of(*gloves)) as port:
-        glove = open_device(DeviceConfig(kind="dexmo", port=port))
+        glove = open_device(configure("dexmo", port=port))
         assert isinstance(glove, DexmoGlove)
         glove.open(HANG)
         assert glove._device_id == number
@@ -489,29 +489,29 @@ def test_the_last_command_is_not_lost_by_closing(server: FakeDexmo, turn: int) -
     until(lambda: len(server.records(Kind.COMMAND)) == 1)
 
 
-def test_a_guardian_beside_the_loop(server: FakeDexmo) -> None:
+def test_a_watchdog_beside_the_loop(server: FakeDexmo) -> None:
     loop = Reader(opened(server))
-    guardian = glove_of(server)
-    guardian.open_for_release(HANG)
+    watchdog = glove_of(server)
+    watchdog.open_for_release(HANG)
     for _ in range(20):
-        guardian.drain()
+        watchdog.drain()
         loop.more(1)
-    assert loop.glove.send(command(0.5)) and guardian.release()
+    assert loop.glove.send(command(0.5)) and watchdog.release()
     until(lambda: len(server.records(Kind.COMMAND)) == 2)
     assert server.records(Kind.COMMAND)["client"].tolist() == [0, 1]
     server.order("down")
 
     def gone() -> bool:
         try:
-            guardian.drain()
+            watchdog.drain()
         except DeviceError:
             return True
         return False
 
     until(gone)
     server.order("up")
-    until(guardian.reconnect)
-    assert guardian.release()
+    until(watchdog.reconnect)
+    assert watchdog.release()
     until(lambda: len(server.records(Kind.COMMAND)) == 3)
 
 
@@ -540,7 +540,8 @@ class Chunks:
 
 def glove_on(chunks: list[bytes]) -> DexmoGlove:
     """A glove that is open, on such a link."""
-    glove = DexmoGlove(DeviceConfig(kind="dexmo"))
+    glove = DexmoGlove(configure("dexmo"))
+    glove._fit([0.5] * len(CHANNELS))
     glove._device_id = RIGHT
     glove._link = Chunks(chunks)  # type: ignore[assignment]
     return glove

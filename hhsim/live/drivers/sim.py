@@ -7,7 +7,6 @@ what the user wants at full stiffness. It is a model of a position limit and of 
 
 import math
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +21,9 @@ from hhsim.live.device import (
     GloveDevice,
     GloveInfo,
 )
+from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.devices.sim import SimOptions
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
-
-if TYPE_CHECKING:
-    from hhsim.live.devices.registry import DeviceConfig
 
 Array = NDArray[np.float64]
 
@@ -51,17 +49,19 @@ class SimGlove(GloveDevice):
         config: `playback` or, without one, fingers that open and close as `seed` says; `rate` [Hz].
 
     Raises:
-        InputError: a rate that is not positive.
+        InputError: A rate that is not positive.
     """
 
-    def __init__(self, config: "DeviceConfig") -> None:
+    def __init__(self, config: GloveConfig) -> None:
         """Nothing is read yet."""
-        if not (math.isfinite(config.rate) and 0.0 < config.rate <= 1e4):
-            raise InputError(f"device sim gives samples at {config.rate} Hz; expected up to 10,000")
+        assert isinstance(config.options, SimOptions)
+        rate = config.options.rate
+        if not (math.isfinite(rate) and 0.0 < rate <= 1e4):
+            raise InputError(f"device sim gives samples at {rate} Hz; expected up to 10,000")
         self._regression = DexmoRegression.default()
         self._slope, _ = self._regression.bend_lines()
         self._playback = config.playback
-        self._period = 1.0 / config.rate
+        self._period = 1.0 / rate
         self._follow = 1.0 - math.exp(-self._period / LIMB_LAG)
         self._random = np.random.default_rng(config.seed)
         self._cycle = self._random.uniform(1.6, 2.4, FINGER_COUNT)

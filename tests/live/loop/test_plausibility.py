@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.live.device import GLOVE_SAMPLE, Capability, GloveInfo
-from hhsim.live.devices.plausibility import BURST, CONFIRM, JOINT_SPEED, STUCK_TIME, GloveWatch
+from hhsim.live.loop.plausibility import BURST, CONFIRM, JOINT_SPEED, STUCK_TIME, GloveWatch
 
 Array = NDArray[np.float64]
 INFO = GloveInfo("a glove", Capability.NONE, ())

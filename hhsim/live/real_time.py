@@ -1,25 +1,74 @@
 """What a loop asks the system for, so that it wakes on time; what is not granted is said and done without."""
 
 import contextlib
+import ctypes
 import gc
 import os
 import platform
+import signal
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from hhsim.live.ipc.config import RealTimeWishes
-from hhsim.live.linux_calls import lock_memory, set_timer_slack, timer_slack
+from hhsim.errors import InputError
+
+MCL_CURRENT, MCL_FUTURE = 1, 2
+PR_SET_PDEATHSIG, PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 1, 29, 30
 
 THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
 """How much of a second all real-time processes together may take [µs]; -1 for all of it."""
+
+
+_libc = ctypes.CDLL(None, use_errno=True)
+_prctl = _libc.prctl
+_prctl.argtypes = (ctypes.c_int, ctypes.c_ulong, ctypes.c_ulong, ctypes.c_ulong, ctypes.c_ulong)
+_mlockall = _libc.mlockall
+_mlockall.argtypes = (ctypes.c_int,)
+
+
+@dataclass(frozen=True)
+class RealTimeWishes:
+    """What the loop asks the system for; each wish that is not granted is said and done without.
+
+    Attributes:
+        fifo: SCHED_FIFO, at `priority`, 1 to 98; the watchdog runs one above.
+        priority: Of the loop.
+        lock_memory: No page of the process is taken away (mlockall).
+        timer_slack: Wake-ups are not put together with others (1 ns instead of 50 µs).
+        cpu: The processor to stay on, None to choose the last that the process may use, -1 not to be pinned.
+        freeze_gc: What is there when the loop begins is no more looked through for garbage.
+    """
+
+    fifo: bool = True
+    priority: int = 50
+    lock_memory: bool = True
+    timer_slack: bool = True
+    cpu: int | None = None
+    freeze_gc: bool = True
+
+    @classmethod
+    def none(cls) -> Self:
+        """Ask for nothing."""
+        return cls(fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False)
+
+    def __post_init__(self) -> None:
+        """Refuse a priority that leaves no room for the watchdog.
+
+        Raises:
+            InputError: A priority or a processor out of range.
+        """
+        if not 1 <= self.priority <= 98:
+            raise InputError(f"the real-time priority is {self.priority}: expected 1 to 98")
+        if self.cpu is not None and self.cpu < -1:
+            raise InputError(f"the processor is {self.cpu}: expected its number, or -1 not to be pinned")
 
 
 def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any]:
     """Ask the system for what is wished, for the calling thread and its process.
 
     Args:
-        wishes: what is wished.
-        above: how much higher than `wishes.priority` this process is to stand.
+        wishes: What is wished.
+        above: How much higher than `wishes.priority` this process is to stand.
 
     Returns:
         The mode that was achieved, as plain values:
@@ -123,3 +172,50 @@ def _throttle() -> int:
         return int(THROTTLE.read_text())
     except (OSError, ValueError):
         return 0
+
+
+def lock_memory() -> None:
+    """Keep every page that the process has, and will have, in memory.
+
+    Raises:
+        OSError: Not allowed, or more than the limit of locked memory.
+    """
+    _check(_mlockall(MCL_CURRENT | MCL_FUTURE))
+
+
+def set_timer_slack(slack_ns: int) -> None:
+    """How late a wake-up of this thread may be made in order to put it together with others [ns].
+
+    Raises:
+        OSError: Not allowed.
+    """
+    _check(_prctl(PR_SET_TIMERSLACK, slack_ns, 0, 0, 0))
+
+
+def timer_slack() -> int:
+    """What `set_timer_slack` sets [ns]."""
+    return int(_check(_prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0)))
+
+
+def end_with(parent: int, number: int = signal.SIGTERM) -> bool:
+    """Be sent a signal when the parent ends, or rather the thread of it that started this process.
+
+    Args:
+        parent: Its process id.
+        number: The signal.
+
+    Returns:
+        False where it has ended already: no signal will come.
+
+    Raises:
+        OSError: Not allowed.
+    """
+    _check(_prctl(PR_SET_PDEATHSIG, number, 0, 0, 0))
+    return os.getppid() == parent
+
+
+def _check(returned: int) -> int:
+    if returned < 0:
+        failure = ctypes.get_errno()
+        raise OSError(failure, os.strerror(failure))
+    return returned

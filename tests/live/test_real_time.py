@@ -9,18 +9,16 @@ import time
 import pytest
 from live_scripted import make_setup
 
-from hhsim.live.devices.registry import DeviceConfig
-from hhsim.live.ipc.config import RealTimeWishes, write_setup
-from hhsim.live.ipc.records import Stage
+from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.session_memory import FAULT, SessionMemory
-from hhsim.live.linux_calls import AbsoluteSleep
-from hhsim.live.loop.real_time import described
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.ipc.status import Stage
+from hhsim.live.loop.deadlines import AbsoluteSleep
+from hhsim.live.real_time import RealTimeWishes, described
+from hhsim.live.shared_memory import RingReader, write_setup
 
 ASK = """
 import json, os, sys, gc, resource
-from hhsim.live.ipc.config import RealTimeWishes
-from hhsim.live.loop.real_time import become_real_time
+from hhsim.live.real_time import RealTimeWishes, become_real_time
 {before}
 mode = become_real_time(RealTimeWishes({wishes}))
 print(json.dumps([mode, os.sched_getscheduler(0), sorted(os.sched_getaffinity(0)), gc.isenabled()]))
@@ -114,7 +112,7 @@ def test_the_loop_s_process_runs_a_simulated_glove_and_says_what_became_of_it() 
 
 
 def test_a_glove_that_is_not_there_is_one_line_and_exit_2() -> None:
-    child, memory = run_loop(device=DeviceConfig(kind="dexmo", port=1))
+    child, memory = run_loop(device=configure("dexmo", port=1))
     assert child.returncode == 2
     assert child.stderr.startswith("hhsim: ")
     assert child.stderr.count("\n") == 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError
-from hhsim.live.devices.calibration import MOST_FILE, load_calibration
+from hhsim.live.drivers.calibration import MOST_FILE, load_calibration
 from hhsim.live.link.dexmo_codec import CHANNELS
 from hhsim.recordings.dexmo_regression import BEND
 from hhsim.recordings.dexmo_regression import CHANNELS as OURS
@@ -30,7 +30,7 @@ def written(folder: Path, whole: Any) -> Path:
 
 def test_without_a_file_channels_are_normalised_and_counts_refused() -> None:
     calibration = load_calibration(None)
-    assert calibration.fitting([0.5] * 11) is calibration.regression
+    assert calibration.fitting([0.5] * 11) is calibration
     assert calibration.doubtful == () and calibration.kept_free == ()
     with pytest.raises(
         InputError, match="the glove sends raw counts \\(up to 3166\\): expected 0 to 1, or a calibration"
@@ -41,8 +41,8 @@ def test_without_a_file_channels_are_normalised_and_counts_refused() -> None:
 def test_a_profile_leaves_what_the_server_normalised_and_scales_what_it_did_not(tmp_path: Path) -> None:
     calibration = load_calibration(written(tmp_path, {"RIGHT": {"anna": profile()}, "LEFT": {}}))
     share = np.linspace(0.1, 0.9, 11)
-    plain = calibration.fitting(share.tolist())
-    counts = calibration.fitting((LOW + share * (HIGH - LOW)).tolist())
+    plain = calibration.fitting(share.tolist()).regression
+    counts = calibration.fitting((LOW + share * (HIGH - LOW)).tolist()).regression
     assert not plain.counts_raw and counts.counts_raw
     assert np.allclose(counts.normalised(LOW), 0.0) and np.allclose(counts.normalised(HIGH), 1.0)
     for one, other in zip(plain.angles(share), counts.angles(LOW + share * (HIGH - LOW))):
@@ -96,7 +96,7 @@ def test_our_file_with_ends_in_counts_is_for_counts_alone(tmp_path: Path) -> Non
     rows = [f"{ours} = {{ open = {low}, closed = {high} }}" for ours, low, high in zip(ours_names(), LOW, HIGH)]
     path.write_text("[channel]\n" + "\n".join(rows))
     calibration = load_calibration(path)
-    assert np.allclose(calibration.fitting(HIGH.tolist()).normalised(HIGH), 1.0)
+    assert np.allclose(calibration.fitting(HIGH.tolist()).regression.normalised(HIGH), 1.0)
     with pytest.raises(InputError, match="its \\[channel\\] ends are raw counts, but the glove sends 0 to 1"):
         calibration.fitting([0.4] * 11)
 
@@ -105,7 +105,7 @@ def test_our_file_with_ends_of_normalised_channels_is_for_those_alone(tmp_path: 
     path = tmp_path / "calibration.toml"
     path.write_text("[channel]\n" + "\n".join(f"{name} = {{ open = 0.1, closed = 0.9 }}" for name in ours_names()))
     calibration = load_calibration(path)
-    assert np.allclose(calibration.fitting([0.5] * 11).normalised([0.5] * 11), 0.5)
+    assert np.allclose(calibration.fitting([0.5] * 11).regression.normalised([0.5] * 11), 0.5)
     with pytest.raises(InputError, match="raw counts"):
         calibration.fitting([2000.0] * 11)
 

@@ -6,8 +6,8 @@ import pty
 import socket
 import tty
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ from live_peers import PATIENCE, Reader, free_ports
 
 from hhsim.errors import InputError
 from hhsim.live.device import Capability, DeviceError, FingerCommand
-from hhsim.live.devices.opengloves import OpenGlovesGlove, limits
-from hhsim.live.devices.registry import DeviceConfig, open_device
+from hhsim.live.devices.registry import GloveConfig, configure, open_device
+from hhsim.live.drivers.opengloves import OpenGlovesGlove, limits
 from hhsim.live.link.opengloves_codec import (
     LONGEST_LINE,
     GloveLine,
@@ -29,7 +29,7 @@ from hhsim.live.link.opengloves_codec import (
     parse_limits,
     parse_line,
 )
-from hhsim.live.simulators.peer_process import FakePeerProcess
+from hhsim.live.simulators.process import FakePeerProcess
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
 
 FAKE = "hhsim.live.simulators.opengloves_board"
@@ -123,14 +123,16 @@ class Line:
     def __init__(self) -> None:
         self.main, self.other = pty.openpty()
         tty.setraw(self.other)
-        self.config = DeviceConfig(kind="opengloves", path=os.ttyname(self.other))
 
     def close(self) -> None:
         os.close(self.main)
         os.close(self.other)
 
-    def opened(self, first: bytes = b"\nA0B0C0D0E0\n", **changes: object) -> OpenGlovesGlove:
-        device = OpenGlovesGlove(replace(self.config, **changes))  # type: ignore[arg-type]
+    def config(self, **settings: Any) -> GloveConfig:
+        return configure("opengloves", path=os.ttyname(self.other), **settings)
+
+    def opened(self, first: bytes = b"\nA0B0C0D0E0\n", **settings: Any) -> OpenGlovesGlove:
+        device = OpenGlovesGlove(self.config(**settings))
         os.write(self.main, first)
         device.open(PATIENCE)
         return device
@@ -192,20 +194,20 @@ def test_a_board_with_10_bits_and_a_calibration(tmp_path: Path) -> None:
 
 def test_what_is_no_glove_is_said_so(tmp_path: Path) -> None:
     with pytest.raises(DeviceError, match="is the glove plugged in"):
-        OpenGlovesGlove(DeviceConfig(kind="opengloves", path=str(tmp_path / "ttyUSB7"))).open(0.1)
+        OpenGlovesGlove(configure("opengloves", path=str(tmp_path / "ttyUSB7"))).open(0.1)
     (tmp_path / "file").write_text("")
     with pytest.raises(DeviceError, match="not a serial line"):
-        OpenGlovesGlove(DeviceConfig(kind="opengloves", path=str(tmp_path / "file"))).open(0.1)
+        OpenGlovesGlove(configure("opengloves", path=str(tmp_path / "file"))).open(0.1)
     with pytest.raises(InputError, match="12345 baud; expected one of"):
-        OpenGlovesGlove(DeviceConfig(kind="opengloves", path="/dev/null", baud=12345))
+        OpenGlovesGlove(configure("opengloves", path="/dev/null", baud=12345))
     with pytest.raises(DeviceError, match="cannot connect"):
-        OpenGlovesGlove(DeviceConfig(kind="opengloves", port=1)).open(0.1)
+        OpenGlovesGlove(configure("opengloves", port=1)).open(0.1)
     with closing(Line()) as line:
         with pytest.raises(DeviceError, match="sent nothing within"):
-            OpenGlovesGlove(line.config).open(0.05)
+            OpenGlovesGlove(line.config()).open(0.05)
         os.write(line.main, b"\x80\x91\n\x92\n")
         with pytest.raises(DeviceError, match="is the baud rate right"):
-            OpenGlovesGlove(line.config).open(0.05)
+            OpenGlovesGlove(line.config()).open(0.05)
 
 
 @pytest.mark.parametrize("tcp", [False, True], ids=["pty", "tcp"])
@@ -213,19 +215,15 @@ def test_a_fake_glove_in_another_process_every_line_accounted_for(tmp_path: Path
     link = tmp_path / "glove"
     arguments = () if tcp else ("--link", link)
     with FakePeerProcess(FAKE, tmp_path / "peer.log", "--format", "splay", *arguments) as peer:
-        where = (
-            DeviceConfig(kind="opengloves", port=int(peer.where))
-            if tcp
-            else DeviceConfig(kind="opengloves", path=peer.where)
-        )
-        with closing(open_device(where)) as device, closing(open_device(where)) as guardian:
+        where = configure("opengloves", port=int(peer.where)) if tcp else configure("opengloves", path=peer.where)
+        with closing(open_device(where)) as device, closing(open_device(where)) as watchdog:
             device.open(PATIENCE)
-            guardian.open_for_release(PATIENCE)
+            watchdog.open_for_release(PATIENCE)
             reader, command = Reader(device), FingerCommand(np.full(5, 0.4), np.ones(5))
 
             def answer() -> None:
                 device.send(command)
-                guardian.drain()
+                watchdog.drain()
 
             reader.until(lambda: reader.count() >= 100, answer)
             peer.order("garbage")
@@ -233,12 +231,12 @@ def test_a_fake_glove_in_another_process_every_line_accounted_for(tmp_path: Path
             reader.until(lambda: device.counters.rejected == 1 and device.counters.malformed == 1)
 
             def heard() -> bool:
-                return len(peer.record().command) == device.counters.commands + guardian.counters.commands
+                return len(peer.record().command) == device.counters.commands + watchdog.counters.commands
 
             # A release takes back what the glove was not told yet; here nothing is to be missing.
             reader.until(heard)
-            # The loop is gone: the guardian frees the fingers on its own connection.
-            assert guardian.release()
+            # The loop is gone: the watchdog frees the fingers on its own connection.
+            assert watchdog.release()
             reader.until(heard)
             assert not peer.record().command[-1].any()
             # Unplugged and back.
@@ -246,12 +244,12 @@ def test_a_fake_glove_in_another_process_every_line_accounted_for(tmp_path: Path
             assert "gone" in reader.until_lost()
             assert not device.reconnect()
             with pytest.raises(DeviceError, match="gone"):
-                guardian.drain()
-            assert not guardian.release(), "nobody is there"
+                watchdog.drain()
+            assert not watchdog.release(), "nobody is there"
             before = reader.count()
             peer.order("back")
             reader.until_back()
-            assert guardian.release(), "on a connection of its own, made anew"
+            assert watchdog.release(), "on a connection of its own, made anew"
             reader.until(lambda: reader.count() > before + 20)
             assert device.send(command)
             reader.until(heard)
@@ -275,14 +273,14 @@ def test_a_fake_glove_in_another_process_every_line_accounted_for(tmp_path: Path
     commands = [tuple(row) for row in np.round(1000 * record.command).astype(int).tolist()]
     assert set(commands) == {(600,) * 5, (0,) * 5}
     assert commands[-1] == (0,) * 5
-    assert len(commands) == counters.commands + guardian.counters.commands
+    assert len(commands) == counters.commands + watchdog.counters.commands
 
 
 @pytest.mark.parametrize("tcp", [False, True], ids=["pty", "tcp"])
 def test_a_glove_whose_process_is_killed_comes_back(tmp_path: Path, tcp: bool) -> None:
     port = free_ports(socket.SOCK_STREAM)
     arguments = ("--port", port) if tcp else ("--link", tmp_path / "glove")
-    config = DeviceConfig(kind="opengloves", port=port, path="" if tcp else str(tmp_path / "glove"))
+    config = configure("opengloves", port=port, path="" if tcp else str(tmp_path / "glove"))
     with (
         FakePeerProcess(FAKE, tmp_path / "peer.log", *arguments) as peer,
         closing(open_device(config)) as device,

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
-from hhsim.live.devices.registry import DeviceConfig
+from hhsim.live.devices.registry import GloveConfig, configure
 from hhsim.live.simulators.dexmo_process import FakeDexmo, Kind
-from hhsim.live.simulators.peer_process import FakePeerProcess
+from hhsim.live.simulators.process import FakePeerProcess
 from hhsim.result.reader import Result
 
 Times = NDArray[np.int64]
@@ -24,7 +24,7 @@ LEFT_OUT = 64
 LINE_HOLDS = 4096 // 11
 """Commands in the line's buffer of 4 kB; the shortest has 11 bytes."""
 PRIORITY = 20
-"""Of a glove's process under SCHED_FIFO: below the loop and its guardian."""
+"""Of a glove's process under SCHED_FIFO: below the loop and its watchdog."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +32,11 @@ class PeerSeen:
     """A session as its glove saw it; times are CLOCK_MONOTONIC [ns].
 
     Attributes:
-        sent: when each frame was sent to the loop.
-        of_sample: the frame of each recorded sample, by its number since the glove was opened; -1: of none.
-        received: when each command came, ascending.
-        before: frames that were sent before the loop had opened the glove, and that it threw away.
-        taken_back: most commands that were on their way when the fingers were freed, and that this took back.
+        sent: When each frame was sent to the loop.
+        of_sample: The frame of each recorded sample, by its number since the glove was opened; -1: of none.
+        received: When each command came, ascending.
+        before: Frames that were sent before the loop had opened the glove, and that it threw away.
+        taken_back: Most commands that were on their way when the fingers were freed, and that this took back.
     """
 
     sent: Times
@@ -50,9 +50,9 @@ class SoakPeer(ABC):
     """A fake glove in a process of its own, while the block runs.
 
     Args:
-        folder: for its log.
-        rate: frames a second [Hz].
-        seed: of its motion.
+        folder: For its log.
+        rate: Frames a second [Hz].
+        seed: Of its motion.
     """
 
     name: str
@@ -81,7 +81,7 @@ class SoakPeer(ABC):
 
     @property
     @abstractmethod
-    def config(self) -> DeviceConfig:
+    def config(self) -> GloveConfig:
         """How the loop reaches it."""
 
     @abstractmethod
@@ -109,9 +109,9 @@ class DexmoPeer(SoakPeer):
         return self._server.pid
 
     @property
-    def config(self) -> DeviceConfig:
+    def config(self) -> GloveConfig:
         """See `SoakPeer.config`."""
-        return DeviceConfig(kind="dexmo", port=self._server.port)
+        return configure("dexmo", port=self._server.port)
 
     def seen(self, result: Result) -> PeerSeen:
         """See `SoakPeer.seen`; the loop's connection is the one that tells most."""
@@ -148,9 +148,9 @@ class LinePeer(SoakPeer):
         return self._peer.pid
 
     @property
-    def config(self) -> DeviceConfig:
+    def config(self) -> GloveConfig:
         """See `SoakPeer.config`."""
-        return DeviceConfig(kind="opengloves", path=self._peer.where)
+        return configure("opengloves", path=self._peer.where)
 
     def seen(self, result: Result) -> PeerSeen:
         """See `SoakPeer.seen`; a line begins anywhere, and its readings tell where."""
@@ -186,9 +186,9 @@ class UdpPeer(SoakPeer):
         return self._peer.pid
 
     @property
-    def config(self) -> DeviceConfig:
+    def config(self) -> GloveConfig:
         """See `SoakPeer.config`."""
-        return DeviceConfig(kind="udp", port=self._port)
+        return configure("udp", port=self._port)
 
     def seen(self, result: Result) -> PeerSeen:
         """See `SoakPeer.seen`; packets are numbered."""
@@ -222,7 +222,7 @@ def places_of(sent: NDArray[Any], read: NDArray[Any]) -> Times:
     A line that nobody reads fills up, and what then does not fit of a row spoils the next one.
 
     Raises:
-        HhsimError: a row was read that is not among the next ones that were sent.
+        HhsimError: A row was read that is not among the next ones that were sent.
     """
     reached = -1
     for first in np.flatnonzero((sent == read[0]).all(axis=1)):

@@ -1,0 +1,329 @@
+"""A Dexmo glove at the TCP server of its vendor.
+
+A server may have several gloves and several clients; this driver is for one glove. It is found by its number or else by
+its hand, and stays the same until the driver is opened again. Newtons cannot be commanded: the server takes for each
+finger the bend at which it is stopped and a stiffness without unit.
+"""
+
+import math
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.live.device import (
+    FINGER_COUNT,
+    UNKNOWN,
+    Capability,
+    DeviceCounters,
+    DeviceError,
+    FingerCommand,
+    GloveDevice,
+    GloveInfo,
+)
+from hhsim.live.devices.dexmo import DexmoOptions
+from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.link.dexmo_codec import (
+    CHANNELS,
+    FramingError,
+    GloveMessage,
+    MessageStream,
+    WireError,
+    decode_frame,
+    encode_impedance,
+    framed,
+)
+from hhsim.live.link.tcp import TcpLink
+
+if TYPE_CHECKING:
+    from hhsim.live.drivers.calibration import GloveCalibration
+
+FREE = (0.0,) * FINGER_COUNT
+UNKNOWN_STIFFNESS = (1.0,) * FINGER_COUNT
+"""What the fingers may still be told from before a connection: nobody knows what the server made of it."""
+SETTLE = 0.1
+"""After the first frame, how long other gloves are looked for [s]."""
+LEAST_SET_POINT = 1e-3
+"""The sign of a set point is its direction, which 0 would not have."""
+MOST_MALFORMED = 20
+"""So many frames in a row that cannot be read mean that the framing is lost."""
+MOST_KEPT = 1 << 20
+"""Bytes that may come before the glove is found."""
+MOST_FRAMES = 256
+"""Frames looked at in one call."""
+
+
+class DexmoGlove(GloveDevice):
+    """One glove of a Dexmo server.
+
+    Args:
+        config: With `DexmoOptions`, and a `GloveCalibration` unless the glove is opened for release.
+    """
+
+    _calibration: "GloveCalibration"
+    """For what the glove sends; from `open` on."""
+
+    def __init__(self, config: GloveConfig) -> None:
+        """Nothing is connected yet."""
+        assert isinstance(config.options, DexmoOptions)
+        host, port, self._wanted_id = config.options.host, config.options.port, config.options.device_id
+        self._given = cast("GloveCalibration", config.calibration)
+        self._hand = config.hand
+        self._device_id: int | None = None
+        self._link = TcpLink(host, port, f"dexmo at {host}:{port}")
+        self._stream = MessageStream()
+        self._waiting: deque[GloveMessage] = deque()
+        self._received_ns = 0
+        self._malformed_run = 0
+        self._seq = 0
+        self._lost: DeviceError | None = None
+        self._stiffness = list(UNKNOWN_STIFFNESS)
+        self._battery = UNKNOWN
+        self.counters = DeviceCounters()
+
+    def open(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open`; waits until the glove has said something that can be used."""
+        sample = self._find(timeout)
+        assert sample.channels is not None
+        try:
+            self._fit(sample.channels)
+        except InputError as error:
+            self._link.close()
+            raise DeviceError(f"{self._link.name}: {error}") from None
+
+    def open_for_release(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open_for_release`; the glove must be there, or nobody could be told to let go."""
+        self._find(timeout)
+
+    def drain(self) -> None:
+        """See `GloveDevice.drain`."""
+        for _ in range(4):
+            if self._link.receive() is None:
+                return
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        """See `GloveDevice.read`."""
+        if self._lost is None:
+            try:
+                data = self._link.receive()
+            except DeviceError as error:
+                # What came before the end is still to be handed on.
+                self._lost = error
+            else:
+                if data is not None:
+                    self._received_ns = time.monotonic_ns()
+                    self._stream.feed(data)
+        count = 0
+        for _ in range(MOST_FRAMES):
+            while self._waiting and count < len(samples_out):
+                count += self._store(self._waiting.popleft(), samples_out[count])
+            if self._waiting or count == len(samples_out) or not self._next_frame():
+                break
+        if count == 0 and self._lost is not None and not self._waiting and not len(self._stream):
+            raise self._lost
+        return count
+
+    def send(self, command: FingerCommand) -> bool:
+        """See `GloveDevice.send`; fingers of a command that is not finite are free."""
+        if self._device_id is None:
+            raise DeviceError(f"{self._link.name}: not open")
+        stiffness, bend = command.stiffness.tolist(), command.bend.tolist()
+        if all(map(math.isfinite, stiffness)) and all(map(math.isfinite, bend)):
+            stiffness = [min(max(value, 0.0), 1.0) for value in stiffness]
+            # The server's bend, where our calibration has other ends than the server's.
+            set_point = [
+                min(max(low + span * min(max(value, 0.0), 1.0), LEAST_SET_POINT), 1.0)
+                for value, low, span in zip(bend, self._bend_open, self._bend_span)
+            ]
+        else:
+            stiffness, set_point = list(FREE), list(FREE)
+        # The server may drop all but those that let go of a finger: what follows within a tick replaces the others,
+        # and a server that had to keep them would work off stale ones first.
+        kept = any(now < before for now, before in zip(stiffness, self._stiffness))
+        if not self._link.send(framed(encode_impedance(self._device_id, stiffness, set_point, kept=kept))):
+            self.counters.commands_refused += 1
+            return False
+        self._stiffness = stiffness
+        self.counters.commands += 1
+        return True
+
+    def release(self, timeout: float = 0.05) -> bool:
+        """See `GloveDevice.release`; on a fresh connection where this one takes nothing."""
+        if self._device_id is None:
+            return False
+        before = self._link.connection
+        sent = self._link.send_within(framed(encode_impedance(self._device_id, FREE, FREE, kept=True)), timeout)
+        if self._link.connection != before:
+            self._begin_stream()
+        if sent:
+            self._stiffness = list(FREE)
+            self.counters.commands += 1
+        return sent
+
+    def reconnect(self) -> bool:
+        """See `GloveDevice.reconnect`; the glove may say nothing yet."""
+        if self._lost is None and self._link.connected:
+            return True
+        if not self._link.reconnect():
+            return False
+        self._begin_stream()
+        return True
+
+    def close(self) -> None:
+        """See `GloveDevice.close`."""
+        self._link.close()
+
+    def _fit(self, channels: Sequence[float]) -> None:
+        """Take the calibration for what the glove sends, and describe the glove.
+
+        Raises:
+            InputError: There is none for it.
+        """
+        self._calibration = calibration = self._given.fitting(channels)
+        counted = calibration.counted
+        # A server that sends counts takes set points from 0 to 1 all the same.
+        low, high = (np.zeros(FINGER_COUNT), np.ones(FINGER_COUNT)) if counted else calibration.bend_ends()
+        self._bend_open, self._bend_span = low.tolist(), (high - low).tolist()
+        self._flexion, self._abduction = calibration.regression.angles(calibration.regression.open)
+        self.info = GloveInfo(
+            name=self._link.name,
+            capabilities=Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.SPLAY | Capability.BATTERY,
+            channels=CHANNELS,
+            hand=self._hand,
+            unit="count" if counted else "",
+            doubtful=calibration.doubtful,
+            kept_free=calibration.kept_free,
+        )
+
+    def _find(self, timeout: float) -> GloveMessage:
+        """Connect and wait for a finite sample of the glove; what comes is kept for `read`."""
+        deadline = time.monotonic() + timeout
+        self._link.connect(timeout)
+        self._stream, self._lost, self._malformed_run = MessageStream(), None, 0
+        self._waiting.clear()
+        self._device_id = None
+        self._stiffness = list(UNKNOWN_STIFFNESS)
+        looked = MessageStream()
+        seen: dict[int, GloveMessage] = {}
+        settled = deadline
+        try:
+            while (now := time.monotonic()) < min(deadline, settled):
+                data = self._link.receive()
+                if data is None:
+                    self._link.wait(min(deadline, settled) - now)
+                    continue
+                self._received_ns = time.monotonic_ns()
+                self._stream.feed(data)
+                if len(self._stream) > MOST_KEPT:
+                    raise FramingError(f"more than {MOST_KEPT >> 20} MB without its glove")
+                looked.feed(data)
+                while (payload := looked.next()) is not None:
+                    for message in decode_frame(payload):
+                        if message.channels is not None and all(map(math.isfinite, message.channels)):
+                            seen[message.device_id] = message
+                if self._wanted_id in seen:
+                    break
+                if self._wanted_id is None and settled == deadline and self._candidates(seen):
+                    settled = time.monotonic() + SETTLE
+        except (FramingError, WireError) as error:
+            self._link.close()
+            raise DeviceError(f"{self._link.name}: what answers there is no Dexmo server: {error}") from None
+        return self._chosen(seen, timeout)
+
+    def _candidates(self, seen: dict[int, GloveMessage]) -> list[GloveMessage]:
+        """Gloves of our hand; where the server does not say any hand, those without."""
+        wanted = self._hand == "right"
+        ours = [message for message in seen.values() if message.right is wanted]
+        return ours or [message for message in seen.values() if message.right is None]
+
+    def _chosen(self, seen: dict[int, GloveMessage], timeout: float) -> GloveMessage:
+        number = self._wanted_id
+        if number is None:
+            found, wanted = self._candidates(seen), f"{self._hand} glove"
+        else:
+            found, wanted = [seen[number]] if number in seen else [], f"glove {number}"
+        if len(found) == 1 and found[0].right in (None, self._hand == "right"):
+            self._device_id = found[0].device_id
+            return found[0]
+        self._link.close()
+        sides = {True: "right", False: "left", None: "hand not said"}
+        there = ", ".join(f"{message.device_id} ({sides[message.right]})" for message in seen.values()) or "none"
+        if found and number is not None:
+            raise DeviceError(f"{self._link.name}: {wanted} is not a {self._hand} hand's")
+        if found:
+            raise DeviceError(f"{self._link.name} has {len(found)} {wanted}s: {there}; name one by its number")
+        raise DeviceError(f"{self._link.name}: no {wanted} within {timeout:g} s; gloves there: {there}")
+
+    def _begin_stream(self) -> None:
+        """A new connection begins with a new message."""
+        self._stream, self._lost, self._malformed_run = MessageStream(), None, 0
+        self._stiffness = list(UNKNOWN_STIFFNESS)
+        self.counters.resyncs += 1
+
+    def _next_frame(self) -> bool:
+        """Read one frame into `_waiting`; False where there is none."""
+        try:
+            payload = self._stream.next()
+        except FramingError as error:
+            self._let_go(f"the stream from its server makes no sense: {error}")
+            return False
+        if payload is None:
+            if self._lost is not None:
+                self._stream = MessageStream()
+            return False
+        self.counters.frames += 1
+        try:
+            messages = decode_frame(payload)
+        except WireError as error:
+            self.counters.malformed += 1
+            self._malformed_run += 1
+            if self._malformed_run >= MOST_MALFORMED:
+                self._let_go(f"{self._malformed_run} frames in a row cannot be read: {error}")
+                return False
+            return True
+        self._malformed_run = 0
+        if messages:
+            self._waiting.extend(messages)
+        else:
+            self.counters.other += 1
+        return True
+
+    def _let_go(self, reason: str) -> None:
+        """Free the fingers and end a connection that can no longer be read."""
+        try:
+            if self._device_id is not None:
+                self._link.send(framed(encode_impedance(self._device_id, FREE, FREE, kept=True)), urgent=True)
+        except DeviceError:
+            pass
+        self._link.retire()
+        self._stream = MessageStream()
+        self._lost = DeviceError(f"{self._link.name}: {reason}")
+
+    def _store(self, message: GloveMessage, row: np.void) -> int:
+        """Write a sample; 1 where there is one."""
+        if message.device_id != self._device_id or message.channels is None:
+            self.counters.other += 1
+            return 0
+        if message.battery is not None:
+            self._battery = message.battery if 0 <= message.battery <= 100 else UNKNOWN
+        readings = np.array(message.channels)
+        found = self._calibration.angles(readings) if np.isfinite(readings).all() else None
+        good = found is not None
+        if found is not None:
+            self._flexion, self._abduction = found
+        row["seq"] = self._seq
+        row["time_ns"] = self._received_ns
+        row["device_time_ns"] = row["device_seq"] = UNKNOWN
+        row["battery"] = self._battery
+        row["good"] = good
+        row["channels"][: len(CHANNELS)] = readings
+        row["channels"][len(CHANNELS) :] = math.nan
+        row["flexion"], row["abduction"] = self._flexion, self._abduction
+        self._seq += 1
+        self.counters.samples += good
+        self.counters.rejected += not good
+        return 1

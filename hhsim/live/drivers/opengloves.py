@@ -1,0 +1,284 @@
+"""A glove that speaks the letter format of OpenGloves: LucidGloves and their kin, on a serial line or over TCP.
+
+What such a glove takes is a position limit without a stiffness: a servo blocks the finger's string. So a stiffness here
+moves the limit: from free at 0 to the wanted bend at `FULL_STIFFNESS` and above.
+
+hhsim connects to the glove and never waits for it to connect: the watchdog needs a connection of its own.
+"""
+
+import math
+import time
+from collections import deque
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.live.device import (
+    FINGER_COUNT,
+    UNKNOWN,
+    Capability,
+    DeviceCounters,
+    DeviceError,
+    FingerCommand,
+    GloveDevice,
+    GloveInfo,
+)
+from hhsim.live.devices.opengloves import OpenGlovesOptions
+from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.link.opengloves_codec import (
+    FULL_LIMIT,
+    RELEASE,
+    GloveLine,
+    LineError,
+    LineStream,
+    format_limits,
+    parse_line,
+)
+from hhsim.live.link.serial import SerialLink
+from hhsim.live.link.tcp import TcpLink
+
+if TYPE_CHECKING:
+    from hhsim.live.drivers.calibration import GloveCalibration
+
+FULL_STIFFNESS = 0.25
+MOST_MALFORMED = 20
+"""So many lines in a row that cannot be read are told once, as lost framing."""
+BONES = ("metacarpal", "proximal", "middle", "distal")
+
+
+class OpenGlovesGlove(GloveDevice):
+    """One glove.
+
+    Its curls are the bends of `hhsim.recordings.dexmo_regression`; where it sends every joint, each joint goes its own
+    way.
+
+    Args:
+        config: With `OpenGlovesOptions`, and a `GloveCalibration` unless the glove is opened for release.
+
+    Raises:
+        InputError: A baud rate or full scale that is none.
+    """
+
+    def __init__(self, config: GloveConfig) -> None:
+        """Nothing is connected yet."""
+        options = config.options
+        assert isinstance(options, OpenGlovesOptions)
+        if not (math.isfinite(options.full_scale) and options.full_scale > 0.0):
+            raise InputError(f"full scale {options.full_scale}; expected the largest reading, such as 1023 or 4095")
+        self._full_scale = options.full_scale
+        self._given = cast("GloveCalibration", config.calibration)
+        self._hand = config.hand
+        self._serial = bool(options.path)
+        self._link: SerialLink | TcpLink
+        if self._serial:
+            name = f"opengloves at {options.path}, {options.baud} baud"
+            self._link = SerialLink(options.path, options.baud, name)
+        else:
+            self._link = TcpLink(options.host, options.port, f"opengloves at {options.host}:{options.port}")
+        self._stream = LineStream(whole=True)
+        self._waiting: deque[tuple[bytes, int]] = deque()
+        self._lost: DeviceError | None = None
+        self._malformed_run = 0
+        self._overlong = 0
+        self._seq = 0
+        self.counters = DeviceCounters()
+
+    def open(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open`; waits for the first sample, which a board that resets sends after a second or two."""
+        deadline = time.monotonic() + timeout
+        self.open_for_release(timeout)
+        self._waiting.clear()
+        self._begin_stream()
+        seen, bad = b"", 0
+        while (left := deadline - time.monotonic()) > 0.0:
+            self._link.wait(left)
+            fresh = self._receive()
+            seen = (seen + fresh)[:40]
+            for line, _ in list(self._waiting)[bad:]:
+                try:
+                    found = parse_line(line)
+                except LineError:
+                    bad += 1
+                    continue
+                if found is not None:
+                    self._begin(found)
+                    return
+                bad += 1
+        self._link.close()
+        if seen:
+            raise DeviceError(
+                f"{self._link.name}: sends {seen!r}, no line of the letter format: is the baud rate right?"
+            )
+        raise DeviceError(f"{self._link.name}: sent nothing within {timeout:g} s: is this the glove's line?")
+
+    def open_for_release(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open_for_release`; a serial line is not read by the watchdog."""
+        self._lost = None
+        self._link.connect(timeout)
+
+    def drain(self) -> None:
+        """See `GloveDevice.drain`; what a serial line brings is the loop's."""
+        if isinstance(self._link, SerialLink):
+            self._link.check()
+            return
+        for _ in range(4):
+            if self._link.receive() is None:
+                return
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        """See `GloveDevice.read`."""
+        if self._lost is None:
+            try:
+                self._receive()
+            except DeviceError as error:
+                # What came before the end is still to be handed on.
+                self._lost = error
+        count = 0
+        while self._waiting and count < len(samples_out):
+            line, now = self._waiting.popleft()
+            count += self._store(line, now, samples_out[count])
+        if count == 0 and self._lost is not None and not self._waiting:
+            raise self._lost
+        return count
+
+    def send(self, command: FingerCommand) -> bool:
+        """See `GloveDevice.send`; fingers of a command that is not finite are free."""
+        if self._link.send(format_limits(limits(command))):
+            self.counters.commands += 1
+            return True
+        self.counters.commands_refused += 1
+        return False
+
+    def release(self, timeout: float = 0.05) -> bool:
+        """See `GloveDevice.release`; on a fresh connection where this one takes nothing."""
+        before = self._link.connection
+        sent = self._link.send_within(RELEASE, timeout)
+        if self._link.connection != before:
+            self._begin_stream()
+            self._lost = None
+        self.counters.commands += sent
+        return sent
+
+    def reconnect(self) -> bool:
+        """See `GloveDevice.reconnect`; the glove may say nothing yet."""
+        if self._lost is None and self._link.connected:
+            return True
+        if not self._link.reconnect():
+            return False
+        self._lost = None
+        self._begin_stream()
+        self.counters.resyncs += 1
+        return True
+
+    def close(self) -> None:
+        """See `GloveDevice.close`."""
+        self._link.close()
+
+    def _begin(self, line: GloveLine) -> None:
+        """Take the first sample as what this glove can do."""
+        from hhsim.hand.fingers import FINGERS
+
+        self._calibration = calibration = self._given.raw()
+        self._scale = 1.0 if calibration.counted else self._full_scale
+        self._flexion, self._abduction = calibration.regression.angles(calibration.regression.open)
+        can = Capability.POSITION_LIMIT
+        if any(map(math.isfinite, line.splay)):
+            can |= Capability.SPLAY
+        if any(math.isfinite(value) for bones in line.joints for value in bones):
+            can |= Capability.JOINTS
+        self.info = GloveInfo(
+            name=self._link.name,
+            capabilities=can,
+            channels=(
+                *(f"{finger}_curl" for finger in FINGERS),
+                *(f"{finger}_splay" for finger in FINGERS),
+                *(f"{finger}_{bone}" for finger in FINGERS for bone in BONES),
+            ),
+            hand=self._hand,
+            unit="count",
+            doubtful=calibration.doubtful,
+            kept_free=calibration.kept_free,
+        )
+
+    def _begin_stream(self) -> None:
+        """A connection begins with a line, a serial line anywhere."""
+        self._stream, self._overlong, self._malformed_run = LineStream(whole=not self._serial), 0, 0
+
+    def _receive(self) -> bytes:
+        data = self._link.receive()
+        if data is None:
+            return b""
+        now = time.monotonic_ns()
+        self._waiting.extend((line, now) for line in self._stream.feed(data))
+        overlong = self._stream.overlong - self._overlong
+        self._overlong += overlong
+        self.counters.frames += overlong
+        self.counters.malformed += overlong
+        return data
+
+    def _store(self, line: bytes, now: int, row: np.void) -> int:
+        """Write a sample; 1 where there is one."""
+        self.counters.frames += 1
+        try:
+            found = parse_line(line)
+        except LineError:
+            self.counters.malformed += 1
+            self._malformed_run += 1
+            if self._malformed_run == MOST_MALFORMED:
+                self.counters.resyncs += 1
+            return 0
+        self._malformed_run = 0
+        if found is None:
+            self.counters.other += 1
+            return 0
+        good = self._angles(found)
+        row["seq"] = self._seq
+        row["time_ns"] = now
+        row["device_time_ns"] = row["device_seq"] = row["battery"] = UNKNOWN
+        row["good"] = good
+        row["channels"] = math.nan
+        row["channels"][:30] = (*found.curl, *found.splay, *(value for bones in found.joints for value in bones))
+        row["flexion"], row["abduction"] = self._flexion, self._abduction
+        self._seq += 1
+        self.counters.samples += good
+        self.counters.rejected += not good
+        return 1
+
+    def _angles(self, line: GloveLine) -> bool:
+        """Take a sample as the angles of the hand; False where they are those of no hand."""
+        calibration, scale = self._calibration, self._scale
+        curl, splay = np.array(line.curl) / scale, np.array(line.splay) / scale
+        if scale != 1.0:
+            # Without a calibration, the middle of the range is taken for straight fingers.
+            splay = 2.0 * splay - 1.0
+        found = calibration.angles(calibration.readings(curl, splay))
+        joints = calibration.bends(our_joints(line) / scale)
+        if found is None or joints is None:
+            return False
+        flexion, self._abduction = found
+        low, high = calibration.bend_ends()
+        bends = (curl - low) / (high - low)
+        slope, _ = calibration.bend_lines()
+        self._flexion = flexion + np.where(np.isfinite(joints), (joints - bends[:, None]) * slope, 0.0)
+        return True
+
+
+def our_joints(line: GloveLine) -> NDArray[np.float64]:
+    """Readings of our three joints of each finger, shape (5, 3), NaN where the glove does not send them."""
+    bones = np.array(line.joints)
+    # Our first joint is the knuckle, which moves the proximal bone; gloves without a distal sensor number from the
+    # first joint on.
+    return np.where(np.isfinite(bones[:, 3:]), bones[:, 1:], bones[:, :3])
+
+
+def limits(command: FingerCommand) -> list[int]:
+    """What the glove is told: 0 free to 1000 blocked fully extended, for each finger."""
+    bend, stiffness = command.bend.tolist(), command.stiffness.tolist()
+    if not all(map(math.isfinite, bend)) or not all(map(math.isfinite, stiffness)):
+        return [0] * FINGER_COUNT
+    return [
+        round(FULL_LIMIT * (1.0 - min(max(b, 0.0), 1.0)) * min(max(k, 0.0) / FULL_STIFFNESS, 1.0))
+        for b, k in zip(bend, stiffness)
+    ]

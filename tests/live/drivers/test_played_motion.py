@@ -1,0 +1,222 @@
+"""Gloves and poses that need no hardware: the simulated glove, the replayed one, and where the palm is."""
+
+import time
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
+from hhsim.live.devices.registry import configure, glove_names, open_device
+from hhsim.live.ipc.status import LIVE_STATUS
+from hhsim.live.playback import RETURN_TIME, Playback
+from hhsim.live.pose.registry import make_pose_source, write_keyboard_pose
+from hhsim.live.pose.source import PoseConfig
+from hhsim.live.shared_memory import SharedBlock
+from hhsim.motion.trajectory import Trajectory
+from hhsim.recordings.dexmo_regression import DexmoRegression
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """CLOCK_MONOTONIC [ns] that the drivers see; tests move it."""
+    now = [10_000_000_000]
+    monkeypatch.setattr(time, "monotonic_ns", lambda: now[0])
+    return now
+
+
+def motion(count: int = 50, rate: float = 100.0) -> Trajectory:
+    """A seeded motion in which no two samples are the same."""
+    random = np.random.default_rng(7)
+    return Trajectory(
+        time=np.arange(count) / rate + 3.0,
+        position=random.uniform(-0.1, 0.1, (count, 3)),
+        orientation=random.standard_normal((count, 4)),
+        flexion=random.uniform(0.0, 1.0, (count, 5, 3)),
+        abduction=random.uniform(-0.1, 0.1, (count, 5)),
+        name="seeded",
+    )
+
+
+def read_all(device: GloveDevice, most: int = 4096) -> NDArray[np.void]:
+    samples = np.zeros(most, GLOVE_SAMPLE)
+    return samples[: device.read(samples)]
+
+
+def test_every_kind_has_a_driver_and_an_unknown_one_is_named() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean dexmo"):
+        configure("dexmoo")
+    with pytest.raises(InputError, match="expected right or left"):
+        configure(hand="both")  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match="unknown pose source"):
+        make_pose_source(PoseConfig(kind="camera"))
+    assert set(glove_names()) >= {"sim", "replay"}
+
+
+def test_replay_gives_the_samples_of_the_motion_whenever_it_is_read(clock: list[int]) -> None:
+    given = motion()
+    ways = []
+    for steps in (np.full(100, 7_000_000), np.random.default_rng(1).integers(0, 30_000_000, 60)):
+        device = open_device(configure("replay", playback=Playback(given)))
+        device.open()
+        parts = [read_all(device)]
+        for step in steps:
+            clock[0] += int(step)
+            parts.append(read_all(device))
+        ways.append(np.concatenate(parts))
+        assert device.counters.frames == device.counters.samples == len(ways[-1])
+    for samples in ways:
+        assert np.array_equal(samples["seq"], np.arange(len(samples)))
+        assert np.array_equal(samples["flexion"][:50], given.flexion)
+        assert np.array_equal(samples["abduction"][:50], given.abduction)
+        assert np.array_equal(samples["device_time_ns"][:50], np.round(1e9 * (given.time - given.time[0])))
+        assert (samples["flexion"][50:] == given.flexion[-1]).all(), "a hand that rests"
+        assert samples["good"].all()
+
+
+def test_replay_at_its_own_rate_is_due_when_its_stamps_say_and_goes_back_to_begin_anew(clock: list[int]) -> None:
+    given = motion()
+    device = open_device(configure("replay", playback=Playback(given, rate=500.0, repeat=True)))
+    assert len(read_all(device)) == 1
+    clock[0] += 2_000_000 - 1
+    assert len(read_all(device)) == 0
+    clock[0] += 1
+    assert len(read_all(device)) == 1
+    # 50 samples, then 1 s back in steps of 2 ms.
+    clock[0] += round(1e9 * (49 / 500.0 + RETURN_TIME))
+    again = read_all(device)
+    assert np.array_equal(np.diff(again["device_time_ns"]), np.full(len(again) - 1, 2_000_000))
+    assert np.array_equal(again["flexion"][:48], given.flexion[2:])
+    assert np.array_equal(again["flexion"][-2:], given.flexion[:2]), "the motion begins anew"
+    back = again["flexion"][47:-1]
+    assert len(back) == 501
+    assert np.allclose(back, back[0] + np.linspace(0.0, 1.0, 501)[:, None, None] * (back[-1] - back[0]))
+
+
+def test_what_does_not_fit_waits_for_the_next_read(clock: list[int]) -> None:
+    device = open_device(configure("replay", playback=Playback(motion())))
+    read_all(device)
+    clock[0] += 300_000_000
+    got = [read_all(device, 7)["seq"] for _ in range(6)]
+    assert np.array_equal(np.concatenate(got), np.arange(1, 31))
+
+
+def grasping() -> Trajectory:
+    """All fingers close in one second along the regression and stay."""
+    channels = np.zeros((201, 11))
+    channels[:, 2::2] = np.clip(np.arange(201)[:, None] / 100.0, 0.0, 1.0) * 0.8
+    flexion, abduction = DexmoRegression.default().angles(channels)
+    return Trajectory(
+        time=np.arange(201) / 100.0,
+        position=np.zeros((201, 3)),
+        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (201, 1)),
+        flexion=flexion,
+        abduction=abduction,
+    )
+
+
+def test_a_simulated_finger_makes_the_motion_and_stops_where_it_is_resisted(clock: list[int]) -> None:
+    regression = DexmoRegression.default()
+    device = open_device(configure("sim", playback=Playback(grasping()), seed=3))
+    command = FingerCommand()
+    command.bend[:] = 0.5
+    command.stiffness[:] = (1.0, 1.0, 0.2, 0.0, 0.0)
+    assert device.send(command)
+    parts = [read_all(device)]
+    for _ in range(400):
+        clock[0] += 5_000_000
+        parts.append(read_all(device))
+    samples = np.concatenate(parts)
+    assert len(samples) == 401
+    bend = regression.bends(samples["flexion"])
+    early = samples["device_time_ns"] < 5e8
+    wanted = np.clip(samples["device_time_ns"] / 1e9, 0.0, 1.0)[:, None] * 0.8
+    count = 5.0 / 2000.0
+    assert np.abs(bend - wanted)[early].max() < count, "free fingers go where their user goes"
+    expected = 0.8 - 0.3 * np.array([20.0 / 21.0, 20.0 / 21.0, 4.0 / 5.0, 0.0, 0.0])
+    assert np.abs(bend[-1] - expected).max() < count, "springs against each other"
+    assert np.allclose(np.clip(samples["channels"][:, :5], 0.0, 1.0), bend, atol=1e-9)
+    assert device.release()
+    for _ in range(40):
+        clock[0] += 5_000_000
+        last = read_all(device)
+    assert np.abs(regression.bends(last["flexion"]) - 0.8).max() < count, "released fingers close again"
+
+
+def test_the_simulated_glove_follows_its_seed_and_drops_what_nobody_read(clock: list[int]) -> None:
+    ways = []
+    for step, seed in ((5_000_000, 1), (11_000_000, 1), (5_000_000, 2)):
+        device = open_device(configure("sim", seed=seed))
+        parts = [read_all(device)]
+        while sum(map(len, parts)) < 200:
+            clock[0] += step
+            parts.append(read_all(device))
+        ways.append(np.concatenate(parts)["flexion"][:200])
+    assert np.array_equal(ways[0], ways[1])
+    assert not np.array_equal(ways[0], ways[2])
+    before = device.counters.samples
+    clock[0] += 10_000_000_000
+    assert len(read_all(device)) <= 201
+    assert device.counters.dropped + device.counters.samples == before + 2000
+
+
+def test_fingers_and_palm_of_one_motion_begin_together(clock: list[int]) -> None:
+    given = motion()
+    playback = Playback(given)
+    device = open_device(configure("replay", playback=playback))
+    source = make_pose_source(PoseConfig(kind="replay", playback=playback))
+    read_all(device)
+    position, orientation = np.empty(3), np.empty(4)
+    for k in range(50):
+        assert source.read(clock[0], position, orientation) == clock[0]
+        assert np.allclose(position, given.position[k], atol=1e-12)
+        assert np.allclose(np.abs(orientation @ given.orientation[k]), 1.0, atol=1e-12)
+        clock[0] += 10_000_000
+    clock[0] += 1_000_000_000
+    source.read(clock[0], position, orientation)
+    assert np.array_equal(position, given.position[-1]), "the palm stays"
+
+
+def test_a_repeated_motion_never_jumps() -> None:
+    playback = Playback(motion(), repeat=True)
+    source = make_pose_source(PoseConfig(kind="replay", playback=playback))
+    path = []
+    for now in range(0, 5_000_000_000, 1_000_000):
+        position, orientation = np.empty(3), np.empty(4)
+        source.read(now, position, orientation)
+        assert abs(np.linalg.norm(orientation) - 1.0) < 1e-12
+        path.append(position)
+    assert np.abs(np.diff(path, axis=0)).max() <= 0.2 / 10 + 1e-12, "no more than between two samples"
+
+
+def test_the_keyboard_pose_is_never_half_of_one_and_half_of_another() -> None:
+    status = SharedBlock.create("test-status", LIVE_STATUS)
+    source = make_pose_source(PoseConfig(kind="keyboard", position=(0.1, 0.2, 0.3)), status)
+    position, orientation = np.empty(3), np.empty(4)
+    assert source.read(5, position, orientation) == 5
+    assert position.tolist() == [0.1, 0.2, 0.3]
+    write_keyboard_pose(status, (1.0, 1.0, 1.0), (0.0, 2.0, 0.0, 0.0))
+    source.read(6, position, orientation)
+    assert position.tolist() == [1.0, 1.0, 1.0]
+    assert orientation.tolist() == [0.0, 1.0, 0.0, 0.0]
+    record = status.array[0]
+    record["pose_version"] += 1
+    record["pose_position"] = 2.0
+    source.read(7, position, orientation)
+    assert position.tolist() == [1.0, 1.0, 1.0], "a pose in the making is not read"
+    record["pose_version"] += 1
+    record["pose_position"] = np.nan
+    source.read(8, position, orientation)
+    assert position.tolist() == [1.0, 1.0, 1.0], "nor one that is not finite"
+    with pytest.raises(InputError, match="expected finite numbers"):
+        write_keyboard_pose(status, (0.0, np.inf, 0.0), (1.0, 0.0, 0.0, 0.0))
+
+
+def test_a_fixed_pose_is_checked() -> None:
+    position, orientation = np.empty(3), np.empty(4)
+    source = make_pose_source(PoseConfig(position=(1.0, 2.0, 3.0), orientation=(0.0, 0.0, 3.0, 0.0)))
+    assert source.read(1, position, orientation) == 1
+    assert orientation.tolist() == [0.0, 0.0, 1.0, 0.0]
+    with pytest.raises(InputError, match="expected finite numbers and a rotation"):
+        make_pose_source(PoseConfig(orientation=(0.0, 0.0, 0.0, 0.0)))
