@@ -1,23 +1,34 @@
 # Both commands need Python 3.11 to 3.13 with pip; everything else goes into .venv, once.
 #   make replay     the first result: a five-finger grasp of the Stanford bunny
 #   make test       style, types, tests, and the gate on errors and work
+#   make soak       tests that repeat at length what make test has shown; an hour
 # Another interpreter: make test PYTHON=python3.12
 
 PYTHON ?= python3
 PYTEST_OPTIONS ?= -n 2
 BIN := .venv/bin
 
-.PHONY: replay test clean
+.PHONY: replay test soak checks kernels clean
 
 replay: .venv/hhsim.stamp
 	$(BIN)/hhsim replay
 
 test: .venv/test.stamp
+	@$(MAKE) --no-print-directory -j 2 checks kernels
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+	$(BIN)/hhsim gate --no-time
+
+soak: .venv/test.stamp
+	@$(MAKE) --no-print-directory kernels
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS) -m soak
+
+checks:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
-	$(BIN)/hhsim gate --no-time
+
+kernels:
+	$(BIN)/python tests/compile_kernels.py
 
 .venv/python.stamp:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \
@@ -29,9 +40,9 @@ test: .venv/test.stamp
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e .
 	@touch $@
 
-.venv/test.stamp: .venv/hhsim.stamp
+.venv/test.stamp: .venv/python.stamp pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[test,lint]'
-	@touch $@
+	@touch .venv/hhsim.stamp $@
 
 clean:
 	rm -rf .venv build dist hhsim.egg-info .pytest_cache .mypy_cache .ruff_cache
