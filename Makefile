@@ -8,15 +8,14 @@ PYTHON ?= python3
 PYTEST_OPTIONS ?= -n 2
 BIN := .venv/bin
 
-.PHONY: replay test soak checks kernels clean
+.PHONY: replay test soak checks kernels gate clean
 
 replay: .venv/hhsim.stamp
 	$(BIN)/hhsim replay
 
 test: .venv/test.stamp
-	@$(MAKE) --no-print-directory -j 2 checks kernels
+	@$(MAKE) --no-print-directory -j 2 checks gate
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
-	$(BIN)/hhsim gate --no-time
 
 soak: .venv/test.stamp
 	@$(MAKE) --no-print-directory kernels
@@ -29,6 +28,9 @@ checks:
 
 kernels:
 	$(BIN)/python tests/compile_kernels.py
+
+gate: kernels
+	$(BIN)/hhsim gate --no-time
 
 .venv/python.stamp:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \
