@@ -1,22 +1,35 @@
 # Both commands need Python 3.11 to 3.13 with pip; everything else goes into .venv, once.
 #   make replay     the first result: a five-finger grasp of the Stanford bunny
 #   make test       style, types, tests, and the gate on errors and work
+#   make soak       tests that repeat at length what make test has shown; an hour
 # Another interpreter: make test PYTHON=python3.12
 
 PYTHON ?= python3
 PYTEST_OPTIONS ?= -n 2
 BIN := .venv/bin
 
-.PHONY: replay test clean
+.PHONY: replay test soak checks kernels gate clean
 
 replay: .venv/hhsim.stamp
 	$(BIN)/hhsim replay
 
 test: .venv/test.stamp
+	@$(MAKE) --no-print-directory -j 2 checks gate
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+
+soak: .venv/test.stamp
+	@$(MAKE) --no-print-directory kernels
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS) -m soak
+
+checks:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+
+kernels:
+	$(BIN)/python tests/compile_kernels.py
+
+gate: kernels
 	$(BIN)/hhsim gate --no-time
 
 .venv/python.stamp:
@@ -29,9 +42,9 @@ test: .venv/test.stamp
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e .
 	@touch $@
 
-.venv/test.stamp: .venv/hhsim.stamp
+.venv/test.stamp: .venv/python.stamp pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[test,lint]'
-	@touch $@
+	@touch .venv/hhsim.stamp $@
 
 clean:
 	rm -rf .venv build dist hhsim.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -18,9 +18,9 @@ from hhsim.trees.file import load_tree
 
 RUN_HERE = {"library.py", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
 RUN_ELSEWHERE = {
-    "gate.sh": "test_gate_run.py",
-    "gate-github-actions.yml": "test_gate_run.py",
-    "udp_bridge.py": "test_live_udp.py",
+    "gate.sh": "gate/test_run.py",
+    "gate-github-actions.yml": "gate/test_run.py",
+    "udp_bridge.py": "live/devices/test_udp.py",
 }
 
 

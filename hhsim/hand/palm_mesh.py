@@ -6,6 +6,7 @@ from the carpus to the knuckles, pads under the knuckles, hypothenar, thenar bas
 palm is star-shaped, so one vertex a ray from there gives a mesh that is closed by construction.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,7 +98,15 @@ def palm_mesh(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuc
     Raises:
         InputError: Knuckles so far from the palm frame's origin that no palm lies around it.
     """
-    parts = palm_parts(hand_length, hand_breadth, knuckle, knuckle_radius)
+    # A process that makes a hand usually makes the same one again, and its palm takes a tenth of a second.
+    return _palm_mesh(hand_length, hand_breadth, tuple(knuckle.ravel().tolist()), tuple(knuckle_radius.tolist()))
+
+
+@functools.lru_cache(maxsize=8)
+def _palm_mesh(
+    hand_length: float, hand_breadth: float, knuckle: tuple[float, ...], knuckle_radius: tuple[float, ...]
+) -> Mesh:
+    parts = palm_parts(hand_length, hand_breadth, np.array(knuckle).reshape(-1, 3), np.array(knuckle_radius))
     blend = BLEND_SHARE * hand_breadth
     center = np.array([0.0, 0.0, CENTER_HEIGHT * hand_breadth])
     half_extent = np.array([HALF_EXTENT[0] * hand_breadth, HALF_EXTENT[1] * hand_length, HALF_EXTENT[2] * hand_breadth])

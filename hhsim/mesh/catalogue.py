@@ -2,6 +2,7 @@
 becomes a mesh.
 """
 
+import functools
 import tomllib
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -45,7 +46,12 @@ class CatalogueObject:
 
 def object_names() -> list[str]:
     """Names of all objects, the simple ones first, both kinds in the paper's order."""
-    return sorted(_described(), key=lambda name: (object_description(name)["order"], name))
+    return list(_in_order())
+
+
+@functools.cache
+def _in_order() -> tuple[str, ...]:
+    return tuple(sorted(_described(), key=lambda name: (object_description(name)["order"], name)))
 
 
 def _described() -> set[str]:

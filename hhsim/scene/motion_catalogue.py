@@ -5,6 +5,7 @@ recording: a trajectory (`.h5`, `.csv`), a result or a live session (`.h5`), who
 `hhsim import` reads, imported as it does without options.
 """
 
+import functools
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -67,7 +68,8 @@ def script_names() -> list[str]:
     return [name for name in ORDER if name in names] + sorted(names.difference(ORDER))
 
 
-def _names() -> tuple[set[str], set[str]]:
+@functools.cache
+def _names() -> tuple[frozenset[str], frozenset[str]]:
     """Names of the shipped scripts and of the shipped demonstrations."""
     scripts: set[str] = set()
     demonstrations: set[str] = set()
@@ -75,7 +77,7 @@ def _names() -> tuple[set[str], set[str]]:
         if entry.name.endswith(SCRIPT_SUFFIX):
             recorded = is_demonstration(parse_toml(entry.read_text(encoding="utf-8"), entry.name))
             (demonstrations if recorded else scripts).add(entry.name.removesuffix(SCRIPT_SUFFIX))
-    return scripts, demonstrations
+    return frozenset(scripts), frozenset(demonstrations)
 
 
 def load_script(name: str) -> Script:

@@ -1,4 +1,4 @@
-"""The jit factory: where compiled kernels go, what makes them stale, and that each is compiled once."""
+"""The jit factory: where compiled kernels go, and what makes them stale."""
 
 import importlib
 import os
@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import textwrap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -241,53 +240,6 @@ def test_where_the_cache_folder_cannot_be_made_a_temporary_one_serves(
     assert cache_root() == tmp_path / f"hhsim-{os.getuid()}"
     assert cache_root().is_dir()
     assert cache_root().stat().st_mode & 0o077 == 0, "others may read or write it"
-
-
-@pytest.mark.slow
-def test_every_kernel_of_a_replay_is_compiled_for_one_signature(tmp_path: Path) -> None:
-    # A second signature would cost seconds at the first run of each user, for nothing. In a cache of its own: a kernel
-    # that comes from a cache does not tell what its callees were compiled for.
-    script = textwrap.dedent(
-        f"""
-        import sys
-        sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-        import importlib, pkgutil
-        from sphere_scenes import bumpy_ball, random_targets, still
-        import hhsim.kernels
-        from hhsim.hand.model import HandModel
-        from hhsim.metrics.metrics import penetration
-        from hhsim.solver.hand_solver import HandSolver
-        from hhsim.solver.method import METHODS
-        from hhsim.solver.options import SolverOptions
-        from hhsim.solver.compile import warm_up
-
-        hand = HandModel.default()
-        tree = bumpy_ball(300)
-        for method, promised in METHODS.items():
-            for force in ("kkt", "paper"):
-                threads = 2 if promised.takes_threads else 1
-                options = SolverOptions(method=method, force=force, threads=threads)
-                warm_up(hand, options)
-                solver = HandSolver(hand, tree.arrays(), options)
-                solver.place(*(values[0] for values in still(1, [0.0, 0.0, 0.2])))
-                record = solver.run(*random_targets(hand, 200, 0))
-                palm = hand.palm_tree
-                penetration(tree.arrays(), hand.radius, palm.leaf_center, palm.leaf_radius,
-                            record.joints, record.position, record.orientation)
-        for module in pkgutil.walk_packages(hhsim.kernels.__path__, "hhsim.kernels."):
-            loaded = importlib.import_module(module.name)
-            for name, kernel in vars(loaded).items():
-                if getattr(kernel, "__module__", "") == module.name and hasattr(kernel, "signatures"):
-                    print(f"{{module.name.removeprefix('hhsim.kernels.')}}.{{name}}", len(kernel.signatures))
-        """
-    )
-    environment = {**os.environ, "HHSIM_CACHE_DIR": str(tmp_path)}
-    found = subprocess.run(
-        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
-    ).stdout
-    signatures = {line.split()[0]: int(line.split()[1]) for line in found.splitlines()}
-    assert signatures["tick.block.run_block"] == signatures["tick.thread_team_worker.help_out"] == 1
-    assert {name: count for name, count in signatures.items() if count > 1} == {}
 
 
 def test_a_temporary_cache_that_others_can_write_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -1,14 +1,19 @@
-"""The kernels give the same results compiled, compiled with bounds checks, and as plain Python.
+"""The kernels give the same results compiled, compiled with bounds checks, and as plain Python; each is compiled once.
 
 Bounds checks change no arithmetic, but keep loops off the vector unit, where sums are taken in another order; plain
 Python also fuses no multiplication with an addition. Hence results agree to rounding and not to the bit, and counters,
 which are whole numbers, exactly.
+
+With bounds checks they are compiled in a cache of their own: a kernel that comes from a cache does not tell what its
+callees were compiled for. Nothing there has to be fast, and what is compiled does not depend on it.
 """
 
+import json
 import os
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +21,9 @@ import pytest
 from numpy.typing import NDArray
 from sphere_scenes import Motion, bumpy_ball, still, straight_line
 
-from hhsim.hand.model import HandModel
 from hhsim.kernels.jit import cache_root
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
+from hhsim.solver.method import METHODS
 from hhsim.trees.file import save_tree
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -26,16 +31,21 @@ Array = NDArray[Any]
 
 TICKS = 24
 SCRIPT = textwrap.dedent(
-    """
-    import sys
+    f"""
+    import importlib, json, pkgutil, sys
     from pathlib import Path
+    sys.path.insert(0, {str(Path(__file__).parents[1])!r})
     import numpy as np
+    from sphere_scenes import bumpy_ball, random_targets, still
+    import hhsim.kernels
     import hhsim.kernels.jit as jit
     from hhsim.hand.model import HandModel
     from hhsim.metrics.metrics import penetration
     from hhsim.solver.hand_solver import HandSolver
+    from hhsim.solver.compile import warm_up
+    from hhsim.solver.method import METHODS
     from hhsim.solver.options import SolverOptions
-    from hhsim.trees.sphere_tree import SphereTree
+    from hhsim.trees.file import load_tree
 
     folder, expected = Path(sys.argv[1]), sys.argv[2]
     import numba
@@ -43,24 +53,39 @@ SCRIPT = textwrap.dedent(
     assert mode == expected, mode
     motion = np.load(folder / "motion.npz")
     hand, tree = HandModel.default(), load_tree(folder / "tree.h5")
-    results = {}
+    results = {{}}
     for method in ("coupled", "progressive", "paper"):
         for force in ("kkt", "paper"):
             solver = HandSolver(hand, tree.arrays(), SolverOptions(method=method, force=force))
             record = solver.run(*(motion[n] for n in ("position", "orientation", "flexion", "abduction")))
             for name, values in record._asdict().items():
                 if not name.startswith("duration"):
-                    results[f"{method} {force} {name}"] = values
+                    results[f"{{method}} {{force}} {{name}}"] = values
     palm = hand.palm_tree
     depth = penetration(tree.arrays(), hand.radius, palm.leaf_center, palm.leaf_radius,
                         record.joints, record.position, record.orientation)
     results.update(depth._asdict())
-    np.savez(folder / f"{mode}.npz", **results)
+    np.savez(folder / f"{{mode}}.npz", **results)
+
+    if mode == "checked":
+        for method, promised in METHODS.items():
+            options = SolverOptions(method=method, threads=2 if promised.takes_threads else 1)
+            warm_up(hand, options)
+            solver = HandSolver(hand, bumpy_ball(300).arrays(), options)
+            solver.place(*(values[0] for values in still(1, [0.0, 0.0, 0.2])))
+            solver.run(*random_targets(hand, 200, 0))
+        signatures = {{}}
+        for module in pkgutil.walk_packages(hhsim.kernels.__path__, "hhsim.kernels."):
+            for name, kernel in vars(importlib.import_module(module.name)).items():
+                if getattr(kernel, "__module__", "") == module.name and hasattr(kernel, "signatures"):
+                    kernel_name = f"{{module.name.removeprefix('hhsim.kernels.')}}.{{name}}"
+                    signatures[kernel_name] = [str(signature[:1]) for signature in kernel.signatures]
+        (folder / "signatures.json").write_text(json.dumps(signatures))
     """
 )
 MODES = {
     "compiled": {"NUMBA_DISABLE_JIT": "0", "NUMBA_BOUNDSCHECK": "0"},
-    "checked": {"NUMBA_DISABLE_JIT": "0", "NUMBA_BOUNDSCHECK": "1"},
+    "checked": {"NUMBA_DISABLE_JIT": "0", "NUMBA_BOUNDSCHECK": "1", "NUMBA_OPT": "0"},
     "python": {"NUMBA_DISABLE_JIT": "1", "NUMBA_BOUNDSCHECK": "0"},
 }
 
@@ -75,20 +100,27 @@ def scene() -> tuple[SphereTree, Motion]:
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Array]]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where each mode has left what it computed."""
     folder = tmp_path_factory.mktemp("modes")
     tree, motion = scene()
     save_tree(tree, folder / "tree.h5")
     np.savez(folder / "motion.npz", **motion._asdict())
-    HandModel.default()  # leaves the palm's tree in the cache: building it takes plain Python very long
-    found = {}
     for mode, environment in MODES.items():
+        cache = folder / "cache" if mode == "checked" else cache_root()
         subprocess.run(
             [sys.executable, "-c", SCRIPT, str(folder), mode],
-            env={**os.environ, "HHSIM_CACHE_DIR": str(cache_root()), **environment},
+            env={**os.environ, "HHSIM_CACHE_DIR": str(cache), **environment},
             check=True,
             timeout=600,
         )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def results(folder: Path) -> dict[str, dict[str, Array]]:
+    found = {}
+    for mode in MODES:
         with np.load(folder / f"{mode}.npz") as file:
             found[mode] = {name: file[name] for name in file.files}
     return found
@@ -116,3 +148,13 @@ def test_results_are_equal_to_rounding(results: dict[str, dict[str, Array]], mod
             np.testing.assert_array_equal(other[name], values, err_msg=name)
         else:
             np.testing.assert_allclose(other[name], values, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.slow
+def test_every_kernel_of_a_replay_is_compiled_for_one_signature(folder: Path) -> None:
+    # A second signature would cost seconds at the first run of each user, for nothing. What is generic in the method is
+    # compiled once for each: its type is that of the first argument.
+    signatures = json.loads((folder / "signatures.json").read_text())
+    assert len(signatures["tick.block.run_block"]) == len(METHODS)
+    assert len(signatures["tick.thread_team_worker.help_out"]) == 1
+    assert {name: kinds for name, kinds in signatures.items() if len(kinds) > len(set(kinds))} == {}

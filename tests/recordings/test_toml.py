@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from recordings.formats.test_csv import GLOVE, TABLE
+from column_map_sample import GLOVE, TABLE
 
 from hhsim.errors import HhsimError
 from hhsim.recordings.column_map import parse_column_map

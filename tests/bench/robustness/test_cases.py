@@ -19,8 +19,8 @@ from hhsim.solver.options import SolverOptions
 
 METHODS = ("coupled", "progressive")
 CASES = {case.name: case for case in hard_cases(ticks=4 * LOOP)}
-MOST_PAIRS = 4e9
-"""Of bodies and spheres that brute force looks at in one run [about 5 s]; beyond that it takes every nth tick."""
+MOST_PAIRS = pytest.mark.parametrize("most_pairs", [2e8, pytest.param(4e9, marks=pytest.mark.soak)])
+"""Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
 
 
 @cache
@@ -28,18 +28,18 @@ def scenes(name: str, seed: int = 0) -> Sequence[HardRun]:
     return CASES[name].build(seed)
 
 
-def brute_force(outcome: Outcome) -> float:
+def brute_force(outcome: Outcome, most_pairs: float) -> float:
     """Worst penetration [m] of the ticks at hand, every body against every leaf of the tree."""
     hand, tree = outcome.run.hand, outcome.run.tree
     record = outcome.ticks
     pairs = len(record.status) * tree.leaf_count * (15 + hand.palm_tree.leaf_count)
-    every = math.ceil(pairs / MOST_PAIRS)
+    every = math.ceil(pairs / most_pairs)
     clearance = record_clearance(hand, tree, type(record)._make(values[::every] for values in record))
     assert np.isfinite(clearance).all()
     return float(max(0.0, -clearance.min()))
 
 
-def assert_passed(case: HardCase, outcomes: Sequence[Outcome]) -> None:
+def assert_passed(case: HardCase, outcomes: Sequence[Outcome], most_pairs: float) -> None:
     refusals = [outcome.refusal for outcome in outcomes if outcome.refusal]
     if case.may_refuse and refusals:
         return
@@ -47,17 +47,18 @@ def assert_passed(case: HardCase, outcomes: Sequence[Outcome]) -> None:
     for figure in [*common_figures(list(outcomes)), *case.judge(outcomes)]:
         assert figure.passed, f"{figure.name}: {figure.value}, bar {figure.bar} {figure.unit}"
     for outcome in outcomes:
-        assert brute_force(outcome) <= DEEPEST * outcome.run.scale, outcome.run.name
+        assert brute_force(outcome, most_pairs) <= DEEPEST * outcome.run.scale, outcome.run.name
 
 
+@MOST_PAIRS
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", CASES)
-def test_every_hard_case_is_passed(name: str, method: str) -> None:
+def test_every_hard_case_is_passed(name: str, method: str, most_pairs: float) -> None:
     outcomes = [run_scene(run, SolverOptions(method=method)) for run in scenes(name)]
-    assert_passed(CASES[name], outcomes)
+    assert_passed(CASES[name], outcomes, most_pairs)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_other_seeds_are_passed_too(seed: int, method: str) -> None:

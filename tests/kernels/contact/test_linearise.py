@@ -4,74 +4,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import RIGHT, ROOT, moved, pair_of, row_matrix, scene
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-from sphere_scenes import PALM, Motion, brute_pairs, cloud, set_pose, still
+from sphere_scenes import PALM, brute_pairs, set_pose, still
 
-from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import evaluate, find_contacts
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.hand.kinematics import DOF
-from hhsim.solver.options import Stiffness
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 
-RIGHT = HandModel.default("right")
-LEFT = HandModel.default("left")
-ROOT = np.sqrt(Stiffness().diagonal())
 STEP = 1e-6
 """Of the central differences [m, rad]: rounding of 1e-16 m / 1e-6, curvature of 1e-12 · 1e3 1/m."""
 ACCURACY = 2e-7
-
-
-def moved(at: Motion, step: Array, abduction_step: Array | None = None) -> Motion:
-    """A configuration after (δp, δφ, δθ), the rotation from the left, and a change of the abduction."""
-    turned = Rotation.from_rotvec(step[3:6]) * Rotation.from_quat(at.orientation[0], scalar_first=True)
-    return Motion(
-        at.position + step[:3],
-        turned.as_quat(scalar_first=True)[None],
-        at.flexion + step[6:].reshape(1, 5, 3),
-        at.abduction + (np.zeros(5) if abduction_step is None else abduction_step),
-    )
-
-
-def scene(seed: int) -> tuple[HandModel, SphereTree, Motion, Any]:
-    """A hand among spheres, its contacts found; some penetrate, as in the middle of a tick."""
-    random = np.random.default_rng(seed)
-    hand = RIGHT if seed % 2 else LEFT
-    tree = cloud(random, 120, spread=0.1)
-    at = Motion(
-        random.normal(0.0, 0.03, (1, 3)),
-        Rotation.random(1, rng=random).as_quat(scalar_first=True),
-        random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
-        random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
-    )
-    state = tick_state(ROOT**2)[0]
-    set_pose(hand, state.pose, at)
-    arrays = hand.arrays()
-    assert evaluate(arrays, state.pose, tree.arrays(), 3e-3, 0.0, state.candidates, state.work) == 0
-    assert find_contacts(tree.arrays(), arrays, state.pose, state.candidates, 3e-3, state.contacts) == 0
-    return hand, tree, at, state
-
-
-def row_matrix(state: Any) -> Array:
-    """Contact rows in m/m and m/rad, unscaled, shape (contacts, 21)."""
-    count, start = int(state.contacts.start[-1]), state.contacts.start
-    matrix = np.zeros((count, DOF))
-    matrix[:, :6] = state.problem.common[:, :count].T
-    for f in range(5):
-        own = slice(start[f + 1], start[f + 2])
-        matrix[own, 6 + 3 * f : 9 + 3 * f] = state.problem.block[:, own].T
-    return matrix * ROOT
-
-
-def pair_of(state: Any, tree: SphereTree, i: int) -> tuple[int, int]:
-    key, total = int(state.contacts.key[i]), len(tree.radius)
-    return key // total, key % total - tree.leaf_start
 
 
 def smooth_contacts(state: Any, tree: SphereTree) -> list[int]:

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import RIGHT, ROOT, row_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernels.contact.test_linearise import RIGHT, ROOT, row_matrix
 from numpy.typing import NDArray
 from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, set_pose, sphere_tree, still
 

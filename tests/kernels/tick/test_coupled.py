@@ -1,48 +1,18 @@
 """The coupled program, harvested from real ticks, solved again by other solvers."""
 
-from typing import Any
-
 import numpy as np
 import pytest
+from harvested_programs import HAND, TICKS, TREE, harvest, multipliers, optimum
 from numpy.typing import NDArray
-from sphere_scenes import Motion, bumpy_ball, prepared, random_targets, solve_prepared
+from sphere_scenes import prepared, random_targets, solve_prepared
 
-from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.solver.contact_qp import coupled_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.qp import QpProblem, solve
+from hhsim.solver.qp import solve
 
 Array = NDArray[np.float64]
-
-HAND = HandModel.default("right")
-TREE = bumpy_ball(600)
-TICKS = 480
-
-
-def harvest(method: str, motion: Motion, every: int) -> Any:
-    """A solver standing before every `every`-th tick at which pairs are near, its first program prepared."""
-    solver = HandSolver(HAND, TREE.arrays(), SolverOptions(method=method))
-    for first in range(0, TICKS, every):
-        solver.run(*motion.part(first, first + every))
-        if first + every < TICKS and prepared(solver, motion, first + every) > 0:
-            yield solver
-
-
-def multipliers(solver: HandSolver, rows: NDArray[np.int64]) -> Array:
-    """λ of each of these rows in the step that the solver proposes, shape (rows,)."""
-    step = solver.workspace.states[0].step
-    whole = np.zeros(ROW_CAPACITY)
-    np.add.at(whole, step.row[: step.count], step.multiplier[: step.count])
-    found: Array = whole[rows]
-    return found
-
-
-def optimum(problem: QpProblem, multiplier: Array) -> Array:
-    """The point that these multipliers hold: G (δ - δ*) = Aᵀ λ."""
-    return problem.target + problem.matrix.T @ multiplier / problem.stiffness
 
 
 @pytest.mark.parametrize("seed", [0, 1])

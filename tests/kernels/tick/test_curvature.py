@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import moved, pair_of, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernels.contact.test_linearise import moved, pair_of, scene
 from numpy.typing import NDArray
 from sphere_scenes import PALM, brute_pairs
 

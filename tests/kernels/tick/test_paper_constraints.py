@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernels.tick.test_paper_detection import frustum_excess, frustum_of
 from numpy.typing import NDArray
+from paper_frustum import frustum_excess, frustum_of
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, cloud, set_pose
 

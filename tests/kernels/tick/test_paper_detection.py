@@ -1,13 +1,14 @@
 """Detection of method `paper` against the paper's Eq. 3 to 7 and 13, transcribed and asked of every pair."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from paper_frustum import Frustum, frustum_excess, frustum_of
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, cloud, palm_spheres, set_pose
 
@@ -26,35 +27,6 @@ LEFT = HandModel.default("left")
 GROWTH = 5e-4
 DOUBT = 1e-12
 """Pairs this near to a threshold [m, or relative for squares] may be called either way."""
-
-
-class Frustum(NamedTuple):
-    """The paper's symbols for a phalanx [m]: its thick bottom D, r₁, its thin one E, r₂."""
-
-    d: Array
-    e: Array
-    r1: float
-    r2: float
-
-
-def frustum_of(hand: HandModel, joints: Array, f: int, k: int) -> Frustum:
-    """The cone between the circles where it touches the two joint spheres, constructed by their tangent."""
-    a, b = joints[f, k], joints[f, k + 1]
-    ra, rb = hand.radius[f, k], hand.radius[f, k + 1]
-    u = (b - a) / np.linalg.norm(b - a)
-    sine = (ra - rb) / np.linalg.norm(b - a)
-    cosine = math.sqrt(1.0 - sine**2)
-    return Frustum(a + ra * sine * u, b + rb * sine * u, ra * cosine, rb * cosine)
-
-
-def frustum_excess(cone: Frustum, centers: Array, radius: Array) -> tuple[Array, Array]:
-    """|OC| - |OC|_Γ (Eq. 4, 5) and k (Eq. 6) of spheres, shapes (L,)."""
-    de = cone.e - cone.d
-    length = np.linalg.norm(de)
-    distance = np.linalg.norm(np.cross(cone.d - centers, de), axis=1) / length
-    k = (centers - cone.e) @ (cone.d - cone.e) / length**2
-    phi = math.atan2(cone.r1 - cone.r2, length)
-    return distance - (radius / math.cos(phi) + k * (cone.r1 - cone.r2) + cone.r2), k
 
 
 def range_excess(cone: Frustum, k: Array, radius: Array, tip: bool, closed: bool) -> Array:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kernels.tick.test_coupled import HAND, TICKS, harvest, multipliers, optimum
+from harvested_programs import HAND, TICKS, harvest, multipliers, optimum
 from numpy.typing import NDArray
 from sphere_scenes import Motion, brute_pairs, bumpy_ball, prepared, random_targets, solve_prepared, sphere_tree, still
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kernels.tick.test_coupled import HAND, TICKS, harvest, multipliers, optimum
+from harvested_programs import HAND, TICKS, harvest, multipliers, optimum
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball, random_targets, solve_prepared, still, straight_line
 

@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
+from contact_scenes import scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernels.contact.test_linearise import scene
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS

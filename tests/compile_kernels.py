@@ -1,0 +1,43 @@
+"""Compile what most tests run, side by side in two processes: workers then load it instead of each compiling its own.
+
+`python tests/compile_kernels.py`; what lies in the cache already is loaded, in a few seconds.
+"""
+
+import subprocess
+import sys
+
+from hhsim.mesh.catalogue import load_object
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
+
+
+def trees() -> None:
+    """What builds trees, and closes fingers on them."""
+    from hhsim.hand.model import HandModel
+    from hhsim.scene.motion_catalogue import load_script
+    from hhsim.scene.scene import make_scene
+
+    mesh = load_object("cylinder").mesh
+    make_scene(mesh, cached_sphere_tree(mesh, TreeOptions(level=2)), HandModel.default(), load_script("grasp"))
+
+
+def ticks() -> None:
+    """What a tick runs, by every method."""
+    from hhsim.hand.model import HandModel
+    from hhsim.solver.compile import warm_up
+    from hhsim.solver.method import METHODS
+    from hhsim.solver.options import SolverOptions
+
+    hand = HandModel.default()
+    for name, method in METHODS.items():
+        warm_up(hand, SolverOptions(method=name, threads=2 if method.takes_threads else 1))
+
+
+PARTS = {"ticks": ticks, "trees": trees}
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        PARTS[sys.argv[1]]()
+    else:
+        running = [subprocess.Popen([sys.executable, __file__, part]) for part in PARTS]
+        sys.exit(max(process.wait() for process in running))
