@@ -229,8 +229,8 @@ def _ports(edges: list[Edge], boxes: dict[str, Box]) -> dict[tuple[Edge, str], P
     found = {}
     for (name, side), own in ends.items():
         box = boxes[name]
-        for number, (other, edge, _) in enumerate(sorted(own), 1):
-            x = other if box.width > (RIGHT - LEFT) / 2 else box.left + box.width * number / (len(own) + 1)
+        for number, (middle, edge, _) in enumerate(sorted(own), 1):
+            x = middle if box.width > (RIGHT - LEFT) / 2 else box.left + box.width * number / (len(own) + 1)
             found[edge, name] = x, box.top if side == "top" else box.bottom
     return found
 
