@@ -18,6 +18,7 @@ from tools.import_graph import PACKAGES, REPOSITORY, imports_of, is_package, lib
 PICTURE = REPOSITORY / "docs" / "architecture.svg"
 COMMAND_LINE = "cli"
 
+KERNELS = ("kernels", *(package.removeprefix("hhsim.") for package in PACKAGES if package.startswith("hhsim.kernels.")))
 LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("what a user types", ("cli",)),
     ("shown, and with a glove", ("report", "live", "view", "render")),
@@ -25,10 +26,7 @@ LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),
     ("motions, files", ("", "recordings", "result", "motion")),
     ("objects, the hand", ("system", "mesh", "trees", "hand")),
-    (
-        "kernels: numba only, arrays in and out",
-        ("kernels", *(f"kernels.{part}" for part in ("mesh", "cover", "hand", "parallel", "contact", "qp", "tick"))),
-    ),
+    ("kernels: numba only, arrays in and out", KERNELS),
 )
 """Layers, highest first, and their boxes from left to right; an empty name leaves a place free."""
 
