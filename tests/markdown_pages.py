@@ -102,5 +102,5 @@ def _words(text: str) -> list[str]:
 
 def pages(repository: Path) -> list[Page]:
     """Every page of the repository that a reader may open."""
-    paths = [repository / "README.md", *sorted((repository / "docs").glob("*.md"))]
+    paths = [repository / "README.md", repository / "ARCHITECTURE.md", *sorted((repository / "docs").glob("*.md"))]
     return [Page.read(path) for path in [*paths, *sorted((repository / "examples").glob("*.md"))]]

@@ -42,6 +42,25 @@ def test_every_link_and_anchor_exists(page: Page) -> None:
             assert anchor in Page.read(there).anchors(), f"{page.path.name}: {target} has no such heading"
 
 
+NAMED_LINK = re.compile(r"\[`(\w+)`\]\(([^()\s]+\.py)\)")
+"""A link on what a Python file defines."""
+
+
+@EACH
+def test_what_a_link_names_is_defined_in_the_file_it_leads_to(page: Page) -> None:
+    for name, target in NAMED_LINK.findall(page.text):
+        defined = {
+            bound
+            for node in ast.parse((page.path.parent / target).read_text(encoding="utf-8")).body
+            for bound in (
+                [node.name]
+                if isinstance(node, ast.FunctionDef | ast.ClassDef)
+                else [part.id for part in ast.walk(node) if isinstance(part, ast.Name)]
+            )
+        }
+        assert name in defined, f"{page.path.name}: {target} has no {name}"
+
+
 def test_the_index_names_every_page() -> None:
     index = Page.read(REPOSITORY / "docs" / "README.md")
     listed = {target.partition("#")[0] for target in index.links()}
@@ -50,8 +69,9 @@ def test_the_index_names_every_page() -> None:
 
 
 def test_every_picture_of_the_docs_is_shown() -> None:
-    shown = {Path(target).name for page in PAGES for target in page.links() if target.endswith(".png")}
-    assert {path.name for path in (REPOSITORY / "docs").glob("*.png")} == shown
+    pictures = {".png", ".svg"}
+    shown = {Path(target).name for page in PAGES for target in page.links() if Path(target).suffix in pictures}
+    assert {path.name for path in (REPOSITORY / "docs").iterdir() if path.suffix in pictures} == shown
 
 
 def test_every_picture_says_what_it_shows() -> None:

@@ -56,6 +56,7 @@ def modules() -> dict[str, Path]:
     return found
 
 
+@cache
 def library() -> dict[str, Path]:
     """`modules` without the command line."""
     return {name: path for name, path in modules().items() if not name.startswith("hhsim.cli")}
@@ -79,28 +80,35 @@ def imports_of(path: Path) -> tuple[Import, ...]:
 
 def _imports_of(path: Path) -> Iterator[Import]:
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    later = {
-        inner
-        for outer in ast.walk(tree)
-        if isinstance(outer, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        or (isinstance(outer, ast.If) and ast.unparse(outer.test) == "TYPE_CHECKING")
-        for inner in ast.walk(outer)
-        if inner is not outer
-    }
     own = next((name for name, file in modules().items() if file == path), path.stem)
     package = own if path.name == "__init__.py" else own.rpartition(".")[0]
-    for node in ast.walk(tree):
+    for node, at_import in _statements(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield Import(alias.name, node.lineno, node not in later, alias.name)
+                yield Import(alias.name, node.lineno, at_import, alias.name)
         elif isinstance(node, ast.ImportFrom):
             above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])
             for alias in node.names:
                 inside = f"{base}.{alias.name}"
-                yield Import(inside if inside in modules() else base, node.lineno, node not in later, inside)
+                yield Import(inside if inside in modules() else base, node.lineno, at_import, inside)
 
 
+def _statements(tree: ast.Module) -> Iterator[tuple[ast.stmt, bool]]:
+    """Every statement, and whether it runs when the file is imported."""
+    waiting: list[tuple[ast.AST, bool]] = [(tree, True)]
+    for outer, at_import in waiting:
+        later = isinstance(outer, ast.FunctionDef | ast.AsyncFunctionDef) or (
+            isinstance(outer, ast.If) and ast.unparse(outer.test) == "TYPE_CHECKING"
+        )
+        for inner in ast.iter_child_nodes(outer):
+            if isinstance(inner, ast.stmt):
+                yield inner, at_import and not later
+            if isinstance(inner, ast.stmt | ast.ExceptHandler | ast.match_case):
+                waiting.append((inner, at_import and not later))
+
+
+@cache
 def matrix() -> dict[tuple[str, str], list[str]]:
     """For each pair of different packages, importer first: the imports between them, as `file:line imports module`."""
     found: dict[tuple[str, str], list[str]] = {}

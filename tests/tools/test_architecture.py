@@ -1,0 +1,57 @@
+"""The picture of ARCHITECTURE.md is of the imports there are, and notices where it no longer is."""
+
+import re
+
+from tools.architecture import (
+    LAYERS,
+    PICTURE,
+    counts,
+    imported_by,
+    is_current,
+    matrix_table,
+    order,
+    picture,
+    places,
+    reduced,
+)
+from tools.import_graph import PACKAGES, matrix
+
+
+def test_the_committed_picture_is_current() -> None:
+    assert is_current(PICTURE.read_text(encoding="utf-8")), "run python -m tools.architecture"
+
+
+def test_a_picture_that_is_not_current_is_noticed() -> None:
+    drawn = picture(counts())
+    assert is_current(drawn)
+    paths = re.findall(r"<path d=\"M.*marker-end.*/>\n", drawn)
+    assert len(paths) == sum(map(len, reduced(imported_by()).values()))
+    assert not is_current(drawn.replace(paths[0], ""))
+    grown = {name: (modules, lines + lines // 5) for name, (modules, lines) in counts().items()}
+    assert not is_current(picture(grown))
+
+
+def test_every_package_has_a_place_and_imports_from_none_above_it() -> None:
+    assert sorted(name for _, names in LAYERS for name in names if name) == sorted(order())
+    boxes = places()
+    for name, imported in imported_by().items():
+        assert all(boxes[name].layer <= boxes[other].layer for other in imported), name
+
+
+def test_the_arrows_are_the_fewest_that_lead_to_all_that_is_imported() -> None:
+    graph, arrows = imported_by(), reduced(imported_by())
+
+    def reach(name: str, skipped: str | None = None) -> set[str]:
+        direct = {other for other in arrows[name] if other != skipped}
+        return direct.union(*(reach(other) for other in direct))
+
+    for name, imported in graph.items():
+        assert imported <= reach(name)
+        assert all(other not in reach(name, skipped=other) for other in arrows[name])
+
+
+def test_the_matrix_counts_every_import_below_its_diagonal() -> None:
+    rows = [line.split() for line in matrix_table().splitlines()[2:]]
+    assert [row[1] for row in rows] == list(PACKAGES)
+    counted = sum(int(cell) for row in rows for cell in row[2:] if cell != ".")
+    assert counted == sum(map(len, matrix().values()))
