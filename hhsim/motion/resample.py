@@ -23,7 +23,7 @@ SMALL_ARC = 1e-6
 
 
 def tick_times(duration: float, rate: float) -> Array:
-    """k / rate [s] for k = 0, 1, … up to `duration` [s] inclusive, shape (N,)."""
+    """K / rate [s] for k = 0, 1, … up to `duration` [s] inclusive, shape (N,)."""
     count = int(np.floor((duration + STAMP_TOLERANCE) * rate)) + 1
     return np.arange(count) / rate
 

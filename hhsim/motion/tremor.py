@@ -88,7 +88,7 @@ class Disturbance:
         return position, orientation, flexion
 
     def _ellipse(self, stream: np.random.Generator, time: Array, amplitude: float) -> Array:
-        """a sin ωt + b cos ωt with seeded a and b, scaled so that the longer half axis is `amplitude`; shape (T, 3)."""
+        """A sin ωt + b cos ωt with seeded a and b, scaled so that the longer half axis is `amplitude`; shape (T, 3)."""
         axes = stream.normal(size=(3, 2))
         axes *= amplitude / np.linalg.norm(axes, ord=2)
         phase = 2.0 * math.pi * self.tremor_frequency * time

@@ -66,12 +66,12 @@ class Conditioned:
 
     @property
     def variables(self) -> int:
-        """n."""
+        """N."""
         return self.target.size
 
     @property
     def rows(self) -> int:
-        """m."""
+        """M."""
         return self.least.size
 
 

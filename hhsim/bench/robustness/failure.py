@@ -108,7 +108,6 @@ def failure_of(kind: str, hand: HandModel, tree: SphereTree, options: SolverOpti
 
 def make_trial(hand: HandModel, tree: SphereTree, solver: Solver, fails: Fails) -> Trial:
     """A trial for `delta_debugging`: a fresh solver runs the motion from its first sample on, as a replay does."""
-
     arrays = tree.arrays()
 
     def trial(motion: HandConfiguration) -> Trace:
