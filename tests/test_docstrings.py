@@ -20,6 +20,7 @@ OWN_NAMES = {
     "numpy",
     "scipy",
     "trimesh",
+    "matplotlib",
     "rerun",
     "coal",
     "qpsolvers",
