@@ -1,5 +1,6 @@
-"""A frame that moves with a mesh: what is computed in it does not depend on where the mesh lies, how it is turned, or
-how large it is.
+"""A frame that moves with a mesh.
+
+What is computed in it does not depend on where the mesh lies, how it is turned, or how large it is.
 """
 
 from dataclasses import dataclass

@@ -1,5 +1,6 @@
-"""The objects that ship with hhsim: meshes in metres, z up, with their source and licence; and how a name or a path
-becomes a mesh.
+"""The objects that ship with hhsim, and how a name or a path becomes a mesh.
+
+They are meshes in metres, z up, with their source and licence.
 """
 
 import functools

@@ -1,5 +1,7 @@
-"""Frames of recordings, and how they become ours: world z up, palm x to the little finger, y to the fingers, z out of
-the back (of a right hand; of a left hand x points to the thumb, so that the frame stays right-handed).
+"""Frames of recordings, and how they become ours.
+
+Ours: world z up, palm x to the little finger, y to the fingers, z out of the back (of a right hand; of a left hand x
+points to the thumb, so that the frame stays right-handed).
 
 A world whose y points up, as in most motion capture and games, is turned about x: (x, y, z) becomes (x, -z, y). A palm
 frame is described by our three axes in terms of the recording's, such as ("-y", "x", "z"): our x is its -y, our y is

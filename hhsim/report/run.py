@@ -57,7 +57,7 @@ def report_runs(results: Sequence[Result]) -> list[ReportRun]:
 
 
 def letter(number: int) -> str:
-    """A, B, … Z, AA, AB, … for 0, 1, …"""
+    """Letters for a number: A, B, … Z, AA, AB, … for 0, 1, and so on."""
     rest, last = divmod(number, 26)
     return (letter(rest - 1) if rest else "") + chr(ord("A") + last)
 

@@ -1,5 +1,6 @@
-"""What a glove says is looked at before a finger is pushed on: fingers that jump, sensors that are stuck, channels that
-say nothing.
+"""What a glove says is looked at before a finger is pushed on.
+
+Fingers that jump, sensors that are stuck, and channels that say nothing are found.
 
 A joint moves at `JOINT_SPEED` at most. A rapid pinch takes a finger about 90 ms, with a speed of one peak (Cole & Abbs,
 J. Neurophysiol. 55, 1986); 90° in that time along a minimum-jerk course, whose peak is 15/8 of its mean, is 33 rad/s.

@@ -1,5 +1,7 @@
-"""Recordings of a Leap Motion controller: JSON of leapjs-playback (packed frames or plain ones), a bare list of frames,
-or one frame a line; also packed by LZ-string (`.json.lz`).
+"""Recordings of a Leap Motion controller.
+
+They are JSON of leapjs-playback (packed frames or plain ones), a bare list of frames, or one frame a line; also packed
+by LZ-string (`.json.lz`).
 
 Leap's world is in millimetres, y up, z towards the user; the palm's `direction` points to the fingers, `palmNormal` out
 of the palm. Ours: y = direction, z = -palmNormal, world z up, metres; the palm's origin is where our knuckles meet the

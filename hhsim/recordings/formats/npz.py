@@ -1,5 +1,7 @@
-"""Recordings from `.npz`: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3),
-abd [rad] (T, 5), and, if they are there, valid (T,) and meta, a JSON text with source, frame and hand.
+"""Recordings from `.npz`.
+
+Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3), abd [rad] (T, 5),
+and, if they are there, valid (T,) and meta, a JSON text with source, frame and hand.
 
 The pose is that of the palm. What its axes are, the text `frame` says in words; the ones that are known (`FRAMES`) are
 turned into ours, for any other the axes are taken as ours, unless the user says which they are.
