@@ -1,8 +1,9 @@
 """Search for a hand's place on an object.
 
-`python -m hhsim.bench.paper.placement_search trajectories/handle.toml cup [OPTIONS]` prints the [[placement]] table that the script then keeps. Random places near the demanded regions, the best of them
-improved by a random walk of shrinking steps, and the best of those played through by the solver, which has the last
-word: only a place where every demanded touch happens in the replay is printed. The same seed finds the same place.
+`python -m hhsim.bench.paper.placement_search trajectories/handle.toml cup [OPTIONS]` prints the [[placement]] table
+that the script then keeps. Random places near the demanded regions, the best of them improved by a random walk of
+shrinking steps, and the best of those played through by the solver, which has the last word: only a place where every
+demanded touch happens in the replay is printed. The same seed finds the same place.
 """
 
 import argparse
