@@ -46,7 +46,7 @@ def test_a_tree_ships_for_every_object_and_its_proofs_hold(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["cube", *(pytest.param(name, marks=pytest.mark.slow) for name in object_names() if name != "cube")]
+    "name", ["cube", *(pytest.param(name, marks=pytest.mark.soak) for name in object_names() if name != "cube")]
 )
 def test_what_ships_is_what_the_builder_gives(name: str) -> None:
     item = load_object(name)
