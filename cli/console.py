@@ -34,10 +34,10 @@ def print_table(
     """Print a table to stdout.
 
     Args:
-        columns: headings, with the unit where there is one.
-        rows: cells as they are to be shown.
-        title: a line above the table.
-        numbers: headings of the columns that are aligned right.
+        columns: Headings, with the unit where there is one.
+        rows: Cells as they are to be shown.
+        title: A line above the table.
+        numbers: Headings of the columns that are aligned right.
     """
     from rich import box
     from rich.console import Console

@@ -13,11 +13,11 @@ class LazyGroup(click.Group):
     """A group that imports a command when it is run.
 
     Args:
-        name: of the group.
-        lines: every command with its one line, in the order of the help.
-        module: name of the module, in this package, that holds a command as `command`.
-        kind: what an unknown name is told to be none of.
-        options: as for click.Group.
+        name: Of the group.
+        lines: Every command with its one line, in the order of the help.
+        module: Name of the module, in this package, that holds a command as `command`.
+        kind: What an unknown name is told to be none of.
+        options: As for click.Group.
     """
 
     def __init__(

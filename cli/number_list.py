@@ -12,9 +12,9 @@ def number_list(*meanings: str, positive: bool = False, signed: bool = False) ->
     """Make the callback of an option such as --stiffness 1000,5,0.5.
 
     Args:
-        meanings: what each number is, with its unit.
-        positive: refuse 0 too.
-        signed: take negative numbers, which are refused otherwise.
+        meanings: What each number is, with its unit.
+        positive: Refuse 0 too.
+        signed: Take negative numbers, which are refused otherwise.
     """
 
     def read(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:

@@ -21,16 +21,16 @@ def read_object(text: str, unit: str | None, size: float | None, thickness: floa
     """Load what OBJECT names, a name of the catalogue or a mesh file.
 
     Args:
-        text: the argument.
-        unit: of a mesh file; None is metres.
-        size: longest extent that a mesh file gets [mm]; replaces `unit`.
-        thickness: of the sheets that the open parts of a mesh file become [mm]; None closes them.
+        text: The argument.
+        unit: Of a mesh file; None is metres.
+        size: Longest extent that a mesh file gets [mm]; replaces `unit`.
+        thickness: Of the sheets that the open parts of a mesh file become [mm]; None closes them.
 
     Returns:
         The mesh [m], and the level of tree that suits it.
 
     Raises:
-        HhsimError: as `hhsim.mesh.catalogue.resolve_object`.
+        HhsimError: As `hhsim.mesh.catalogue.resolve_object`.
     """
     from hhsim.mesh.catalogue import resolve_object
 

@@ -26,8 +26,8 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
     """Run the ticks of a result again and print what is identical; returns 1 where something differs.
 
     Raises:
-        UsageError: an option that would make it another run.
-        HhsimError: no result, or one that cannot be run again.
+        UsageError: An option that would make it another run.
+        HhsimError: No result, or one that cannot be run again.
     """
     _refuse_changes(context, path)
     announce_compilation(quiet=quiet)

@@ -60,10 +60,10 @@ def length_unit(object_: str, unit: str | None, size: float | None, source_unit:
     """Length [m] of the unit of a .sph file.
 
     Args:
-        object_: a name of the catalogue, or a mesh file.
-        unit: of the mesh file; None is metres.
-        size: longest extent that the mesh file gets [mm].
-        source_unit: of the .sph file; None is that of the mesh.
+        object_: A name of the catalogue, or a mesh file.
+        unit: Of the mesh file; None is metres.
+        size: Longest extent that the mesh file gets [mm].
+        source_unit: Of the .sph file; None is that of the mesh.
     """
     from hhsim.mesh.catalogue import names_a_file
     from hhsim.mesh.file import read_triangles

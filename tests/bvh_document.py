@@ -21,13 +21,13 @@ class Rig:
     """How a maker writes a hand.
 
     Attributes:
-        root: name of the joint above the wrist.
-        wrist: name of the wrist.
-        joint: name of a joint from finger and number from 1.
-        fingers: names of the fingers.
-        order: of the rotation channels.
-        unit: units a metre.
-        metacarpal: name of a joint between wrist and finger; none if empty.
+        root: Name of the joint above the wrist.
+        wrist: Name of the wrist.
+        joint: Name of a joint from finger and number from 1.
+        fingers: Names of the fingers.
+        order: Of the rotation channels.
+        unit: Units a metre.
+        metacarpal: Name of a joint between wrist and finger; none if empty.
         tip: "end" for an End Site, "joint" for a fourth joint, "none" for neither.
     """
 

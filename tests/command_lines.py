@@ -17,7 +17,7 @@ def parse(line: str) -> dict[str, Any]:
         The command's parameters by name; none of a line that asks for help.
 
     Raises:
-        click.ClickException, HhsimError: as the command line would tell: no such command, option or choice, a value
+        click.ClickException, HhsimError: As the command line would tell: no such command, option or choice, a value
             out of range, too many or too few words.
     """
     words = shlex.split(line, comments=True)

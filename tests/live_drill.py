@@ -60,9 +60,9 @@ class Drill:
     """A session, its glove, and what both of them saw.
 
     Args:
-        glove: the server; it runs.
-        record: file of the recording.
-        rerun: target of the viewer.
+        glove: The server; it runs.
+        record: File of the recording.
+        rerun: Target of the viewer.
     """
 
     def __init__(self, glove: FakeDexmo, record: Path | None = None, rerun: str | None = None) -> None:

@@ -62,11 +62,11 @@ class Moment:
     """What the glove does in one tick.
 
     Attributes:
-        angles: of every joint in a sample that comes [rad]; None: none comes.
-        good: what the driver says of it.
-        work_ns: time that the tick takes.
-        gone: reading fails.
-        send_fails: sending fails.
+        angles: Of every joint in a sample that comes [rad]; None: none comes.
+        good: What the driver says of it.
+        work_ns: Time that the tick takes.
+        gone: Reading fails.
+        send_fails: Sending fails.
     """
 
     angles: float | None = None

@@ -166,7 +166,7 @@ def contact_programs(variables: int, rows: int, count: int, seed: int) -> Iterat
     """`count` programs of one size.
 
     Raises:
-        ValueError: for other than 3, 6 or 21 variables.
+        ValueError: For other than 3, 6 or 21 variables.
     """
     rng = np.random.default_rng([seed, variables, rows])
     kind = f"{variables}×{rows}"
@@ -210,7 +210,7 @@ def dense_program(
     Rows of one block come to lie together: the order changes.
 
     Raises:
-        ValueError: for other shapes.
+        ValueError: For other shapes.
     """
     m, n = matrix.shape
     if n == 3:

@@ -57,8 +57,8 @@ class Trials:
     """What a number of repetitions gave.
 
     Attributes:
-        name: identical or planted.
-        ratios: head / base, each.
+        name: Identical or planted.
+        ratios: Head / base, each.
         verdicts: Each.
         wrong: How many were wrong.
     """
@@ -81,7 +81,7 @@ def changed_python(folder: Path, module: str, edit: Callable[[str], str]) -> Pat
         The interpreter to call: a shell script in the folder.
 
     Raises:
-        InputError: there is no such module.
+        InputError: There is no such module.
     """
     spec = importlib.util.find_spec(module)
     if spec is None or spec.origin is None:

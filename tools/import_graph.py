@@ -33,10 +33,10 @@ class Import:
     """One imported module by its absolute name.
 
     Attributes:
-        name: of the module, or of the package where no module of it is named.
-        line: of the statement.
+        name: Of the module, or of the package where no module of it is named.
+        line: Of the statement.
         at_import: False where the statement waits for a function to be called, or serves types alone.
-        inside: what is imported from a module, as `module.name`.
+        inside: What is imported from a module, as `module.name`.
     """
 
     name: str

@@ -39,10 +39,10 @@ class Command:
     """What one command took.
 
     Attributes:
-        wall: from its start to its end [s].
-        cpu: of all its processes [s].
+        wall: From its start to its end [s].
+        cpu: Of all its processes [s].
         tick: p50 of the CPU time of a tick in contact [s].
-        ticks: how many it ran.
+        ticks: How many it ran.
     """
 
     wall: float
@@ -56,12 +56,12 @@ class ViewerCost:
     """Pairs of commands, with a viewer and without.
 
     Attributes:
-        ticks: of each.
-        pairs: how many.
-        wall, cpu, tick: medians without a viewer [s].
-        wall_ratio, cpu_ratio, tick_ratio: median with a viewer / median without.
-        wall_quartiles: of the ratios of the pairs, lower and upper.
-        write: median time that `hhsim view` took for the same ticks [s], rerun's import included.
+        ticks: Of each.
+        pairs: How many.
+        wall, cpu, tick: Medians without a viewer [s].
+        wall_ratio, cpu_ratio, tick_ratio: Median with a viewer / median without.
+        wall_quartiles: Of the ratios of the pairs, lower and upper.
+        write: Median time that `hhsim view` took for the same ticks [s], rerun's import included.
     """
 
     ticks: int
@@ -91,12 +91,12 @@ def viewer_cost(without: Sequence[Command], with_: Sequence[Command], written: S
     """Compare pairs of commands.
 
     Args:
-        without: without a viewer, one of each pair.
-        with_: with one, in the same order.
-        written: times of `hhsim view` [s].
+        without: Without a viewer, one of each pair.
+        with_: With one, in the same order.
+        written: Times of `hhsim view` [s].
 
     Raises:
-        InputError: no pair, or commands that ran different numbers of ticks.
+        InputError: No pair, or commands that ran different numbers of ticks.
     """
     if not without or len(without) != len(with_) or not written:
         raise InputError(f"{len(without)} commands without a viewer, {len(with_)} with one: expected pairs")
@@ -128,7 +128,7 @@ def live_medians(sessions: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Medians of `LIVE_FIGURES` over sessions, each the document that `hhsim live glove --json` prints.
 
     Raises:
-        InputError: no session, or one without a tick.
+        InputError: No session, or one without a tick.
     """
     if not sessions or any(session["ticks"] == 0 for session in sessions):
         raise InputError("there is no session, or one without a tick: nothing to compare")

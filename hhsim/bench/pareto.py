@@ -11,9 +11,9 @@ def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> NDArray[np
     NaN is on no frontier.
 
     Args:
-        time: shape (n,); less is better.
-        error: shape (n,); less is better.
-        gain: a slower point counts only if its error is smaller than that of the frontier before it by more than this
+        time: Shape (n,); less is better.
+        error: Shape (n,); less is better.
+        gain: A slower point counts only if its error is smaller than that of the frontier before it by more than this
             share of it, so that a hair's breadth earns no place; 0 gives the plain frontier.
     """
     first, second = np.asarray(time, np.float64).ravel(), np.asarray(error, np.float64).ravel()

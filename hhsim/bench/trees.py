@@ -109,8 +109,8 @@ def measure(options: TreesOptions, progress: Progress | None = None) -> list[Row
     """Build and measure every tree; rows in the order of objects and sizes, references last of each object.
 
     Args:
-        options: what to build.
-        progress: called with (object and spheres, trees done, trees).
+        options: What to build.
+        progress: Called with (object and spheres, trees done, trees).
 
     Raises:
         HhsimError: An object that the builder cannot do.

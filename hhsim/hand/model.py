@@ -131,7 +131,7 @@ class HandModel:
     """Sizes and limits of one hand, palm frame; fingers in the order of `FINGERS`.
 
     Attributes:
-        side: right or left.
+        side: Right or left.
         hand_length: Wrist crease to middle fingertip [m].
         hand_breadth: Across the knuckles [m].
         base: First joint of each finger [m], shape (5, 3).
@@ -171,7 +171,7 @@ class HandModel:
         """The hand of the published shares.
 
         Args:
-            side: right or left; a left hand is the mirror in x.
+            side: Right or left; a left hand is the mirror in x.
             hand_length: Wrist crease to middle fingertip [m].
             hand_breadth: Across the knuckles [m]; in proportion to the length if not given.
             palm_level: Level of the palm's sphere tree.

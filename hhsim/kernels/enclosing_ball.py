@@ -105,7 +105,7 @@ def enclosing_ball(center: Array, radius: Array, members: Indices, ball_out: Arr
     Args:
         center: [m], shape (n, 3).
         radius: [m], shape (n,).
-        members: indices, shape (m,), m ≥ 1.
+        members: Indices, shape (m,), m ≥ 1.
         ball_out: x, y, z, r [m], shape (4,). It encloses every member whatever the rounding: 1e-12 is added (relative).
     """
     basis = np.empty(5, np.int64)

@@ -16,11 +16,11 @@ def nearest_balls(center: Array, radius: Array, depth_out: Array, owner_out: Ind
     """Find the ball that is nearest to the viewer at each pixel.
 
     Args:
-        center: column, row and coordinate towards the viewer of each ball, all in pixels, shape (n, 3).
+        center: Column, row and coordinate towards the viewer of each ball, all in pixels, shape (n, 3).
         radius: [pixels], shape (n,).
-        depth_out: coordinate of the ball's surface towards the viewer [pixels], minus infinity where there is none,
+        depth_out: Coordinate of the ball's surface towards the viewer [pixels], minus infinity where there is none,
             shape (rows, columns).
-        owner_out: the ball or −1, shape (rows, columns).
+        owner_out: The ball or −1, shape (rows, columns).
     """
     rows, columns = depth_out.shape
     depth_out[:] = -np.inf

@@ -72,10 +72,10 @@ def solid_mesh(
     the mesh gets too large; so its error has to be measured.
 
     Args:
-        field: the solid.
-        border: points known to lie on its border, shape (n, 3).
-        low, high: corners of a box around it, shape (3,).
-        tolerance: in the unit of the field.
+        field: The solid.
+        border: Points known to lie on its border, shape (n, 3).
+        low, high: Corners of a box around it, shape (3,).
+        tolerance: In the unit of the field.
 
     Returns:
         Vertices, shape (V, 3), and faces, shape (F, 3); both empty where no inside is found.

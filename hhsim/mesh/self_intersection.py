@@ -71,7 +71,7 @@ def turn_outward(surface: MeshInRepair) -> None:
     """Wind closed parts outward; a part inside another may be wound inward: a cavity.
 
     Raises:
-        MeshError: it encloses no volume.
+        MeshError: It encloses no volume.
     """
     label = part_labels(surface.faces)
     if not all(is_closed(surface.faces[label == part]) for part in range(label.max() + 1)):
@@ -107,7 +107,7 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
     """Join parts that overlap, so that the winding number is 0 or 1.
 
     Raises:
-        MeshError: the surface crosses itself, or a part of it does.
+        MeshError: The surface crosses itself, or a part of it does.
     """
     faulty, tested, low, high = winding_faults(surface.vertices, surface.faces)
     if faulty and part_labels(surface.faces).max() > 0:

@@ -31,7 +31,7 @@ RIPPLE_BINS = 4
 FROZEN_LIMIT = 1e-6
 """Relative one-tick change below which a force with frozen input counts as still."""
 TICK_BUDGET = 1_000_000
-"""ns: one tick of the haptic loop at 1 kHz."""
+"""One tick of the haptic loop at 1 kHz [ns]."""
 
 
 class Penetration(NamedTuple):

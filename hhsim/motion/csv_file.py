@@ -81,11 +81,11 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
     """The motion of a CSV text.
 
     Args:
-        text: the content of the file.
-        name: of the motion where the text names none.
+        text: The content of the file.
+        name: Of the motion where the text names none.
 
     Raises:
-        TrajectoryError: a missing or unknown column, a line of another length, a value that is no number (with its
+        TrajectoryError: A missing or unknown column, a line of another length, a value that is no number (with its
             line), or a motion that cannot be replayed.
     """
     lines = text.splitlines()
@@ -173,7 +173,7 @@ def object_pose(remarks: dict[str, str]) -> dict[str, NDArray[np.float64]]:
     """The object's pose in the remarks, as far as it is there.
 
     Raises:
-        TrajectoryError: no numbers, or another count of them.
+        TrajectoryError: No numbers, or another count of them.
     """
     pose = {}
     for key, size in POSE_SIZES.items():

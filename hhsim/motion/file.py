@@ -54,7 +54,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     A CSV file holds no raw channels.
 
     Raises:
-        OutputError: another suffix, or the file cannot be written.
+        OutputError: Another suffix, or the file cannot be written.
     """
     target = Path(path)
     suffix = target.suffix.lower()
@@ -70,7 +70,7 @@ def check_trajectory_path(path: Path) -> None:
     """Look, before the work, for what would keep a trajectory from being written.
 
     Raises:
-        OutputError: as `hhsim.system.output_path.check_output_path`; another suffix; or a file is there that is no
+        OutputError: As `hhsim.system.output_path.check_output_path`; another suffix; or a file is there that is no
         trajectory,
             such as a recording, which a slip of the pen must not destroy.
     """
@@ -88,7 +88,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
     """Read and check a trajectory, .h5 or .csv.
 
     Raises:
-        TrajectoryError: no such file, another format, a newer schema, a missing part, or a motion that cannot be
+        TrajectoryError: No such file, another format, a newer schema, a missing part, or a motion that cannot be
             replayed; one line that begins with the path.
     """
     source = Path(path)
@@ -142,7 +142,7 @@ def read_fields(path: Path) -> dict[str, Any]:
     """The fields of a trajectory in an HDF5 file, by their names in `Trajectory`; the arrays are not checked.
 
     Raises:
-        TrajectoryError: another format, a newer schema, a missing part, or a damaged file.
+        TrajectoryError: Another format, a newer schema, a missing part, or a damaged file.
     """
     if seal_holds(path.read_bytes()) is False:
         raise TrajectoryError("a damaged file: its bytes are not those that its checksum is of")

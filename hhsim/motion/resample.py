@@ -32,7 +32,7 @@ def newest_sample(time: Array, ticks: Array) -> Indices:
     """Index of the newest sample at or before each tick, shape (N,).
 
     Args:
-        time: increasing stamps [s], shape (T,).
+        time: Increasing stamps [s], shape (T,).
         ticks: [s], shape (N,), none before the first stamp.
     """
     index = np.searchsorted(time, ticks + STAMP_TOLERANCE, side="right") - 1
@@ -50,8 +50,8 @@ def monotone_slopes(time: Array, values: Array) -> Array:
     """Slopes of the shape-preserving cubic at the samples.
 
     Args:
-        time: increasing stamps [s], shape (T,), T >= 2.
-        values: shape (T, C).
+        time: Increasing stamps [s], shape (T,), T >= 2.
+        values: Shape (T, C).
 
     Returns:
         Slopes [1/s], shape (T, C): zero at every local extremum, else the weighted harmonic mean of the neighbouring
@@ -94,8 +94,8 @@ def interpolate_monotone(time: Array, values: Array, ticks: Array) -> Array:
     """Shape-preserving cubic through the samples.
 
     Args:
-        time: increasing stamps [s], shape (T,).
-        values: shape (T, …), any unit.
+        time: Increasing stamps [s], shape (T,).
+        values: Shape (T, …), any unit.
         ticks: [s], shape (N,), within the stamps; later ones take the last sample.
 
     Returns:
@@ -122,8 +122,8 @@ def interpolate_orientation(time: Array, quaternions: Array, ticks: Array) -> Ar
     """Great-arc interpolation (slerp) between neighbouring samples, the short way round.
 
     Args:
-        time: increasing stamps [s], shape (T,).
-        quaternions: unit, (w, x, y, z), shape (T, 4).
+        time: Increasing stamps [s], shape (T,).
+        quaternions: Unit, (w, x, y, z), shape (T, 4).
         ticks: [s], shape (N,).
 
     Returns:

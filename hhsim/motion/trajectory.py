@@ -66,10 +66,10 @@ class RawChannel:
     """What the device measured before calibration; carried along, never replayed.
 
     Attributes:
-        name: a word without slashes.
-        values: shape (T, …).
+        name: A word without slashes.
+        values: Shape (T, …).
         unit: "" for plain numbers.
-        meaning: one line.
+        meaning: One line.
     """
 
     name: str
@@ -84,12 +84,12 @@ class TickInput:
 
     Attributes:
         time: k / rate [s], 0 at the first sample, shape (N,).
-        input_seq: index of the newest sample at or before the tick, shape (N,).
-        position: palm origin [m], shape (N, 3), world.
-        orientation: palm to world, unit (w, x, y, z), shape (N, 4).
+        input_seq: Index of the newest sample at or before the tick, shape (N,).
+        position: Palm origin [m], shape (N, 3), world.
+        orientation: Palm to world, unit (w, x, y, z), shape (N, 4).
         flexion: [rad], shape (N, 5, 3).
         abduction: [rad], shape (N, 5).
-        phases: those that hold a tick.
+        phases: Those that hold a tick.
         rate: [Hz].
     """
 
@@ -115,26 +115,26 @@ class Trajectory:
     Quaternions come out normalised and without sign flips; all arrays are read-only copies.
 
     Attributes:
-        time: strictly increasing stamps [s], any rate, irregular ones too, shape (T,).
-        position: palm origin [m], shape (T, 3), world.
-        orientation: palm to world, (w, x, y, z), shape (T, 4).
+        time: Strictly increasing stamps [s], any rate, irregular ones too, shape (T,).
+        position: Palm origin [m], shape (T, 3), world.
+        orientation: Palm to world, (w, x, y, z), shape (T, 4).
         flexion: [rad], shape (T, 5, 3).
         abduction: [rad], shape (T, 5).
-        phases: in order of time, not overlapping.
-        object_position: of the object's origin [m], shape (3,), world; constant.
-        object_orientation: object to world, (w, x, y, z), shape (4,); constant.
-        name: a short name.
-        source: who or what made the motion.
-        licence: under which it may be used.
-        device: what measured it; "" for synthetic ones.
-        raw: channels as the device gave them.
-        hand: which hand moved; "" where nobody said, or where it fits both.
-        flags: bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,), what was mended or is in doubt; None where
+        phases: In order of time, not overlapping.
+        object_position: Of the object's origin [m], shape (3,), world; constant.
+        object_orientation: Object to world, (w, x, y, z), shape (4,); constant.
+        name: A short name.
+        source: Who or what made the motion.
+        licence: Under which it may be used.
+        device: What measured it; "" for synthetic ones.
+        raw: Channels as the device gave them.
+        hand: Which hand moved; "" where nobody said, or where it fits both.
+        flags: Bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,), what was mended or is in doubt; None where
         nobody
             looked.
 
     Raises:
-        TrajectoryError: wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
+        TrajectoryError: Wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
             zero, angles in degrees, positions in millimetres, phases out of order, flags that are no whole numbers.
     """
 
@@ -212,13 +212,13 @@ class Trajectory:
         """The motion at the ticks of a replay.
 
         Args:
-            rate: ticks per second [Hz].
+            rate: Ticks per second [Hz].
             mode: "interpolate": monotone cubic and slerp, no overshoot; "hold": each tick sees the newest sample, as
                 from a glove that is slower than the loop.
 
         Raises:
-            InputError: a rate that is not positive, or an unknown mode.
-            TrajectoryError: more ticks than `MOST_TICKS`.
+            InputError: A rate that is not positive, or an unknown mode.
+            TrajectoryError: More ticks than `MOST_TICKS`.
         """
         if not (np.isfinite(rate) and rate > 0.0):
             raise InputError(f"tick rate {rate} Hz; expected a positive number")

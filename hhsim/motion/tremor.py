@@ -30,14 +30,14 @@ class Disturbance:
     0.1 mm.
 
     Attributes:
-        tremor_position: amplitude of the palm's position [m].
-        tremor_rotation: amplitude of the palm's rotation vector [rad].
+        tremor_position: Amplitude of the palm's position [m].
+        tremor_rotation: Amplitude of the palm's rotation vector [rad].
         tremor_frequency: [Hz].
-        sensor_counts: counts a full turn of the joint sensors; 0 for no quantisation.
-        sensor_noise: standard deviation of each joint angle before quantisation [rad].
+        sensor_counts: Counts a full turn of the joint sensors; 0 for no quantisation.
+        sensor_noise: Standard deviation of each joint angle before quantisation [rad].
 
     Raises:
-        TrajectoryError: a value out of its range.
+        TrajectoryError: A value out of its range.
     """
 
     tremor_position: float = 0.0
@@ -61,14 +61,14 @@ class Disturbance:
         """The disturbed motion.
 
         Args:
-            seed: of everything random here.
+            seed: Of everything random here.
             time: [s], shape (T,).
             position: [m], shape (T, 3), world.
-            orientation: unit (w, x, y, z), shape (T, 4).
+            orientation: Unit (w, x, y, z), shape (T, 4).
             flexion: [rad], shape (T, 5, 3).
 
         Returns:
-            position, orientation and flexion; those that nothing disturbs are the given arrays.
+            Position, orientation and flexion; those that nothing disturbs are the given arrays.
         """
         # One stream for each part, so that switching one on leaves the others as they were.
         streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)]

@@ -63,7 +63,7 @@ def continuous_orientation(quaternions: Array, time: Array) -> Array:
     """Unit quaternions without sign flips between neighbours, shape (T, 4).
 
     Raises:
-        TrajectoryError: a quaternion of length zero.
+        TrajectoryError: A quaternion of length zero.
     """
     norm = np.linalg.norm(quaternions, axis=1)
     zero = np.flatnonzero(norm < MIN_QUATERNION_NORM)

@@ -27,13 +27,13 @@ class Joint:
     """A joint of the skeleton, or the end of a bone.
 
     Attributes:
-        name: of the joint; of an end, its parent's with " end".
-        parent: index of its parent, -1 for a root.
-        offset: from the parent's joint, in the parent's frame, shape (3,).
-        channels: in lower case, in their order.
-        first: column of the first channel.
-        is_end: whether it is an End Site.
-        children: indices of its children.
+        name: Of the joint; of an end, its parent's with " end".
+        parent: Index of its parent, -1 for a root.
+        offset: From the parent's joint, in the parent's frame, shape (3,).
+        channels: In lower case, in their order.
+        first: Column of the first channel.
+        is_end: Whether it is an End Site.
+        children: Indices of its children.
     """
 
     name: str
@@ -50,10 +50,10 @@ class Bvh:
     """A skeleton and its motion.
 
     Attributes:
-        joints: parents before children.
+        joints: Parents before children.
         frame_time: [s].
-        values: channels in each frame, NaN where missing, shape (T, C).
-        findings: frames that are missing or broken.
+        values: Channels in each frame, NaN where missing, shape (T, C).
+        findings: Frames that are missing or broken.
     """
 
     joints: tuple[Joint, ...]
@@ -112,7 +112,7 @@ def read_bvh(text: str) -> Bvh:
     """Read BVH text.
 
     Raises:
-        TrajectoryError: no BVH, with the line where it stops being one.
+        TrajectoryError: No BVH, with the line where it stops being one.
     """
     lines = text.splitlines()
     joints, next_line = _hierarchy(lines)

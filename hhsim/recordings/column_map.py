@@ -75,9 +75,9 @@ class JointColumn:
     """One joint angle: scale · (value - offset) · unit.
 
     Attributes:
-        column: of the table; None where it is made from another joint.
-        joint: the joint that it is made from.
-        scale, offset: offset in the column's unit; of another joint the scale alone counts.
+        column: Of the table; None where it is made from another joint.
+        joint: The joint that it is made from.
+        scale, offset: Offset in the column's unit; of another joint the scale alone counts.
         unit: "rad" or "deg".
     """
 
@@ -144,7 +144,7 @@ def read_column_map(path: Path) -> ColumnMap:
     """Read a mapping from a TOML file.
 
     Raises:
-        InputError: no such file, no TOML, or a key or value that no mapping has.
+        InputError: No such file, no TOML, or a key or value that no mapping has.
     """
     return parse_column_map(read_toml_text(path, "mapping of columns"), where=str(path))
 
@@ -153,11 +153,11 @@ def parse_column_map(text: str, *, where: str) -> ColumnMap:
     """Make a mapping from TOML text.
 
     Args:
-        text: the document.
-        where: names it in messages.
+        text: The document.
+        where: Names it in messages.
 
     Raises:
-        InputError: no TOML, or a key or value that no mapping has.
+        InputError: No TOML, or a key or value that no mapping has.
     """
     table = parse_toml(text, where)
     known = (*TEXTS, "hand", "hand_length", "rate", "delimiter", "decimal", "world_up", "palm_axes", "palm_offset")

@@ -28,11 +28,11 @@ class Table:
     """A table of text.
 
     Attributes:
-        header: names of the columns.
-        rows: cells, as many a row as names.
-        remarks: the `# key: value` lines before the header.
-        decimal: the decimal sign.
-        findings: lines that were left out.
+        header: Names of the columns.
+        rows: Cells, as many a row as names.
+        remarks: The `# key: value` lines before the header.
+        decimal: The decimal sign.
+        findings: Lines that were left out.
     """
 
     header: tuple[str, ...]
@@ -45,8 +45,8 @@ class Table:
         """The numbers of some columns, shape (T, C), NaN where there is none, and how many cells are no number at all.
 
         Raises:
-            TrajectoryError: a column holds no number.
-            UnknownNameError: a column that the table has not; the message lists the near ones.
+            TrajectoryError: A column holds no number.
+            UnknownNameError: A column that the table has not; the message lists the near ones.
         """
         values = np.full((len(self.rows), len(columns)), np.nan)
         broken = 0
@@ -77,12 +77,12 @@ def read_table(text: str, *, delimiter: str | None = None, decimal: str = ".") -
     """Read a table.
 
     Args:
-        text: the content of the file.
-        delimiter: between cells; found in the header if not given.
-        decimal: the decimal sign.
+        text: The content of the file.
+        delimiter: Between cells; found in the header if not given.
+        decimal: The decimal sign.
 
     Raises:
-        TrajectoryError: no header, no line below it, columns of the same name, or most lines of another length.
+        TrajectoryError: No header, no line below it, columns of the same name, or most lines of another length.
     """
     lines = text.splitlines()
     remarks, first, sign, header = _header(lines, delimiter)

@@ -75,10 +75,10 @@ class DexmoRegression:
     """The glove's calibration.
 
     Attributes:
-        open, closed: readings of each channel at 0 and at 1, shape (11,).
+        open, closed: Readings of each channel at 0 and at 1, shape (11,).
         slope: [rad] of each joint for each normalised channel, shape (20, 11); joints as in `JOINT_NAMES`.
         offset: [rad] of each joint where all channels are 0, shape (20,).
-        hints: channels whose readings are doubtful, in words.
+        hints: Channels whose readings are doubtful, in words.
     """
 
     open: Array
@@ -136,17 +136,17 @@ def calibrated(
     """The regression with the two ends of each channel from poses.
 
     Args:
-        regression: whose angles stay.
-        opened: readings while the hand is flat with the fingers together, shape (N, 11); their median counts.
-        fist: readings while it is a fist: the other end of the bends.
-        spread: readings while the fingers are spread and the thumb is opposed: the other end of split and rotate.
+        regression: Whose angles stay.
+        opened: Readings while the hand is flat with the fingers together, shape (N, 11); their median counts.
+        fist: Readings while it is a fist: the other end of the bends.
+        spread: Readings while the fingers are spread and the thumb is opposed: the other end of split and rotate.
             Without it those channels are left out.
 
     Returns:
         A regression whose `hints` name the channels that are left out, or that move too little.
 
     Raises:
-        InputError: no readings of a channel, or a bend that reads the same in the open hand and in the fist.
+        InputError: No readings of a channel, or a bend that reads the same in the open hand and in the fist.
     """
     low, closed = _medians("open hand", opened), _medians("fist", fist)
     wide = low if spread is None else _medians("spread hand", spread)
@@ -190,17 +190,17 @@ def fit(
     Each joint keeps the channels that it depends on; their slopes and its offset are found anew.
 
     Args:
-        regression: which channels each joint depends on, and the ends of the channels.
-        readings: of the channels, shape (N, 11).
-        angles: of the joints measured beside them [rad], shape (N, J).
-        joints: names of these joints.
+        regression: Which channels each joint depends on, and the ends of the channels.
+        readings: Of the channels, shape (N, 11).
+        angles: Of the joints measured beside them [rad], shape (N, J).
+        joints: Names of these joints.
 
     Returns:
         The regression, and what is left of each joint, root mean square [rad], shape (J,).
 
     Raises:
-        InputError: too few samples, or channels that do not move enough to tell slopes apart.
-        UnknownNameError: a joint that no hand has.
+        InputError: Too few samples, or channels that do not move enough to tell slopes apart.
+        UnknownNameError: A joint that no hand has.
     """
     channels, measured = regression.normalised(readings), np.asarray(angles, np.float64)
     if channels.ndim != 2 or measured.shape != (len(channels), len(joints)):
@@ -245,7 +245,7 @@ def read_calibration(path: Path) -> DexmoRegression:
     """Read a calibration from a TOML file.
 
     Raises:
-        InputError: no such file, no TOML, or a key or value that no calibration has.
+        InputError: No such file, no TOML, or a key or value that no calibration has.
     """
     return parse_calibration(read_toml_text(path, "calibration"), where=str(path))
 
@@ -254,11 +254,11 @@ def parse_calibration(text: str, *, where: str) -> DexmoRegression:
     """Make a calibration from TOML text; joints that it does not name keep their default.
 
     Args:
-        text: the document.
-        where: names it in messages.
+        text: The document.
+        where: Names it in messages.
 
     Raises:
-        InputError: no TOML, or a key or value that no calibration has.
+        InputError: No TOML, or a key or value that no calibration has.
     """
     table = parse_toml(text, where)
     check_keys(where, table, ("channel", "angle", "joint"))

@@ -24,9 +24,9 @@ def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
     """Flexion and abduction that bring our fingers nearest to recorded bones.
 
     Args:
-        bones: directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
+        bones: Directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
             length, NaN where missing, shape (T, 5, 3, 3).
-        side: which hand; a left hand is the mirror.
+        side: Which hand; a left hand is the mirror.
 
     Returns:
         Flexion [rad], shape (T, 5, 3); abduction [rad], shape (T, 5); and how far each bone is from its fit [rad],
@@ -65,8 +65,8 @@ def palm_rotation(fingers: Array, back: Array) -> Array:
     """Our palm frame from two directions, as quaternions (w, x, y, z), shape (T, 4); NaN where one is missing.
 
     Args:
-        fingers: towards the fingers, any length, shape (T, 3).
-        back: out of the back of the hand, roughly across it, shape (T, 3).
+        fingers: Towards the fingers, any length, shape (T, 3).
+        back: Out of the back of the hand, roughly across it, shape (T, 3).
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         y = fingers / np.linalg.norm(fingers, axis=1, keepdims=True)
@@ -79,9 +79,9 @@ def palm_from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:
     """Our palm frame as it lies in our own wrist and knuckles, as quaternions (w, x, y, z), shape (T, 4).
 
     Args:
-        knuckles: first joints of index to little finger, any unit, shape (T, 4, 3).
-        wrist: its middle, shape (T, 3).
-        side: which hand.
+        knuckles: First joints of index to little finger, any unit, shape (T, 4, 3).
+        wrist: Its middle, shape (T, 3).
+        side: Which hand.
     """
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     distal, lateral = PALM_CENTER
@@ -102,9 +102,9 @@ def palm_origin(knuckles: Array, orientation: Array, side: HandSide) -> Array:
     """Where our palm has its origin when the middle of our knuckles meets that of recorded ones [m], shape (T, 3).
 
     Args:
-        knuckles: first joints of index to little finger [m], shape (T, 4, 3).
-        orientation: of our palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
-        side: which hand.
+        knuckles: First joints of index to little finger [m], shape (T, 4, 3).
+        orientation: Of our palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
+        side: Which hand.
     """
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     middle = sizes["base"][1:].mean(axis=0) * [-1.0 if side == "left" else 1.0, 1.0, 1.0]

@@ -27,11 +27,11 @@ def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> Array:
     """Rotation from our frame to the recording's, shape (3, 3): its columns are our axes in the recording's.
 
     Args:
-        axes: our x, y, z, each as one of x, y, z, -x, -y, -z of the recording.
-        where: names them in messages.
+        axes: Our x, y, z, each as one of x, y, z, -x, -y, -z of the recording.
+        where: Names them in messages.
 
     Raises:
-        InputError: not three axes across each other, or a left-handed frame.
+        InputError: Not three axes across each other, or a left-handed frame.
     """
     if len(axes) != 3 or any(not isinstance(axis, str) or axis.strip("+-") not in _UNIT for axis in axes):
         raise InputError(f'{where} {list(axes)}: expected three of x, y, z, -x, -y, -z, such as ["-y", "x", "z"]')
@@ -46,11 +46,11 @@ def world_matrix(up: str, where: str = "world_up") -> Array:
     """Rotation from the recording's world to ours, shape (3, 3).
 
     Args:
-        up: the axis of the recording that points up.
-        where: names it in messages.
+        up: The axis of the recording that points up.
+        where: Names it in messages.
 
     Raises:
-        InputError: no axis.
+        InputError: No axis.
     """
     turns = {
         "z": ("x", "y", "z"),

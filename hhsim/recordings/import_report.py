@@ -15,16 +15,16 @@ class ImportReport:
     """The outcome of an import.
 
     Attributes:
-        form: format of the file, in a word.
-        samples_in, samples_out: before and after.
-        duration: of the trajectory [s].
-        mean_rate: samples a second [Hz].
-        longest_step: longest time between samples [s].
-        hand: right, left, or "" where nobody said.
-        hand_length: of the recorded hand [m], None where it is not known.
-        mended: samples of which a number was changed.
-        findings: in the order of the repairs.
-        flags: how many samples bear each flag.
+        form: Format of the file, in a word.
+        samples_in, samples_out: Before and after.
+        duration: Of the trajectory [s].
+        mean_rate: Samples a second [Hz].
+        longest_step: Longest time between samples [s].
+        hand: Right, left, or "" where nobody said.
+        hand_length: Of the recorded hand [m], None where it is not known.
+        mended: Samples of which a number was changed.
+        findings: In the order of the repairs.
+        flags: How many samples bear each flag.
     """
 
     form: str

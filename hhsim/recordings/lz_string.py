@@ -38,7 +38,7 @@ def unpack(text: str) -> str:
     """The text in LZ-string's base64 letters.
 
     Raises:
-        TrajectoryError: other letters, or a text that was damaged or cut short.
+        TrajectoryError: Other letters, or a text that was damaged or cut short.
     """
     bits = _Bits("".join(text.split()).rstrip("="))
     code = bits.number(2)

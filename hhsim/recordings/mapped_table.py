@@ -99,7 +99,7 @@ def euler_quaternion(angles: Array, order: str) -> Array:
 
     Args:
         angles: [rad], shape (T, 3), in the order of `order`.
-        order: three of XYZ: each turn about an axis that the turns before have turned; of xyz: about fixed axes.
+        order: Three of XYZ: each turn about an axis that the turns before have turned; of xyz: about fixed axes.
     """
     from scipy.spatial.transform import Rotation
 

@@ -28,12 +28,12 @@ class Kind:
     """What a hand can do with one kind of coordinate.
 
     Attributes:
-        name: as messages call it.
-        unit: of its values.
-        speed: fastest change [unit/s].
-        force: largest second derivative [unit/s²].
-        noise: changes below this are the tracker's [unit].
-        outlier: flag of a sample that is replaced.
+        name: As messages call it.
+        unit: Of its values.
+        speed: Fastest change [unit/s].
+        force: Largest second derivative [unit/s²].
+        noise: Changes below this are the tracker's [unit].
+        outlier: Flag of a sample that is replaced.
     """
 
     name: str
@@ -71,10 +71,10 @@ def repair_glitches(recording: Recording) -> Recording:
     """Outliers made NaN, jumps and suspects marked.
 
     Args:
-        recording: stamps increasing, units ours.
+        recording: Stamps increasing, units ours.
 
     Raises:
-        TrajectoryError: jumps all over: the rows are no motion.
+        TrajectoryError: Jumps all over: the rows are no motion.
     """
     _refuse_disorder(recording)
     recording = _without_outliers(recording, POSITION)
@@ -155,11 +155,11 @@ def impossible(
     """Samples that are outliers, samples that a jump leads to, and how far the worst outlier is off.
 
     Args:
-        time: stamps [s], increasing, shape (T,).
-        index: samples that have a value.
-        distance: between samples of two arrays of numbers, shape (N,).
-        vector: from the first to the second, shape (N, C).
-        kind: what a hand can do.
+        time: Stamps [s], increasing, shape (T,).
+        index: Samples that have a value.
+        distance: Between samples of two arrays of numbers, shape (N,).
+        vector: From the first to the second, shape (N, C).
+        kind: What a hand can do.
     """
     bad, jump = np.zeros(time.shape[0], dtype=bool), np.zeros(time.shape[0], dtype=bool)
     worst = 0.0

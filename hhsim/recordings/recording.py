@@ -29,10 +29,10 @@ class Finding:
     """Something that was found in a recording, and what was done about it.
 
     Attributes:
-        kind: a word of `hhsim.motion.sample_flags.SampleFlag`, or "note".
-        text: one line.
-        samples: how many it concerns; 0 where it is not about single samples.
-        first_time: stamp of the first of them [s]; None where it is not about single samples.
+        kind: A word of `hhsim.motion.sample_flags.SampleFlag`, or "note".
+        text: One line.
+        samples: How many it concerns; 0 where it is not about single samples.
+        first_time: Stamp of the first of them [s]; None where it is not about single samples.
     """
 
     kind: str
@@ -51,18 +51,18 @@ class Recording:
     """Samples as they came; frames and units are already ours where the reader knows them.
 
     Attributes:
-        time: stamps [s], or in another unit if `stated` lacks "time"; any order, NaN where missing, shape (T,).
-        position: palm origin [m, or another unit if `stated` lacks "length"], world, shape (T, 3).
-        orientation: palm to world (w, x, y, z), any length and sign, shape (T, 4).
+        time: Stamps [s], or in another unit if `stated` lacks "time"; any order, NaN where missing, shape (T,).
+        position: Palm origin [m, or another unit if `stated` lacks "length"], world, shape (T, 3).
+        orientation: Palm to world (w, x, y, z), any length and sign, shape (T, 4).
         flexion: [rad, or another unit if `stated` lacks "angle"], shape (T, 5, 3).
-        abduction: the same, shape (T, 5).
-        flags: what the reader already found in each sample, shape (T,); made if not given.
-        stated: the units that the file or the user stated: "time", "length", "angle". Those are not guessed.
-        scaled: whether the reader has made metres of its lengths, by the user's unit where there is one.
-        form: format that it was read from, in a word.
-        name, source, licence, device, hand, phases, object_position, object_orientation, raw: as in `Trajectory`.
-        hand_length: of the recorded hand, wrist crease to middle fingertip [m]; None where it is not known.
-        findings: of the reader.
+        abduction: The same, shape (T, 5).
+        flags: What the reader already found in each sample, shape (T,); made if not given.
+        stated: The units that the file or the user stated: "time", "length", "angle". Those are not guessed.
+        scaled: Whether the reader has made metres of its lengths, by the user's unit where there is one.
+        form: Format that it was read from, in a word.
+        name, source, licence, device, hand, phases, object_position, object_orientation, raw: As in `Trajectory`.
+        hand_length: Of the recorded hand, wrist crease to middle fingertip [m]; None where it is not known.
+        findings: Of the reader.
     """
 
     time: Array

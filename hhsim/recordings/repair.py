@@ -67,13 +67,13 @@ class RepairOptions:
     """What the user says about a recording.
 
     Attributes:
-        max_gap: longest hole that is interpolated [s].
-        start, end: the part to keep, on the stamps' clock [s]; None for all.
-        time_unit, length_unit, angle_unit: of the numbers in the file; None where the file says it, or it is guessed.
-        limits: joint angles beyond them are set to them; None leaves them.
-        mirror: make a right hand's motion of a left hand's and the other way round, in the world's yz-plane.
-        hand_length: of the recorded hand [m]; None where the recording says it or nobody knows.
-        scale_to: hand length [m] that the palm's way is scaled to, about its mean; None leaves it metric.
+        max_gap: Longest hole that is interpolated [s].
+        start, end: The part to keep, on the stamps' clock [s]; None for all.
+        time_unit, length_unit, angle_unit: Of the numbers in the file; None where the file says it, or it is guessed.
+        limits: Joint angles beyond them are set to them; None leaves them.
+        mirror: Make a right hand's motion of a left hand's and the other way round, in the world's yz-plane.
+        hand_length: Of the recorded hand [m]; None where the recording says it or nobody knows.
+        scale_to: Hand length [m] that the palm's way is scaled to, about its mean; None leaves it metric.
     """
 
     max_gap: float = 1.0
@@ -92,9 +92,9 @@ class Repaired(NamedTuple):
     """A trajectory, with the bits of each sample in its `flags`.
 
     Attributes:
-        trajectory: the motion.
-        findings: what was found and done, in the order of the repairs.
-        hand_length: of the recorded hand [m], None where it is not known.
+        trajectory: The motion.
+        findings: What was found and done, in the order of the repairs.
+        hand_length: Of the recorded hand [m], None where it is not known.
     """
 
     trajectory: Trajectory
@@ -112,12 +112,12 @@ def repair(recording: Recording, options: RepairOptions | None = None) -> Repair
     """Make a trajectory of a recording.
 
     Args:
-        recording: as a reader gave it; unchanged.
-        options: what the user says about it.
+        recording: As a reader gave it; unchanged.
+        options: What the user says about it.
 
     Raises:
-        TrajectoryError: nothing in it, or something wrong that cannot be mended safely.
-        InputError: options that contradict each other or the recording.
+        TrajectoryError: Nothing in it, or something wrong that cannot be mended safely.
+        InputError: Options that contradict each other or the recording.
     """
     asked = options or RepairOptions()
     if recording.sample_count == 0:

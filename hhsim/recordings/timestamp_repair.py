@@ -37,11 +37,11 @@ def repair_stamps(recording: Recording, max_gap: float) -> Recording:
     """Samples with strictly increasing stamps.
 
     Args:
-        recording: stamps in seconds, in any state.
-        max_gap: longest time without samples that may be bridged [s].
+        recording: Stamps in seconds, in any state.
+        max_gap: Longest time without samples that may be bridged [s].
 
     Raises:
-        TrajectoryError: too many stamps are missing, repeat or contradict the motion, or a hole is too long to bridge.
+        TrajectoryError: Too many stamps are missing, repeat or contradict the motion, or a hole is too long to bridge.
     """
     recording = _without_missing(recording)
     recording = _in_order(recording)

@@ -51,7 +51,7 @@ def repair_units(recording: Recording) -> Recording:
     """Stamps in s, positions in m, angles in rad.
 
     Raises:
-        TrajectoryError: a unit is wrong, and several others are possible or the unit was stated.
+        TrajectoryError: A unit is wrong, and several others are possible or the unit was stated.
     """
     return _angles(_lengths(_from_zero(_stamps(recording))))
 
@@ -140,11 +140,11 @@ def in_units(
     """A recording whose units the user states, in ours.
 
     Args:
-        recording: as it was read.
-        time, length, angle: what its numbers are in; None where that is left to the file and to guessing.
+        recording: As it was read.
+        time, length, angle: What its numbers are in; None where that is left to the file and to guessing.
 
     Raises:
-        InputError: the file or its mapping states that unit already.
+        InputError: The file or its mapping states that unit already.
     """
     stated = set(recording.stated)
     for key, unit in (("time", time), ("length", length), ("angle", angle)):

@@ -55,9 +55,9 @@ def piece_poses(
     """Where the pieces are.
 
     Args:
-        hand: the hand.
-        position: palm origin [m], world, shape (T, 3).
-        orientation: palm to world, unit (w, x, y, z), shape (T, 4).
+        hand: The hand.
+        position: Palm origin [m], world, shape (T, 3).
+        orientation: Palm to world, unit (w, x, y, z), shape (T, 4).
         flexion: [rad], shape (T, 5, 3).
         abduction: [rad], shape (T, 5).
     """

@@ -38,13 +38,13 @@ def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
     """Draw a recording and the trajectory that became of it.
 
     Args:
-        recording: as it was read, in the units of its file.
-        motion: with its flags.
-        path: picture file; matplotlib chooses the format by its ending.
+        recording: As it was read, in the units of its file.
+        motion: With its flags.
+        path: Picture file; matplotlib chooses the format by its ending.
 
     Raises:
         InputError: matplotlib has no such picture format.
-        OutputError: the picture cannot be written.
+        OutputError: The picture cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -183,11 +183,11 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
     """Write the size of each force at the head of its arrow, or a line lower where another one stands.
 
     Args:
-        axes: of the picture.
-        forces: that are drawn.
-        camera: that they are seen by.
-        size: of the text [pt].
-        pixel: size of the picture's pixels by those of 100 to the inch.
+        axes: Of the picture.
+        forces: That are drawn.
+        camera: That they are seen by.
+        size: Of the text [pt].
+        pixel: Size of the picture's pixels by those of 100 to the inch.
     """
     from matplotlib.patheffects import withStroke
 

@@ -38,11 +38,11 @@ def viewpoint(hand: Surface, body: Surface, marks: FloatArray, forces: FloatArra
     """The view in which most is seen of the marks, then of hand and object, and forces are not seen end on.
 
     Args:
-        hand: the hand's surface.
-        body: the object's.
-        marks: points that the object should not hide [m], shape (k, 3); may be none.
-        forces: vectors, shape (j, 3); may be none.
-        usual: that another picture has; another view must be better by `GAIN` to be chosen.
+        hand: The hand's surface.
+        body: The object's.
+        marks: Points that the object should not hide [m], shape (k, 3); may be none.
+        forces: Vectors, shape (j, 3); may be none.
+        usual: That another picture has; another view must be better by `GAIN` to be chosen.
     """
     rng = np.random.default_rng(0)
     skin, stone = (_thinned(face_samples(surface.points, surface.faces, POINTS, rng)[0]) for surface in (hand, body))

@@ -29,7 +29,7 @@ def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placeme
     """The script's own placement on the object that a tree was built for; None where it finds one by itself.
 
     Raises:
-        TrajectoryError: the script is made for other objects, or for a right hand.
+        TrajectoryError: The script is made for other objects, or for a right hand.
     """
     for placement in script.placements:
         if tree.mesh_sha256 and object_description(placement.object_name)["sha256"] == tree.mesh_sha256:
@@ -56,15 +56,15 @@ def close_placed(
     """Close the script's fingers with the palm at a place.
 
     Args:
-        script: which fingers close, and how deep they are commanded.
-        hand: the hand.
-        tree: the object, world frame.
-        placement: the place, object's frame.
+        script: Which fingers close, and how deep they are commanded.
+        hand: The hand.
+        tree: The object, world frame.
+        placement: The place, object's frame.
         object_position: [m], shape (3,), world; None for the origin.
-        object_rotation: object to world, shape (3, 3); None for upright.
+        object_rotation: Object to world, shape (3, 3); None for upright.
 
     Raises:
-        TrajectoryError: no named finger reaches the object from there, or the palm that is to touch does not.
+        TrajectoryError: No named finger reaches the object from there, or the palm that is to touch does not.
     """
     closure = PlacedCloser(script, hand, tree).close(placement, object_position, object_rotation)
     if script.contact and not closure.reached:
@@ -80,9 +80,9 @@ class PlacedCloser:
     """Closes one script's hand on one object, at any number of places.
 
     Args:
-        script: which fingers close, and how deep they are commanded.
-        hand: the hand.
-        tree: the object, world frame.
+        script: Which fingers close, and how deep they are commanded.
+        hand: The hand.
+        tree: The object, world frame.
     """
 
     def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:

@@ -75,12 +75,12 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
     """Find how the hand of a script closes on an object.
 
     Args:
-        script: which fingers close, how deep, and where the palm is.
-        hand: the hand.
-        tree: the object at rest, world frame; its leaves are what is touched.
+        script: Which fingers close, how deep, and where the palm is.
+        hand: The hand.
+        tree: The object at rest, world frame; its leaves are what is touched.
 
     Raises:
-        TrajectoryError: no named finger reaches the object from any side, or the palm cannot touch it.
+        TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it.
     """
     search = _Search(script, hand, tree)
     closure = search.best()

@@ -52,7 +52,7 @@ def parse_touch(where: str, given: Any) -> tuple[Touch, ...]:
     """Read the `touch` table of a hold.
 
     Raises:
-        TrajectoryError: a part of the hand or a kind of value that it cannot name.
+        TrajectoryError: A part of the hand or a kind of value that it cannot name.
     """
     if not isinstance(given, Mapping):
         raise TrajectoryError(f'{where}: touch = {given!r}; expected a table such as {{ thumb = "handle" }}')
@@ -81,16 +81,16 @@ def touch_distances(
     By brute force over all spheres: the least distance of the part to a sphere that it would touch within the region.
 
     Args:
-        touches: what is demanded.
-        object_name: of the catalogue, whose regions are meant; may be anything where all touches are anywhere.
-        hand: the hand.
-        tree: the object at rest in its own frame.
-        joints: of the hand [m], object's frame, shape (5, 4, 3).
-        position: of the palm [m], object's frame, shape (3,).
-        rotation: palm to object, shape (3, 3).
+        touches: What is demanded.
+        object_name: Of the catalogue, whose regions are meant; may be anything where all touches are anywhere.
+        hand: The hand.
+        tree: The object at rest in its own frame.
+        joints: Of the hand [m], object's frame, shape (5, 4, 3).
+        position: Of the palm [m], object's frame, shape (3,).
+        rotation: Palm to object, shape (3, 3).
 
     Raises:
-        UnknownNameError: the object has no such region.
+        UnknownNameError: The object has no such region.
     """
     bodies = {part: _bodies(part, hand, joints, position, rotation) for part in {touch.part for touch in touches}}
     return np.array(

@@ -38,10 +38,10 @@ class Demonstration:
     """A recorded motion that touches any object.
 
     Attributes:
-        motion: as it was recorded; its object pose does not count.
-        touch: what is to be touched by what.
-        title: what the hand does.
-        stresses: what it demands of a method.
+        motion: As it was recorded; its object pose does not count.
+        touch: What is to be touched by what.
+        title: What the hand does.
+        stresses: What it demands of a method.
     """
 
     motion: Trajectory
@@ -63,11 +63,11 @@ class Demonstration:
         """The motion beside an object.
 
         Args:
-            hand: which hand.
-            tree: the object at rest, z up.
+            hand: Which hand.
+            tree: The object at rest, z up.
 
         Raises:
-            TrajectoryError: the finger cannot reach this object.
+            TrajectoryError: The finger cannot reach this object.
         """
         placed = place_object(self.motion, hand, tree, self.touch)
         how = f"the object placed so that the {self.touch.finger} goes {1e3 * self.touch.depth:g} mm into it"
@@ -83,13 +83,13 @@ def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, whe
     """Make a demonstration from TOML text.
 
     Args:
-        text: the TOML document.
-        name: of the motion.
-        folder: that the recording lies in.
-        where: names the text in messages.
+        text: The TOML document.
+        name: Of the motion.
+        folder: That the recording lies in.
+        where: Names the text in messages.
 
     Raises:
-        TrajectoryError: no TOML, a value that no demonstration has, or no recording.
+        TrajectoryError: No TOML, a value that no demonstration has, or no recording.
     """
     table = parse_toml(text, where, TrajectoryError)
     check_keys(where, table, KEYS, TrajectoryError)

@@ -17,17 +17,17 @@ class FingerClosure:
     """A grasp of one object: a palm pose, an open hand and the postures that touch and press.
 
     Attributes:
-        rotation: palm to world, shape (3, 3).
-        back: unit direction of the way back to the start, shape (3,), world; the palm's normal if not told otherwise.
-        position: palm origin where the fingers close [m], shape (3,), world; a palm that is to touch does so there.
-        open: flexion of the open hand [rad], shape (5, 3).
-        contact: flexion at first contact; the open one for fingers that do not close [rad], shape (5, 3).
-        command: flexion commanded into the object [rad], shape (5, 3).
+        rotation: Palm to world, shape (3, 3).
+        back: Unit direction of the way back to the start, shape (3,), world; the palm's normal if not told otherwise.
+        position: Palm origin where the fingers close [m], shape (3,), world; a palm that is to touch does so there.
+        open: Flexion of the open hand [rad], shape (5, 3).
+        contact: Flexion at first contact; the open one for fingers that do not close [rad], shape (5, 3).
+        command: Flexion commanded into the object [rad], shape (5, 3).
         abduction: [rad], shape (5,).
-        reached: the named fingers whose command lies inside the object.
-        missed: the named fingers that do not reach it.
-        slide: unit direction of a slide, shape (3,), world; zeros where the script has none.
-        distance: signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
+        reached: The named fingers whose command lies inside the object.
+        missed: The named fingers that do not reach it.
+        slide: Unit direction of a slide, shape (3,), world; zeros where the script has none.
+        distance: Signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
     """
 
     rotation: Array

@@ -28,15 +28,15 @@ class TrajectoryDescription:
     """A line of the catalogue.
 
     Attributes:
-        name: what commands take.
-        title: what the hand does.
-        stresses: what it demands of a method.
+        name: What commands take.
+        title: What the hand does.
+        stresses: What it demands of a method.
         duration: [s].
-        rate: samples a second [Hz].
-        fingers: those that close.
-        phases: names in order.
-        objects: that it is made for; empty for any.
-        figures: of the paper that show it.
+        rate: Samples a second [Hz].
+        fingers: Those that close.
+        phases: Names in order.
+        objects: That it is made for; empty for any.
+        figures: Of the paper that show it.
     """
 
     name: str
@@ -84,7 +84,7 @@ def load_script(name: str) -> Script:
     """The shipped script of this name.
 
     Raises:
-        UnknownNameError: no such script; the message lists the near names.
+        UnknownNameError: No such script; the message lists the near names.
     """
     known = script_names()
     if name not in known:
@@ -97,7 +97,7 @@ def load_demonstration(name: str) -> Demonstration:
     """The shipped demonstration of this name.
 
     Raises:
-        UnknownNameError: no such demonstration; the message lists the near names.
+        UnknownNameError: No such demonstration; the message lists the near names.
     """
     known = sorted(_names()[1])
     if name not in known:
@@ -111,7 +111,7 @@ def describe(name: str) -> TrajectoryDescription:
     """What the catalogue says about a shipped script or demonstration.
 
     Raises:
-        UnknownNameError: neither of them; the message lists the near names.
+        UnknownNameError: Neither of them; the message lists the near names.
     """
     known = trajectory_names()
     if name not in known:
@@ -150,8 +150,8 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
     .h5, .hdf5 and .csv are trajectories, and those of `imported_suffixes` are imported.
 
     Raises:
-        UnknownNameError: neither a name of the catalogue nor a path with a known suffix.
-        TrajectoryError: no such file, or one that is not what its suffix says.
+        UnknownNameError: Neither a name of the catalogue nor a path with a known suffix.
+        TrajectoryError: No such file, or one that is not what its suffix says.
     """
     word = str(name_or_path)
     scripts, demonstrations = _names()
@@ -175,7 +175,7 @@ def load_recorded(path: Path) -> Trajectory:
     """A recorded motion from a trajectory file or a result, or imported from a file of `imported_suffixes`.
 
     Raises:
-        TrajectoryError: no such file, none of the formats, or one that cannot be mended safely.
+        TrajectoryError: No such file, none of the formats, or one that cannot be mended safely.
     """
     if path.suffix.lower() in imported_suffixes():
         from hhsim.recordings.registry import read_recording

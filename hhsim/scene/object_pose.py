@@ -48,8 +48,8 @@ class Wanted:
     """What the recording is to do to the object.
 
     Attributes:
-        finger: that touches it.
-        depth: how much deeper than first contact its tip is commanded [m].
+        finger: That touches it.
+        depth: How much deeper than first contact its tip is commanded [m].
     """
 
     finger: str
@@ -68,13 +68,13 @@ def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: 
     """The motion beside the object.
 
     Args:
-        motion: of a hand, without regard for its object pose.
-        hand: which hand.
-        tree: the object at rest in its own frame, z up.
-        wanted: what is to be touched, by what.
+        motion: Of a hand, without regard for its object pose.
+        hand: Which hand.
+        tree: The object at rest in its own frame, z up.
+        wanted: What is to be touched, by what.
 
     Raises:
-        TrajectoryError: nowhere does the finger reach the object without the hand beginning in it.
+        TrajectoryError: Nowhere does the finger reach the object without the hand beginning in it.
     """
     finger = FINGERS.index(wanted.finger)
     placed = forward_kinematics(hand, *HandConfiguration.of(motion))

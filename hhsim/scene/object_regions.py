@@ -34,10 +34,10 @@ class Shape:
     """A box, a straight cone frustum or a ball in the object's frame.
 
     Attributes:
-        kind: of `SHAPES`.
-        points: lowest and highest corner, the two ends of the axis, or the centre [m], shape (2, 3) or (1, 3).
-        radius: at the two ends, or of the ball [m]; empty for a box.
-        outside: whether it holds what is not in it.
+        kind: Of `SHAPES`.
+        points: Lowest and highest corner, the two ends of the axis, or the centre [m], shape (2, 3) or (1, 3).
+        radius: At the two ends, or of the ball [m]; empty for a box.
+        outside: Whether it holds what is not in it.
     """
 
     kind: str

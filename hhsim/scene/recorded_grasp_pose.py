@@ -65,9 +65,9 @@ class Grasp(NamedTuple):
     """The closest grasp of a recording.
 
     Attributes:
-        sample: where the fingers have closed furthest.
-        fingers: those that take part, by number.
-        closes: whether any finger closes.
+        sample: Where the fingers have closed furthest.
+        fingers: Those that take part, by number.
+        closes: Whether any finger closes.
     """
 
     sample: int
@@ -80,12 +80,12 @@ class GraspPlacement:
     """An object placed at a recorded grasp.
 
     Attributes:
-        motion: the recording, with the object's pose and a source that says how it came about.
-        grasp: where the object was put.
-        time: of the grasp, from the first sample on [s].
-        fingers: those that are in the object then.
-        depth: how deep the deepest of them is [m].
-        start_gap: distance of the hand to the object at the first sample [m]; negative where it begins inside.
+        motion: The recording, with the object's pose and a source that says how it came about.
+        grasp: Where the object was put.
+        time: Of the grasp, from the first sample on [s].
+        fingers: Those that are in the object then.
+        depth: How deep the deepest of them is [m].
+        start_gap: Distance of the hand to the object at the first sample [m]; negative where it begins inside.
     """
 
     motion: Trajectory
@@ -140,12 +140,12 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
     """Put an object where the fingers of a recording close.
 
     Args:
-        motion: of a hand, without regard for its object pose.
-        hand: which hand.
-        tree: the object at rest in its own frame, z up.
+        motion: Of a hand, without regard for its object pose.
+        hand: Which hand.
+        tree: The object at rest in its own frame, z up.
 
     Raises:
-        TrajectoryError: no finger meets the object from any side.
+        TrajectoryError: No finger meets the object from any side.
     """
     grasp = find_grasp(motion)
     search = _Search(motion, hand, tree, grasp)
@@ -198,10 +198,10 @@ class _Approach(NamedTuple):
     """How the object is brought against the hand of the grasp.
 
     Attributes:
-        sample: that the fingers are as open as.
-        direction: that the hand comes in, unit, world.
-        aim: point of the hand that comes over the object's middle [m], world.
-        push: how much farther than first contact [m].
+        sample: That the fingers are as open as.
+        direction: That the hand comes in, unit, world.
+        aim: Point of the hand that comes over the object's middle [m], world.
+        push: How much farther than first contact [m].
     """
 
     sample: int

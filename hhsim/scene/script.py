@@ -88,11 +88,11 @@ class ScriptPhase:
     """One phase of a script.
 
     Attributes:
-        name: one of `PHASE_NAMES`.
+        name: One of `PHASE_NAMES`.
         duration: [s].
-        fingers: those that are closed at its end; closing phases only.
-        distance: how far it slides [m]; slide only.
-        touch: what must be touched at its end; None where the script leaves it open; hold only.
+        fingers: Those that are closed at its end; closing phases only.
+        distance: How far it slides [m]; slide only.
+        touch: What must be touched at its end; None where the script leaves it open; hold only.
     """
 
     name: str
@@ -107,10 +107,10 @@ class PaperUse:
     """Where the paper shows a script's motion.
 
     Attributes:
-        figure: such as "13".
-        objects: of the catalogue, on which it does.
-        case: the figure's name for it; empty where it has none.
-        instances: seeded variations of the hand's place; 1 for the script's own.
+        figure: Such as "13".
+        objects: Of the catalogue, on which it does.
+        case: The figure's name for it; empty where it has none.
+        instances: Seeded variations of the hand's place; 1 for the script's own.
     """
 
     figure: str
@@ -124,11 +124,11 @@ class Script:
     """A checked script; the module's docstring says what each field means.
 
     Attributes:
-        name: of the catalogue, or the file's stem.
-        phases: the first one is an approach.
-        objects: that it is made for; empty for any.
-        placements: of the hand, on some objects.
-        paper: where the paper shows it.
+        name: Of the catalogue, or the file's stem.
+        phases: The first one is an approach.
+        objects: That it is made for; empty for any.
+        placements: Of the hand, on some objects.
+        paper: Where the paper shows it.
     """
 
     name: str
@@ -206,7 +206,7 @@ def read_script(path: Path, *, unplaced: bool = False) -> Script:
     """Read a script from a TOML file; `unplaced` as in `parse_script`.
 
     Raises:
-        TrajectoryError: no such file, no TOML, or a key, value or phase that no script has.
+        TrajectoryError: No such file, no TOML, or a key, value or phase that no script has.
     """
     text = read_toml_text(path, "script", TrajectoryError)
     return parse_script(text, name=path.stem, where=str(path), unplaced=unplaced)
@@ -216,13 +216,13 @@ def parse_script(text: str, *, name: str, where: str, unplaced: bool = False) ->
     """Make a script from TOML text.
 
     Args:
-        text: the TOML document.
-        name: of the script.
-        where: names the text in messages.
-        unplaced: the script may lack placements on the objects that it is made for, since they are to be searched for.
+        text: The TOML document.
+        name: Of the script.
+        where: Names the text in messages.
+        unplaced: The script may lack placements on the objects that it is made for, since they are to be searched for.
 
     Raises:
-        TrajectoryError: no TOML, or a key, value or phase that no script has.
+        TrajectoryError: No TOML, or a key, value or phase that no script has.
     """
     table = parse_toml(text, where, TrajectoryError)
     _check_keys(where, table, _KEYS)

@@ -25,9 +25,9 @@ def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: T
     """The direction along the palm in which the fingers keep hold, pressed in neither deeper nor less.
 
     Args:
-        script: how far it slides, and whether the palm touches.
-        closure: the hand before the slide.
-        hand, tree: the hand and the object, world.
+        script: How far it slides, and whether the palm touches.
+        closure: The hand before the slide.
+        hand, tree: The hand and the object, world.
 
     Returns:
         (unit direction, shape (3,), world; score, 1 where nothing changes on the way, lower the more it does).

@@ -40,13 +40,13 @@ class Placement:
     """A hand's place on one object; the module's docstring says what each field means.
 
     Attributes:
-        object_name: of the catalogue; empty where it is no stored one.
+        object_name: Of the catalogue; empty where it is no stored one.
         position: [m], shape (3,), object's frame, as all the others.
-        orientation: unit (w, x, y, z), shape (4,).
-        back: unit, shape (3,).
+        orientation: Unit (w, x, y, z), shape (4,).
+        back: Unit, shape (3,).
         open: [rad], shape (5,).
         abduction: [rad], shape (5,).
-        slide: unit, or zeros, shape (3,).
+        slide: Unit, or zeros, shape (3,).
     """
 
     object_name: str
@@ -73,12 +73,12 @@ def parse_placements(where: str, given: Any, *, slides: bool) -> tuple[Placement
     """Read the [[placement]] tables of a script.
 
     Args:
-        where: names the script in messages.
-        given: the tables.
-        slides: whether the script slides, and so may name a direction.
+        where: Names the script in messages.
+        given: The tables.
+        slides: Whether the script slides, and so may name a direction.
 
     Raises:
-        TrajectoryError: a key, name or value that no placement has.
+        TrajectoryError: A key, name or value that no placement has.
     """
     if not isinstance(given, list) or not all(isinstance(entry, Mapping) for entry in given):
         raise TrajectoryError(f"{where}: placement = {given!r}; expected [[placement]] tables")

@@ -44,20 +44,20 @@ def synthesize(
     """Make the motion of a script on an object.
 
     Args:
-        script: what the hand does.
-        hand: which hand.
-        tree: the object at rest, world frame.
-        seed: of tremor and sensor noise; the motion itself is the same for every seed.
-        disturbance: instead of the script's own.
-        placement: instead of the script's own, or of a search.
-        object_position: recorded with the motion [m], shape (3,); `tree` is already there.
-        object_orientation: recorded with the motion (w, x, y, z), shape (4,).
+        script: What the hand does.
+        hand: Which hand.
+        tree: The object at rest, world frame.
+        seed: Of tremor and sensor noise; the motion itself is the same for every seed.
+        disturbance: Instead of the script's own.
+        placement: Instead of the script's own, or of a search.
+        object_position: Recorded with the motion [m], shape (3,); `tree` is already there.
+        object_orientation: Recorded with the motion (w, x, y, z), shape (4,).
 
     Returns:
         A trajectory of script.duration · script.rate samples; the same arguments give the same bytes.
 
     Raises:
-        TrajectoryError: the script cannot be done on this object.
+        TrajectoryError: The script cannot be done on this object.
     """
     closure = planned(script, hand, tree, object_position, object_orientation, placement)
     time = np.arange(script.sample_count) / script.rate

@@ -56,16 +56,16 @@ class QpStatus(StrEnum):
 
 @dataclass(frozen=True)
 class QpProblem:
-    """min ½ (δ - δ*)ᵀ G (δ - δ*) subject to A δ >= b.
+    """Min ½ (δ - δ*)ᵀ G (δ - δ*) subject to A δ >= b.
 
     Args:
-        stiffness: diagonal of G, shape (n,); [N/m] for a displacement, [N·m/rad] for an angle; positive.
+        stiffness: Diagonal of G, shape (n,); [N/m] for a displacement, [N·m/rad] for an angle; positive.
         matrix: A, shape (m, n); a contact row gives the rate of the distance by displacement [1] and by angle [m/rad].
         rhs: b, shape (m,) [m] for contact rows.
         target: δ*, shape (n,); [m] and [rad].
 
     Raises:
-        InputError: on shapes that do not fit, or a stiffness that is not positive.
+        InputError: On shapes that do not fit, or a stiffness that is not positive.
     """
 
     stiffness: Array
@@ -125,9 +125,9 @@ class QpSolution:
     Attributes:
         x: δ, shape (n,) [m] and [rad]; the target where there is no solution.
         multiplier: λ >= 0 of each row, shape (m,); [N] for contact rows; zeros where there is no solution.
-        status: see `QpStatus`; compares equal to its string.
-        backend: name of the backend.
-        message: what went wrong, empty for an optimum.
+        status: See `QpStatus`; compares equal to its string.
+        backend: Name of the backend.
+        message: What went wrong, empty for an optimum.
     """
 
     x: Array
@@ -150,7 +150,7 @@ def solve(problem: QpProblem, backend: str = ACTIVE_SET) -> QpSolution:
     A backend that stops, refuses or raises gives a status, never an exception.
 
     Raises:
-        UnknownNameError: for a backend that is not installed.
+        UnknownNameError: For a backend that is not installed.
     """
     if backend != ACTIVE_SET and backend not in available_backends():
         raise UnknownNameError("QP backend", backend, available_backends())

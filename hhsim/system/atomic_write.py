@@ -24,7 +24,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     """Write a file, or replace it in one step.
 
     Raises:
-        OutputError: the file cannot be written; what was there before still is.
+        OutputError: The file cannot be written; what was there before still is.
     """
     target = Path(os.path.realpath(path))
     partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")

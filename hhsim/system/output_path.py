@@ -15,13 +15,13 @@ def dated_output_path(stem: str, suffix: str = ".h5", *, folder: Path = RESULTS,
     """Name a file that does not exist yet, such as results/2026-03-01-142530-bunny-grasp.h5, by local time and `stem`.
 
     Args:
-        stem: what the file is about; characters that do not belong in a file name become "-".
-        suffix: with its dot.
-        folder: is made where it is missing.
-        now: the time in the name; the current local time by default.
+        stem: What the file is about; characters that do not belong in a file name become "-".
+        suffix: With its dot.
+        folder: Is made where it is missing.
+        now: The time in the name; the current local time by default.
 
     Raises:
-        OutputError: the folder cannot be made or written.
+        OutputError: The folder cannot be made or written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -46,7 +46,7 @@ def check_output_path(path: Path) -> None:
     """Look, before the work, for what would keep `path` from being written or replaced.
 
     Raises:
-        OutputError: a folder or a device in the way, no such folder, no permission.
+        OutputError: A folder or a device in the way, no such folder, no permission.
     """
     target = Path(os.path.realpath(path))
     folder = target.parent

@@ -15,12 +15,12 @@ def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) 
     """The text of a TOML file.
 
     Args:
-        path: of the file.
-        what: it should hold, such as "calibration".
-        error: to raise.
+        path: Of the file.
+        what: It should hold, such as "calibration".
+        error: To raise.
 
     Raises:
-        InputError: no such file, no permission, or no text.
+        InputError: No such file, no permission, or no text.
     """
     try:
         return path.read_text(encoding="utf-8")
@@ -34,7 +34,7 @@ def parse_toml(text: str, where: str, error: type[InputError] = InputError) -> d
     """The table of a TOML document.
 
     Raises:
-        InputError: no TOML.
+        InputError: No TOML.
     """
     try:
         return tomllib.loads(text)
@@ -48,7 +48,7 @@ def check_keys(
     """Refuse a key that is none of the known ones; the message lists the near ones.
 
     Raises:
-        InputError: such a key.
+        InputError: Such a key.
     """
     names = tuple(known)
     for key in table:
@@ -62,7 +62,7 @@ def checked_table(
     """A value that is a table, with no other keys than the known ones where these are given.
 
     Raises:
-        InputError: no table, or another key.
+        InputError: No table, or another key.
     """
     if not isinstance(value, dict):
         raise error(f"{where}: {key} = {value!r}; expected a table")
@@ -77,7 +77,7 @@ def checked_number(
     """A value that is a number from `low` to `high`.
 
     Raises:
-        InputError: it is none; truths are no numbers.
+        InputError: It is none; truths are no numbers.
     """
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise error(f"{where}: {key} = {value!r}; expected a number from {low:g} to {high:g}")
@@ -88,7 +88,7 @@ def checked_text(where: str, key: str, value: Any, error: type[InputError] = Inp
     """A value that is a text; it may be empty.
 
     Raises:
-        InputError: it is none.
+        InputError: It is none.
     """
     if not isinstance(value, str):
         raise error(f"{where}: {key} = {value!r}; expected text in quotes")

@@ -38,7 +38,7 @@ def build_sphere_tree(
     Args:
         mesh: Watertight and wound outward.
         options: None for the defaults.
-        progress: called with (stage, done, total), stages "cover", "tree" and "measure".
+        progress: Called with (stage, done, total), stages "cover", "tree" and "measure".
         threads: How many to build with, as far as they can be used: the same bytes with any number.
 
     Raises:
@@ -134,13 +134,13 @@ def proved_cover(
 
     Args:
         vertices: [m], shape (V, 3).
-        faces: wound outward, shape (F, 3).
-        bvh: over the mesh.
+        faces: Wound outward, shape (F, 3).
+        bvh: Over the mesh.
         center: [m], shape (n, 3).
         radius: [m], shape (n,).
         balanced: Take half of the bound off all radii, so that the balls miss the surface by as little outside as
             inside: it then lies at most so far out of them, and they at most so far out of it.
-        workers: threads to prove with; None for the calling one.
+        workers: Threads to prove with; None for the calling one.
 
     Raises:
         MeshError: A face cannot be proved.

@@ -78,10 +78,10 @@ def prove_cover(
 
     Args:
         vertices: [m], shape (V, 3).
-        faces: shape (F, 3).
+        faces: Shape (F, 3).
         center: [m], shape (n, 3).
         radius: [m], shape (n,).
-        workers: threads to prove with; None for the calling one.
+        workers: Threads to prove with; None for the calling one.
 
     Returns:
         Faces without a proof, and the codes of the proof, as `hhsim.kernels.cover.certify` explains them; no codes
@@ -120,12 +120,12 @@ def measure_levels(
 
     Args:
         vertices: [m], shape (V, 3).
-        faces: shape (F, 3).
-        bvh: over the same mesh.
-        tree: in the frame of the mesh.
-        seed: of the samples; those of a level do not depend on which others there are.
-        progress: called with ("measure", levels done, levels).
-        workers: threads to measure with; None for the calling one.
+        faces: Shape (F, 3).
+        bvh: Over the same mesh.
+        tree: In the frame of the mesh.
+        seed: Of the samples; those of a level do not depend on which others there are.
+        progress: Called with ("measure", levels done, levels).
+        workers: Threads to measure with; None for the calling one.
     """
     workers = workers or Workers()
     surface = sample_mesh(vertices, faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))

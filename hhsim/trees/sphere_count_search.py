@@ -29,9 +29,9 @@ def find_fewest(build: Callable[[int], LevelCover], max_error: float, most: int)
     between or below may do by luck.
 
     Args:
-        build: makes the cover with at most as many balls.
+        build: Makes the cover with at most as many balls.
         max_error: [m].
-        most: balls at most.
+        most: Balls at most.
 
     Raises:
         InputError: `most` balls are too few, or would be by far.

@@ -209,7 +209,7 @@ def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
 
     Args:
         vertices: [m], shape (V, 3).
-        faces: wound outward, shape (F, 3).
+        faces: Wound outward, shape (F, 3).
 
     Raises:
         MeshError: The mesh encloses no volume.
@@ -231,8 +231,8 @@ def cover_of(
     Args:
         mesh: The mesh.
         balls: Most balls.
-        progress: called with ("cover", cycles done, cycles).
-        workers: threads to build with; None for the calling one. The same bytes with any number.
+        progress: Called with ("cover", cycles done, cycles).
+        workers: Threads to build with; None for the calling one. The same bytes with any number.
 
     Returns:
         Centres [m], shape (n, 3), and radii [m], shape (n,).

@@ -46,7 +46,7 @@ class ViewAhead:
     Where no process can be forked, everything is done here, in `show`.
 
     Args:
-        target: where the recording goes.
+        target: Where the recording goes.
     """
 
     def __init__(self, target: RerunTarget) -> None:
@@ -93,7 +93,7 @@ class ViewAhead:
         """Wait until the process beside has nothing to do until `show`.
 
         Raises:
-            HhsimError: it cannot get ready.
+            HhsimError: It cannot get ready.
         """
         if self._channel is not None and not self._ready:
             self._answer("ready", None)
@@ -103,12 +103,12 @@ class ViewAhead:
         """Show a result.
 
         Args:
-            path: of the result.
-            progress: called with what is being done, how much is done and how much there is.
+            path: Of the result.
+            progress: Called with what is being done, how much is done and how much there is.
 
         Raises:
-            InputError, OutputError: as `load_result` and `view_result`.
-            HhsimError: the process beside ended before it was done.
+            InputError, OutputError: As `load_result` and `view_result`.
+            HhsimError: The process beside ended before it was done.
         """
         if self._channel is None:
             from hhsim.view.viewer import view_result

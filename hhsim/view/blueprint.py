@@ -33,13 +33,13 @@ def blueprint(
     """Arrange the views.
 
     Args:
-        look_at: middle of what is shown [m], world, shape (3,).
-        extent: of what is shown [m].
-        title: of the scene.
-        plots: from top to bottom.
-        hidden: entities of the scene that are not seen at first.
-        tops: where a plot's axis ends at first, from 0 on, instead of at its largest value.
-        live: follow the newest tick and show the last `LIVE_WINDOW` seconds, instead of playing a recording.
+        look_at: Middle of what is shown [m], world, shape (3,).
+        extent: Of what is shown [m].
+        title: Of the scene.
+        plots: From top to bottom.
+        hidden: Entities of the scene that are not seen at first.
+        tops: Where a plot's axis ends at first, from 0 on, instead of at its largest value.
+        live: Follow the newest tick and show the last `LIVE_WINDOW` seconds, instead of playing a recording.
     """
     import rerun.blueprint as rrb
 

@@ -30,15 +30,15 @@ class ShownTicks:
     """What a viewer gets of T ticks.
 
     Attributes:
-        tick: their numbers, shape (T,).
+        tick: Their numbers, shape (T,).
         time: [s], shape (T,).
-        haptic: the user's hand.
-        graphic: the hand that is shown to the user.
-        joints: of the graphic hand [m], shape (T, 5, 4, 3).
-        phalanx: contact force on each phalanx [N], shape (T, 5, 3, 3).
-        total: of all contact forces [N], shape (T, 3).
-        touching: ticks in which something may touch, indices from 0; all others are not looked at.
-        plots: values of each plot, shape (T, its series).
+        haptic: The user's hand.
+        graphic: The hand that is shown to the user.
+        joints: Of the graphic hand [m], shape (T, 5, 4, 3).
+        phalanx: Contact force on each phalanx [N], shape (T, 5, 3, 3).
+        total: Of all contact forces [N], shape (T, 3).
+        touching: Ticks in which something may touch, indices from 0; all others are not looked at.
+        plots: Values of each plot, shape (T, its series).
     """
 
     tick: IntArray
@@ -62,11 +62,11 @@ def shown_ticks(
     """Choose from ticks what a viewer gets of them.
 
     Args:
-        column: gives a dataset of a result's /tick by its name, for all these ticks.
-        tick: their numbers, shape (N,).
-        shown: which of them are shown, indices from 0, shape (T,).
-        starts: where the ticks begin that each shown one stands for, shape (T,); they end where the next ones begin.
-        more: further plots and their values, shape (N, series).
+        column: Gives a dataset of a result's /tick by its name, for all these ticks.
+        tick: Their numbers, shape (N,).
+        shown: Which of them are shown, indices from 0, shape (T,).
+        starts: Where the ticks begin that each shown one stands for, shape (T,); they end where the next ones begin.
+        more: Further plots and their values, shape (N, series).
     """
     kept, begins = np.asarray(shown), np.asarray(starts)
     haptic, graphic = (

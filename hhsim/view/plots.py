@@ -24,13 +24,13 @@ class Plot:
     """One plot.
 
     Attributes:
-        path: its entity.
-        title: with the unit.
-        series: names and colours of its lines.
-        worst: a thinned plot shows the largest value of the ticks that a shown one stands for, and not that of the
+        path: Its entity.
+        title: With the unit.
+        series: Names and colours of its lines.
+        worst: A thinned plot shows the largest value of the ticks that a shown one stands for, and not that of the
         shown tick alone, so that no spike is lost.
-        legend: names its lines; not where they are those of the plot above.
-        height: beside the other plots.
+        legend: Names its lines; not where they are those of the plot above.
+        height: Beside the other plots.
     """
 
     path: str

@@ -95,13 +95,13 @@ class ShownScene:
     """What does not change with time.
 
     Attributes:
-        mesh: the object [m], world.
-        tree: its sphere tree, world.
-        hand: the hand.
-        fingers: which fingers the scene uses, shape (5,); the others go through the object.
-        touch: pairs nearer than this touch [m].
-        spheres: send the leaf spheres too.
-        text: what was run, Markdown.
+        mesh: The object [m], world.
+        tree: Its sphere tree, world.
+        hand: The hand.
+        fingers: Which fingers the scene uses, shape (5,); the others go through the object.
+        touch: Pairs nearer than this touch [m].
+        spheres: Send the leaf spheres too.
+        text: What was run, Markdown.
     """
 
     mesh: Mesh
@@ -128,8 +128,8 @@ class RerunScene:
     """Writes a scene into a recording.
 
     Args:
-        stream: the recording, its sinks set.
-        scene: what is shown.
+        stream: The recording, its sinks set.
+        scene: What is shown.
     """
 
     stream: "rr.RecordingStream"

@@ -42,8 +42,8 @@ class RerunTarget:
 
     Attributes:
         kind: "spawn" opens a viewer, "file" writes one file, "connect" sends to a viewer that runs.
-        path: of the file.
-        url: of the viewer.
+        path: Of the file.
+        url: Of the viewer.
     """
 
     kind: Literal["spawn", "file", "connect"]
@@ -60,7 +60,7 @@ def parse_target(text: str) -> RerunTarget:
     A URL is as rerun writes it, or HOST:PORT, or a port on this machine.
 
     Raises:
-        InputError: none of these.
+        InputError: None of these.
     """
     if text == "spawn":
         return RerunTarget("spawn", url=_url("127.0.0.1", PORT))
@@ -76,8 +76,8 @@ def check_target(target: RerunTarget) -> None:
     """Look, before the work, for what would keep a recording from getting there.
 
     Raises:
-        InputError: no screen for a viewer, or no viewer that listens.
-        OutputError: a file that cannot be written, or one that is no recording of rerun's and would be replaced.
+        InputError: No screen for a viewer, or no viewer that listens.
+        OutputError: A file that cannot be written, or one that is no recording of rerun's and would be replaced.
     """
     if target.kind == "file":
         check_output_path(target.path)
@@ -101,7 +101,7 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
     A file appears under its name when it is whole; where the `with` is left by an exception, there is none.
 
     Raises:
-        InputError, OutputError: as `check_target`; a viewer that does not start or does not take the recording.
+        InputError, OutputError: As `check_target`; a viewer that does not start or does not take the recording.
     """
     check_target(target)
     import rerun as rr
@@ -142,7 +142,7 @@ def open_viewer(port: int = PORT) -> None:
     It outlives this process.
 
     Raises:
-        InputError: it does not start.
+        InputError: It does not start.
     """
     url = _url("127.0.0.1", port)
     if _listens(url) is None:
@@ -172,7 +172,7 @@ def viewer_program() -> str:
     """Where the viewer's program is.
 
     Raises:
-        InputError: nowhere.
+        InputError: Nowhere.
     """
     # It lies in a package, and a virtual environment that is not activated is not on the path.
     package = importlib.util.find_spec("rerun_cli")

@@ -52,9 +52,9 @@ class Viewed:
     """What was sent.
 
     Attributes:
-        ticks: of the result.
-        shown: of them that have a pose in the viewer.
-        target: where it went.
+        ticks: Of the result.
+        shown: Of them that have a pose in the viewer.
+        target: Where it went.
     """
 
     ticks: int
@@ -77,15 +77,15 @@ def view_result(
     """Show a result.
 
     Args:
-        result: of a replay or a session, complete or not.
-        target: where it goes.
-        every: only every so-manieth tick is shown; the plots then show the worst of the ticks between, but for forces.
-        spheres: show the leaf spheres, in the place of the object's mesh.
-        progress: called with what is being done, how much is done and how much there is.
+        result: Of a replay or a session, complete or not.
+        target: Where it goes.
+        every: Only every so-manieth tick is shown; the plots then show the worst of the ticks between, but for forces.
+        spheres: Show the leaf spheres, in the place of the object's mesh.
+        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
-        InputError: the result holds no tick, or cannot be read; as `rerun_stream`.
-        OutputError: as `rerun_stream`.
+        InputError: The result holds no tick, or cannot be read; as `rerun_stream`.
+        OutputError: As `rerun_stream`.
     """
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no tick")
@@ -130,7 +130,7 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
     """What of a result does not change with time.
 
     Raises:
-        InputError: the hand is not known any more, or the arrays are no mesh or tree.
+        InputError: The hand is not known any more, or the arrays are no mesh or tree.
     """
     static, solver = result.static, result.scene.get("solver", {})
     used = solver.get("fingers", FINGERS)

@@ -83,7 +83,7 @@ def difference(before: Trajectory, after: Trajectory) -> Array:
 
 
 def judge(before: Repaired, come: Callable[[], Recording]) -> str:
-    """refused, told, same or silent."""
+    """Refused, told, same or silent."""
     try:
         after = repair(come())
     except HhsimError as error:

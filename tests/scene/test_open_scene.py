@@ -66,7 +66,7 @@ def test_the_names_of_the_package_are_those_of_its_table_and_its_types() -> None
 def test_the_package_imports_nothing_until_it_is_asked() -> None:
     code = (
         "import sys, hhsim; dir(hhsim); print(*sorted(sys.modules)); "
-        "from hhsim import info; assert info.__name__ == 'hhsim.system.environment'"
+        "from hhsim.system import environment; assert environment.__name__ == 'hhsim.system.environment'"
     )
     answer = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
     loaded = set(answer.stdout.split())

@@ -41,12 +41,12 @@ class PaperOptions:
     """What is measured.
 
     Attributes:
-        methods: of the solver.
-        objects: of the catalogue; None for all.
-        level: of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones.
-        instances: most of a case of Fig. 15.
-        repetitions: of every run.
-        seed: of the instances' places.
+        methods: Of the solver.
+        objects: Of the catalogue; None for all.
+        level: Of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones.
+        instances: Most of a case of Fig. 15.
+        repetitions: Of every run.
+        seed: Of the instances' places.
     """
 
     methods: tuple[str, ...] = ("paper", "progressive", "coupled")
@@ -100,8 +100,8 @@ class PaperRuns:
     """All runs.
 
     Attributes:
-        scenes: by scene, then by method.
-        at_contacts: the two scenes for which the paper states a number of contacts, by method; empty if left out.
+        scenes: By scene, then by method.
+        at_contacts: The two scenes for which the paper states a number of contacts, by method; empty if left out.
     """
 
     scenes: tuple[SceneRun, ...]

@@ -22,12 +22,12 @@ def hold_distances(
     """For each hold, how far each demanded touch is from happening at its last tick [m]; see `touch_distances`.
 
     Args:
-        script: that the motion was made from.
-        object_name: of the catalogue.
-        hand: the hand.
-        tree: the object, whose frame is the world's.
-        ticks: the motion.
-        record: the run.
+        script: That the motion was made from.
+        object_name: Of the catalogue.
+        hand: The hand.
+        tree: The object, whose frame is the world's.
+        ticks: The motion.
+        record: The run.
     """
     found = []
     holds = [phase.last_tick for phase in ticks.phases if phase.name == "hold"]

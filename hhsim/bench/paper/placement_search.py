@@ -98,12 +98,12 @@ class PlacementSearch:
     """The search for one script on one object.
 
     Args:
-        script: what is to be touched.
-        object_name: of the catalogue.
-        hand: the hand.
-        tree: the object's spheres, its own frame.
-        come_from: where the hand is to come from, a direction of shape (3,) or None for any.
-        seed: of everything random.
+        script: What is to be touched.
+        object_name: Of the catalogue.
+        hand: The hand.
+        tree: The object's spheres, its own frame.
+        come_from: Where the hand is to come from, a direction of shape (3,) or None for any.
+        seed: Of everything random.
     """
 
     def __init__(

@@ -29,11 +29,11 @@ class Scenario:
     """One scene of the paper.
 
     Attributes:
-        figure: of `FIGURES`.
-        object_name: of the object catalogue.
-        motion: script of the trajectory catalogue.
-        case: of `CASES` in Fig. 15, else empty.
-        instances: seeded variations of the hand's place.
+        figure: Of `FIGURES`.
+        object_name: Of the object catalogue.
+        motion: Script of the trajectory catalogue.
+        case: Of `CASES` in Fig. 15, else empty.
+        instances: Seeded variations of the hand's place.
     """
 
     figure: str

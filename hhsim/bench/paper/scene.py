@@ -54,11 +54,11 @@ class Stage:
     """What a scene is played on.
 
     Attributes:
-        scenario: the scene.
-        script: its motion.
-        hand: the hand.
-        tree: the object at rest, its frame the world's.
-        motions: the haptic hand, one motion or as many as there are instances.
+        scenario: The scene.
+        script: Its motion.
+        hand: The hand.
+        tree: The object at rest, its frame the world's.
+        motions: The haptic hand, one motion or as many as there are instances.
     """
 
     scenario: Scenario
@@ -77,15 +77,15 @@ def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances:
     """Find the hand's place, or places, and make the motions.
 
     Args:
-        scenario: the scene.
-        hand: the hand.
-        tree: the object.
-        instances: most motions; a scene that is shown once has one.
-        seed: of the instances' places.
+        scenario: The scene.
+        hand: The hand.
+        tree: The object.
+        instances: Most motions; a scene that is shown once has one.
+        seed: Of the instances' places.
 
     Raises:
-        TrajectoryError: the motion cannot be done on this object.
-        HhsimError: no place was found for an instance.
+        TrajectoryError: The motion cannot be done on this object.
+        HhsimError: No place was found for an instance.
     """
     script = load_script(scenario.motion)
     count = min(instances, scenario.instances)

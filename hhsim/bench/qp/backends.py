@@ -31,7 +31,7 @@ class Answer:
 
     Attributes:
         found: Whether it claims a solution.
-        x: shape (n,) [√J]; NaN where it claims none.
+        x: Shape (n,) [√J]; NaN where it claims none.
         multiplier: Of each row as given, shape (m,); NaN where it claims none.
         call: Time of the native call as Python sees it [ns].
         own: Time that the solver itself reports [ns]; None where it reports none.

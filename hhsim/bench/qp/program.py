@@ -90,7 +90,7 @@ class Outcome:
 
     Attributes:
         status: Of `hhsim.kernels.qp.active_set`.
-        x: shape (n,) [√J].
+        x: Shape (n,) [√J].
         multiplier: Of each row as given, shape (m,).
         certificate: Farkas' y >= 0 for the normalised rows where infeasible, shape (m,); else None.
         iterations: Rows added and dropped.

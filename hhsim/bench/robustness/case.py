@@ -117,7 +117,7 @@ class HardCase:
     """A named scene that breaks methods.
 
     Attributes:
-        name: kebab-case.
+        name: Kebab-case.
         description: One line.
         build: Makes the runs from a seed.
         judge: The case's own figures, from the outcomes in the order of the runs; penetration, finite numbers, limits

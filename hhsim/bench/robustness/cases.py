@@ -17,7 +17,7 @@ def hard_cases(names: Sequence[str] = (), ticks: int = ENDURANCE_TICKS) -> tuple
     """The cases of these names in the catalogue's order, all of them for none.
 
     Args:
-        names: kebab-case.
+        names: Kebab-case.
         ticks: How long the case `endurance` is.
 
     Raises:

@@ -42,10 +42,10 @@ class Shrunk:
     """A motion that fails.
 
     Attributes:
-        motion: what is left; its first sample is where the graphic hand starts.
-        trace: of its run.
-        ticks_before: how many ticks the motion had.
-        runs: candidates that were tried.
+        motion: What is left; its first sample is where the graphic hand starts.
+        trace: Of its run.
+        ticks_before: How many ticks the motion had.
+        runs: Candidates that were tried.
     """
 
     motion: HandConfiguration
@@ -73,15 +73,15 @@ def shrink(
     fingers, abduction, rotation and position where they were; rounds numbers. Each as long as it still fails.
 
     Args:
-        motion: haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
-        trial: runs a motion.
-        graphic: the graphic hand after each tick of a longer run that `motion` is the last stretch of, and whose last
+        motion: Haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
+        trial: Runs a motion.
+        graphic: The graphic hand after each tick of a longer run that `motion` is the last stretch of, and whose last
             tick fails. Needed where the motion alone does not fail from its first sample on.
-        most_runs: candidates that are tried at most.
-        most_ticks: ticks that all candidates together may run.
+        most_runs: Candidates that are tried at most.
+        most_ticks: Ticks that all candidates together may run.
 
     Raises:
-        InputError: neither the motion nor any end of it fails.
+        InputError: Neither the motion nor any end of it fails.
     """
     search = _Search(trial, most_runs, most_ticks)
     whole = replayed(motion)

@@ -97,7 +97,7 @@ def failure_of(kind: str, hand: HandModel, tree: SphereTree, options: SolverOpti
     """The failure of a name.
 
     Raises:
-        UnknownNameError: no such name.
+        UnknownNameError: No such name.
     """
     if kind not in KINDS:
         raise UnknownNameError("failure", kind, KINDS)
@@ -123,17 +123,17 @@ class Provenance:
     """Where a kept motion comes from.
 
     Attributes:
-        kind: of failure, see `KINDS`.
-        object: a name of the catalogue or a file.
-        object_options: what a replay must be told of the object, such as "--level 3"; empty for the catalogue's own.
-        method: that fails.
-        seed: of the random targets.
-        tick: of the long run at which it failed.
-        failing_tick: of the kept motion at which it fails.
-        depth: penetration there [m].
-        stress: options of the random targets.
-        solver: options of the solver.
-        hand: right or left.
+        kind: Of failure, see `KINDS`.
+        object: A name of the catalogue or a file.
+        object_options: What a replay must be told of the object, such as "--level 3"; empty for the catalogue's own.
+        method: That fails.
+        seed: Of the random targets.
+        tick: Of the long run at which it failed.
+        failing_tick: Of the kept motion at which it fails.
+        depth: Penetration there [m].
+        stress: Options of the random targets.
+        solver: Options of the solver.
+        hand: Right or left.
     """
 
     kind: str
@@ -178,7 +178,7 @@ class Provenance:
         """Read it from a kept trajectory.
 
         Raises:
-            InputError: the trajectory was not made by `keep_failure`.
+            InputError: The trajectory was not made by `keep_failure`.
         """
         if not trajectory.source.startswith(MADE_BY):
             raise InputError(f"{trajectory.name or 'the trajectory'} was not kept by a stress test: no failure in it")
@@ -190,7 +190,7 @@ def keep_failure(path: Path, shrunk: Shrunk, provenance: Provenance) -> str:
     """Write a shrunk failure as a trajectory; returns the command that replays it.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputError: The file cannot be written.
     """
     command = provenance.command(path)
     document = {**asdict(provenance), "ticks_before": shrunk.ticks_before, "replay": command}
@@ -203,13 +203,13 @@ def rerun_failure(path: Path, hand: HandModel, tree: SphereTree, solver: Solver 
     """Run a kept failure as `hhsim replay` does, from the file; `failed` says whether it still fails.
 
     Args:
-        path: a file of `keep_failure`.
+        path: A file of `keep_failure`.
         hand: The hand.
-        tree: the object's sphere tree.
-        solver: makes the solver; None for one with the options that the file names.
+        tree: The object's sphere tree.
+        solver: Makes the solver; None for one with the options that the file names.
 
     Raises:
-        TrajectoryError, InputError: no such file, or one of another kind.
+        TrajectoryError, InputError: No such file, or one of another kind.
     """
     trajectory = load_trajectory(path)
     provenance = Provenance.of(trajectory)

@@ -35,15 +35,15 @@ class StressOptions:
     """How the random targets are drawn and walked to.
 
     Attributes:
-        hold: ticks from one target to the next.
-        position_spread: standard deviation of each coordinate of the palm's position [m].
-        rotation_spread: standard deviation of each component of the palm's rotation vector [rad].
-        flexion_range: share of each joint's range that is drawn from, 0 its lower and 1 its upper limit.
-        sweep: draw the abduction too, within its limits; else it stays 0.
-        longest_step: how far the hand goes in a tick [m].
-        bound: what `longest_step` bounds: the way of the palm's origin (the turning fingers go several times as far),
+        hold: Ticks from one target to the next.
+        position_spread: Standard deviation of each coordinate of the palm's position [m].
+        rotation_spread: Standard deviation of each component of the palm's rotation vector [rad].
+        flexion_range: Share of each joint's range that is drawn from, 0 its lower and 1 its upper limit.
+        sweep: Draw the abduction too, within its limits; else it stays 0.
+        longest_step: How far the hand goes in a tick [m].
+        bound: What `longest_step` bounds: the way of the palm's origin (the turning fingers go several times as far),
             the way of every point of the hand (it seldom arrives within 60 ticks), or nothing: it jumps.
-        wild: what broken devices do, in about every other hold.
+        wild: What broken devices do, in about every other hold.
     """
 
     hold: int = 60

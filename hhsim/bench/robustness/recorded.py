@@ -60,11 +60,11 @@ class RecordedOptions:
     """How every recording is run.
 
     Attributes:
-        rate: ticks a second [Hz].
-        mode: between two samples: interpolate, or hold the last one.
-        place: the object where the closing fingers meet it, or where the recording says.
-        ticks: run only so many, those around the grasp, or the first ones where the object is where it was recorded.
-        seed: of the choice of ticks that are recomputed by brute force.
+        rate: Ticks a second [Hz].
+        mode: Between two samples: interpolate, or hold the last one.
+        place: The object where the closing fingers meet it, or where the recording says.
+        ticks: Run only so many, those around the grasp, or the first ones where the object is where it was recorded.
+        seed: Of the choice of ticks that are recomputed by brute force.
     """
 
     rate: float = 1000.0
@@ -78,7 +78,7 @@ def recording_files(paths: Sequence[Path]) -> list[Path]:
     """The recordings that files and folders name: all files of a folder that are recordings by their suffix.
 
     Raises:
-        InputError: a path that is not there, a folder without recordings, or nothing at all.
+        InputError: A path that is not there, a folder without recordings, or nothing at all.
     """
     found: list[Path] = []
     suffixes = (*RECORDING_SUFFIXES, *imported_suffixes())
@@ -109,11 +109,11 @@ def bench_recorded(
     """Run every recording against every object by every method, in this order.
 
     Args:
-        files: recordings, as `recording_files` lists them.
-        objects: at rest in their own frames.
-        solvers: the methods.
-        options: of all runs.
-        progress: called with the recording, the runs done and all runs.
+        files: Recordings, as `recording_files` lists them.
+        objects: At rest in their own frames.
+        solvers: The methods.
+        options: Of all runs.
+        progress: Called with the recording, the runs done and all runs.
     """
     options = options or RecordedOptions()
     hands = {side: HandModel.default(side) for side in ("right", "left")}
@@ -201,11 +201,11 @@ def run_scene(
     """Run one scene by one method and measure every tick.
 
     Args:
-        scene: object, hand and recording.
-        solver: the method.
-        known: what is already known of the run.
-        seed: of the choice of ticks that are recomputed by brute force.
-        check: called between blocks.
+        scene: Object, hand and recording.
+        solver: The method.
+        known: What is already known of the run.
+        seed: Of the choice of ticks that are recomputed by brute force.
+        check: Called between blocks.
 
     Raises:
         HhsimError: More pairs were near than the solver holds.

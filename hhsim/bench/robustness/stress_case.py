@@ -15,8 +15,8 @@ class StressCase:
     """One object, one method, one long motion.
 
     Attributes:
-        object: its name, or the file it is from.
-        object_options: what a replay must be told of it, such as "--level 3 --unit mm".
+        object: Its name, or the file it is from.
+        object_options: What a replay must be told of it, such as "--level 3 --unit mm".
         tree: Its sphere tree.
         hand: The hand.
         solver: Options of the solver, the method among them.

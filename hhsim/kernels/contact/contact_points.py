@@ -45,19 +45,19 @@ def touching_pairs(
 
     Args:
         phalanx_radius: [m], shape (5, 4).
-        palm_center: of the palm's spheres [m], palm frame, shape (P, 3).
+        palm_center: Of the palm's spheres [m], palm frame, shape (P, 3).
         palm_radius: [m], shape (P,).
-        tree: the object, world.
-        chosen: the ticks to look at, in order.
+        tree: The object, world.
+        chosen: The ticks to look at, in order.
         joints: [m], world, shape (T, 5, 4, 3).
-        position: of the palm [m], world, shape (T, 3).
-        orientation: palm to world, unit (w, x, y, z), shape (T, 4).
-        fingers: which fingers count, shape (5,); the palm always does.
+        position: Of the palm [m], world, shape (T, 3).
+        orientation: Palm to world, unit (w, x, y, z), shape (T, 4).
+        fingers: Which fingers count, shape (5,); the palm always does.
         touch: [m].
-        tick_out: the tick of each pair, shape (capacity,).
-        body_out: its body: 0 to 14 the phalanges, finger by finger, 15 the palm; shape (capacity,).
-        point_out: the body's nearest point to the leaf [m], world, shape (capacity, 3).
-        normal_out: unit, from the leaf to the body, shape (capacity, 3); zero where it has no direction.
+        tick_out: The tick of each pair, shape (capacity,).
+        body_out: Its body: 0 to 14 the phalanges, finger by finger, 15 the palm; shape (capacity,).
+        point_out: The body's nearest point to the leaf [m], world, shape (capacity, 3).
+        normal_out: Unit, from the leaf to the body, shape (capacity, 3); zero where it has no direction.
 
     Returns:
         The number of pairs; -1 where there is no room for them.

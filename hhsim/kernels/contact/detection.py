@@ -150,13 +150,13 @@ def evaluate(
     Gathers the bodies whose slack is used up.
 
     Args:
-        hand: the hand.
-        pose: the configuration.
-        surface: the object's, world frame.
-        margin: every pair up to this far [m] is to be known.
-        skin: gathered in excess of the margin [m], so that lists last for several ticks.
-        candidates: the lists, brought up to date.
-        work: counters of node tests, pair tests and gathers, added to, shape (>= 3,).
+        hand: The hand.
+        pose: The configuration.
+        surface: The object's, world frame.
+        margin: Every pair up to this far [m] is to be known.
+        skin: Gathered in excess of the margin [m], so that lists last for several ticks.
+        candidates: The lists, brought up to date.
+        work: Counters of node tests, pair tests and gathers, added to, shape (>= 3,).
 
     Returns:
         0, or FULL.

@@ -169,13 +169,13 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
     Target and abduction step are set before.
 
     Args:
-        hand: the hand.
-        pose: the configuration about which to linearise.
-        contacts: records at that configuration.
+        hand: The hand.
+        pose: The configuration about which to linearise.
+        contacts: Records at that configuration.
         offset: ε, the clearance [m] that active contacts are to keep.
-        relaxed: ask nothing of contacts nearer than ε but not to come nearer, so that standing still is allowed
+        relaxed: Ask nothing of contacts nearer than ε but not to come nearer, so that standing still is allowed
             wherever nothing penetrates.
-        problem: the rows, written.
+        problem: The rows, written.
     """
     start, total = contacts.start, contacts.start[FINGER_COUNT + 1]
     point, normal, distance = contacts.point, contacts.normal, contacts.distance

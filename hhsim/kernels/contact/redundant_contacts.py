@@ -124,10 +124,10 @@ def drop_dominated(hand: HandArrays, reach: float, contacts: Record, excess: Arr
     """Leave only the contacts that do not follow from others of their body.
 
     Args:
-        hand: the hand.
-        reach: no axis point of a body with contacts moves farther in the step [m].
-        contacts: records as `kernels.contact.find_contacts` leaves them; thinned, in their order.
-        excess: workspace, shape (CONTACT_ROWS,).
+        hand: The hand.
+        reach: No axis point of a body with contacts moves farther in the step [m].
+        contacts: Records as `kernels.contact.find_contacts` leaves them; thinned, in their order.
+        excess: Workspace, shape (CONTACT_ROWS,).
     """
     start = contacts.start[0]
     stop = contacts.start[1]

@@ -31,12 +31,12 @@ def certify_cover(
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).
-        center: ball centres [m], shape (balls, 3).
+        center: Ball centres [m], shape (balls, 3).
         radius: [m], shape (balls,).
-        slack: how far inside a ball a corner must lie to count [m]; covers the rounding.
-        finest: edge length [m] below which an unproved triangle is given up, and its face counts as uncovered.
-        uncovered_out: faces without a proof, shape (F,); only the first of them, up to the returned number, are set.
-        proof_out: codes of the proof, shape (room,); those beyond the room are counted but not stored. Not a proof
+        slack: How far inside a ball a corner must lie to count [m]; covers the rounding.
+        finest: Edge length [m] below which an unproved triangle is given up, and its face counts as uncovered.
+        uncovered_out: Faces without a proof, shape (F,); only the first of them, up to the returned number, are set.
+        proof_out: Codes of the proof, shape (room,); those beyond the room are counted but not stored. Not a proof
             unless every face has one.
 
     Returns:

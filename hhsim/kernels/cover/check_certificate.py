@@ -23,10 +23,10 @@ def check_proof(corner: Array, center: Array, radius: Array, room: float, proof:
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).
-        center: ball centres [m], shape (balls, 3).
+        center: Ball centres [m], shape (balls, 3).
         radius: [m], shape (balls,).
-        room: how far inside its ball a corner must lie [m]: what the arithmetic of the check may be wrong by.
-        proof: the codes, shape (n,).
+        room: How far inside its ball a corner must lie [m]: what the arithmetic of the check may be wrong by.
+        proof: The codes, shape (n,).
 
     Returns:
         (what was found, face, code): where in the mesh and in the proof; the numbers of both if the proof holds.

@@ -96,17 +96,17 @@ def greedy_cover(
     """Place balls one after another where the cover costs most (k-centre).
 
     Args:
-        bvh: over the mesh.
-        micro: micro-triangles of the same mesh.
-        largest: radius [m] from which inner balls shrink.
-        reach: share [-] of the largest cost that a new ball may cost its own micro-triangle.
-        tolerance: stop when no cost is larger [m].
-        trials: steps of descent for a ball that an inner ball cannot replace.
-        begin: number of balls to place now; the call goes on from ball `begin`, 0 for a new cover.
-        center_out: centres [m], shape (balls, 3).
-        depth_out: their depths [m], shape (balls,); negative for a centre outside.
-        owner_out: ball of each micro-triangle, shape (M,).
-        cost_out: cost of each micro-triangle [m], shape (M,).
+        bvh: Over the mesh.
+        micro: Micro-triangles of the same mesh.
+        largest: Radius [m] from which inner balls shrink.
+        reach: Share [-] of the largest cost that a new ball may cost its own micro-triangle.
+        tolerance: Stop when no cost is larger [m].
+        trials: Steps of descent for a ball that an inner ball cannot replace.
+        begin: Number of balls to place now; the call goes on from ball `begin`, 0 for a new cover.
+        center_out: Centres [m], shape (balls, 3).
+        depth_out: Their depths [m], shape (balls,); negative for a centre outside.
+        owner_out: Ball of each micro-triangle, shape (M,).
+        cost_out: Cost of each micro-triangle [m], shape (M,).
 
     Returns:
         Number of balls placed in all; less than there is room for, when another one would gain nothing.
@@ -173,9 +173,9 @@ def _stays_behind(dx: float, dy: float, dz: float, lag: float, far: float, radiu
     which way they would go cannot be foreseen.
 
     Args:
-        dx, dy, dz: from the centre of one to that of the other [m].
-        lag: how much more the one costs at the point [m].
-        far: sum of the distances of the two from the point [m].
+        dx, dy, dz: From the centre of one to that of the other [m].
+        lag: How much more the one costs at the point [m].
+        far: Sum of the distances of the two from the point [m].
         radius: [m].
     """
     margin = max(lag - 1e-12 * far, 0.0)
@@ -198,12 +198,12 @@ def assign(
     """Find for every micro-triangle the two balls under which it costs least: exact, by bounds on the nodes.
 
     Args:
-        micro: the micro-triangles.
-        root: node below which to assign; 0 for all.
-        center: ball centres [m], shape (balls, 3).
-        depth: their depths [m], shape (balls,).
-        owner_out, cost_out: best ball and its cost [m], shape (M,).
-        second_owner_out, second_cost_out: the next best, shape (M,); −1 and infinity if there is only one ball.
+        micro: The micro-triangles.
+        root: Node below which to assign; 0 for all.
+        center: Ball centres [m], shape (balls, 3).
+        depth: Their depths [m], shape (balls,).
+        owner_out, cost_out: Best ball and its cost [m], shape (M,).
+        second_owner_out, second_cost_out: The next best, shape (M,); −1 and infinity if there is only one ball.
     """
     balls = depth.shape[0]
     levels = 4

@@ -41,9 +41,9 @@ def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) 
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).
-        edge: longest edge [m] allowed in each face, shape (F,).
-        corner_out: micro-triangles [m], shape (room, 9); those beyond the room are counted but not stored.
-        face_out: the face that each was cut from, shape (room,).
+        edge: Longest edge [m] allowed in each face, shape (F,).
+        corner_out: Micro-triangles [m], shape (room, 9); those beyond the room are counted but not stored.
+        face_out: The face that each was cut from, shape (room,).
 
     Returns:
         How many micro-triangles there are.
@@ -117,7 +117,7 @@ def edges_for(corner: Array, share: Array, target: int) -> Array:
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).
-        share: positive, shape (F,).
+        share: Positive, shape (F,).
         target: Number of micro-triangles wanted; faces that are already smaller stay whole.
     """
     ab, ac = corner[:, 3:6] - corner[:, :3], corner[:, 6:] - corner[:, :3]
@@ -137,8 +137,8 @@ def cut_mesh(corner: Array, normal: Array, edge: Array) -> MicroTriangles:
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).
-        normal: outward unit normals of the faces, shape (F, 3).
-        edge: longest edge [m] allowed in each face, shape (F,).
+        normal: Outward unit normals of the faces, shape (F, 3).
+        edge: Longest edge [m] allowed in each face, shape (F,).
     """
     count = cut_faces(corner, edge, np.empty((0, 9)), np.empty(0, np.int64))
     micro, face = np.empty((count, 9)), np.empty(count, np.int64)
@@ -180,8 +180,8 @@ def halve(micro: MicroTriangles, chosen: NDArray[np.bool_]) -> tuple[MicroTriang
     """Halve some micro-triangles across their longest edges; the tree stays, its blocks grow.
 
     Args:
-        micro: the micro-triangles.
-        chosen: which to halve, shape (M,).
+        micro: The micro-triangles.
+        chosen: Which to halve, shape (M,).
 
     Returns:
         The new micro-triangles, and for each the old one that it lies in.

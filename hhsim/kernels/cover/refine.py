@@ -19,9 +19,9 @@ def group_by_owner(owner: Indices, first_out: Indices, order_out: Indices) -> No
     """Sort micro-triangles by ball: those of ball j are order_out[first_out[j]:first_out[j + 1]].
 
     Args:
-        owner: ball of each micro-triangle, shape (M,).
-        first_out: shape (balls + 1,).
-        order_out: shape (M,).
+        owner: Ball of each micro-triangle, shape (M,).
+        first_out: Shape (balls + 1,).
+        order_out: Shape (M,).
     """
     first_out[:] = 0
     for i in range(owner.shape[0]):
@@ -51,13 +51,13 @@ def move_balls(
     """Move every ball that has micro-triangles, by at most `trials` steps; in place.
 
     Args:
-        bvh: over the mesh.
-        micro: the micro-triangles.
-        first, order: which are whose, as `group_by_owner` gives.
-        trials: steps tried for each ball.
-        center: ball centres [m], shape (balls, 3).
-        depth: their depths [m], shape (balls,).
-        step: step lengths [m], shape (balls,); not positive for a ball that is new.
+        bvh: Over the mesh.
+        micro: The micro-triangles.
+        first, order: Which are whose, as `group_by_owner` gives.
+        trials: Steps tried for each ball.
+        center: Ball centres [m], shape (balls, 3).
+        depth: Their depths [m], shape (balls,).
+        step: Step lengths [m], shape (balls,); not positive for a ball that is new.
 
     Returns:
         Number of steps that were good.
@@ -81,9 +81,9 @@ def removal_cost(owner: Indices, second_cost: Array, cost_out: Array) -> None:
     """What the cover costs without each ball [m]: the largest cost of its micro-triangles under their next best.
 
     Args:
-        owner: ball of each micro-triangle, shape (M,).
-        second_cost: cost of each under its next best ball [m], shape (M,).
-        cost_out: shape (balls,); −inf for a ball without micro-triangles.
+        owner: Ball of each micro-triangle, shape (M,).
+        second_cost: Cost of each under its next best ball [m], shape (M,).
+        cost_out: Shape (balls,); −inf for a ball without micro-triangles.
     """
     cost_out[:] = -np.inf
     for i in range(owner.shape[0]):
@@ -97,11 +97,11 @@ def spare_balls(
     """Choose balls to take away, such that no micro-triangle loses both its best and its second.
 
     Args:
-        candidates: balls, those to be taken first in front, shape (n,).
-        first, order: which micro-triangles are whose, as `group_by_owner` gives.
-        second_owner: next best ball of each micro-triangle, shape (M,).
-        most: how many balls to choose at most.
-        spared_out: whether each ball was chosen, shape (balls,).
+        candidates: Balls, those to be taken first in front, shape (n,).
+        first, order: Which micro-triangles are whose, as `group_by_owner` gives.
+        second_owner: Next best ball of each micro-triangle, shape (M,).
+        most: How many balls to choose at most.
+        spared_out: Whether each ball was chosen, shape (balls,).
 
     Returns:
         How many were chosen.

@@ -54,9 +54,9 @@ def exposed(points: Array, owner: Indices, x: Array, y: Array, z: Array, radius:
 
     Args:
         points: [m], shape (n, 3).
-        owner: the ball on whose surface each lies, shape (n,).
-        x, y, z, radius: the balls [m], shape (balls,).
-        exposed_out: shape (n,).
+        owner: The ball on whose surface each lies, shape (n,).
+        x, y, z, radius: The balls [m], shape (balls,).
+        exposed_out: Shape (n,).
     """
     balls = radius.shape[0]
     latest = -1

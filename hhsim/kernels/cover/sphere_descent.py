@@ -109,14 +109,14 @@ def descend_ball(
     """Move a ball by at most `trials` steps.
 
     Args:
-        bvh: over the mesh.
-        micro: the micro-triangles.
-        members: those that the ball has to cover, at least one.
-        trials: steps to try.
-        step: proximal length of the first [m]; not positive for a guess.
-        center: of the ball [m], shape (3,); moved in place, never out of the solid.
-        work: workspace, shape (WORK, 8).
-        stack, stack_distance2: workspace, shape (STACK,).
+        bvh: Over the mesh.
+        micro: The micro-triangles.
+        members: Those that the ball has to cover, at least one.
+        trials: Steps to try.
+        step: Proximal length of the first [m]; not positive for a guess.
+        center: Of the ball [m], shape (3,); moved in place, never out of the solid.
+        work: Workspace, shape (WORK, 8).
+        stack, stack_distance2: Workspace, shape (STACK,).
 
     Returns:
         (cost [m], depth [m], proximal length of the next step [m], number of good steps).

@@ -124,13 +124,13 @@ def advance_hand(
     """How far [m] the rigid hand can move along the unit `direction` until a body comes within its gap of the object.
 
     Args:
-        hand, tree: the hand and the object.
-        position, rotation: of the palm at the start, world.
+        hand, tree: The hand and the object.
+        position, rotation: Of the palm at the start, world.
         flexion, abduction: [rad], shapes (5, 3) and (5,).
-        direction: unit, shape (3,), world.
-        gap: distance to keep for each body [m], shape (16,).
-        travel_limit: the farthest to go [m].
-        work: workspace.
+        direction: Unit, shape (3,), world.
+        gap: Distance to keep for each body [m], shape (16,).
+        travel_limit: The farthest to go [m].
+        work: Workspace.
 
     Returns:
         (travel, body that stopped it): body -1 where nothing did within the limit.
@@ -181,13 +181,13 @@ def close_finger(
     """Close a finger as one that is driven by a tendon: a phalanx that touches stops, those beyond it go on.
 
     Args:
-        hand, tree: the hand and the object.
-        position, rotation: of the palm, world.
-        finger: which one.
-        rate: share of each joint in the motion, not negative, shape (3,).
+        hand, tree: The hand and the object.
+        position, rotation: Of the palm, world.
+        finger: Which one.
+        rate: Share of each joint in the motion, not negative, shape (3,).
         abduction: [rad], shape (5,).
         flexion: [rad], shape (5, 3); this finger's row is closed in place, up to contact or the joint limits.
-        work: workspace.
+        work: Workspace.
         touching_out: 1 for a phalanx in contact, else 0, shape (5, 3); this finger's row is written.
     """
     speed = np.empty(PHALANX_COUNT)
@@ -235,13 +235,13 @@ def deepen_finger(
     """Flex a finger on until its tip is `depth` [m] from where it was, or the joint limits end it.
 
     Args:
-        hand: the hand.
-        finger: which one.
-        rate: share of each joint in the motion, not negative, shape (3,).
+        hand: The hand.
+        finger: Which one.
+        rate: Share of each joint in the motion, not negative, shape (3,).
         abduction: [rad], shape (5,).
-        depth: distance between the tip before and after [m].
+        depth: Distance between the tip before and after [m].
         flexion: [rad], shape (5, 3); this finger's row is changed in place.
-        work: workspace; its kinematics are overwritten.
+        work: Workspace; its kinematics are overwritten.
 
     Returns:
         The distance reached [m].

@@ -77,15 +77,15 @@ def forward_kinematics(
     """World positions of the hand's joints.
 
     Args:
-        hand: the hand.
-        position: palm origin [m], shape (3,), world.
-        rotation: palm orientation, shape (3, 3), palm to world.
-        flexion: joint angles [rad], shape (5, 3).
+        hand: The hand.
+        position: Palm origin [m], shape (3,), world.
+        rotation: Palm orientation, shape (3, 3), palm to world.
+        flexion: Joint angles [rad], shape (5, 3).
         abduction: [rad], shape (5,).
-        joints_out: joint centres and tip sphere centre [m], shape (5, 4, 3), world.
-        direction_out: unit axis of each phalanx, shape (5, 3, 3), world.
-        axis_out: unit flexion axis of each finger, about which a positive angle flexes, shape (5, 3), world.
-        abduction_axis_out: unit axis about which a positive abduction turns the finger, shape (5, 3), world.
+        joints_out: Joint centres and tip sphere centre [m], shape (5, 4, 3), world.
+        direction_out: Unit axis of each phalanx, shape (5, 3, 3), world.
+        axis_out: Unit flexion axis of each finger, about which a positive angle flexes, shape (5, 3), world.
+        abduction_axis_out: Unit axis about which a positive abduction turns the finger, shape (5, 3), world.
     """
     sign = hand.abduction_sign[0]
     for f in range(FINGER_COUNT):

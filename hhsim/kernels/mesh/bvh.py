@@ -72,7 +72,7 @@ def build_mesh_bvh(vertices: Array, faces: Indices, signed: bool = True) -> Mesh
 
     Args:
         vertices: [m], shape (V, 3).
-        faces: vertex indices, outward by the right hand, shape (F, 3), F ≥ 1.
+        faces: Vertex indices, outward by the right hand, shape (F, 3), F ≥ 1.
         signed: False leaves the pseudonormals 0, which saves most of the time: nothing is then outside.
     """
     corners = np.ascontiguousarray(vertices[faces], np.float64)
@@ -144,10 +144,10 @@ def closest_on_mesh(
     """Closest point of the mesh to p, if it is nearer than √limit2.
 
     Args:
-        bvh: the `MeshBvh`.
-        px, py, pz: the point [m].
-        limit2: squared distance [m²] at and beyond which nothing is looked for; infinity for none.
-        stack, stack_distance2: workspace, int64 and float64, shape (STACK,).
+        bvh: The `MeshBvh`.
+        px, py, pz: The point [m].
+        limit2: Squared distance [m²] at and beyond which nothing is looked for; infinity for none.
+        stack, stack_distance2: Workspace, int64 and float64, shape (STACK,).
 
     Returns:
         (triangle, x, y, z, distance², feature): triangle in the order of the BVH, −1 if none is nearer than the limit.

@@ -91,10 +91,10 @@ def winding_at(bvh: MeshBvh, moments: WindingMoments, x: float, y: float, z: flo
     """Winding number [-] at one point [m].
 
     Args:
-        bvh: over the triangles.
-        moments: of the same.
-        x, y, z: the point [m].
-        stack: workspace, shape (STACK,).
+        bvh: Over the triangles.
+        moments: Of the same.
+        x, y, z: The point [m].
+        stack: Workspace, shape (STACK,).
     """
     far = 0.0
     real, imaginary = 1.0, 0.0

@@ -157,10 +157,10 @@ def leave_inside(field: SolidField, start: Array, end: Array, share_out: Array) 
     It is where it meets a triangle, exactly, or, where the inside ends without one, found by halving.
 
     Args:
-        field: the solid.
-        start: points inside [m], shape (n, 3).
-        end: points outside [m], shape (n, 3).
-        share_out: shares [-], shape (n,), strictly between 0 and 1.
+        field: The solid.
+        start: Points inside [m], shape (n, 3).
+        end: Points outside [m], shape (n, 3).
+        share_out: Shares [-], shape (n,), strictly between 0 and 1.
     """
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
     hits = np.empty(_MOST_HITS)

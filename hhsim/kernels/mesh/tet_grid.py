@@ -196,9 +196,9 @@ def halve_tets(tets: Tets, cube: int, wanted: Indices) -> bool:
     """Halve tetrahedra until each is as old as is wanted, and none has a vertex in the middle of an edge.
 
     Args:
-        tets: all of them, changed in place.
-        cube: edge of a cube in integer coordinates.
-        wanted: age that is wanted, shape (T,); children are given what their parents wanted.
+        tets: All of them, changed in place.
+        cube: Edge of a cube in integer coordinates.
+        wanted: Age that is wanted, shape (T,); children are given what their parents wanted.
 
     Returns:
         False when the room is used up: give more, and call again.
@@ -227,10 +227,10 @@ def locate(tets: Tets, cube: int, points: Array, tet_out: Indices) -> None:
     """Which tetrahedron without children holds each point; −1 outside of the box.
 
     Args:
-        tets: all of them.
-        cube: edge of a cube in integer coordinates.
-        points: in integer coordinates, but not integers, shape (n, 3).
-        tet_out: shape (n,).
+        tets: All of them.
+        cube: Edge of a cube in integer coordinates.
+        points: In integer coordinates, but not integers, shape (n, 3).
+        tet_out: Shape (n,).
     """
     weight, other = np.empty(4), np.empty(4)
     for i in range(points.shape[0]):

@@ -148,22 +148,22 @@ def solve(
     """Nearest point x to `target` that satisfies all rows.
 
     Args:
-        n: number of variables.
-        n_common: number of columns that all rows share.
-        common: shape (>= n_common, capacity).
-        block: shape (3, capacity), see `program_rows`.
+        n: Number of variables.
+        n_common: Number of columns that all rows share.
+        common: Shape (>= n_common, capacity).
+        block: Shape (3, capacity), see `program_rows`.
         rhs: b, shape (capacity,).
-        group_start: first row of each group, shape (groups,).
-        group_stop: row after the last of each group, shape (groups,); no row may be in two groups.
-        group_block: first variable of each group's block, -1 for none, shape (groups,).
+        group_start: First row of each group, shape (groups,).
+        group_stop: Row after the last of each group, shape (groups,); no row may be in two groups.
+        group_block: First variable of each group's block, -1 for none, shape (groups,).
         target: x₀, shape (n,).
-        tolerance: largest violation, in units of x, that counts as satisfied.
-        relaxation: where rows contradict each other, and moving each of them by no more than this, in units of x, would
+        tolerance: Largest violation, in units of x, that counts as satisfied.
+        relaxation: Where rows contradict each other, and moving each of them by no more than this, in units of x, would
             reconcile them, all are moved by this much; a zero row short by no more than this, in units of b, counts
             as satisfied.
-        guess: rows expected to be active, shape (>= guess_count,); duplicates and rows that no group holds are ignored.
-        guess_count: how many; 0 for a cold start.
-        work: workspace and result.
+        guess: Rows expected to be active, shape (>= guess_count,); duplicates and rows that no group holds are ignored.
+        guess_count: How many; 0 for a cold start.
+        work: Workspace and result.
 
     Returns:
         OPTIMAL, INFEASIBLE, ITERATION_LIMIT, or NOT_FINITE for NaN in a row or in the target. When INFEASIBLE,

@@ -33,12 +33,12 @@ def curvature_product(
     """Σ λ_i ∇²d_i · step over rows[first … last - 1], shape (21,); rows behind the contacts (limits) do not bend.
 
     Args:
-        pose: the configuration of the contacts.
-        contacts: contact records.
-        rows: which of them, shape (>= last,).
+        pose: The configuration of the contacts.
+        contacts: Contact records.
+        rows: Which of them, shape (>= last,).
         multiplier: λ of each [N], shape (>= last,).
-        first: first place in `rows`.
-        last: behind the last place.
+        first: First place in `rows`.
+        last: Behind the last place.
         step: (δp, δφ, δθ) [m, rad, rad], shape (21,).
         product_out: [N] and [N·m], shape (21,), written.
     """

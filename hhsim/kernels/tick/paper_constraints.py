@@ -88,18 +88,18 @@ def phalanx_rows(
     """Append the rows of one phalanx's pairs; returns the next free row, -1 where there is no room.
 
     Args:
-        candidates: the pairs, of row `body`.
-        kind: which parts of the phalanx each is paired with.
+        candidates: The pairs, of row `body`.
+        kind: Which parts of the phalanx each is paired with.
         body: 3 finger + phalanx.
-        frustum: the phalanx at the palm of t and the joint angles of t - 1.
-        joints: the finger's joints [m], world, shape (4, 3).
-        axis: its flexion axis, world.
+        frustum: The phalanx at the palm of t and the joint angles of t - 1.
+        joints: The finger's joints [m], world, shape (4, 3).
+        axis: Its flexion axis, world.
         weight: 1 / √k_θ of its three joints.
-        row: first row to write.
-        block_out: columns, shape (3, rows).
-        rhs_out: shape (rows,).
-        normal_out: from object to hand, shape (3, rows).
-        body_out: shape (rows,).
+        row: First row to write.
+        block_out: Columns, shape (3, rows).
+        rhs_out: Shape (rows,).
+        normal_out: From object to hand, shape (3, rows).
+        body_out: Shape (rows,).
     """
     phalanx = body % PHALANX_COUNT
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]

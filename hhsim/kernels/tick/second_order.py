@@ -114,20 +114,20 @@ def correct_for_curvature(
     """Move qp.x, the solution of a program, to second order.
 
     Args:
-        pose: the configuration of the linearisation.
-        contacts: its contact records.
+        pose: The configuration of the linearisation.
+        contacts: Its contact records.
         inverse_root: 1 / √G of all variables, shape (21,).
-        rows: rows with a multiplier, those of this program in [first, last).
-        multiplier: theirs [N].
-        first: first place in `rows`.
-        last: behind the last place.
-        step: the whole hand's step as far as it is known [m, rad], shape (21,); this program's own part included.
-        offset: first of this program's variables among the 21.
-        n, n_common, common, block, rhs, group_start, group_stop, group_block: the program, as in `active_set.solve`.
-        tolerance: of the program; a residual below this, in units of x, is not worth a correction.
-        longest: the correction is shortened to this, in units of x.
-        work: a CORRECTION_WORK record.
-        qp: the solved program; its x is moved.
+        rows: Rows with a multiplier, those of this program in [first, last).
+        multiplier: Theirs [N].
+        first: First place in `rows`.
+        last: Behind the last place.
+        step: The whole hand's step as far as it is known [m, rad], shape (21,); this program's own part included.
+        offset: First of this program's variables among the 21.
+        n, n_common, common, block, rhs, group_start, group_stop, group_block: The program, as in `active_set.solve`.
+        tolerance: Of the program; a residual below this, in units of x, is not worth a correction.
+        longest: The correction is shortened to this, in units of x.
+        work: A CORRECTION_WORK record.
+        qp: The solved program; its x is moved.
     """
     k = qp.counts[0]
     if k == 0 or k >= n:

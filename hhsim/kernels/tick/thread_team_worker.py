@@ -29,9 +29,9 @@ def help_out(
     """Do items of the tick's tasks until the crew is dismissed.
 
     Args:
-        hand, surface, options, states: those of the block that runs in the crew's first thread.
-        qp: a workspace of this thread's own.
-        walk: this thread's own.
+        hand, surface, options, states: Those of the block that runs in the crew's first thread.
+        qp: A workspace of this thread's own.
+        walk: This thread's own.
     """
     state = states[0]
     word = state.crew.word[:]

@@ -62,14 +62,14 @@ def read_bvh_recording(
     """The recording in BVH text.
 
     Args:
-        text: the content of the file.
-        name: of the recording.
-        hand: which hand to take; the right one if both are there and none is asked for.
-        world_up: the axis that points up; y if not given.
-        length_unit: of its offsets; told from the length of the hand if not given.
+        text: The content of the file.
+        name: Of the recording.
+        hand: Which hand to take; the right one if both are there and none is asked for.
+        world_up: The axis that points up; y if not given.
+        length_unit: Of its offsets; told from the length of the hand if not given.
 
     Raises:
-        TrajectoryError: no BVH, no hand with five fingers in it, or a hand of no known size.
+        TrajectoryError: No BVH, no hand with five fingers in it, or a hand of no known size.
     """
     bvh = read_bvh(text)
     hands = {side: chains for side in ("right", "left") if len(chains := _chains(bvh.joints, side)) == len(FINGERS)}
@@ -217,7 +217,7 @@ def _scale(fingers: Array, wrist: Array, unit: str | None) -> tuple[float, float
     """Metres a unit, the hand's length [m] and the unit's name.
 
     Raises:
-        TrajectoryError: no unit makes this the length of a hand.
+        TrajectoryError: No unit makes this the length of a hand.
     """
     bones = np.linalg.norm(np.diff(fingers[:, 2], axis=1), axis=2).sum(axis=1)
     length = float(np.nanmedian(np.linalg.norm(fingers[:, 2, 0] - wrist, axis=1) + bones))

@@ -18,13 +18,13 @@ def read_csv_recording(text: str, columns: ColumnMap | None = None, *, name: str
     """The recording in a CSV text.
 
     Args:
-        text: the content of the file.
-        columns: what its columns mean; our own ones if not given.
-        name: of the recording where neither the text nor the mapping names one.
+        text: The content of the file.
+        columns: What its columns mean; our own ones if not given.
+        name: Of the recording where neither the text nor the mapping names one.
 
     Raises:
-        TrajectoryError: no table, or a column without numbers.
-        InputError: a column that the table has not, or columns that nobody explains.
+        TrajectoryError: No table, or a column without numbers.
+        InputError: A column that the table has not, or columns that nobody explains.
     """
     table = read_table(
         text, delimiter=columns.delimiter if columns else None, decimal=columns.decimal if columns else "."

@@ -44,14 +44,14 @@ def read_dexmo_table(
     """The recording of a table of channels, and the calibration that was used.
 
     Args:
-        table: with the channels and a column of stamps [s].
-        regression: the calibration; the default, for normalised channels, if not given.
-        name: of the recording.
-        poses: when the hand was in the poses of the calibration: the channels' ends are taken from there.
+        table: With the channels and a column of stamps [s].
+        regression: The calibration; the default, for normalised channels, if not given.
+        name: Of the recording.
+        poses: When the hand was in the poses of the calibration: the channels' ends are taken from there.
 
     Raises:
-        InputError: raw counts without a calibration, or spans without samples.
-        TrajectoryError: no stamps, or no numbers.
+        InputError: Raw counts without a calibration, or spans without samples.
+        TrajectoryError: No stamps, or no numbers.
     """
     table = replace(table, header=tuple(ALIAS.get(column, column) for column in table.header))
     if "time" not in table.header:

@@ -45,11 +45,11 @@ def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Re
 
     Args:
         text: JSON, or JSON packed by LZ-string.
-        name: of the recording.
-        hand: which hand to take; the one that is seen in more frames if not given.
+        name: Of the recording.
+        hand: Which hand to take; the one that is seen in more frames if not given.
 
     Raises:
-        TrajectoryError: no JSON, no frames, or no hand in them.
+        TrajectoryError: No JSON, no frames, or no hand in them.
     """
     if looks_packed(text):
         text = unpack(text)

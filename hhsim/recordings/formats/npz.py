@@ -46,13 +46,13 @@ def read_npz_recording(
     """The recording in the bytes of an `.npz` file.
 
     Args:
-        data: the content of the file.
-        name: of the recording.
-        palm_axes: our palm's x, y, z in the recording's palm frame; None takes what the file says.
-        world_up: the world axis that points up; None takes what the file says.
+        data: The content of the file.
+        name: Of the recording.
+        palm_axes: Our palm's x, y, z in the recording's palm frame; None takes what the file says.
+        world_up: The world axis that points up; None takes what the file says.
 
     Raises:
-        TrajectoryError: no archive, a damaged one, or arrays missing or of another shape.
+        TrajectoryError: No archive, a damaged one, or arrays missing or of another shape.
     """
     arrays = _arrays(data)
     count = _array(arrays, "t", ()).shape[0]
