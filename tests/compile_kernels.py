@@ -21,19 +21,30 @@ def trees() -> None:
     make_scene(mesh, cached_sphere_tree(mesh, TreeOptions(level=2)), HandModel.default(), load_script("grasp"))
 
 
-def ticks() -> None:
-    """What a tick runs, by every method."""
+def ticks(*methods: str) -> None:
+    """What a tick of these methods runs."""
     from hhsim.hand.model import HandModel
     from hhsim.solver.compile import warm_up
     from hhsim.solver.method import METHODS
     from hhsim.solver.options import SolverOptions
 
     hand = HandModel.default()
-    for name, method in METHODS.items():
-        warm_up(hand, SolverOptions(method=name, threads=2 if method.takes_threads else 1))
+    for method in methods:
+        warm_up(hand, SolverOptions(method=method, threads=2 if METHODS[method].takes_threads else 1))
 
 
-PARTS = {"ticks": ticks, "trees": trees}
+def converging() -> None:
+    """The ticks that go from linearisation to linearisation."""
+    ticks("coupled", "progressive")
+
+
+def others() -> None:
+    """The builder of trees, and the other ticks: about as much."""
+    trees()
+    ticks("paper", "penalty")
+
+
+PARTS = {"converging": converging, "others": others}
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
