@@ -20,7 +20,7 @@ RUN_HERE = {"library.py", "custom_object.sh", "custom_object.py", "custom_motion
 RUN_ELSEWHERE = {
     "gate.sh": "gate/test_run.py",
     "gate-github-actions.yml": "gate/test_run.py",
-    "udp_bridge.py": "live/devices/test_udp.py",
+    "udp_bridge.py": "live/drivers/test_udp.py",
 }
 
 

@@ -38,7 +38,7 @@ class Overlay:
 sys.meta_path.insert(0, Overlay())
 """
 """Runs before anything else in the python that is made, and brings in the changed module."""
-TIMED_LINE = "        status |= tick(hand, tree, options, state, qp)\n"
+TIMED_LINE = "        status |= tick(method, hand, surface, state, qp)\n"
 """The line of `hhsim.kernels.tick.block` behind which the work is planted: between the two readings of the clock."""
 PLANTED_LINES = """\
         planted = float(i)

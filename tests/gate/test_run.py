@@ -207,7 +207,7 @@ def test_the_github_example_is_yaml_whose_gate_line_the_command_takes(repository
 
 
 def test_planted_work_stands_between_the_readings_of_the_clock(repository: Path) -> None:
-    source = (repository / "hhsim" / "kernels" / "block.py").read_text()
+    source = (repository / "hhsim" / "kernels" / "tick" / "block.py").read_text()
     changed = plant_work(123)(source)
     compile(changed, "block.py", "exec")
     planted = changed.index(PLANTED_LINES.format(rounds=123))

@@ -69,10 +69,15 @@ def test_bunny_names_its_terms() -> None:
 
 
 def test_every_file_of_the_folder_belongs_to_an_object() -> None:
-    wanted = {"__init__.py"}
+    wanted = {"__init__.py", "palm-tree.h5", "left-palm-tree.h5"}
     for name in object_names():
         description = object_description(name)
-        wanted |= {f"{name}.toml", description["file"], *([description["notice"]] if "notice" in description else [])}
+        wanted |= {
+            f"{name}.toml",
+            f"{name}-tree.h5",
+            description["file"],
+            *([description["notice"]] if "notice" in description else []),
+        }
     assert {entry.name for entry in files("hhsim.objects").iterdir() if entry.is_file()} == wanted
 
 

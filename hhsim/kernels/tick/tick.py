@@ -473,7 +473,7 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
             break
         if advance(hand, surface, options, state):
             break
-    return status | finish_tick(hand, surface, options, is_strained(method, state), state, qp)
+    return status | finish_tick(hand, surface, options, as_bool(is_strained(method, state)), state, qp)
 
 
 @jit
