@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from conftest import Run
 
-import hhsim.cli
 import hhsim.solver.methods
 from hhsim.errors import UnknownNameError
 from hhsim.solver.method import METHODS, USUAL, methods_that, never_penetrates
@@ -52,9 +51,10 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     (folder / "follow.py").write_text(FOLLOW)
     monkeypatch.setattr(hhsim.solver.methods, "__path__", [*hhsim.solver.methods.__path__, str(folder)])
     importlib.invalidate_caches()
+    command_line = importlib.import_module("hhsim.cli")
     for name in ("options", "replay"):  # they list the methods once
         monkeypatch.delitem(sys.modules, f"hhsim.cli.{name}", raising=False)
-        monkeypatch.delattr(hhsim.cli, name, raising=False)
+        monkeypatch.delattr(command_line, name, raising=False)
     yield
     for module in ("hhsim.cli.options", "hhsim.cli.replay", "hhsim.solver.methods.follow"):
         sys.modules.pop(module, None)
