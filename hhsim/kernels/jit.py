@@ -2,7 +2,8 @@
 
 numba's file cache sees edits of the file that holds a function but not of the functions it calls, and would then return
 yesterday's callee. The kernels of a module therefore lie in a folder named by a digest of that module's source, of the
-sources of all kernel modules that it imports, directly or not, of the numba version and of the CPU.
+sources of all kernel modules that it imports, directly or not, of the numba version and of the CPU. Nothing else
+counts: another checkout of the same sources, or the same one installed anew, runs what is there.
 
 A `generic` kernel has one implementation for each type of its first argument: so does a tick know its method, and
 detection the surface, and only what a run uses is compiled.
@@ -24,7 +25,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar, cast
 import numba
 import numpy as np
 from numba import types
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.typing.templates import AbstractTemplate, infer_global
 
 Record: TypeAlias = Any
@@ -169,7 +170,40 @@ def module_cache(module: str) -> Path:
     return KERNEL_CACHE / f"{module.removeprefix(f'{PACKAGE}.')}-{module_digest(module)}"
 
 
-class _KernelCache:
+class _Folder(_CacheLocator):  # type: ignore[misc]
+    """A folder whose name says what its kernels were made of: numba's own stamps, path and time, are not needed."""
+
+    def __init__(self, folder: Path, function: Callable[..., Any]) -> None:
+        self._folder = folder
+        self._line = function.__code__.co_firstlineno
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return ""
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _Stored(CompileResultCacheImpl):  # type: ignore[misc]
+    """Names the files of one kernel in its folder."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._locator = _Folder(folder, function)
+        self._filename_base = self.get_filename_base(function.__qualname__, sys.abiflags)
+
+
+class _FolderCache(FunctionCache):  # type: ignore[misc]
+    """numba's file cache of one kernel, in a given folder."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._impl_class = functools.partial(_Stored, folder=folder)
+        super().__init__(function)
+
+
+class _KernelCache(_FolderCache):
     """The file cache of one kernel, in numba's place for it.
 
     What was compiled for a type that is declared outside of the kernels lies apart, in a folder named by that type's
@@ -177,23 +211,29 @@ class _KernelCache:
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
-        self._own = FunctionCache(function)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._own, name)
+        super().__init__(function, module_cache(function.__module__))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Compiled code for a signature, None where there is none."""
-        return self._for(sig).load_overload(sig, target_context)
+        foreign = self._foreign(sig)
+        return foreign.load_overload(sig, target_context) if foreign else super().load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep compiled code for its signature."""
-        self._for(sig).save_overload(sig, data)
+        foreign = self._foreign(sig)
+        if foreign:
+            foreign.save_overload(sig, data)
+        else:
+            super().save_overload(sig, data)
 
-    def _for(self, sig: Any) -> Any:
+    def _foreign(self, sig: Any) -> _FolderCache | None:
         sources = {source for argument in getattr(sig, "args", sig) for source in _foreign_sources(argument)}
-        return _foreign_cache(self._function, tuple(sorted(sources))) if sources else self._own
+        if not sources:
+            return None
+        digest = _machine_digest()
+        for source in sorted(sources):
+            digest.update(Path(source).read_bytes())
+        return _FolderCache(self._py_func, Path(self.cache_path) / digest.hexdigest()[:16])
 
 
 def _foreign_sources(argument: types.Type) -> Iterator[str]:
@@ -206,34 +246,12 @@ def _foreign_sources(argument: types.Type) -> Iterator[str]:
             yield from _foreign_sources(inner)
 
 
-@functools.cache
-def _foreign_cache(function: Callable[..., Any], sources: tuple[str, ...]) -> Any:
-    digest = _machine_digest()
-    for source in sources:
-        digest.update(Path(source).read_bytes())
-    return _in_folder(module_cache(function.__module__) / digest.hexdigest()[:16], lambda: FunctionCache(function))
-
-
-T = TypeVar("T")
-
-
-def _in_folder(folder: Path, make: Callable[[], T]) -> T:
-    # Only while a cache is made: other packages of the process keep their own cache folder.
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(folder)
-    try:
-        return make()
-    finally:
-        numba.config.CACHE_DIR = before
-
-
 def _compile(function: F, **options: Any) -> F:
     compiled = numba.njit(error_model="numpy", nogil=True, **options)(function)
     # A kernel of somebody else's is compiled in every process: what it calls cannot be followed from here.
     if JIT_ENABLED and source_of(function.__module__) is not None:
-        folder = module_cache(function.__module__)
-        _folders.add(folder)
-        compiled._cache = _in_folder(folder, lambda: _KernelCache(function))
+        compiled._cache = _KernelCache(function)
+        _folders.add(Path(compiled._cache.cache_path))
     return cast(F, compiled)
 
 

@@ -61,7 +61,7 @@ def test_an_edit_of_a_kernel_keeps_those_that_do_not_call_it(copy: Path) -> None
     assert stale == {"contact.detection", "tick.tick"}
 
 
-def planted(root: Path, callee: str, imported: str) -> str:
+def planted(root: Path, callee: str, imported: str, cache: Path | None = None) -> str:
     """What a kernel in one sub-package answers, whose callee lies two packages away, in a process of its own."""
     kernels = root / "hhsim" / "kernels"
     files = {
@@ -86,7 +86,7 @@ def planted(root: Path, callee: str, imported: str) -> str:
     found = subprocess.run(
         [sys.executable, "-B", "-c", script],
         cwd=root,
-        env={**os.environ, "PYTHONPATH": str(root), "HHSIM_CACHE_DIR": str(root / "cache")},
+        env={**os.environ, "PYTHONPATH": str(root), "HHSIM_CACHE_DIR": str(cache or root / "cache")},
         capture_output=True,
         text=True,
         check=True,
@@ -109,6 +109,15 @@ def test_an_edit_of_a_callee_two_packages_away_compiles_the_caller_anew(copy: Pa
     assert planted(copy, callee.format(40), imported) == "42 0"
     assert planted(copy, callee.format(40), imported) == "42 1", "not taken from the cache"
     assert planted(copy, callee.format(50), imported) == "52 0", "the callee of before"
+
+
+def test_another_checkout_of_the_same_sources_runs_what_is_compiled(copy: Path, tmp_path: Path) -> None:
+    callee = "from hhsim.kernels.jit import jit\n\n\n@jit\ndef callee():\n    return 40\n"
+    imported = "from hhsim.kernels.far.callee import callee"
+    assert planted(copy, callee, imported) == "42 0"
+    other = tmp_path / "elsewhere"
+    shutil.copytree(PACKAGE, other / "hhsim", ignore=shutil.ignore_patterns("__pycache__"))
+    assert planted(other, callee, imported, cache=copy / "cache") == "42 1"
 
 
 @pytest.mark.parametrize("path", sorted((PACKAGE / "kernels").rglob("*.py")), ids=lambda path: path.stem)
