@@ -4,24 +4,36 @@ With them whole blocks of ticks run inside one compiled call and are still timed
 """
 
 import time
+from collections.abc import Callable
+from typing import Any, cast
 
-import numpy as np
+from llvmlite import ir
 from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 from hhsim.kernels.jit import JIT_ENABLED, as_int64, jit
 
 CLOCK_MONOTONIC = 1
 CLOCK_THREAD_CPU = 3
 
-if JIT_ENABLED:
-    # ctypes function pointers make a kernel uncacheable; an external symbol does not.
-    _clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.CPointer(types.int64)))
 
-    @jit
-    def _read(clock: int) -> int:
-        now = np.empty(2, np.int64)
-        _clock_gettime(clock, now.ctypes)
-        return now[0] * 1_000_000_000 + now[1]
+def _clock_gettime(typing: Any, clock: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        integer = ir.IntType(64)
+        now = cgutils.alloca_once(builder, ir.ArrayType(integer, 2))
+        kind = ir.FunctionType(ir.IntType(32), (ir.IntType(32), now.type))
+        function = cgutils.get_or_insert_function(builder.module, kind, "clock_gettime")
+        builder.call(function, (builder.trunc(arguments[0], ir.IntType(32)), now))
+        seconds, rest = (builder.load(cgutils.gep_inbounds(builder, now, 0, i)) for i in range(2))
+        return builder.add(builder.mul(seconds, integer(1_000_000_000)), rest)
+
+    return types.int64(types.int64), generate
+
+
+if JIT_ENABLED:
+    # A ctypes function pointer makes a kernel uncacheable; an external symbol does not.
+    _read = cast(Callable[[int], int], intrinsic(_clock_gettime))
 
 else:
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit, jit_allocating
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -19,7 +19,7 @@ _TOLERANCE = 1e-12
 _STEPS = 100
 
 
-@jit
+@jit_allocating
 def _tangent_ball(center: Array, radius: Array, chosen: Indices, ball_out: Array) -> bool:
     """Smallest ball (x, y, z, r) that the chosen balls touch from inside, its centre in the affine hull of theirs.
 
@@ -98,7 +98,7 @@ def _reach(center: Array, radius: Array, i: int, ball: Array) -> float:
     return float(math.sqrt(dx * dx + dy * dy + dz * dz) + radius[i])
 
 
-@jit
+@jit_allocating
 def enclosing_ball(center: Array, radius: Array, members: Indices, ball_out: Array) -> None:
     """Smallest ball around the balls `members`.
 

@@ -246,8 +246,10 @@ def _foreign_sources(argument: types.Type) -> Iterator[str]:
             yield from _foreign_sources(inner)
 
 
-def _compile(function: F, **options: Any) -> F:
-    compiled = numba.njit(error_model="numpy", nogil=True, **options)(function)
+def _compile(function: F, allocates: bool = False, **options: Any) -> F:
+    # Without numba's runtime no reference is counted: atomic, once for every array at every call, that was more than
+    # half of a tick and of its compilation. What is given to a kernel is held by its caller.
+    compiled = numba.njit(error_model="numpy", nogil=True, _nrt=allocates, **options)(function)
     # A kernel of somebody else's is compiled in every process: what it calls cannot be followed from here.
     if JIT_ENABLED and source_of(function.__module__) is not None:
         compiled._cache = _KernelCache(function)
@@ -267,12 +269,17 @@ def is_cached() -> bool:
 
 
 def jit(function: F) -> F:
-    """Compile with strict IEEE arithmetic, no exceptions, cached.
+    """Compile with strict IEEE arithmetic, no exceptions, no memory of its own, cached.
 
     numba compiles a callee once more for every literal it is given, and for every shape of a structured array's field.
     Callers therefore wrap literals in `as_int64` or `as_bool` and pass such fields as `field[:]`.
     """
     return _compile(function)
+
+
+def jit_allocating(function: F) -> F:
+    """The same for a kernel that makes arrays: none that a tick runs."""
+    return _compile(function, allocates=True)
 
 
 def jit_inline(function: F) -> F:
@@ -287,6 +294,11 @@ def jit_vector(function: F) -> F:
     inside.
     """
     return _compile(function, fastmath={"reassoc", "contract", "arcp"})
+
+
+def jit_once(function: F) -> F:
+    """Make a kernel that has one caller part of it: compiled apart, it would be optimised twice."""
+    return _compile(function, inline="always")
 
 
 class GenericKernel(Protocol):

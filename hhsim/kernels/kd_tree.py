@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit, jit_allocating
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -51,7 +51,7 @@ def _select(keys: Array, order: Indices, low: int, high: int, middle: int) -> No
             return
 
 
-@jit
+@jit_allocating
 def _split(
     points: Array, leaf_size: int, order: Indices, start_out: Indices, end_out: Indices, right_out: Indices
 ) -> int:

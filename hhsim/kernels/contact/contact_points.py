@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, round_cone_parameter
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-@jit
+@jit_allocating
 def touching_pairs(
     phalanx_radius: Array,
     palm_center: Array,

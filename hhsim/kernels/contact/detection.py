@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -121,7 +121,7 @@ WALK_COST = 2000
 """What gathering a phalanx costs, in distances that the vector unit computes in that time; the palm's, ten times."""
 
 
-@jit
+@jit_once
 def part_cost(margin: float, skin: float, part: int, candidates: Record) -> int:
     """What `evaluate_range` will cost for a finger (0 to 4) or the palm (5), roughly, in distances."""
     if part == FINGER_COUNT:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, jit, jit_vector
+from hhsim.kernels.jit import Record, jit, jit_once, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -88,7 +88,7 @@ def contact_rows(
         rhs[i] = offset - distance[i]
 
 
-@jit
+@jit_once
 def finger_columns(
     start: int,
     stop: int,
@@ -135,14 +135,14 @@ def follow_abduction(
         rhs[i] -= rate * step
 
 
-@jit
+@jit_once
 def _relax(start: int, stop: int, distance: Array, rhs: Array) -> None:
     for i in range(start, stop):
         if rhs[i] > 0.0 and distance[i] >= 0.0:
             rhs[i] = 0.0
 
 
-@jit
+@jit_once
 def _limit_rows(
     row: int, flexion: Array, lowest: Array, highest: Array, scale: Array, common: Array, block: Array, rhs: Array
 ) -> None:

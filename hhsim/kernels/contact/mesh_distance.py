@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside
 from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, round_cone_parameter
@@ -93,7 +93,7 @@ def round_cone_mesh_distance(
     return best
 
 
-@jit
+@jit_allocating
 def hand_mesh_distances(
     phalanx_radius: Array,
     palm_center: Array,
@@ -152,7 +152,7 @@ def hand_mesh_distances(
         distance_out[tick] = best
 
 
-@jit
+@jit_allocating
 def touching_points(
     phalanx_radius: Array,
     palm_center: Array,

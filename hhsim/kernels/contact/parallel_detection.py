@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.detection import evaluate_range, part_cost
 from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.parallel.thread_team import (
     NOTHING,
     PARTS,
@@ -23,7 +23,7 @@ from hhsim.kernels.parallel.thread_team import (
 Indices = NDArray[np.int64]
 
 
-@jit
+@jit_once
 def worth_sharing(margin: float, skin: float, candidates: Record, crew: Record) -> bool:
     """Whether the coming evaluation is long enough to be shared; if so, its parts are put in order."""
     crew.parts = 0
@@ -40,7 +40,7 @@ def worth_sharing(margin: float, skin: float, candidates: Record, crew: Record) 
     return total > 0 and total - crew.cost[0] >= crew.worth
 
 
-@jit
+@jit_once
 def evaluate_together(
     hand: HandArrays,
     pose: Record,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit_allocating
 from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
@@ -51,7 +51,7 @@ class PlacedHands(NamedTuple):
     rotation: Array
 
 
-@jit
+@jit_allocating
 def clearances(
     surface: Any, shape: HandSurface, placed: PlacedHands, limit: float, palm_out: Array, finger_out: Array
 ) -> None:

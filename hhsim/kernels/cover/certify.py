@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.cover.micro_triangle import CUT_STACK
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit_allocating
 from hhsim.kernels.triangle import longest_edge
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 Codes = NDArray[np.int32]
 
 
-@jit
+@jit_allocating
 def certify_cover(
     corner: Array, center: Array, radius: Array, slack: float, finest: float, uncovered_out: Indices, proof_out: Codes
 ) -> tuple[int, int]:

@@ -6,7 +6,7 @@ Apart from the builder and from what made the proof: it shares no code with them
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit_allocating
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int32]
@@ -17,7 +17,7 @@ HOLDS, NO_SUCH_BALL, CORNER_OUTSIDE, NO_SUCH_CODE, TOO_SHORT, TOO_LONG, TOO_DEEP
 _DEEPEST = 512
 
 
-@jit
+@jit_allocating
 def check_proof(corner: Array, center: Array, radius: Array, room: float, proof: Codes) -> tuple[int, int, int]:
     """Walk along the codes of a proof; see `cover_certificate` for what they mean.
 

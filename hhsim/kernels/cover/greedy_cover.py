@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.cover.inscribed_sphere import far_corner2, place_ball
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
 from hhsim.kernels.cover.sphere_descent import WORK, descend_ball
-from hhsim.kernels.jit import jit, jit_inline
+from hhsim.kernels.jit import jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.triangle import longest_edge
@@ -79,7 +79,7 @@ def _offer_ball(
             worst[node] = max(worst[node + 1], worst[micro.right[node]])
 
 
-@jit
+@jit_allocating
 def greedy_cover(
     bvh: MeshBvh,
     micro: MicroTriangles,
@@ -184,7 +184,7 @@ def _stays_behind(dx: float, dy: float, dz: float, lag: float, far: float, radiu
     return (margin * margin > change2) | (reach * reach > change2 * (dx * dx + dy * dy + dz * dz))
 
 
-@jit
+@jit_allocating
 def assign(
     micro: MicroTriangles,
     root: int,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.kd_tree import build_median_tree
 from hhsim.kernels.triangle import longest_edge
 
@@ -35,7 +35,7 @@ class MicroTriangles(NamedTuple):
     radius: Array
 
 
-@jit
+@jit_allocating
 def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) -> int:
     """Halve triangles across their longest edge until no edge is longer than `edge` allows.
 
@@ -83,7 +83,7 @@ def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) 
     return count
 
 
-@jit
+@jit_allocating
 def _node_balls(
     corner: Array, start: Indices, end: Indices, right: Indices, center_out: Array, radius_out: Array
 ) -> None:

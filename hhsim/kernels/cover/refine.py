@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
 from hhsim.kernels.cover.sphere_descent import WORK, descend_ball
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 
@@ -37,7 +37,7 @@ def group_by_owner(owner: Indices, first_out: Indices, order_out: Indices) -> No
     first_out[first_out.shape[0] - 1] = owner.shape[0]
 
 
-@jit
+@jit_allocating
 def move_balls(
     bvh: MeshBvh,
     micro: MicroTriangles,
@@ -90,7 +90,7 @@ def removal_cost(owner: Indices, second_cost: Array, cost_out: Array) -> None:
         cost_out[owner[i]] = max(cost_out[owner[i]], second_cost[i])
 
 
-@jit
+@jit_allocating
 def spare_balls(
     candidates: Indices, first: Indices, order: Indices, second_owner: Indices, most: int, spared_out: Flags
 ) -> int:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.cover.inscribed_sphere import depth_at
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
-from hhsim.kernels.jit import as_int64, jit, jit_inline
+from hhsim.kernels.jit import as_int64, jit, jit_allocating, jit_inline
 from hhsim.kernels.mesh.bvh import MeshBvh
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ def _aim(work: Array, begin: int, count: int, value: int, weight: int, sign: flo
     return most - least
 
 
-@jit
+@jit_allocating
 def descend_ball(
     bvh: MeshBvh,
     micro: MicroTriangles,

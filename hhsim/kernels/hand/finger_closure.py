@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, forward_kinematics
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 from hhsim.kernels.sphere_tree import TreeArrays, nearest_leaf_round_cone
 
@@ -72,7 +72,7 @@ def sphere_distance(tree: TreeArrays, center: Array, radius: float, limit: float
     return distance
 
 
-@jit
+@jit_allocating
 def palm_distance(
     hand: HandArrays, tree: TreeArrays, position: Array, rotation: Array, limit: float, work: ClosingWork
 ) -> float:
@@ -108,7 +108,7 @@ def body_distances(
     distance_out[PALM_BODY] = palm_distance(hand, tree, position, rotation, limit, work)
 
 
-@jit
+@jit_allocating
 def advance_hand(
     hand: HandArrays,
     tree: TreeArrays,
@@ -165,7 +165,7 @@ def advance_hand(
     return travel, blocking
 
 
-@jit
+@jit_allocating
 def close_finger(
     hand: HandArrays,
     tree: TreeArrays,
@@ -228,7 +228,7 @@ def close_finger(
                 speed[k] = 0.0
 
 
-@jit
+@jit_allocating
 def deepen_finger(
     hand: HandArrays, finger: int, rate: Array, abduction: Array, depth: float, flexion: Array, work: ClosingWork
 ) -> float:

@@ -9,8 +9,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
-from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.jit import Record, jit, jit_once
 from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion
 
 Array = NDArray[np.float64]
@@ -66,10 +67,10 @@ def update_kinematics(hand: HandArrays, pose: Record) -> None:
 @jit
 def copy_configuration(source: Record, target: Record) -> None:
     """Copy position, orientation, flexion and abduction; the derived fields of `target` are then out of date."""
-    target.position[:] = source.position
-    target.orientation[:] = source.orientation
-    target.flexion[:, :] = source.flexion
-    target.abduction[:] = source.abduction
+    copy_values(source.position[:], target.position[:])
+    copy_values(source.orientation[:], target.orientation[:])
+    copy_values(source.flexion[:], target.flexion[:])
+    copy_values(source.abduction[:], target.abduction[:])
 
 
 @jit
@@ -88,7 +89,7 @@ LARGEST = 1e6
 """Metres and radians beyond this are no reading of a hand: their squares would not stay finite for long."""
 
 
-@jit
+@jit_once
 def is_finite_configuration(position: Array, orientation: Array, flexion: Array, abduction: Array) -> bool:
     """Whether every number is one that a hand can have: finite, not absurdly large, and no zero quaternion."""
     square = 0.0

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_inline
+from hhsim.kernels.jit import jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK, build_median_tree
 from hhsim.kernels.triangle import closest_on_triangle
 
@@ -87,7 +87,7 @@ def build_mesh_bvh(vertices: Array, faces: Indices, signed: bool = True) -> Mesh
     return MeshBvh(corner, pseudonormal, tree.order, bound, tree.start, tree.end, tree.right)
 
 
-@jit
+@jit_allocating
 def _bound(corner: Array, start: Indices, end: Indices, right: Indices, bound_out: Array) -> None:
     """Bounds of the nodes; children follow their parents in preorder, so walk backwards."""
     normal = np.zeros((start.shape[0], 3))
@@ -195,7 +195,7 @@ def outside(bvh: MeshBvh, triangle: int, feature: int, dx: float, dy: float, dz:
     return bool(n[0] * dx + n[1] * dy + n[2] * dz > 0.0)
 
 
-@jit
+@jit_allocating
 def closest_points(bvh: MeshBvh, points: Array, closest_out: Array, signed_distance_out: Array) -> None:
     """Closest points on the mesh [m], shape (n, 3), and signed distances [m], shape (n,), of points, shape (n, 3)."""
     stack = np.empty(STACK, np.int64)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.mesh.winding_number import turned_by
@@ -43,7 +43,7 @@ def winding_moments(bvh: MeshBvh) -> WindingMoments:
     return moments
 
 
-@jit
+@jit_allocating
 def _sum_moments(bvh: MeshBvh, moments: WindingMoments) -> None:
     area = np.empty(bvh.corner.shape[0])
     vector = np.empty((bvh.corner.shape[0], 3))
@@ -142,7 +142,7 @@ def winding_at(bvh: MeshBvh, moments: WindingMoments, x: float, y: float, z: flo
     return (math.atan2(imaginary, real) + 2.0 * math.pi * turns + 0.5 * far) / (2.0 * math.pi)
 
 
-@jit
+@jit_allocating
 def fast_winding_numbers(bvh: MeshBvh, moments: WindingMoments, points: Array, winding_out: Array) -> None:
     """Winding numbers [-], shape (n,), at points [m], shape (n, 3)."""
     stack = np.empty(STACK, np.int64)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import as_int64, jit, jit_inline
+from hhsim.kernels.jit import as_int64, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh
 from hhsim.kernels.mesh.fast_winding_number import WindingMoments, winding_at
@@ -47,7 +47,7 @@ def inside_at(field: SolidField, x: float, y: float, z: float, stack: Indices, s
     return bool(winding_at(field.bvh, field.moments, x, y, z, stack) > 0.5)
 
 
-@jit
+@jit_allocating
 def inside(field: SolidField, points: Array, inside_out: Bools) -> None:
     """Which points [m], shape (n, 3), lie inside, shape (n,)."""
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
@@ -55,7 +55,7 @@ def inside(field: SolidField, points: Array, inside_out: Bools) -> None:
         inside_out[i] = inside_at(field, points[i, 0], points[i, 1], points[i, 2], stack, stack_distance2)
 
 
-@jit
+@jit_allocating
 def near(bvh: MeshBvh, points: Array, distance: float, near_out: Bools) -> None:
     """Which points [m], shape (n, 3), have a triangle within a distance [m], shape (n,)."""
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
@@ -137,7 +137,7 @@ def segment_hits(bvh: MeshBvh, p: Array, d: Array, stack: Indices, hits: Array) 
     return count
 
 
-@jit
+@jit_allocating
 def count_hits(bvh: MeshBvh, start: Array, along: Array, count_out: Indices) -> None:
     """How many triangles each segment meets, (n,): from `start` along `along` [m], shapes (n, 3)."""
     stack, hits = np.empty(STACK, np.int64), np.empty(1)
@@ -150,7 +150,7 @@ def _inside_on(field: SolidField, p: Array, d: Array, s: float, stack: Indices, 
     return inside_at(field, p[0] + s * d[0], p[1] + s * d[1], p[2] + s * d[2], stack, stack_distance2)
 
 
-@jit
+@jit_allocating
 def leave_inside(field: SolidField, start: Array, end: Array, share_out: Array) -> None:
     """Where each segment from inside to outside first leaves the inside: a share of it, shape (n,).
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_inline
+from hhsim.kernels.jit import jit, jit_allocating, jit_inline
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -120,7 +120,7 @@ def _second_child(k: int, weight: Array, weight_out: Array) -> None:
     weight_out[k] = 2.0 * weight[0]
 
 
-@jit
+@jit_allocating
 def _halve_around(tets: Tets, v: int, cube: int, stack: Indices, weights: Array) -> bool:
     """Halve all tetrahedra that hold vertex v otherwise than as a corner; False without room for that.
 
@@ -191,7 +191,7 @@ def _halve_around(tets: Tets, v: int, cube: int, stack: Indices, weights: Array)
     return True
 
 
-@jit
+@jit_allocating
 def halve_tets(tets: Tets, cube: int, wanted: Indices) -> bool:
     """Halve tetrahedra until each is as old as is wanted, and none has a vertex in the middle of an edge.
 
@@ -222,7 +222,7 @@ def halve_tets(tets: Tets, cube: int, wanted: Indices) -> bool:
     return True
 
 
-@jit
+@jit_allocating
 def locate(tets: Tets, cube: int, points: Array, tet_out: Indices) -> None:
     """Which tetrahedron without children holds each point; −1 outside of the box.
 

@@ -22,7 +22,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.qr_update import LANES, append, back_substitute, project, remove, resolve, work_dtype
 from hhsim.kernels.qp.row_scan import ROWS_NAN, ROWS_ZERO, most_violated, row_lengths, row_violations, unsound_rows
 
@@ -116,7 +116,7 @@ def _drop_negative(n: int, k: int, target: Array, work: Record) -> int:
         k -= 1
 
 
-@jit
+@jit_once
 def _settle(n: int, k: int, target: Array, work: Record) -> float:
     # Rid x of the rounding of its steps; returns how far that moved it.
     for j in range(n):

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import as_int64, jit, jit_vector
+from hhsim.kernels.jit import as_int64, jit, jit_once, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -71,7 +71,7 @@ def _invert_root(start: int, stop: int, square_out: Array) -> None:
         square[i] = 1.0 / math.sqrt(square[i]) if square[i] > 0.0 else 0.0
 
 
-@jit
+@jit_once
 def row_lengths(
     n_common: int,
     common: Array,
@@ -240,7 +240,7 @@ def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tu
     return nan, zero
 
 
-@jit
+@jit_once
 def unsound_rows(group_start: Indices, group_stop: Indices, inverse_norm: Array, violation: Array) -> int:
     """ROWS_NAN and ROWS_ZERO bits of what `row_lengths` and `row_violations` found."""
     nans, zeros = 0, 0
@@ -251,7 +251,7 @@ def unsound_rows(group_start: Indices, group_stop: Indices, inverse_norm: Array,
     return (ROWS_NAN if nans > 0 else 0) | (ROWS_ZERO if zeros > 0 else 0)
 
 
-@jit
+@jit_once
 def _largest(values: Array, start: int, stop: int) -> float:
     # Eight chains at a time, where one would wait for its own last comparison; NaN never wins.
     part = values[start:stop]
@@ -279,7 +279,7 @@ def _largest(values: Array, start: int, stop: int) -> float:
     return b0 if b0 > b4 else b4
 
 
-@jit
+@jit_once
 def most_violated(violation: Array, group_start: Indices, group_stop: Indices) -> int:
     """First row with the largest violation; -1 where there is none to compare (no row, or NaN only)."""
     best, place = -np.inf, as_int64(-1)

@@ -17,7 +17,7 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Record, jit, jit_inline, jit_once, jit_vector
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_distances, sphere_cone, sphere_pair_distances
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
 
@@ -86,7 +86,7 @@ def _phalanx(hand: HandArrays, pose: Record, f: int, k: int) -> RoundCone:
     )
 
 
-@jit
+@jit_once
 def _gather_phalanx(
     tree: TreeArrays,
     hand: HandArrays,
@@ -114,7 +114,7 @@ def _gather_phalanx(
     return True
 
 
-@jit
+@jit_once
 def _gather_palm(
     tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
 ) -> bool:
@@ -228,7 +228,7 @@ def _within(tree: TreeArrays, candidates: Record, body: int, limit: float) -> in
     return _count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], limit)
 
 
-@jit
+@jit_once
 def _palm_contacts(
     tree: TreeArrays, pose: Record, candidates: Record, margin: float, row: int, contacts: Record
 ) -> int:
@@ -280,7 +280,7 @@ def _palm_contacts(
     return row
 
 
-@jit
+@jit_once
 def _phalanx_contacts(
     tree: TreeArrays,
     hand: HandArrays,

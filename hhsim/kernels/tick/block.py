@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import HandArrays
-from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.jit import Record, jit, jit_once
 from hhsim.kernels.parallel.thread_team import crew_cpu_ns
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.method import tick
@@ -47,24 +48,24 @@ class TickRecord(NamedTuple):
     lag: Array
 
 
-@jit
+@jit_once
 def record_tick(state: Record, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
     """Copy the outcome of the last tick to row i of the record; wall and CPU time in ns."""
     pose, forces = state.pose, state.forces
     record.status[i] = status
-    record.position[i, :] = pose.position
-    record.orientation[i, :] = pose.orientation
-    record.flexion[i, :, :] = pose.flexion
-    record.abduction[i, :] = pose.abduction
-    record.joints[i, :, :, :] = pose.joints
-    record.phalanx[i, :, :, :] = forces.phalanx
-    record.fingertip_normal[i, :, :] = forces.fingertip_normal
-    record.palm_wrench[i, :] = forces.palm_wrench
-    record.total[i, :] = forces.total
-    record.duration[i, :] = state.step.duration
+    copy_values(pose.position[:], record.position[i])
+    copy_values(pose.orientation[:], record.orientation[i])
+    copy_values(pose.flexion[:], record.flexion[i])
+    copy_values(pose.abduction[:], record.abduction[i])
+    copy_values(pose.joints[:], record.joints[i])
+    copy_values(forces.phalanx[:], record.phalanx[i])
+    copy_values(forces.fingertip_normal[:], record.fingertip_normal[i])
+    copy_values(forces.palm_wrench[:], record.palm_wrench[i])
+    copy_values(forces.total[:], record.total[i])
+    copy_values(state.step.duration[:], record.duration[i])
     record.duration_total[i] = wall
     record.duration_cpu[i] = cpu
-    record.work[i, :] = state.work
+    copy_values(state.work[:], record.work[i])
     record.lag[i] = state.lag
 
 

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.tick.method import Coupled, is_oscillating, is_strained, solve_program
-from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
@@ -32,7 +31,7 @@ COUPLED_WORK = np.dtype(
 """Groups of the coupled program (palm, 5 fingers, 5 limit groups) and the guessed rows."""
 
 
-@jit
+@jit_once
 def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, group_block: Indices) -> None:
     """Row groups of the coupled program: palm contacts, contacts of each finger, joint limits of each finger.
 
@@ -50,12 +49,14 @@ def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, 
         group_block[6 + f] = 6 + 3 * f
 
 
+@solve_program.of(Coupled)
 @jit
-def solve_coupled(options: TickOptions, state: Record, qp: QpWork) -> int:
+def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
     """Solve the coupled program.
 
     The state's `step` is written where the status is OPTIMAL. Returns a status of `kernels.qp.active_set`.
     """
+    options = method.options
     problem, contacts, active, work, step = state.problem, state.contacts, state.warm, state.coupled, state.step
     coupled_groups(contacts, work.group_start, work.group_stop, work.group_block)
     began = monotonic_ns()
@@ -116,12 +117,6 @@ def solve_coupled(options: TickOptions, state: Record, qp: QpWork) -> int:
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
-
-
-@solve_program.of(Coupled)
-@jit
-def _solve(method: Coupled, state: Record, qp: QpWork) -> int:
-    return solve_coupled(method.options, state, qp)
 
 
 @is_oscillating.of(Coupled)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.jit import Record, jit, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def _add(forces: Record, body: int, nx: float, ny: float, nz: float, magnitude: 
     forces.total[2] += magnitude * nz
 
 
-@jit
+@jit_once
 def multiplier_forces(active: Record, forces: Record) -> None:
     """Add λ_i n_i of every active contact; joint limits exert no force of the object."""
     for i in range(active.count):
@@ -77,7 +77,7 @@ def multiplier_forces(active: Record, forces: Record) -> None:
             _add(forces, body, active.normal[0, i], active.normal[1, i], active.normal[2, i], active.multiplier[i])
 
 
-@jit
+@jit_once
 def _same_point(pose: Record, haptic: Record, contacts: Record, i: int, point_out: Array) -> None:
     # The body frame is rigid, so the point keeps its coordinates along (axis, direction, their cross product).
     body = contacts.body[i]

@@ -30,11 +30,12 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.copy import copy_values
 from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint, update_kinematics
-from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
@@ -213,7 +214,7 @@ def _take_haptic_flexion(state: Record, finger: int, paper: Record) -> None:
         state.pose.flexion[finger, k] = min(max(angle, paper.lowest[finger, k]), paper.highest[finger, k])
 
 
-@jit
+@jit_once
 def finger_program(finger: int, state: Record, paper: Record) -> int:
     """Rows of a finger on the palm as it now stands; returns the number of contact rows, -1 where they do not fit."""
     pose, problem = state.pose, state.problem
@@ -253,7 +254,7 @@ def finger_program(finger: int, state: Record, paper: Record) -> int:
     return row
 
 
-@jit
+@jit_once
 def _solve_finger(
     hand: HandArrays, tree: TreeArrays, options: TickOptions, finger: int, state: Record, paper: Record, qp: QpWork
 ) -> bool:
@@ -299,7 +300,7 @@ class Paper(NamedTuple):
     work: NDArray[np.void]
 
 
-@jit
+@jit_once
 def _touching(touch: float, state: Record, paper: Record) -> None:
     # What Eq. 14 sums over: the pairs of this tick that are in contact at its end.
     pose, candidates, contacts = state.pose, state.candidates, state.contacts
@@ -388,8 +389,8 @@ def begin_paper(hand: HandArrays, states: NDArray[np.void], papers: NDArray[np.v
     state, paper = states[0], papers[0]
     update_kinematics(hand, state.pose)
     frustum_shapes(hand, paper.shapes)
-    paper.lowest[:, :] = hand.flexion_min
-    paper.highest[:, :] = hand.flexion_max
+    copy_values(hand.flexion_min, paper.lowest[:])
+    copy_values(hand.flexion_max, paper.highest[:])
     paper.haptic_euler[:] = 0.0
     nearest_euler(state.pose.rotation, paper.haptic_euler, paper.euler)
     paper.guess[0] = 0

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.frustum import foot, in_range, threshold
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ LIMITS = 2 * PHALANX_COUNT
 """Rows of a finger's joint limits, which follow its contacts."""
 
 
-@jit
+@jit_once
 def palm_rows(
     candidates: Record,
     count: int,
@@ -70,7 +70,7 @@ def palm_rows(
             common_out[3 + j, i] = turn * weight[3 + j]
 
 
-@jit
+@jit_once
 def phalanx_rows(
     candidates: Record,
     kind: NDArray[np.int8],
@@ -144,7 +144,7 @@ def phalanx_rows(
     return row
 
 
-@jit
+@jit_once
 def limit_rows(
     flexion: Array, lowest: Array, highest: Array, weight: Array, row: int, block_out: Array, rhs_out: Array
 ) -> None:
@@ -188,7 +188,7 @@ def _add_contact(
     return row + 1
 
 
-@jit
+@jit_once
 def palm_contacts(candidates: Record, position: Array, rotation: Array, touch: float, contacts: Record) -> int:
     """Contact records of the palm's pairs within `touch` [m]; returns how many."""
     row = as_int64(0)
@@ -208,7 +208,7 @@ def palm_contacts(candidates: Record, position: Array, rotation: Array, touch: f
     return row
 
 
-@jit
+@jit_once
 def phalanx_contacts(
     candidates: Record,
     kind: NDArray[np.int8],

@@ -60,6 +60,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import CONTACT_ROWS, evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows
+from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     DOF,
@@ -70,7 +71,7 @@ from hhsim.kernels.hand.kinematics import (
     motion_bounds,
 )
 from hhsim.kernels.hand.pose import move, update_kinematics
-from hhsim.kernels.jit import Record, as_int64, jit, jit_vector
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once, jit_vector
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
 from hhsim.kernels.rotation import rotation_vector_between
@@ -156,7 +157,7 @@ PENALTY_STATE = np.dtype(
 """
 
 
-@jit
+@jit_once
 def _evaluate(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     # A hand deep inside has more pairs near than there is room for: then the deepest have to do.
     if evaluate(hand, state.pose, surface, options.margin, options.skin, state.candidates, state.work) == 0:
@@ -169,7 +170,7 @@ def _evaluate(hand: HandArrays, surface: Any, options: TickOptions, state: Recor
     return False
 
 
-@jit
+@jit_once
 def _find(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     # Contacts among the pairs known to be complete; again the deepest where they are too many.
     reach = options.margin
@@ -205,7 +206,7 @@ def _aim(hand: HandArrays, penalty: PenaltyOptions, state: Record, work: Record)
         work.bias[j] = problem.target[j] / problem.inverse_root[j] + momentum * work.velocity[j]
 
 
-@jit
+@jit_once
 def _springs(penalty: PenaltyOptions, contacts: Record, rhs: Array, work: Record) -> None:
     # Stiffness and threshold of every contact; those that penetrate are the first guess of those that push.
     stiffness = penalty.stiffness
@@ -243,7 +244,7 @@ def _shortfall(
                 out[i] -= block[k, i] * value
 
 
-@jit
+@jit_once
 def _add_spring(problem: Record, i: int, finger: int, weight: float, threshold: float, work: Record) -> None:
     # w a aᵀ to the matrix, w r a to the right-hand side; finger -1 is the palm.
     row, matrix, rhs = work.row, work.matrix, work.step
@@ -270,7 +271,7 @@ def _add_spring(problem: Record, i: int, finger: int, weight: float, threshold: 
             matrix[first + a, first + b] += scaled * row[6 + b]
 
 
-@jit
+@jit_once
 def _round(problem: Record, contacts: Record, alpha: float, work: Record) -> int:
     # The minimum while exactly those push that do now; returns the solver's status.
     work.matrix[:, :] = 0.0
@@ -290,7 +291,7 @@ def _round(problem: Record, contacts: Record, alpha: float, work: Record) -> int
     return status
 
 
-@jit
+@jit_once
 def _shortfalls(problem: Record, contacts: Record, y: Array, threshold: Array, out: Array) -> None:
     # r - a · y of all contacts.
     for group in range(FINGER_COUNT + 1):
@@ -322,7 +323,7 @@ def _slope(contacts: Record, alpha: float, share: float, work: Record) -> float:
     return slope
 
 
-@jit
+@jit_once
 def _shorten(contacts: Record, alpha: float, work: Record) -> bool:
     # Where the Newton step overshoots the least value on its way, go there: so the value falls in every round and no
     # set of contacts can come back. Bisection halves the way 30 times: exact enough for a step that is not the last.
@@ -363,7 +364,7 @@ def _update(contacts: Record, work: Record) -> int:
     return changed
 
 
-@jit
+@jit_once
 def _minimise(problem: Record, contacts: Record, alpha: float, rounds: int, work: Record) -> int:
     # The step; returns the number of rounds.
     for j in range(DOF):
@@ -378,13 +379,13 @@ def _minimise(problem: Record, contacts: Record, alpha: float, rounds: int, work
             return i + 1
         if i > 0 and _shorten(contacts, alpha, work):
             _update(contacts, work)
-        work.before[:] = work.step
+        copy_values(work.step[:], work.before[:])
         for c in range(contacts.start[FINGER_COUNT + 1]):
             work.short_before[c] = work.short[c]
     return rounds
 
 
-@jit
+@jit_once
 def _forces(options: TickOptions, hand: HandArrays, surface: Any, state: Record, work: Record) -> None:
     forces, contacts = state.forces, state.contacts
     clear_forces(forces)

@@ -19,11 +19,11 @@ from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import farthest_joint
-from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.parallel.thread_team import NOTHING, TASK_FINGERS, await_done, item_done, post, sort_parts, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.tick.coupled import solve_coupled
-from hhsim.kernels.tick.method import Progressive, is_oscillating, is_strained, solve_program
+from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import CORRECTION_WORK, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
@@ -116,7 +116,7 @@ def finger_rhs(problem: Record, start: int, stop: int, palm_step: Array, rhs_out
         rhs_out[i] = total
 
 
-@jit
+@jit_once
 def _keeps_unmoved_rows(start: int, stop: int, block: Array, slack: float, rhs: Array) -> bool:
     # A row that no joint of the finger moves is for the palm to keep. The solver judges a zero row by a length in its
     # own units, which grow with the stiffness; here it is a length in metres, whatever the stiffness.
@@ -128,7 +128,7 @@ def _keeps_unmoved_rows(start: int, stop: int, block: Array, slack: float, rhs: 
     return True
 
 
-@jit
+@jit_once
 def _join(problem: Record, contacts: Record, finger: int, work: Record) -> None:
     # The finger's rows and joints become the palm program's.
     first = work.variables
@@ -301,7 +301,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
 
 
-@jit
+@jit_once
 def _take_finger(finger: int, work: Record, step: Record) -> int:
     # A finger's solution becomes part of the step; returns its status.
     own = work.finger[finger]
@@ -332,7 +332,7 @@ def solve_items(options: TickOptions, state: Record, qp: QpWork) -> None:
         item_done(word)
 
 
-@jit
+@jit_once
 def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
     # The program of every finger that has a contact, by whoever of the crew is free.
     problem, contacts, crew, step = state.problem, state.contacts, state.crew, state.step
@@ -360,7 +360,7 @@ def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
             solve_finger(options, state, crew.part[i], qp)
 
 
-@jit
+@jit_once
 def solve_progressive(options: TickOptions, state: Record, qp: QpWork) -> int:
     """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL."""
     problem, contacts, work, step = state.problem, state.contacts, state.progressive, state.step
@@ -402,7 +402,7 @@ def solve_progressive(options: TickOptions, state: Record, qp: QpWork) -> int:
 @jit
 def _solve(method: Progressive, state: Record, qp: QpWork) -> int:
     if state.together:
-        return solve_coupled(method.options, state, qp)
+        return solve_coupled(Coupled(method.options), state, qp)
     return solve_progressive(method.options, state, qp)
 
 

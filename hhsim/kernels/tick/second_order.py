@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import DOF
-from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.jit import Record, jit, jit_once
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.row_scan import row_violations
 from hhsim.kernels.tick.curvature import curvature_product
@@ -58,7 +58,7 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
             vector[j] -= c * basis[i, j]
 
 
-@jit
+@jit_once
 def _apply(
     pose: Record,
     contacts: Record,

@@ -21,6 +21,7 @@ from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, 
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.parallel_detection import evaluate_together, worth_sharing
 from hhsim.kernels.contact.redundant_contacts import drop_dominated
+from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     DOF,
@@ -30,7 +31,7 @@ from hhsim.kernels.hand.kinematics import (
     motion_bounds,
 )
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, move, update_kinematics
-from hhsim.kernels.jit import Record, as_bool, jit, jit_inline
+from hhsim.kernels.jit import Record, as_bool, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.coupled import solve_coupled
@@ -79,7 +80,7 @@ PARTED_MARGINS = 10.0
 """How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
 
-@jit
+@jit_once
 def set_haptic(
     hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: Record
 ) -> int:
@@ -103,7 +104,7 @@ def set_haptic(
     return 0
 
 
-@jit_inline
+@jit
 def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
@@ -113,7 +114,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     return evaluate(hand, pose, surface, margin, skin, candidates, state.work)
 
 
-@jit
+@jit_once
 def least_distance(candidates: Record) -> float:
     """Least signed distance [m] of all pairs at hand, infinite where there is none."""
     least = np.inf
@@ -122,7 +123,7 @@ def least_distance(candidates: Record) -> float:
     return least
 
 
-@jit
+@jit_once
 def _still_parted(options: TickOptions, state: Record) -> bool:
     # Palm and fingers that came to nothing apart do so again from where solving them together has led: the hand would
     # be pulled to and fro for ever. They stay together until the user's hand has left that place.
@@ -136,10 +137,10 @@ def solve_together(state: Record) -> None:
     """Let palm and fingers share a program in this tick, and as long as the user's hand stays near."""
     state.together = True
     state.parted = True
-    state.parted_joints[:] = state.haptic.joints[:]
+    copy_values(state.haptic.joints[:], state.parted_joints[:])
 
 
-@jit
+@jit_once
 def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     copy_configuration(state.pose, state.safe)
@@ -161,7 +162,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.reach = min(options.margin, max(REACH_FLOOR * options.settled, REACH_PACE * state.moved))
     state.moved = 0.0
     state.lag = 0.0
-    state.start_joints[:] = state.pose.joints[:]
+    copy_values(state.pose.joints[:], state.start_joints[:])
 
 
 @jit
@@ -186,7 +187,7 @@ def _aim(state: Record) -> None:
             problem.target[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
 
 
-@jit
+@jit_once
 def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Contacts and program at the present configuration; returns the number of contacts, -1 where they do not fit."""
     began = monotonic_ns()
@@ -231,7 +232,7 @@ def _take_back(state: Record) -> None:
     state.bad_steps = 0
 
 
-@jit
+@jit_once
 def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """After a program without solution: make the next one easier. False where nothing is left to try."""
     if not state.relaxed:
@@ -275,7 +276,7 @@ def _shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[
     return fraction, longest
 
 
-@jit
+@jit_once
 def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> bool:
     """Bring a far target nearer where the step would be shortened to less than half.
 
@@ -300,7 +301,7 @@ def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> bool:
     return True
 
 
-@jit
+@jit_once
 def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """Take the step as far as the pairs at hand vouch for and judge it by the true distances.
 
@@ -357,14 +358,14 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     return done
 
 
-@jit
+@jit_once
 def _cap_lag(state: Record) -> None:
     # A program's step can be longer than any way that is left, where a soft direction is all but free: no point of the
     # hand has further to go than from where it is shown to where the user has it.
     state.lag = min(state.lag, farthest_joint(state.pose.joints, state.haptic.joints))
 
 
-@jit
+@jit_once
 def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: Record, qp: QpWork) -> None:
     # A tick that ends on its way shows a configuration that is no optimum, and the multipliers of its last program
     # belong to another one. What touches at the configuration shown bears the coupling as far as it can: one more
@@ -383,11 +384,11 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
     build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
     for j in range(DOF):
         state.problem.target[j] /= state.problem.inverse_root[j]
-    if solve_coupled(options, state, qp) == OPTIMAL:
+    if solve_coupled(Coupled(options), state, qp) == OPTIMAL:
         keep_active(state.contacts, state.step, state.active)
 
 
-@jit
+@jit_once
 def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: bool, state: Record, qp: QpWork) -> int:
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits.
 
