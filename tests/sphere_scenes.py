@@ -17,8 +17,7 @@ from hhsim.kernels.contact.detection import evaluate
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.tick import tick as kernel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.coupled import solve_coupled
-from hhsim.kernels.tick.progressive import solve_progressive
+from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
@@ -154,8 +153,9 @@ def prepared(solver: HandSolver, motion: Motion, tick: int, relaxed: bool = Fals
 def solve_prepared(solver: HandSolver) -> int:
     """Solve the prepared program by the solver's method; the step is in the state. Returns the kernel's status."""
     workspace = solver.workspace
-    solve = solve_coupled if solver.options.method == "coupled" else solve_progressive
-    return int(solve(workspace.tick_options, workspace.states[0], workspace.qp))
+    kind = Coupled if solver.options.method == "coupled" else Progressive
+    workspace.states[0].together = False  # as harvested, a tick may have given up on palm and fingers apart
+    return int(solve_program(kind(workspace.tick_options), workspace.states[0], workspace.qp))
 
 
 _brute = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp"})

@@ -72,7 +72,7 @@ def run_block_with_backend(
     def solve_one() -> bool:
         if isinstance(method, Coupled) or state.together:
             return _solve_coupled(state, backend)
-        return _solve_progressive(method.options, state, workspace.qp, backend)
+        return _solve_progressive(method, state, workspace.qp, backend)
 
     for i, sample in enumerate(zip(*haptic)):
         cpu, wall = thread_cpu_ns(), monotonic_ns()
@@ -93,10 +93,10 @@ def _solve_coupled(state: Any, backend: str) -> bool:
     return solved
 
 
-def _solve_progressive(options: TickOptions, state: Any, qp: QpWork, backend: str) -> bool:
+def _solve_progressive(method: Progressive, state: Any, qp: QpWork, backend: str) -> bool:
     from hhsim.kernels.tick.progressive import solve_progressive
 
-    status = solve_progressive(options, state, qp)
+    status = solve_progressive(method, state, qp)
     if status != OPTIMAL:
         return False
     began = monotonic_ns()

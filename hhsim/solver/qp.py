@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.qp import active_set
+from hhsim.kernels.qp.row_scan import ProgramRows
 
 Array = NDArray[np.float64]
 
@@ -167,22 +168,17 @@ def _solve_active_set(problem: QpProblem) -> QpSolution:
     root, unit, norm = problem._conditioned()
     m, n = unit.shape
     work = active_set.new_work(n, m)
-    status = active_set.solve(
-        n,
-        n,
-        np.ascontiguousarray(unit.T),
-        np.zeros((3, m)),
-        problem.rhs / norm,
-        np.zeros(1, dtype=np.int64),
-        np.full(1, m, dtype=np.int64),
-        np.full(1, -1, dtype=np.int64),
-        root * problem.target,
-        TOLERANCE,
-        0.0,
-        np.zeros(1, dtype=np.int64),
-        0,
-        work,
+    rows = ProgramRows(
+        n_common=n,
+        common=np.ascontiguousarray(unit.T),
+        block=np.zeros((3, m)),
+        rhs=problem.rhs / norm,
+        group_start=np.zeros(1, dtype=np.int64),
+        group_stop=np.full(1, m, dtype=np.int64),
+        group_block=np.full(1, -1, dtype=np.int64),
     )
+    guess = np.zeros(1, dtype=np.int64)
+    status = active_set.solve(n, rows, root * problem.target, TOLERANCE, 0.0, guess, 0, work)
     if status == active_set.INFEASIBLE:
         message = "the rows contradict each other"
         return _without_solution(problem, ACTIVE_SET, QpStatus.INFEASIBLE, message)

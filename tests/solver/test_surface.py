@@ -28,6 +28,7 @@ from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES, Surface, cone_distance, gather_pairs, measure_pairs, pairs_within, record_pairs,
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.copy import copy_values
 from hhsim.kernels.jit import jit
 
 ROOM = 1024
@@ -68,7 +69,7 @@ def _measure(plane, hand, pose, body, candidates):
         center = candidates.center[body, i]
         if body < PALM_BODY:
             f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
-            center[:] = pose.joints[f, k + i]
+            copy_values(pose.joints[f, k + i], center)
             candidates.radius[body, i] = hand.radius[f, k + i]
         else:
             x, y, z = hand.palm_x[i], hand.palm_y[i], hand.palm_z[i]

@@ -140,8 +140,8 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
     def solve_program() -> bool:
         if kind is Coupled or state.together:
             taken.append(_coupled(state, options, source))
-            return bool(solve_coupled(options, state, workspace.qp) == OPTIMAL)
-        status = solve_progressive(options, state, workspace.qp)
+            return bool(solve_coupled(Coupled(options), state, workspace.qp) == OPTIMAL)
+        status = solve_progressive(Progressive(options), state, workspace.qp)
         taken.extend(_progressive(state, options, source, own))
         return bool(status == OPTIMAL)
 

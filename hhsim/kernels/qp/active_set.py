@@ -7,8 +7,8 @@ x₀, or at the optimum for a guessed active set, adds the most violated row and
 iterate is the optimum for the rows in its active set, so the objective only rises and no first feasible point is
 needed.
 
-The normals of the active set are kept in factors that near-parallel rows do not spoil, see `kernels.factors`. Rows are
-normalised, so that the rank test is relative and violations are compared as lengths; `kernels.program_rows` says how
+The normals of the active set are kept in factors that near-parallel rows do not spoil, see `kernels.qp.qr_update`. Rows
+are normalised, so that the rank test is relative and violations are compared as lengths; `kernels.qp.row_scan` says how
 they are stored.
 
 Rows that contradict each other leave no solution. Between two opposed walls that the hand touches, rounding alone makes
@@ -24,13 +24,21 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.qr_update import LANES, append, back_substitute, project, remove, resolve, work_dtype
-from hhsim.kernels.qp.row_scan import ROWS_NAN, ROWS_ZERO, most_violated, row_lengths, row_violations, unsound_rows
+from hhsim.kernels.qp.row_scan import (
+    ROWS_NAN,
+    ROWS_ZERO,
+    ProgramRows,
+    most_violated,
+    row_lengths,
+    row_violations,
+    unsound_rows,
+)
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 QpWork: TypeAlias = Any
-"""Workspace and result of a solve: a record of `factors.work_dtype`, made by `new_work`."""
+"""Workspace and result of a solve: a record of `qr_update.work_dtype`, made by `new_work`."""
 
 OPTIMAL = 0
 INFEASIBLE = 1
@@ -53,7 +61,7 @@ CAPACITY = 4160
 
 
 def new_work(n_max: int, capacity: int) -> QpWork:
-    """Workspace for problems of up to `n_max` variables and `capacity` rows: a record, see `factors.work_dtype`.
+    """Workspace for problems of up to `n_max` variables and `capacity` rows: a record, see `qr_update.work_dtype`.
 
     All that a hand's programs need is of one type; for a larger one the kernels compile once more.
     """
@@ -65,30 +73,20 @@ def new_work(n_max: int, capacity: int) -> QpWork:
 
 
 @jit
-def _load_normal(
-    row: int,
-    n: int,
-    n_common: int,
-    common: Array,
-    block: Array,
-    group_start: Indices,
-    group_stop: Indices,
-    group_block: Indices,
-    work: Record,
-) -> float:
+def _load_normal(row: int, n: int, rows: ProgramRows, work: Record) -> float:
     # The row's unit normal, padded; returns its scale.
     scale, normal = work.inverse_norm[row], work.normal
     for j in range(LANES * ((n + LANES - 1) // LANES)):
         normal[j] = 0.0
-    for j in range(n_common):
-        normal[j] = common[j, row] * scale
+    for j in range(rows.n_common):
+        normal[j] = rows.common[j, row] * scale
     group = 0
-    while row < group_start[group] or row >= group_stop[group]:
+    while row < rows.group_start[group] or row >= rows.group_stop[group]:
         group += 1
-    offset = group_block[group]
+    offset = rows.group_block[group]
     if offset >= 0:
         for j in range(3):
-            normal[offset + j] = block[j, row] * scale
+            normal[offset + j] = rows.block[j, row] * scale
     return scale
 
 
@@ -131,13 +129,7 @@ def _settle(n: int, k: int, target: Array, work: Record) -> float:
 @jit
 def solve(
     n: int,
-    n_common: int,
-    common: Array,
-    block: Array,
-    rhs: Array,
-    group_start: Indices,
-    group_stop: Indices,
-    group_block: Indices,
+    rows: ProgramRows,
     target: Array,
     tolerance: float,
     relaxation: float,
@@ -149,13 +141,7 @@ def solve(
 
     Args:
         n: Number of variables.
-        n_common: Number of columns that all rows share.
-        common: Shape (>= n_common, capacity).
-        block: Shape (3, capacity), see `program_rows`.
-        rhs: b, shape (capacity,).
-        group_start: First row of each group, shape (groups,).
-        group_stop: Row after the last of each group, shape (groups,); no row may be in two groups.
-        group_block: First variable of each group's block, -1 for none, shape (groups,).
+        rows: The rows.
         target: x₀, shape (n,).
         tolerance: Largest violation, in units of x, that counts as satisfied.
         relaxation: Where rows contradict each other, and moving each of them by no more than this, in units of x, would
@@ -170,20 +156,21 @@ def solve(
         work.counts[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows with no
         positive dual_step: Farkas' certificate is 1 for that row and -dual_step_j for the others.
     """
-    groups = group_block.shape[0]
-    rows = 0
+    rhs, group_start, group_stop = rows.rhs, rows.group_start, rows.group_stop
+    groups = group_start.shape[0]
+    total_rows = 0
     for g in range(groups):
-        rows += group_stop[g] - group_start[g]
-    limit = 100 + 10 * (n + rows)
+        total_rows += group_stop[g] - group_start[g]
+    limit = 100 + 10 * (n + total_rows)
     iterations = 0
     shift = 0.0
     k = as_int64(0)
     counts, multiplier, dual_step = work.counts, work.multiplier, work.dual_step
     inverse_norm, violations = work.inverse_norm[:], work.violation[:]
     counts[2] = -1
-    row_lengths(n_common, common, block, group_start, group_stop, group_block, inverse_norm)
-    row_violations(n_common, common, block, rhs, group_start, group_stop, group_block, target, inverse_norm, violations)
-    found = unsound_rows(group_start, group_stop, inverse_norm, violations)
+    row_lengths(rows, inverse_norm)
+    row_violations(rows, target, inverse_norm, violations)
+    found = unsound_rows(rows, inverse_norm, violations)
 
     for g in range(guess_count):
         row = guess[g]
@@ -192,7 +179,7 @@ def solve(
             held = held or group_start[h] <= row < group_stop[h]
         if k == n or not held or inverse_norm[row] == 0.0:
             continue
-        scale = _load_normal(row, n, n_common, common, block, group_start, group_stop, group_block, work)
+        scale = _load_normal(row, n, rows, work)
         length = math.sqrt(project(n, k, work))
         if length > WARM_RANK_TOLERANCE:
             append(n, k, row, _rest(n, rhs[row], scale, target, work), length, work)
@@ -206,15 +193,13 @@ def solve(
     settled = True
     while True:
         if not known:
-            row_violations(
-                n_common, common, block, rhs, group_start, group_stop, group_block, work.x[:], inverse_norm, violations
-            )
+            row_violations(rows, work.x[:], inverse_norm, violations)
         known = False
         drift = 0.0
         for j in range(k):
             drift = max(drift, abs(violations[work.active[j]] - shift))
             violations[work.active[j]] = 0.0
-        row = most_violated(violations, group_start, group_stop)
+        row = most_violated(violations, rows)
         worst = violations[row] if row >= 0 else -np.inf
         if worst - shift <= tolerance:
             # Rows are of unit length: none is violated by more than x has moved.
@@ -226,7 +211,7 @@ def solve(
         settled = settled and k == 0
         violation = worst - shift
         new_multiplier = 0.0
-        scale = _load_normal(row, n, n_common, common, block, group_start, group_stop, group_block, work)
+        scale = _load_normal(row, n, rows, work)
         new_rhs = _rest(n, rhs[row], scale, target, work) - shift
         while True:
             iterations += 1

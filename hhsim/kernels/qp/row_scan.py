@@ -7,6 +7,7 @@ and the coupled one, 3 in a finger's) are read in one go; any other in strips of
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,29 @@ ROWS_ZERO = 2
 
 STRETCH_ROWS = 64
 """Rows among which the most violated one is looked for at a time."""
+
+
+class ProgramRows(NamedTuple):
+    """Rows a_i · x >= b_i of a program.
+
+    | field | meaning |
+    |---|---|
+    | n_common | number of columns that all rows share |
+    | common | shape (>= n_common, capacity) |
+    | block | the rows' own three columns, shape (3, capacity) |
+    | rhs | b, shape (capacity,) |
+    | group_start | first row of each group, shape (groups,) |
+    | group_stop | row after the last of each group, shape (groups,); no row may be in two groups |
+    | group_block | first variable of each group's block, -1 for none, shape (groups,) |
+    """
+
+    n_common: int
+    common: Array
+    block: Array
+    rhs: Array
+    group_start: Indices
+    group_stop: Indices
+    group_block: Indices
 
 
 # Plain loops over slices, few arrays in each and no name used for two of them: for an index that might be negative, and
@@ -72,34 +96,28 @@ def _invert_root(start: int, stop: int, square_out: Array) -> None:
 
 
 @jit_once
-def row_lengths(
-    n_common: int,
-    common: Array,
-    block: Array,
-    group_start: Indices,
-    group_stop: Indices,
-    group_block: Indices,
-    inverse_norm: Array,
-) -> None:
-    """1 / |a| of every row, 0 for a zero row; arguments as in `active_set.solve`."""
+def row_lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
+    """1 / |a| of every row, 0 for a zero row, shape (capacity,)."""
+    n_common, common, block = rows.n_common, rows.common, rows.block
+    group_start, group_stop, group_block = rows.group_start, rows.group_stop, rows.group_block
     for g in range(group_block.shape[0]):
         start, stop = group_start[g], group_stop[g]
         if start == stop:
             continue
         if group_block[g] >= 0 and n_common == 6:
-            _nine_squares(start, stop, common, block, inverse_norm)
+            _nine_squares(start, stop, common, block, inverse_norm_out)
             continue
-        _fill(start, stop, 0.0, inverse_norm)
+        _fill(start, stop, 0.0, inverse_norm_out)
         if group_block[g] >= 0:
-            _add_squares(start, stop, block, as_int64(0), inverse_norm)
+            _add_squares(start, stop, block, as_int64(0), inverse_norm_out)
         j = as_int64(0)
         while j + 2 < n_common:
-            _add_squares(start, stop, common, j, inverse_norm)
+            _add_squares(start, stop, common, j, inverse_norm_out)
             j += 3
         while j < n_common:
-            _add_square(start, stop, common, j, inverse_norm)
+            _add_square(start, stop, common, j, inverse_norm_out)
             j += 1
-        _invert_root(start, stop, inverse_norm)
+        _invert_root(start, stop, inverse_norm_out)
 
 
 @jit_vector
@@ -184,19 +202,10 @@ def _scale(start: int, stop: int, source: Array, factor: Array, out: Array) -> N
 
 
 @jit
-def row_violations(
-    n_common: int,
-    common: Array,
-    block: Array,
-    rhs: Array,
-    group_start: Indices,
-    group_stop: Indices,
-    group_block: Indices,
-    x: Array,
-    inverse_norm: Array,
-    violation: Array,
-) -> None:
-    """Normalised violation (b - a · x) / |a| of every row; arguments as in `active_set.solve`."""
+def row_violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Array) -> None:
+    """Normalised violation (b - a · x) / |a| of every row, shape (capacity,)."""
+    n_common, common, block, rhs = rows.n_common, rows.common, rows.block, rows.rhs
+    group_start, group_stop, group_block = rows.group_start, rows.group_stop, rows.group_block
     for g in range(group_block.shape[0]):
         start, stop, offset = group_start[g], group_stop[g], group_block[g]
         if start == stop:
@@ -241,11 +250,11 @@ def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tu
 
 
 @jit_once
-def unsound_rows(group_start: Indices, group_stop: Indices, inverse_norm: Array, violation: Array) -> int:
+def unsound_rows(rows: ProgramRows, inverse_norm: Array, violation: Array) -> int:
     """ROWS_NAN and ROWS_ZERO bits of what `row_lengths` and `row_violations` found."""
     nans, zeros = 0, 0
-    for g in range(group_start.shape[0]):
-        nan, zero = _unsound(group_start[g], group_stop[g], inverse_norm, violation)
+    for g in range(rows.group_start.shape[0]):
+        nan, zero = _unsound(rows.group_start[g], rows.group_stop[g], inverse_norm, violation)
         nans += nan
         zeros += zero
     return (ROWS_NAN if nans > 0 else 0) | (ROWS_ZERO if zeros > 0 else 0)
@@ -280,11 +289,11 @@ def _largest(values: Array, start: int, stop: int) -> float:
 
 
 @jit_once
-def most_violated(violation: Array, group_start: Indices, group_stop: Indices) -> int:
+def most_violated(violation: Array, rows: ProgramRows) -> int:
     """First row with the largest violation; -1 where there is none to compare (no row, or NaN only)."""
     best, place = -np.inf, as_int64(-1)
-    for g in range(group_start.shape[0]):
-        start, stop = group_start[g], group_stop[g]
+    for g in range(rows.group_start.shape[0]):
+        start, stop = rows.group_start[g], rows.group_stop[g]
         while start < stop:
             end = min(start + STRETCH_ROWS, stop)
             largest = _largest(violation, start, end)

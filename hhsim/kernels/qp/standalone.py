@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.jit import Record, jit
 from hhsim.kernels.qp.active_set import CAPACITY, N_MAX, solve
+from hhsim.kernels.qp.row_scan import ProgramRows
 
 Indices = NDArray[np.int64]
 
@@ -40,25 +41,20 @@ def solve_repeatedly(program: Record, duration_out: Indices, work: Record) -> in
 
     The two readings of the clock are part of it. Returns the status of `active_set.solve`; the result is in `work`.
     """
-    groups = program.groups
+    groups, target = program.groups, program.target[: program.variables]
+    rows = ProgramRows(
+        program.common_columns,
+        program.common[:],
+        program.block[:],
+        program.rhs[:],
+        program.group_start[:groups],
+        program.group_stop[:groups],
+        program.group_block[:groups],
+    )
+    guess, guessed, tolerance = program.guess[:], program.guess_count, program.tolerance
     status = 0
     for i in range(duration_out.shape[0]):
         began = monotonic_ns()
-        status = solve(
-            program.variables,
-            program.common_columns,
-            program.common[:],
-            program.block[:],
-            program.rhs[:],
-            program.group_start[:groups],
-            program.group_stop[:groups],
-            program.group_block[:groups],
-            program.target[: program.variables],
-            program.tolerance,
-            program.relaxation,
-            program.guess[:],
-            program.guess_count,
-            work,
-        )
+        status = solve(program.variables, rows, target, tolerance, program.relaxation, guess, guessed, work)
         duration_out[i] = monotonic_ns() - began
     return status

@@ -12,8 +12,9 @@ from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
+from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.method import Coupled, is_oscillating, is_strained, solve_program
-from hhsim.kernels.tick.second_order import correct_for_curvature
+from hhsim.kernels.tick.second_order import Lagrangian, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
 
 Indices = NDArray[np.int64]
@@ -63,8 +64,7 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
     guessed = as_int64(0)
     for group in range(FINGER_COUNT + 1):
         guessed = guess_rows(contacts, active, group, work.guess[:], guessed)
-    status = solve(
-        as_int64(DOF),
+    rows = ProgramRows(
         as_int64(6),
         problem.common[:],
         problem.block[:],
@@ -72,13 +72,9 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
         work.group_start[:],
         work.group_stop[:],
         work.group_block[:],
-        problem.target[:],
-        options.tolerance,
-        options.relaxation,
-        work.guess[:],
-        guessed,
-        qp,
     )
+    guess, tolerance = work.guess[:], options.tolerance
+    status = solve(as_int64(DOF), rows, problem.target[:], tolerance, options.relaxation, guess, guessed, qp)
     step.iterations += qp.counts[1]
     if status != OPTIMAL:
         step.duration[DURATION_PALM] += monotonic_ns() - began
@@ -90,29 +86,18 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
     step.count = count
     for j in range(DOF):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
-    correct_for_curvature(
+    lagrangian = Lagrangian(
         state.pose,
         contacts,
-        problem.inverse_root[:],
         step.row[:],
         step.multiplier[:],
-        as_int64(0),
         count,
-        step.delta[:],
+        problem.inverse_root[:],
         as_int64(0),
         as_int64(DOF),
-        as_int64(6),
-        problem.common[:],
-        problem.block[:],
-        problem.rhs[:],
-        work.group_start[:],
-        work.group_stop[:],
-        work.group_block[:],
-        options.tolerance,
-        options.longest_correction,
-        state.correction,
-        qp,
     )
+    longest = options.longest_correction
+    correct_for_curvature(lagrangian, step.delta[:], rows, tolerance, longest, state.correction, qp)
     for j in range(DOF):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     step.duration[DURATION_PALM] += monotonic_ns() - began

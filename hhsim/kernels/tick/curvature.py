@@ -25,20 +25,18 @@ def curvature_product(
     contacts: Record,
     rows: Indices,
     multiplier: Array,
-    first: int,
-    last: int,
+    count: int,
     step: Array,
     product_out: Array,
 ) -> None:
-    """Σ λ_i ∇²d_i · step over rows[first … last - 1], shape (21,); rows behind the contacts (limits) do not bend.
+    """Σ λ_i ∇²d_i · step over the first `count` rows, shape (21,); rows behind the contacts (limits) do not bend.
 
     Args:
         pose: The configuration of the contacts.
         contacts: Contact records.
-        rows: Which of them, shape (>= last,).
-        multiplier: λ of each [N], shape (>= last,).
-        first: First place in `rows`.
-        last: Behind the last place.
+        rows: Which of them, shape (>= count,).
+        multiplier: λ of each [N], shape (>= count,).
+        count: How many.
         step: (δp, δφ, δθ) [m, rad, rad], shape (21,).
         product_out: [N] and [N·m], shape (21,), written.
     """
@@ -46,7 +44,7 @@ def curvature_product(
     for j in range(product_out.shape[0]):
         product_out[j] = 0.0
     wx, wy, wz = step[3], step[4], step[5]
-    for i in range(first, last):
+    for i in range(count):
         row = rows[i]
         if row >= total:
             continue

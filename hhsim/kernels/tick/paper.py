@@ -37,6 +37,7 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, P
 from hhsim.kernels.hand.pose import farthest_joint, update_kinematics
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
+from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
 from hhsim.kernels.tick.force import hand_forces
@@ -133,29 +134,18 @@ def _keep_forces(rows: int, state: Record, paper: Record, qp: QpWork) -> None:
 
 @jit
 def _solve(
-    variables: int, shared: int, rows: int, options: TickOptions, state: Record, paper: Record, qp: QpWork
+    variables: int, shared: int, row_count: int, options: TickOptions, state: Record, paper: Record, qp: QpWork
 ) -> bool:
     # One group of rows; those of the palm lie in `common`, those of a finger in `block`.
     problem = state.problem
     paper.start[0] = 0
-    paper.stop[0] = rows
+    paper.stop[0] = row_count
     paper.first[0] = 0 if shared == 0 else -1
-    status = solve(
-        variables,
-        shared,
-        problem.common[:],
-        problem.block[:],
-        problem.rhs[:],
-        paper.start[:],
-        paper.stop[:],
-        paper.first[:],
-        paper.target[:],
-        options.tolerance,
-        options.relaxation,
-        paper.guess[:],
-        as_int64(0),
-        qp,
+    rows = ProgramRows(
+        shared, problem.common[:], problem.block[:], problem.rhs[:], paper.start[:], paper.stop[:], paper.first[:]
     )
+    guess, none = paper.guess[:], as_int64(0)
+    status = solve(variables, rows, paper.target[:], options.tolerance, options.relaxation, guess, none, qp)
     state.step.iterations += qp.counts[1]
     return status == OPTIMAL
 

@@ -22,10 +22,11 @@ from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.parallel.thread_team import NOTHING, TASK_FINGERS, await_done, item_done, post, sort_parts, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
+from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.second_order import CORRECTION_WORK, correct_for_curvature
+from hhsim.kernels.tick.second_order import CORRECTION_WORK, Lagrangian, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
 
 Array = NDArray[np.float64]
@@ -164,8 +165,7 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
     for f in range(FINGER_COUNT):
         if work.yields[f] >= 0:
             guessed = guess_rows(contacts, active, f + 1, work.guess[:], guessed)
-    status = solve(
-        work.variables,
+    rows = ProgramRows(
         as_int64(6),
         problem.common[:],
         work.block[:],
@@ -173,15 +173,12 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
         work.palm_start[:],
         work.palm_stop[:],
         work.palm_block[:],
-        work.palm_target[:],
-        # A joint's row is longer here by YIELD_SCALE; to the finger's own program the step must be as exact as its
-        # other steps.
-        tolerance / YIELD_SCALE if work.variables > 6 else tolerance,
-        options.relaxation,
-        work.guess[:],
-        guessed,
-        qp,
     )
+    # A joint's row is longer here by YIELD_SCALE; to the finger's own program the step must be as exact as its other
+    # steps.
+    scaled = tolerance / YIELD_SCALE if work.variables > 6 else tolerance
+    guess = work.guess[:]
+    status = solve(work.variables, rows, work.palm_target[:], scaled, options.relaxation, guess, guessed, qp)
     step.iterations += qp.counts[1]
     if status != OPTIMAL:
         return status
@@ -193,29 +190,18 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
     for j in range(6):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     if work.variables == 6:
-        correct_for_curvature(
+        lagrangian = Lagrangian(
             state.pose,
             contacts,
-            problem.inverse_root[:],
             step.row[:],
             step.multiplier[:],
-            as_int64(0),
             count,
-            step.delta[:],
+            problem.inverse_root[:],
             as_int64(0),
             as_int64(6),
-            as_int64(6),
-            problem.common[:],
-            problem.block[:],
-            problem.rhs[:],
-            work.palm_start[:],
-            work.palm_stop[:],
-            work.palm_block[:],
-            tolerance,
-            options.longest_correction,
-            state.correction,
-            qp,
         )
+        longest = options.longest_correction
+        correct_for_curvature(lagrangian, step.delta[:], rows, tolerance, longest, state.correction, qp)
     for j in range(6):
         work.palm_step[j] = qp.x[j]
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
@@ -245,8 +231,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
     for k in range(PHALANX_COUNT):
         own.target[k] = problem.target[offset + k]
     guessed = guess_rows(contacts, active, finger + 1, own.guess[:], as_int64(0))
-    own.status = solve(
-        as_int64(PHALANX_COUNT),
+    rows = ProgramRows(
         as_int64(0),
         problem.common[:],
         problem.block[:],
@@ -254,13 +239,9 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
         own.start[:],
         own.stop[:],
         own.block[:],
-        own.target[:],
-        options.tolerance,
-        options.relaxation,
-        own.guess[:],
-        guessed,
-        qp,
     )
+    guess, tolerance = own.guess[:], options.tolerance
+    own.status = solve(as_int64(PHALANX_COUNT), rows, own.target[:], tolerance, options.relaxation, guess, guessed, qp)
     own.iterations = qp.counts[1]
     if own.status != OPTIMAL:
         return
@@ -274,29 +255,18 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
         own.delta[j] = work.palm_step[j] * problem.inverse_root[j]
     for k in range(PHALANX_COUNT):
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
-    correct_for_curvature(
+    lagrangian = Lagrangian(
         state.pose,
         contacts,
-        problem.inverse_root[:],
         own.row[:],
         own.multiplier[:],
-        as_int64(0),
         own.count,
-        own.delta[:],
+        problem.inverse_root[:],
         as_int64(offset),
         as_int64(PHALANX_COUNT),
-        as_int64(0),
-        problem.common[:],
-        problem.block[:],
-        work.rhs[:],
-        own.start[:],
-        own.stop[:],
-        own.block[:],
-        options.tolerance,
-        options.longest_correction,
-        own.correction,
-        qp,
     )
+    longest = options.longest_correction
+    correct_for_curvature(lagrangian, own.delta[:], rows, tolerance, longest, own.correction, qp)
     for k in range(PHALANX_COUNT):
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
 
@@ -360,9 +330,16 @@ def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
             solve_finger(options, state, crew.part[i], qp)
 
 
-@jit_once
-def solve_progressive(options: TickOptions, state: Record, qp: QpWork) -> int:
-    """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL."""
+@solve_program.of(Progressive)
+@jit
+def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
+    """Solve palm, then fingers, the palm yielding where it must; `step` is written where the status is OPTIMAL.
+
+    In a tick in which they found no step apart, all at once.
+    """
+    options = method.options
+    if state.together:
+        return solve_coupled(Coupled(options), state, qp)
     problem, contacts, work, step = state.problem, state.contacts, state.progressive, state.step
     work.variables = 6
     for j in range(6):
@@ -396,14 +373,6 @@ def solve_progressive(options: TickOptions, state: Record, qp: QpWork) -> int:
         step.duration[DURATION_FINGERS] += monotonic_ns() - solved
         if not joined:
             return OPTIMAL
-
-
-@solve_program.of(Progressive)
-@jit
-def _solve(method: Progressive, state: Record, qp: QpWork) -> int:
-    if state.together:
-        return solve_coupled(Coupled(method.options), state, qp)
-    return solve_progressive(method.options, state, qp)
 
 
 @is_oscillating.of(Progressive)

@@ -13,6 +13,7 @@ another one. The tick judges it by true distances like any other step.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import Record, jit, jit_once
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.qp.row_scan import row_violations
+from hhsim.kernels.qp.row_scan import ProgramRows, row_violations
 from hhsim.kernels.tick.curvature import curvature_product
 
 Array = NDArray[np.float64]
@@ -58,30 +59,45 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
             vector[j] -= c * basis[i, j]
 
 
+class Lagrangian(NamedTuple):
+    """What curves in a program: its contacts that carry a multiplier, and which of the hand's variables it has.
+
+    | field | meaning |
+    |---|---|
+    | pose | the configuration of the linearisation |
+    | contacts | its contact records |
+    | row, multiplier | rows with a multiplier, and theirs [N], shapes (>= loaded,) |
+    | loaded | how many |
+    | inverse_root | 1 / √G of all variables, shape (21,) |
+    | offset, n | the program's variables are n of the 21, from `offset` on |
+    """
+
+    pose: Record
+    contacts: Record
+    row: Indices
+    multiplier: Array
+    loaded: int
+    inverse_root: Array
+    offset: int
+    n: int
+
+
+@jit
+def _curvature(lagrangian: Lagrangian, step: Array, product_out: Array) -> None:
+    pose, contacts = lagrangian.pose, lagrangian.contacts
+    curvature_product(pose, contacts, lagrangian.row, lagrangian.multiplier, lagrangian.loaded, step, product_out)
+
+
 @jit_once
-def _apply(
-    pose: Record,
-    contacts: Record,
-    inverse_root: Array,
-    rows: Indices,
-    multiplier: Array,
-    first: int,
-    last: int,
-    offset: int,
-    n: int,
-    k: int,
-    basis: Array,
-    work: Record,
-    vector: Array,
-    image_out: Array,
-) -> None:
+def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: Array, image_out: Array) -> None:
     # P S v for a v that is zero outside the program's own variables, which begin at `offset`.
     whole, product = work.whole, work.product
+    inverse_root, offset, n = lagrangian.inverse_root, lagrangian.offset, lagrangian.n
     for j in range(DOF):
         whole[j] = 0.0
     for j in range(n):
         whole[offset + j] = vector[j] * inverse_root[offset + j]
-    curvature_product(pose, contacts, rows, multiplier, first, last, whole[:], product[:])
+    _curvature(lagrangian, whole[:], product[:])
     for j in range(n):
         image_out[j] = product[offset + j] * inverse_root[offset + j]
     _project_out(n, k, basis, image_out)
@@ -89,23 +105,9 @@ def _apply(
 
 @jit
 def correct_for_curvature(
-    pose: Record,
-    contacts: Record,
-    inverse_root: Array,
-    rows: Indices,
-    multiplier: Array,
-    first: int,
-    last: int,
+    lagrangian: Lagrangian,
     step: Array,
-    offset: int,
-    n: int,
-    n_common: int,
-    common: Array,
-    block: Array,
-    rhs: Array,
-    group_start: Indices,
-    group_stop: Indices,
-    group_block: Indices,
+    rows: ProgramRows,
     tolerance: float,
     longest: float,
     work: Record,
@@ -114,26 +116,20 @@ def correct_for_curvature(
     """Move qp.x, the solution of a program, to second order.
 
     Args:
-        pose: The configuration of the linearisation.
-        contacts: Its contact records.
-        inverse_root: 1 / √G of all variables, shape (21,).
-        rows: Rows with a multiplier, those of this program in [first, last).
-        multiplier: Theirs [N].
-        first: First place in `rows`.
-        last: Behind the last place.
+        lagrangian: What curves, and the program's variables.
         step: The whole hand's step as far as it is known [m, rad], shape (21,); this program's own part included.
-        offset: First of this program's variables among the 21.
-        n, n_common, common, block, rhs, group_start, group_stop, group_block: The program, as in `active_set.solve`.
+        rows: The program's.
         tolerance: Of the program; a residual below this, in units of x, is not worth a correction.
         longest: The correction is shortened to this, in units of x.
         work: A CORRECTION_WORK record.
         qp: The solved program; its x is moved.
     """
+    inverse_root, offset, n = lagrangian.inverse_root, lagrangian.offset, lagrangian.n
     k = qp.counts[0]
     if k == 0 or k >= n:
         return
     residual, search, image, correction = work.residual, work.search, work.image, work.correction
-    curvature_product(pose, contacts, rows, multiplier, first, last, step, work.product[:])
+    _curvature(lagrangian, step, work.product[:])
     for j in range(n):
         residual[j] = work.product[offset + j] * inverse_root[offset + j]
         correction[j] = 0.0
@@ -146,22 +142,7 @@ def correct_for_curvature(
         return
     goal = REDUCTION * square
     for _ in range(n - k):
-        _apply(
-            pose,
-            contacts,
-            inverse_root,
-            rows,
-            multiplier,
-            first,
-            last,
-            offset,
-            n,
-            k,
-            qp.basis,
-            work,
-            search[:],
-            image[:],
-        )
+        _apply(lagrangian, k, qp.basis, work, search[:], image[:])
         along = 0.0
         length = 0.0
         for j in range(n):
@@ -195,27 +176,16 @@ def correct_for_curvature(
     # Both ends of the stretch: rows satisfied at x may fail at x + z; the first to fail bounds it. A row that says the
     # same as an active one is violated by rounding at either end: that is no failure, and would cancel the correction.
     rounding = ROUNDING * tolerance
-    groups = group_block.shape[0]
+    groups = rows.group_start.shape[0]
     for g in range(groups):
-        for i in range(group_start[g], group_stop[g]):
+        for i in range(rows.group_start[g], rows.group_stop[g]):
             qp.slack[i] = -qp.violation[i]
-    row_violations(
-        n_common,
-        common,
-        block,
-        rhs,
-        group_start,
-        group_stop,
-        group_block,
-        search[:],
-        qp.inverse_norm[:],
-        qp.violation[:],
-    )
+    row_violations(rows, search[:], qp.inverse_norm[:], qp.violation[:])
     for j in range(k):
         qp.violation[qp.active[j]] = 0.0
     fraction = 1.0
     for g in range(groups):
-        for i in range(group_start[g], group_stop[g]):
+        for i in range(rows.group_start[g], rows.group_stop[g]):
             violated = qp.violation[i]
             if violated > rounding:
                 slack = max(qp.slack[i], 0.0)

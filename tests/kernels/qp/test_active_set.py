@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.active_set import INFEASIBLE, ITERATION_LIMIT, NOT_FINITE, OPTIMAL, new_work
+from hhsim.kernels.qp.row_scan import ProgramRows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -81,22 +82,10 @@ def solve_rows(
     for name in work.dtype.names:
         work[name].fill(-7 if work[name].dtype == np.int64 else np.nan)
     guesses = np.array([*guess, 0], dtype=np.int64)
-    status = active_set.solve(
-        rows.n,
-        rows.n_common,
-        rows.common,
-        rows.block,
-        rows.rhs,
-        rows.group_start,
-        rows.group_stop,
-        rows.group_block,
-        target,
-        tolerance,
-        relaxation,
-        guesses,
-        guesses.size - 1,
-        work,
+    program = ProgramRows(
+        rows.n_common, rows.common, rows.block, rows.rhs, rows.group_start, rows.group_stop, rows.group_block
     )
+    status = active_set.solve(rows.n, program, target, tolerance, relaxation, guesses, guesses.size - 1, work)
     multiplier = np.zeros(rows.rhs.size)
     count = work.counts[0]
     np.add.at(multiplier, work.active[:count], work.multiplier[:count])

@@ -12,6 +12,7 @@ from hhsim.kernels.qp.active_set import CAPACITY, N_MAX
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
+    ProgramRows,
     most_violated,
     row_lengths,
     row_violations,
@@ -21,6 +22,12 @@ from hhsim.kernels.qp.row_scan import (
 Array = NDArray[np.float64]
 
 SIZES = [0, 1, 2, 7, 8, 9, 31, 64, 65, 200]
+
+
+def rows_in(start: int, stop: int) -> ProgramRows:
+    """One group of rows, for what asks only where it lies."""
+    none = np.empty((0, stop))
+    return ProgramRows(0, none, none, np.empty(stop), np.array([start]), np.array([stop]), np.array([-1]))
 
 
 @settings(max_examples=200)
@@ -50,8 +57,9 @@ def test_lengths_and_violations_are_those_of_the_dense_matrix(
             dense[a:b, first : first + 3] = block[:, a:b].T
     used = np.concatenate([np.arange(a, b) for a, b in zip(start, stop)])
     inverse_norm, violation = np.full(rows, np.nan), np.full(rows, np.nan)
-    row_lengths(n_common, common, block, start, stop, offset, inverse_norm)
-    row_violations(n_common, common, block, rhs, start, stop, offset, x, inverse_norm, violation)
+    program = ProgramRows(n_common, common, block, rhs, start, stop, offset)
+    row_lengths(program, inverse_norm)
+    row_violations(program, x, inverse_norm, violation)
     norm = np.linalg.norm(dense, axis=1)
     inverse = np.divide(1.0, norm, out=np.zeros(rows), where=norm > 0.0)
     np.testing.assert_allclose(inverse_norm[used], inverse[used], rtol=1e-13)
@@ -60,32 +68,32 @@ def test_lengths_and_violations_are_those_of_the_dense_matrix(
     assert np.isnan(violation[unused]).all()
     assert np.isnan(inverse_norm[unused]).all()
     expected = -1 if used.size == 0 else used[np.argmax(violation[used])]
-    assert most_violated(violation, start, stop) == expected
+    assert most_violated(violation, program) == expected
     zero = (norm[used] == 0.0).any()
-    assert unsound_rows(start, stop, inverse_norm, violation) == (ROWS_ZERO if zero else 0)
+    assert unsound_rows(program, inverse_norm, violation) == (ROWS_ZERO if zero else 0)
 
 
 @pytest.mark.parametrize("place", [0, 7, 8, 63, 64, 99])
 def test_the_first_of_equal_rows_is_taken_and_nan_never(place: int) -> None:
     violation = np.zeros(100)
     violation[place:] = 1.0
-    start, stop = np.array([0]), np.array([100])
-    assert most_violated(violation, start, stop) == place
+    rows = rows_in(0, 100)
+    assert most_violated(violation, rows) == place
     violation[place] = np.nan
-    assert most_violated(violation, start, stop) == (place + 1 if place < 99 else 0)
-    assert most_violated(np.full(100, np.nan), start, stop) == -1
-    assert most_violated(violation, start, start) == -1
+    assert most_violated(violation, rows) == (place + 1 if place < 99 else 0)
+    assert most_violated(np.full(100, np.nan), rows) == -1
+    assert most_violated(violation, rows_in(0, 0)) == -1
 
 
 def test_unsound_rows_are_told() -> None:
-    start, stop = np.array([1]), np.array([9])
+    rows = rows_in(1, 9)
     lengths, violation = np.ones(10), np.zeros(10)
     lengths[0], violation[9] = 0.0, np.nan
-    assert unsound_rows(start, stop, lengths, violation) == 0
+    assert unsound_rows(rows, lengths, violation) == 0
     violation[4] = np.nan
-    assert unsound_rows(start, stop, lengths, violation) == ROWS_NAN
+    assert unsound_rows(rows, lengths, violation) == ROWS_NAN
     lengths[5] = 0.0
-    assert unsound_rows(start, stop, lengths, violation) == ROWS_NAN | ROWS_ZERO
+    assert unsound_rows(rows, lengths, violation) == ROWS_NAN | ROWS_ZERO
 
 
 def test_the_common_workspace_holds_every_program_of_a_hand() -> None:

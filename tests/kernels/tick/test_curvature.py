@@ -47,7 +47,7 @@ def smooth_records(hand: HandModel, tree: SphereTree, state: Any) -> list[int]:
 def product(state: Any, rows: list[int], force: Array, step: Array) -> Array:
     out = np.full(DOF, np.nan)
     index = np.array(rows, dtype=np.int64)
-    curvature_product(state.pose, state.contacts, index, force, 0, len(rows), step, out)
+    curvature_product(state.pose, state.contacts, index, force, len(rows), step, out)
     return out
 
 

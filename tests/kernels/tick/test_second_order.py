@@ -26,9 +26,7 @@ def lagrangian_curvature(state: Any) -> Array:
     step = state.step
     columns = np.empty((DOF, DOF))
     for j, direction in enumerate(np.eye(DOF)):
-        curvature_product(
-            state.pose, state.contacts, step.row, step.multiplier, 0, int(step.count), direction, columns[j]
-        )
+        curvature_product(state.pose, state.contacts, step.row, step.multiplier, int(step.count), direction, columns[j])
     return columns / ROOT / ROOT[:, None]
 
 
