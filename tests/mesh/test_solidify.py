@@ -17,7 +17,6 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_dis
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh import solidify
 from hhsim.mesh.file import read_triangles
-from hhsim.mesh.generators import cube, sphere
 from hhsim.mesh.mesh import Mesh, load_mesh
 from hhsim.mesh.orientation import turned_outward
 from hhsim.mesh.repair import merge_and_clean
@@ -27,6 +26,7 @@ from hhsim.mesh.surface_sampling import face_samples
 from hhsim.mesh.topology import face_areas, is_closed, signed_volume, undirected_edges
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
+from tools.shapes.generators import cube, sphere
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -13,8 +13,8 @@ import pytest
 import hhsim
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.gate.input_hash import differences, run_inputs
-from hhsim.mesh.generators import cube
 from hhsim.result.schema import TICK_COLUMNS
+from tools.shapes.generators import cube
 
 Run = Callable[..., Any]
 
