@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_drill import IN_TIME, LOOP, STIFF, WITHOUT_REAL_TIME, Drill, FakeDexmo, Kind, Safety, grasping_setup, stiff
+from live_drill import IN_TIME, LOOP, STIFF, WITHOUT_REAL_TIME, Drill, FakeDexmo, Safety, grasping_setup, stiff
 from numpy.typing import NDArray
 
 from hhsim.live.ipc.status import Stage
@@ -41,7 +41,7 @@ def kernels() -> None:
 
 @pytest.fixture
 def glove(tmp_path: Path) -> Iterator[FakeDexmo]:
-    with FakeDexmo(tmp_path / "told.log") as server:
+    with FakeDexmo(tmp_path / "commands.log") as server:
         yield server
 
 
@@ -50,7 +50,7 @@ def drill(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Drill]:
     """One session for the faults that it survives, with a recorder and, where there is rerun, a viewer."""
     folder = tmp_path_factory.mktemp("drill")
     rerun = str(folder / "session.rrd") if importlib.util.find_spec("rerun") else None
-    with FakeDexmo(folder / "told.log") as server, Drill(server, folder / "session.h5", rerun) as held:
+    with FakeDexmo(folder / "commands.log") as server, Drill(server, folder / "session.h5", rerun) as held:
         yield held
 
 
@@ -265,7 +265,7 @@ def test_the_command_is_ended(glove: FakeDexmo, tmp_path: Path, number: signal.S
 def end_the_command(glove: FakeDexmo, process: "subprocess.Popen[str]", number: signal.Signals) -> None:
     """Wait until a finger is held, send the signal, and look at what the glove was told."""
     limit = time.monotonic() + 60.0
-    while not (commands := glove.records(Kind.COMMAND)).size or commands["stiffness"][-1].max() < STIFF:
+    while not (commands := glove.commands).size or commands["stiffness"][-1].max() < STIFF:
         assert time.monotonic() < limit
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
@@ -275,7 +275,7 @@ def end_the_command(glove: FakeDexmo, process: "subprocess.Popen[str]", number: 
     os.kill(process.pid, number)
     out, err = process.communicate(timeout=30.0)
     time.sleep(0.3)
-    told = glove.records(Kind.COMMAND)
+    told = glove.commands
     assert stiff(told[told["time_ns"] < sent]).any()
     if number == signal.SIGKILL:
         assert held_last(told, sent) <= WITHOUT_REAL_TIME
@@ -285,6 +285,6 @@ def end_the_command(glove: FakeDexmo, process: "subprocess.Popen[str]", number: 
         assert document["reason"] == "Ctrl-C"
         assert held_last(told, sent) <= (IN_TIME if document["real_time"]["fifo"] else WITHOUT_REAL_TIME)
     limit = time.monotonic() + 30.0
-    while len(glove.records(Kind.GONE)) < len(glove.records(Kind.CONNECTED)):
+    while glove.noted("gone") < glove.noted("connected"):
         assert time.monotonic() < limit, "a process of the session is left behind"
         time.sleep(0.01)
