@@ -14,7 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits
 from hhsim.live.ipc.status import Stage
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.supervisor import LOOP, Supervisor
 from hhsim.live.shared_memory import RingReader

@@ -16,7 +16,7 @@ from hhsim.live.ipc.records import LIVE_TICK
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.shared_memory import SharedRing
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import parse_script

@@ -19,7 +19,7 @@ from hhsim.live.loop.finger_command import FingerCommander
 from hhsim.live.loop.interlock import Interlock, SafetyLog
 from hhsim.live.loop.plausibility import GloveWatch
 from hhsim.live.loop.tick_times import TickTimes
-from hhsim.live.pose.source import PoseSource
+from hhsim.live.pose.registry import PoseSource
 from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions

@@ -25,8 +25,7 @@ from hhsim.live.drivers.udp import UdpGlove
 from hhsim.live.link import udp_codec as udp_packet
 from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
-from hhsim.live.pose.registry import make_pose_source
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig, make_pose_source
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 from tools.fake_gloves import FakeGlove, PeerRecord
 

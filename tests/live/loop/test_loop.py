@@ -19,8 +19,8 @@ from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.loop.tick_times import BATCH
-from hhsim.live.pose.registry import FixedPose
-from hhsim.live.pose.source import PoseSource
+from hhsim.live.pose.fixed import FixedPose
+from hhsim.live.pose.registry import PoseConfig, PoseSource
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
@@ -46,7 +46,7 @@ class Session:
         self.memory = SessionMemory.create()
         self.clock = FakeClock()
         self.glove = ScriptedGlove(self.clock, script)
-        source = pose or FixedPose((0.0, 0.0, 0.0), UPRIGHT)
+        source = pose or FixedPose(PoseConfig())
         self.loop = LiveLoop(self.setup, self.memory, self.glove, source, clock=self.clock)
 
     def run(self) -> "Session":
@@ -366,7 +366,7 @@ class QuietGlove(ScriptedGlove):
 def test_ticks_keep_no_memory() -> None:
     session = Session(HOLDING, duration=None)
     glove = QuietGlove(session.clock, HOLDING)
-    loop = LiveLoop(session.setup, session.memory, glove, FixedPose((0.0, 0.0, 0.0), UPRIGHT), clock=session.clock)
+    loop = LiveLoop(session.setup, session.memory, glove, FixedPose(PoseConfig()), clock=session.clock)
     session.clock.slept = deque(maxlen=1)
 
     def run(ticks: int) -> int:

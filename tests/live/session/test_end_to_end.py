@@ -11,7 +11,7 @@ from sphere_scenes import bumpy_ball
 from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.supervisor import SessionOutcome, Supervisor

@@ -17,7 +17,7 @@ from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.records import EVENT
 from hhsim.live.ipc.session_memory import EVENT_CAPACITY, FAULT, WARNING
 from hhsim.live.ipc.status import Stage
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session import supervisor
 from hhsim.live.session.supervisor import LOOP, RECORDER, VIEWER, WATCHDOG, Supervisor
 from hhsim.mesh.catalogue import load_object
