@@ -87,8 +87,8 @@ def import_tree(
         if tree.mesh_sha256 not in ("", mesh.sha256):
             notes.append(f"{source.name} was built for another mesh than {mesh.name}, and is measured against this one")
     else:
-        tree, chosen, told = _placed(source, mesh, unit_length, frame)
-        notes += told
+        tree, chosen, placement_notes = _placed(source, mesh, unit_length, frame)
+        notes += placement_notes
     _require_near(source, mesh, tree)
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
     unproved = uncovered_faces(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius).size

@@ -42,9 +42,9 @@ def read_csv_recording(text: str, columns: ColumnMap | None = None, *, name: str
 def _own(table: Table, name: str) -> Recording:
     recording = mapped(table, OWN_COLUMNS, name, "hhsim csv")
     remarks = table.remarks
-    said: dict[str, Any] = {key: remarks[key] for key in ("name", "source", "licence", "device") if key in remarks}
+    stated: dict[str, Any] = {key: remarks[key] for key in ("name", "source", "licence", "device") if key in remarks}
     if remarks.get("hand") in ("right", "left"):
-        said["hand"] = remarks["hand"]
+        stated["hand"] = remarks["hand"]
     if FLAGS in table.header:
         bits, _ = table.numbers([FLAGS])
         known = np.nan_to_num(bits[:, 0]).clip(0.0, 2.0**32 - 1.0)
@@ -52,7 +52,7 @@ def _own(table: Table, name: str) -> Recording:
     if remarks.get(SAMPLES, str(len(table.rows))) != str(len(table.rows)):
         text = f"{len(table.rows)} samples where the file says # {SAMPLES}: {remarks[SAMPLES]}: some are lost"
         recording = recording.found(note(text))
-    return recording.changed(**said, **object_pose(remarks))
+    return recording.changed(**stated, **object_pose(remarks))
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide, RawChannel
 from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation
 from hhsim.recordings.frames import in_palm, to_our_world
@@ -60,9 +60,9 @@ def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Re
     if not frames:
         raise TrajectoryError("no frames; expected a Leap Motion recording")
     findings: list[Finding] = []
-    told = metadata.get("frames")
-    if isinstance(told, int) and told != len(frames):
-        findings.append(note(f"{len(frames)} frames where the file says {told}: some are lost"))
+    stated = metadata.get("frames")
+    if isinstance(stated, int) and stated != len(frames):
+        findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
     side = hand or _usual_side(frames)
     if not side:
         raise TrajectoryError(f"no hand in any of {len(frames)} frames")
@@ -112,10 +112,8 @@ def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Re
     )
     unsure = confidence < UNSURE
     if unsure.any():
-        mark(recording.flags, unsure, SampleFlag.INVALID)
         words = f"confidence below {UNSURE:g}, says the device: kept"
-        at = recording.time[int(np.argmax(unsure))]
-        recording = recording.found(Finding(SampleFlag.INVALID.word, words, int(unsure.sum()), float(at)))
+        recording = recording.flagged(unsure, SampleFlag.INVALID, words)
     return recording
 
 

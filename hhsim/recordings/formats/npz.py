@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
@@ -65,8 +65,8 @@ def read_npz_recording(
     axes = tuple(palm_axes) if palm_axes else next((axes for words, axes in FRAMES if words in frame), None)
     up = world_up or next((up for words, up in UPRIGHT if words in frame), "z")
     if axes is None:
-        said = f"frame '{meta['frame']}' is not known" if frame else "the file names no frame"
-        findings.append(note(f"{said}: the palm's axes are taken as ours (y to the fingers, z out of the back)"))
+        reason = f"frame '{meta['frame']}' is not known" if frame else "the file names no frame"
+        findings.append(note(f"{reason}: the palm's axes are taken as ours (y to the fingers, z out of the back)"))
         axes = OURS
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
@@ -86,14 +86,13 @@ def read_npz_recording(
     )
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
+    recording = recording.found(*findings)
     if "valid" in arrays:
         doubtful = _array(arrays, "valid", (), count) == 0.0
         if doubtful.any():
-            mark(recording.flags, doubtful, SampleFlag.INVALID)
-            first = float(recording.time[int(np.argmax(doubtful))])
             text = "not valid, says the file: kept where there are numbers"
-            findings.append(Finding(SampleFlag.INVALID.word, text, int(doubtful.sum()), first))
-    return recording.found(*findings)
+            recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
+    return recording
 
 
 def _arrays(data: bytes) -> dict[str, Any]:
