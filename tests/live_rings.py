@@ -12,8 +12,7 @@ from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.records import LIVE_TICK
-from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.pose.registry import PoseConfig

@@ -17,7 +17,7 @@ from hhsim.errors import InputError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.error import measure_levels, protrusion_bound, sample_mesh, uncovered_faces
+from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover, sample_mesh
 from hhsim.trees.file import load_tree
 from hhsim.trees.sph_format import load_sph
 from hhsim.trees.sphere_tree import SphereTree
@@ -91,7 +91,7 @@ def import_tree(
         notes += placement_notes
     _require_near(source, mesh, tree)
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
-    unproved = uncovered_faces(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius).size
+    unproved = prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius)[0].size
     errors = measure_levels(mesh.vertices, mesh.faces, bvh, tree, seed, progress)
     if unproved:
         notes.append(

@@ -21,7 +21,7 @@ from leap_document import document, packed
 from lz_pack import pack
 from numpy.typing import NDArray
 from recording_damage import DAMAGES, Damage, damaged_bytes
-from recording_samples import smooth_recording
+from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import HhsimError
 from hhsim.motion.csv_file import format_csv
@@ -30,7 +30,6 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.formats.hhsim import recording_of
-from hhsim.recordings.formats.npz import read_npz_recording
 from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, turn
 from hhsim.recordings.outliers import STICKS_OUT, WINDOW, bend
 from hhsim.recordings.recording import Recording
@@ -49,7 +48,7 @@ def sound(name: str, folder: Path | None) -> tuple[Recording, Repaired]:
     if folder is None:
         recording = smooth_recording(150 if name == "short" else 300, seed=4)
     else:
-        recording = read_npz_recording((folder / "recordings" / f"{name}.npz").read_bytes())
+        recording = read_as("npz", (folder / "recordings" / f"{name}.npz").read_bytes())
     return recording, repair(recording)
 
 

@@ -40,17 +40,13 @@ DEEPEST = 12
 """Nesting of packed frames deeper than this is damage."""
 
 
-def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Recording:
-    """The recording in the text of a file.
-
-    Args:
-        text: JSON, or JSON packed by LZ-string.
-        name: Of the recording.
-        hand: Which hand to take; the one that is seen in more frames if not given.
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording of the hand that is asked for, else of the one that is seen in more frames.
 
     Raises:
         TrajectoryError: No JSON, no frames, or no hand in them.
     """
+    text = content.text
     if looks_packed(text):
         text = unpack(text)
     document = _document(text)
@@ -63,7 +59,7 @@ def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Re
     stated = metadata.get("frames")
     if isinstance(stated, int) and stated != len(frames):
         findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
-    side = hand or _usual_side(frames)
+    side = options.hand or _usual_side(frames)
     if not side:
         raise TrajectoryError(f"no hand in any of {len(frames)} frames")
     found = [(frame, seen) for frame in frames if (seen := _hand(frame, side)) is not None]
@@ -102,7 +98,7 @@ def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Re
         abduction=abduction,
         stated=frozenset({"length", "angle"}),
         form="leap",
-        name=name,
+        name=content.name.removesuffix(".json"),
         source=f"recorded with {made}" if isinstance(made, str) else "",
         device="Leap Motion",
         hand=side,
@@ -240,10 +236,6 @@ def _vector(value: Any) -> list[float]:
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
     return looks_like_leap(content.beginning)
-
-
-def _read(content: Content, options: ReadOptions) -> Recording:
-    return read_leap_recording(content.text, name=content.name.removesuffix(".json"), hand=options.hand)
 
 
 FORMAT = RecordingFormat("leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1)

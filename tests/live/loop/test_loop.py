@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import FingerCommand
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.records import LIVE_TICK
-from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.loop.tick_times import BATCH

@@ -14,8 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.live.device import DeviceError
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.records import EVENT
-from hhsim.live.ipc.session_memory import EVENT_CAPACITY, FAULT, WARNING
+from hhsim.live.ipc.session_memory import EVENT, EVENT_CAPACITY, FAULT, WARNING
 from hhsim.live.ipc.status import Stage
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session import supervisor
