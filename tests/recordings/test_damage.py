@@ -1,7 +1,7 @@
 """A thousand damaged recordings: none crashes, and none passes silently.
 
 Silently means: the motion that comes out differs from that of the sound recording by more than can be told, and neither
-a flag nor a finding nor a refusal says so. What can be told is stated: at each sample a change of `TOLD` of a
+a flag nor a finding nor a refusal says so. What can be told is stated: at each sample a change of `NOTICEABLE` of a
 fingertip, or `STICKS_OUT` times what the motion around bends anyway. A change that could as well have been the hand,
 such as every stamp doubled or two axes swapped throughout, cannot be told by anyone and is not among these.
 """
@@ -39,7 +39,7 @@ from hhsim.recordings.repair import Repaired, repair
 Array = NDArray[np.float64]
 
 REAL = ("leap_grab", "leap_wave", "leap_confidence-demo-eighth-res", "dapg_door_03", "mediapipe")
-TOLD = 0.012
+NOTICEABLE = 0.012
 """A change below this [m of a fingertip] may be the hand: half as much again as a single sample may stick out."""
 
 
@@ -52,7 +52,7 @@ def sound(name: str, folder: Path | None) -> tuple[Recording, Repaired]:
     return recording, repair(recording)
 
 
-def said(repaired: Repaired) -> tuple[Counter[tuple[str, int]], list[int]]:
+def reported(repaired: Repaired) -> tuple[Counter[tuple[str, int]], list[int]]:
     """What was found, without joint limits: that an angle is beyond them says nothing of what it should be."""
     assert repaired.trajectory.flags is not None
     found = Counter((f.kind, f.samples) for f in repaired.findings if f.kind != SampleFlag.LIMITED.word)
@@ -64,7 +64,7 @@ def allowed(motion: Trajectory) -> Array:
     off = np.zeros(motion.sample_count)
     off[1:-1] = bend(recording_of(motion))
     around = np.lib.stride_tricks.sliding_window_view(np.pad(off, WINDOW, mode="reflect"), 2 * WINDOW + 1)
-    return np.asarray(np.maximum(TOLD, STICKS_OUT * around.max(axis=1)))
+    return np.asarray(np.maximum(NOTICEABLE, STICKS_OUT * around.max(axis=1)))
 
 
 def difference(before: Trajectory, after: Trajectory) -> Array:
@@ -91,7 +91,7 @@ def judge(before: Repaired, come: Callable[[], Recording]) -> str:
     motion = after.trajectory
     assert all(np.isfinite(values).all() for values in (motion.position, motion.flexion, motion.orientation))
     assert (np.diff(motion.time) > 0.0).all()
-    (found, flags), (usual, usual_flags) = said(after), said(before)
+    (found, flags), (usual, usual_flags) = reported(after), reported(before)
     if found != usual or (len(flags) == len(usual_flags) and flags != usual_flags):
         return "told"
     return "same" if (difference(before.trajectory, motion) <= allowed(before.trajectory)).all() else "silent"

@@ -184,7 +184,7 @@ class Supervisor:
         self.tally.read()
         if self.stage == Stage.RUNNING:
             self.tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
-        self._tell_events()
+        self._report_events()
         if not self._children[LOOP].running or self._waited_enough():
             return False
         self._watch_loop()
@@ -224,7 +224,7 @@ class Supervisor:
         self._end_child(VIEWER, VIEWER_PATIENCE)
         self._end_child(WATCHDOG, WATCHDOG_PATIENCE)
         self.tally.read()
-        self._tell_events()
+        self._report_events()
         self._outcome = self._outcome_now()
         for child in self._children.values():
             child.close()
@@ -347,7 +347,7 @@ class Supervisor:
             if child.wait(patience):
                 return
 
-    def _tell_events(self) -> None:
+    def _report_events(self) -> None:
         _, events = self._events.read(256)
         for event in events:
             text, level = bytes(event["text"]).decode("utf-8", "replace"), int(event["level"])

@@ -87,8 +87,10 @@ class FakeDexmoServer(FakePeer):
         stream.feed(data)
         try:
             while (payload := stream.next()) is not None:
-                for told in decode_impedances(payload):
-                    self.log.command([client, told.device_id, told.kept, *told.stiffness, *told.set_point], now)
+                for impedance in decode_impedances(payload):
+                    self.log.command(
+                        [client, impedance.device_id, impedance.kept, *impedance.stiffness, *impedance.set_point], now
+                    )
         except HhsimError:
             self._server.drop(end)
 

@@ -58,8 +58,8 @@ class Session:
     def stiffness_at(self, tick: int) -> Array:
         """What the glove has been told when a tick is over, shape (5,)."""
         end = self.loop.deadlines.clock.now() if tick < 0 else 10**9 + (tick + 2) * PERIOD
-        told = [command for command in self.glove.commands if command.time_ns < end]
-        return told[-1].stiffness
+        sent = [command for command in self.glove.commands if command.time_ns < end]
+        return sent[-1].stiffness
 
 
 def holding() -> Session:
@@ -85,9 +85,9 @@ def test_a_hand_that_holds_is_held_and_is_released_at_the_end() -> None:
 
 def test_what_is_published_is_what_the_glove_was_told() -> None:
     session = holding()
-    told = session.glove.commands
-    np.testing.assert_array_equal(session.ticks["command_stiffness"], [command.stiffness for command in told])
-    np.testing.assert_array_equal(session.ticks["command_bend"], [command.bend for command in told])
+    sent = session.glove.commands
+    np.testing.assert_array_equal(session.ticks["command_stiffness"], [command.stiffness for command in sent])
+    np.testing.assert_array_equal(session.ticks["command_bend"], [command.bend for command in sent])
 
 
 def test_the_ticks_are_those_of_a_replay_bit_for_bit() -> None:

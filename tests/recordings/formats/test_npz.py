@@ -63,8 +63,8 @@ def test_what_the_file_says_of_itself() -> None:
     assert np.allclose(palm[:, 1], up @ theirs[:, 0]), "their x points to the fingers"
     assert np.allclose(palm[:, 2], up @ theirs[:, 2]), "their z points out of the back"
     assert np.allclose(recording.position, CLEAN.position @ up.T)
-    asked = read_as("npz", archive(meta=np.array(meta)), palm_axes=("x", "y", "z"), world_up="z")
-    assert np.allclose(asked.orientation, CLEAN.orientation)
+    as_ours = read_as("npz", archive(meta=np.array(meta)), palm_axes=("x", "y", "z"), world_up="z")
+    assert np.allclose(as_ours.orientation, CLEAN.orientation)
     assert read_as("npz", archive(meta=np.array("no json"))).source == ""
 
 
