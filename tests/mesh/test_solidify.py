@@ -101,7 +101,9 @@ def assert_true_statement(vertices: FloatArray, faces: IntArray, surface: MeshIn
     return out
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(
+    "seed", [seed if CORRUPTED or seed % 33 == 2 else pytest.param(seed, marks=pytest.mark.soak) for seed in SEEDS]
+)
 @pytest.mark.usefixtures("coarse")
 def test_corrupted_meshes_become_a_covered_solid_or_are_refused(seed: int) -> None:
     vertices, faces, what = corrupted(seed)

@@ -81,7 +81,7 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
     assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
 
 
-@settings(max_examples=12)
+@settings(max_examples=5)
 @given(st.integers(4, 30), st.integers(0, 2**31), st.integers(1, 3), st.sampled_from([2, 3, 8]), st.floats(0.02, 1.0))
 def test_random_convex_meshes(points: int, seed: int, level: int, branching: int, flat: float) -> None:
     rng = np.random.default_rng(seed)
