@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.mesh.generators import cube, cup, cylinder, hexagonal_prism, rock, shamrock, sphere
 from hhsim.mesh.mesh import Mesh
+from tools.shapes.generators import cube, cup, cylinder, hexagonal_prism, rock, shamrock, sphere
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

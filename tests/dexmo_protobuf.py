@@ -11,19 +11,15 @@ HAND = ("thumb_rotate", "thumb_split", "thumb_bend", "index_split", "index_bend"
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 TABLES: dict[str, list[tuple[int, str, str]]] = {
-    # number, name, type; * before a message that is repeated. From the published format, not from our schemas.
+    # number, name, type; * before a message that is repeated. From the published format, not from our schemas;
+    # without what of a command hhsim never uses.
     "Hand": [(number, name, "float") for number, name in enumerate(HAND, start=3)],
     "Device": [(2, "is_right", "bool"), (3, "battery_percent", "int32")],
     "FrameMessage": [(1, "id", "int32"), (2, "hand", "Hand"), (3, "device", "Device")],
     "Frame": [(1, "frame_len", "int32"), (2, "messages", "*FrameMessage")],
     "ImpedanceData": [(1, "stiffness", "float"), (2, "set_point", "float")],
     "Impedance": [*((k, f, "ImpedanceData") for k, f in enumerate(FINGERS, start=1)), (6, "has_index", "bool")],
-    "RumbleData": [(1, "is_open", "bool"), (2, "repeated_times", "int32"), (3, "volume", "float")]
-    + [(4, "wavetype", "int32")],
-    "Rumble": [*((k, f, "RumbleData") for k, f in enumerate(FINGERS, start=1)), (6, "util_rumble", "*RumbleData")]
-    + [(7, "has_index", "bool")],
-    "Other": [(1, "control_type", "float"), (2, "control_value", "float")],
-    "Command": [(1, "id", "int32"), (2, "impedance", "*Impedance"), (3, "rumble", "*Rumble"), (4, "other", "*Other")],
+    "Command": [(1, "id", "int32"), (2, "impedance", "*Impedance")],
 }
 SCALARS = {"float": Proto.TYPE_FLOAT, "int32": Proto.TYPE_INT32, "bool": Proto.TYPE_BOOL}
 

@@ -14,17 +14,17 @@ from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits
 from hhsim.live.ipc.status import Stage
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.supervisor import LOOP, Supervisor
 from hhsim.live.shared_memory import RingReader
-from hhsim.live.simulators.dexmo_process import FakeDexmo, Kind
 from hhsim.mesh.catalogue import load_object
 from hhsim.result.safety import Safety
 from hhsim.solver.compile import warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from tools.fake_gloves import FakeDexmo
 
 IN_TIME = 50_000_000
 """Fingers are free so long after a fault where the loop runs in real time [ns]."""
@@ -142,7 +142,7 @@ class Drill:
 
     def commands(self, client: int | None = None) -> NDArray[Any]:
         """What the glove was told so far."""
-        found = self.glove.records(Kind.COMMAND)
+        found = self.glove.commands
         return found if client is None else found[found["client"] == client]
 
     def loop_client(self) -> int:
@@ -156,4 +156,4 @@ def stiff(commands: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray((commands["stiffness" if "stiffness" in names else "command_stiffness"] > 0.0).any(axis=1))
 
 
-__all__ = ["LOOP", "Drill", "FakeDexmo", "Kind", "Safety", "Stage", "stiff"]
+__all__ = ["LOOP", "Drill", "FakeDexmo", "Safety", "Stage", "stiff"]

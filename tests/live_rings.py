@@ -12,18 +12,17 @@ from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.records import LIVE_TICK
-from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.shared_memory import SharedRing
-from hhsim.mesh.generators import sphere
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import tick_record
+from tools.shapes.generators import sphere
 
 Records = NDArray[Any]
 

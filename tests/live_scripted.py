@@ -11,10 +11,10 @@ from hhsim.hand.model import HandModel
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.pose.source import PoseConfig
-from hhsim.mesh.generators import sphere
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
+from tools.shapes.generators import sphere
 
 Array = NDArray[np.float64]
 

@@ -1,12 +1,22 @@
 """Recordings that test modules share: a synthetic hand that moves like one, and ways to damage it."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.quaternion import quaternion
 from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording_format import Content, ReadOptions
+from hhsim.recordings.registry import read_content
 
 Array = NDArray[np.float64]
+
+
+def read_as(form: str, data: str | bytes, *, name: str = "", **options: Any) -> Recording:
+    """The recording in some bytes of a format."""
+    content = Content(data=data.encode() if isinstance(data, str) else data, name=name)
+    return read_content(content, ReadOptions(form=form, **options))
 
 
 def smooth_recording(count: int = 300, rate: float = 100.0, seed: int = 1, jitter: float = 0.1) -> Recording:

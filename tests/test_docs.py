@@ -170,7 +170,7 @@ def _options_of_modules() -> set[str]:
     found: set[str] = set()
     for path in (REPOSITORY / "hhsim").rglob("*.py"):
         source = path.read_text(encoding="utf-8")
-        if "__main__" in source:
+        if "add_argument(" in source:
             found |= set(re.findall(r"[\"'](--[a-z][a-z-]+)[\"']", source))
     return found
 

@@ -16,7 +16,6 @@ from verify_document import documented_faults
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick import state as tick_state
-from hhsim.mesh.generators import cube
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
 from hhsim.replay.replay import replay
@@ -30,6 +29,7 @@ from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from tools.shapes.generators import cube
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")

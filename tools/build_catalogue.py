@@ -2,7 +2,8 @@
 
     python -m tools.build_catalogue objects/ bunny-1.0.1.tgz teapot-1.0.0.tgz
 
-writes the ten .ply files and prints the content hash of each mesh, which its TOML file states.
+writes the ten .ply files and prints the content hash of each mesh, which its TOML file states. It also writes those of
+`REFERENCE_SHAPES`, on which `hhsim bench trees` holds our trees against published ones.
 """
 
 import hashlib
@@ -10,6 +11,7 @@ import json
 import re
 import sys
 import tarfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,14 +21,27 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.mesh.catalogue import object_description, object_names
-from hhsim.mesh.file import ply_bytes
-from hhsim.mesh.generators import GENERATORS
+from hhsim.mesh.file import PLY_FACE, PLY_HEADER, PLY_VERTEX
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.repair import closed_surface
-from hhsim.mesh.surface_parts import finished_mesh
+from hhsim.trees.published_results import EXTENT
+from tools.shapes.cup import cup
+from tools.shapes.generators import GENERATORS, cube, cylinder, hexagonal_prism
+from tools.shapes.surface_parts import finished_mesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+CUP_WALL = 0.003
+"""Of the cup at the longest extent of the references [m]."""
+
+REFERENCE_SHAPES: dict[str, Callable[[], Mesh]] = {
+    "reference-cube": lambda: cube(EXTENT),
+    "reference-hexagonal-prism": lambda: hexagonal_prism(EXTENT / 2.0, EXTENT),
+    "reference-cylinder": lambda: cylinder(EXTENT, EXTENT, 128),
+    "reference-cup": lambda: cup(wall=CUP_WALL * float(cup().extent.max()) / EXTENT),
+}
+"""Shapes of published sphere trees, where the catalogue's object has other proportions."""
 
 
 def made_object(name: str, package: Path | None = None) -> Mesh:
@@ -74,14 +89,27 @@ def read_package(archive: Path, member: str) -> tuple[FloatArray, IntArray]:
     return np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
 
 
+def ply_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
+    """Binary PLY of a mesh with 64-bit coordinates: nothing is rounded, and equal meshes give equal bytes."""
+    points = np.empty(len(vertices), dtype=PLY_VERTEX)
+    points["x"], points["y"], points["z"] = vertices.T
+    triangles = np.empty(len(faces), dtype=PLY_FACE)
+    triangles["count"], triangles["corner"] = 3, faces
+    header = PLY_HEADER.format(unit="m", vertices=len(vertices), faces=len(faces))
+    return header.encode("ascii") + points.tobytes() + triangles.tobytes()
+
+
 def main(arguments: list[str]) -> None:
-    """Write all ten meshes to a folder; the other arguments are the archives."""
+    """Write all meshes to a folder; the other arguments are the archives."""
     folder, archives = Path(arguments[0]), [Path(argument) for argument in arguments[1:]]
     for name in object_names():
         package = next((archive for archive in archives if archive.name.startswith(f"{name}-")), None)
         mesh = made_object(name, package)
         (folder / object_description(name)["file"]).write_bytes(ply_bytes(mesh.vertices, mesh.faces))
         print(f"{name} {len(mesh.vertices)} vertices, {len(mesh.faces)} triangles, sha256 {mesh.sha256}")
+    for name, make in REFERENCE_SHAPES.items():
+        mesh = make()
+        (folder / f"{name}.ply").write_bytes(ply_bytes(mesh.vertices, mesh.faces))
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes, described
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.stop_signals import stop_signals

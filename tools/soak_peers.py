@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
 from hhsim.live.devices.registry import GloveConfig, configure
-from hhsim.live.simulators.dexmo_process import FakeDexmo, Kind
-from hhsim.live.simulators.process import FakePeerProcess
 from hhsim.result.reader import Result
+from tools.fake_gloves import FakeDexmo, FakeGlove
 
 Times = NDArray[np.int64]
 
@@ -115,12 +114,11 @@ class DexmoPeer(SoakPeer):
 
     def seen(self, result: Result) -> PeerSeen:
         """See `SoakPeer.seen`; the loop's connection is the one that tells most."""
-        records = self._server.records()
-        commands = records[records["kind"] == Kind.COMMAND]
+        frames, commands = self._server.frames, self._server.commands
         if not commands.size:
             raise HhsimError("the glove heard no command")
         loop = np.bincount(commands["client"]).argmax()
-        frames = records[(records["kind"] == Kind.FRAME) & (records["client"] == loop)]["time_ns"]
+        frames = frames[frames["client"] == loop]["time_ns"]
         received = commands[commands["client"] == loop]["time_ns"]
         # A connection brings every frame once and in order.
         return PeerSeen(frames, np.arange(len(frames)), np.sort(received))
@@ -135,7 +133,7 @@ class LinePeer(SoakPeer):
     def __enter__(self) -> Self:
         link = self.log.with_suffix(".line")
         options = ("--link", link, "--rate", self.rate, "--seed", self.seed)
-        self._peer = FakePeerProcess("hhsim.live.simulators.opengloves_board", self.log, *options)
+        self._peer = FakeGlove("opengloves_board", self.log, *options)
         self._peer.start()
         return self
 
@@ -173,7 +171,7 @@ class UdpPeer(SoakPeer):
     def __enter__(self) -> Self:
         self._port = free_port_pair()
         options = ("--port", self._port, "--rate", self.rate, "--seed", self.seed)
-        self._peer = FakePeerProcess("hhsim.live.simulators.udp_sender", self.log, *options)
+        self._peer = FakeGlove("udp_sender", self.log, *options)
         self._peer.start()
         return self
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hhsim.live.devices.registry import find_glove, glove_names
-from hhsim.live.pose.source import POSES, USUAL_POSE_PORT, PoseConfig
+from hhsim.live.pose.registry import POSES, USUAL_POSE_PORT, PoseConfig
 
 from .. import options, tree_level
 from ..console import announce_compilation, print_json, print_notes, progress
@@ -62,7 +62,8 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
 @click.option(
     "--pose",
     type=click.Choice(list(POSES)),
-    help=f"Where the palm is, which no glove says. {'; '.join(f'{name}: {about}' for name, about in POSES.items())}. "
+    help="Where the palm is, which no glove says. "
+    f"{'; '.join(f'{name}: {pose.about}' for name, pose in POSES.items())}. "
     "Default: replay where the glove plays a motion; else keyboard in a terminal, and fixed elsewhere.",
 )
 @click.option(
@@ -240,11 +241,11 @@ def chosen_input(context: click.Context, given: dict[str, Any]) -> "tuple[GloveC
     settings = given_settings(context, device)
     plays = find_glove(device).plays
     pose = given["pose"] or ("replay" if plays else "keyboard" if sys.stdin.isatty() else "fixed")
-    if pose in ("replay", "udp") and (palm or turn):
+    if not POSES[pose].placed and (palm or turn):
         raise click.UsageError(f"--palm and --palm-turn are for --pose fixed and keyboard, not {pose}")
     if turn is not None and palm is None:
         raise click.UsageError("--palm-turn needs --palm, where the palm is")
-    plays = plays or pose == "replay"
+    plays = plays or POSES[pose].plays
     if given["trajectory"] is not None and not plays:
         playing = " or ".join(name for name in glove_names() if find_glove(name).plays)
         raise click.UsageError(f"--trajectory is for --device {playing}, and for --pose replay")

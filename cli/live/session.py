@@ -26,8 +26,7 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
         What became of it, and what went wrong: a line, or "".
     """
     from hhsim.errors import HhsimError
-    from hhsim.live.pose.keyboard import HELP, PalmKeys
-    from hhsim.live.pose.registry import write_keyboard_pose
+    from hhsim.live.pose.keyboard import HELP, PalmKeys, write_keyboard_pose
     from hhsim.live.session.stop_signals import stop_signals
     from hhsim.live.session.supervisor import Supervisor
 

@@ -6,6 +6,7 @@ where that is not installed as every tree is (`hhsim.trees.error`). Errors are t
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from importlib.resources import files
 from importlib.util import find_spec
 from typing import Any
 
@@ -14,8 +15,7 @@ import numpy as np
 from hhsim.bench.table import Column
 from hhsim.errors import HhsimError, InputError
 from hhsim.mesh.catalogue import load_object
-from hhsim.mesh.cup import cup
-from hhsim.mesh.generators import cube, cylinder, hexagonal_prism
+from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
@@ -26,17 +26,10 @@ Row = dict[str, Any]
 Progress = Callable[[str, int, int], None]
 
 BRANCHING = 8
-CUP_WALL = 0.003
-"""Of the cup at the longest extent of the references [m]."""
 MOST_SPHERES = BRANCHING**MOST_LEVEL
 
-_SHAPES: dict[str, Callable[[], Mesh]] = {
-    "cube": lambda: cube(EXTENT),
-    "hexagonal-prism": lambda: hexagonal_prism(EXTENT / 2.0, EXTENT),
-    "cylinder": lambda: cylinder(EXTENT, EXTENT, 128),
-    "cup": lambda: cup(wall=CUP_WALL * float(cup().extent.max()) / EXTENT),
-}
-"""Shapes that the references are of, where the catalogue's object of that name has other proportions."""
+_REFERENCE_SHAPES = ("cube", "hexagonal-prism", "cylinder", "cup")
+"""Objects whose references are of other proportions than the catalogue's; `tools/build_catalogue.py` makes them."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +94,11 @@ def comparison_object(name: str, size: float) -> Mesh:
     Raises:
         UnknownNameError: No such object.
     """
-    mesh = _SHAPES[name]() if name in _SHAPES else load_object(name).mesh
+    if name in _REFERENCE_SHAPES:
+        file = f"reference-{name}.ply"
+        mesh = Mesh(*read_own_ply((files("hhsim.objects") / file).read_bytes(), file))
+    else:
+        mesh = load_object(name).mesh
     return replace(mesh.scaled(size / float(mesh.extent.max())), name=name)
 
 
@@ -116,7 +113,7 @@ def measure(options: TreesOptions, progress: Progress | None = None) -> list[Row
         HhsimError: An object that the builder cannot do.
     """
     # Compiles or loads every kernel, so that no tree is timed with that.
-    build_sphere_tree(cube(EXTENT), TreeOptions(leaves=BRANCHING**2))
+    build_sphere_tree(comparison_object("cube", EXTENT), TreeOptions(leaves=BRANCHING**2))
     rows: list[Row] = []
     total = len(options.objects) * len(options.spheres)
     done = 0

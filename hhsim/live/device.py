@@ -5,7 +5,7 @@ XR_MNDX_force_feedback_curl are one thing, the bend at which a finger is stopped
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import Flag, auto
 from typing import Protocol
 
@@ -118,6 +118,10 @@ class DeviceCounters:
     """Commands sent."""
     commands_refused: int = 0
     """Commands that could not be sent at once, since the device does not take them fast enough; not sent later."""
+
+
+COUNTERS = tuple(item.name for item in fields(DeviceCounters))
+"""Names of the counters, in their order."""
 
 
 @dataclass

@@ -197,12 +197,11 @@ def timer_slack() -> int:
     return int(_check(_prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0)))
 
 
-def end_with(parent: int, number: int = signal.SIGTERM) -> bool:
-    """Be sent a signal when the parent ends, or rather the thread of it that started this process.
+def end_with(parent: int) -> bool:
+    """Be sent SIGTERM when the parent ends, or rather the thread of it that started this process.
 
     Args:
         parent: Its process id.
-        number: The signal.
 
     Returns:
         False where it has ended already: no signal will come.
@@ -210,7 +209,7 @@ def end_with(parent: int, number: int = signal.SIGTERM) -> bool:
     Raises:
         OSError: Not allowed.
     """
-    _check(_prctl(PR_SET_PDEATHSIG, number, 0, 0, 0))
+    _check(_prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0))
     return os.getppid() == parent
 
 

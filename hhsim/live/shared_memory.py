@@ -20,22 +20,21 @@ Setup = TypeVar("Setup")
 
 
 class SharedBlock:
-    """An array in shared memory.
+    """An array of one element in shared memory.
 
     Args:
         descriptor: Of the memory.
-        dtype: Of the elements; every process must agree.
-        count: How many elements.
+        dtype: Of its one element; every process must agree.
     """
 
-    def __init__(self, descriptor: int, dtype: np.dtype[Any], count: int = 1) -> None:
+    def __init__(self, descriptor: int, dtype: np.dtype[Any]) -> None:
         """Map the memory of a descriptor."""
         self.descriptor = descriptor
-        self._map = mmap.mmap(descriptor, dtype.itemsize * count)
-        self.array: NDArray[Any] = np.frombuffer(self._map, dtype, count)
+        self._map = mmap.mmap(descriptor, dtype.itemsize)
+        self.array: NDArray[Any] = np.frombuffer(self._map, dtype, 1)
 
     @classmethod
-    def create(cls, name: str, dtype: np.dtype[Any], count: int = 1) -> Self:
+    def create(cls, name: str, dtype: np.dtype[Any]) -> Self:
         """Fresh memory, all zeros; `name` is for people who look into /proc. The descriptor can be inherited.
 
         Raises:
@@ -44,9 +43,9 @@ class SharedBlock:
         if not hasattr(os, "memfd_create"):
             raise HhsimError(f"live sessions need Linux, whose memory needs no file (memfd); this is {sys.platform}")
         descriptor = os.memfd_create(f"hhsim-{name}", 0)
-        os.ftruncate(descriptor, dtype.itemsize * count)
+        os.ftruncate(descriptor, dtype.itemsize)
         os.set_inheritable(descriptor, True)
-        return cls(descriptor, dtype, count)
+        return cls(descriptor, dtype)
 
 
 class SharedRing:
@@ -92,17 +91,16 @@ class RingReader:
     """One reader's place in a ring.
 
     Args:
-        ring: Which.
-        from_start: Begin with the oldest record that is there, or with the next one.
+        ring: Which; read from the oldest record that is there.
     """
 
     lost: int
     """Records that were overwritten before they were read."""
 
-    def __init__(self, ring: SharedRing, *, from_start: bool = True) -> None:
+    def __init__(self, ring: SharedRing) -> None:
         """Nothing is read yet."""
         self._ring = ring
-        self.next = 0 if from_start else ring.written
+        self.next = 0
         self.lost = 0
 
     def read(self, most: int) -> tuple[int, NDArray[Any]]:

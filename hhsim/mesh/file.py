@@ -71,18 +71,8 @@ end_header
 """
 
 
-def ply_bytes(vertices: NDArray[np.float64], faces: NDArray[np.int64], unit: str = "m") -> bytes:
-    """Binary PLY of a mesh with 64-bit coordinates: nothing is rounded, and equal meshes give equal bytes."""
-    points = np.empty(len(vertices), dtype=PLY_VERTEX)
-    points["x"], points["y"], points["z"] = vertices.T
-    triangles = np.empty(len(faces), dtype=PLY_FACE)
-    triangles["count"], triangles["corner"] = 3, faces
-    header = PLY_HEADER.format(unit=unit, vertices=len(vertices), faces=len(faces))
-    return header.encode("ascii") + points.tobytes() + triangles.tobytes()
-
-
 def read_own_ply(content: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Read what `ply_bytes` wrote, without trimesh, whose import costs more than the whole file.
+    """Read binary PLY with 64-bit coordinates, as the shipped meshes are: without trimesh, whose import costs more.
 
     Raises:
         MeshError: The bytes are no such PLY file.

@@ -1,7 +1,5 @@
 """Haptic hands tick by tick, written down by formula: what scenes that are no recording are moved by."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,6 +10,10 @@ from hhsim.hand.quaternion import quaternion
 Array = NDArray[np.float64]
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+SPREAD, TURN = 0.06, 0.8
+"""Standard deviations of a random hand's position about the origin [m] and of its rotation vector [rad]."""
+START = (0.0, 0.0, 0.25)
+"""Where the first one is [m]."""
 
 
 def still(
@@ -36,9 +38,6 @@ def random_targets(
     random: np.random.Generator,
     *,
     hold: int = 60,
-    spread: float = 0.06,
-    turn: float = 0.8,
-    start: Sequence[float] = (0.0, 0.0, 0.25),
 ) -> HandConfiguration:
     """A new random hand every `hold` ticks, at a jump: the stress that the coupled program was first measured by.
 
@@ -47,14 +46,11 @@ def random_targets(
         ticks: T.
         random: Source of everything random.
         hold: Ticks that a target stands.
-        spread: Standard deviation of the position about the origin [m].
-        turn: Of the rotation vector [rad].
-        start: Position of the first target [m].
     """
     count = -(-ticks // hold)
-    position = random.normal(0.0, spread, (count, 3))
-    position[0] = start
-    orientation = quaternion(random.normal(0.0, turn, (count, 3)))
+    position = random.normal(0.0, SPREAD, (count, 3))
+    position[0] = START
+    orientation = quaternion(random.normal(0.0, TURN, (count, 3)))
     flexion = random.uniform(hand.flexion_min, hand.flexion_max, (count, 5, 3))
     abduction = random.uniform(hand.abduction_min, hand.abduction_max, (count, 5))
     parts = (position, orientation, flexion, abduction)

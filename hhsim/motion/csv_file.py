@@ -115,11 +115,11 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             "many as it says, or no such line"
         )
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(COLUMNS))
-    said: dict[str, Any] = (
+    stated: dict[str, Any] = (
         {"name": name} | {key: remarks[key] for key in TEXTS if key in remarks} | object_pose(remarks)
     )
     if flags_column is not None:
-        said[FLAGS] = as_numbers(FLAGS, flags)
+        stated[FLAGS] = as_numbers(FLAGS, flags)
     return Trajectory(
         time=table[:, 0],
         position=table[:, 1:4],
@@ -127,7 +127,7 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
         flexion=table[:, 8:23].reshape(-1, 5, 3),
         abduction=table[:, 23:],
         phases=phases_of(names, table[:, 0]),
-        **said,
+        **stated,
     )
 
 

@@ -153,8 +153,8 @@ def read_fields(path: Path) -> dict[str, Any]:
     except PermissionError:
         raise
     except DAMAGE as error:
-        said = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-        raise TrajectoryError(f"a damaged HDF5 file: {said}") from None
+        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise TrajectoryError(f"a damaged HDF5 file: {reason}") from None
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -167,8 +167,8 @@ def _read(path: Path) -> dict[str, Any]:
     with file:
         form = file.attrs.get("format")
         if form != FORMAT:
-            said = f"format '{form}'" if isinstance(form, str) else "no format attribute"
-            raise TrajectoryError(f"{said}; expected {FORMAT}")
+            found = f"format '{form}'" if isinstance(form, str) else "no format attribute"
+            raise TrajectoryError(f"{found}; expected {FORMAT}")
         version = file.attrs.get("schema_version")
         if not isinstance(version, int | np.integer) or version < 1:
             raise TrajectoryError(f"schema_version {version}; expected a whole number from 1 to {SCHEMA_VERSION}")

@@ -7,6 +7,9 @@ from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.motion.resample import tick_times
 from hhsim.motion.trajectory import MAX_ANGLE, MAX_POSITION, Trajectory
 
+RATE = 1000.0
+"""Ticks per second [Hz]."""
+
 
 def hold_readings(motion: HandConfiguration) -> HandConfiguration:
     """The motion as the solver sees it: a tick that is no reading of a hand repeats the last one that is.
@@ -31,23 +34,19 @@ def replayed(motion: HandConfiguration) -> HandConfiguration:
         flexion=np.clip(whole.flexion, -MAX_ANGLE, MAX_ANGLE),
         abduction=np.clip(whole.abduction, -MAX_ANGLE, MAX_ANGLE),
     )
-    return HandConfiguration.of(trajectory_of(bounded).resampled(1000.0, "hold"))
+    return HandConfiguration.of(trajectory_of(bounded).resampled(RATE, "hold"))
 
 
-def trajectory_of(
-    motion: HandConfiguration, *, rate: float = 1000.0, name: str = "", source: str = "", licence: str = ""
-) -> Trajectory:
-    """A checked trajectory with one sample a tick, so that a replay at `rate` gets the same samples.
+def trajectory_of(motion: HandConfiguration, *, name: str = "", source: str = "") -> Trajectory:
+    """A checked trajectory with one sample a tick, so that a replay at `RATE` gets the same samples.
 
     Args:
         motion: One configuration a tick.
-        rate: Ticks per second [Hz].
         name: A short name.
         source: Who or what made the motion.
-        licence: Under which it may be used.
 
     Raises:
         TrajectoryError: The motion holds what no trajectory may; `hold_readings` mends NaN and zero quaternions.
     """
-    time = tick_times((motion.ticks - 1) / rate, rate)
-    return Trajectory(time, *motion, name=name, source=source, licence=licence)
+    time = tick_times((motion.ticks - 1) / RATE, RATE)
+    return Trajectory(time, *motion, name=name, source=source)

@@ -189,7 +189,7 @@ def _motion(lines: list[str], first: int, joints: tuple[Joint, ...], *, complete
     body = [(number, line.split()) for number, line in enumerate(lines[first:], start=first + 1) if line.strip()]
     if len(body) < 2 or body[0][1][0].lower() != "frames:" or " ".join(body[1][1][:2]).lower() != "frame time:":
         raise TrajectoryError(f"line {first + 1}: expected Frames: and Frame Time: after MOTION")
-    (told,) = _numbers(body[0][1][1:], 1, f"line {body[0][0]}", "Frames:")
+    (stated,) = _numbers(body[0][1][1:], 1, f"line {body[0][0]}", "Frames:")
     (step,) = _numbers(body[1][1][2:], 1, f"line {body[1][0]}", "Frame Time:")
     if not 0.0 < step < 10.0:
         raise TrajectoryError(f"Frame Time: {step:g}; expected seconds between frames")
@@ -201,8 +201,8 @@ def _motion(lines: list[str], first: int, joints: tuple[Joint, ...], *, complete
     width = sum(len(joint.channels) for joint in joints)
     values = np.full((len(rows), width), np.nan)
     findings: list[Finding] = []
-    if told != len(rows):
-        findings.append(note(f"{len(rows)} frames where the file says {told:g}: some are lost"))
+    if stated != len(rows):
+        findings.append(note(f"{len(rows)} frames where the file says {stated:g}: some are lost"))
     if not complete and len(rows) > 1:
         # A number that was cut in the middle is a wrong number that looks like a right one.
         findings.append(note(f"line {rows[-1][0]}, the last one, has no line end: left out, it may have been cut"))

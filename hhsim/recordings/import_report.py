@@ -41,17 +41,10 @@ class ImportReport:
 
     def to_json(self) -> dict[str, Any]:
         """The report as a document, SI units."""
+        plain = {name: value for name, value in vars(self).items() if name not in ("form", "findings")}
         return {
             "format": self.form,
-            "samples_in": self.samples_in,
-            "samples_out": self.samples_out,
-            "duration": self.duration,
-            "mean_rate": self.mean_rate,
-            "longest_step": self.longest_step,
-            "hand": self.hand,
-            "hand_length": self.hand_length,
-            "mended": self.mended,
-            "flags": self.flags,
+            **plain,
             "flag_meanings": {flag.word: FLAG_MEANINGS[flag] for flag in SampleFlag if flag.word in self.flags},
             "findings": [vars(finding) for finding in self.findings],
         }

@@ -16,7 +16,18 @@ Array = NDArray[np.float64]
 
 
 def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
-    """The recording of a table by its mapping; arguments and errors as for `read_csv_recording`."""
+    """The recording of a table by its mapping.
+
+    Args:
+        table: The table.
+        columns: What its columns mean.
+        name: Of the recording where the mapping names none.
+        form: The word for the format.
+
+    Raises:
+        TrajectoryError: A column without numbers.
+        InputError: A column that the table has not.
+    """
     count = len(table.rows)
     findings: list[Finding] = list(table.findings)
     broken = 0

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.recordings.hand_displacement import change, turn
-from hhsim.recordings.recording import Finding, Recording
+from hhsim.motion.sample_flags import SampleFlag
+from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, change, turn
+from hhsim.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Distance = Callable[[NDArray[np.int64], NDArray[np.int64]], Array]
+Way = Callable[[NDArray[np.int64], NDArray[np.int64]], Array]
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,7 @@ class Kind:
     """What a hand can do with one kind of coordinate.
 
     Attributes:
+        key: Field of a `Recording` that holds it; of joints, "angles".
         name: As messages call it.
         unit: Of its values.
         speed: Fastest change [unit/s].
@@ -36,6 +37,7 @@ class Kind:
         outlier: Flag of a sample that is replaced.
     """
 
+    key: str
     name: str
     unit: str
     speed: float
@@ -44,9 +46,9 @@ class Kind:
     outlier: SampleFlag
 
 
-POSITION = Kind("palm position", "m", 10.0, 500.0, 0.01, SampleFlag.PALM_OUTLIER)
-ORIENTATION = Kind("palm orientation", "rad", 50.0, 4000.0, 0.15, SampleFlag.PALM_OUTLIER)
-JOINT = Kind("joint angle", "rad", 60.0, 5000.0, 0.25, SampleFlag.FINGERS_OUTLIER)
+POSITION = Kind("position", "palm position", "m", 10.0, 500.0, 0.01, SampleFlag.PALM_OUTLIER)
+ORIENTATION = Kind("orientation", "palm orientation", "rad", 50.0, 4000.0, 0.15, SampleFlag.PALM_OUTLIER)
+JOINT = Kind("angles", "joint angle", "rad", 60.0, 5000.0, 0.25, SampleFlag.FINGERS_OUTLIER)
 
 LONGEST_RUN = 0.25
 """An outlier lasts no longer than this [s]; what does is another place of the hand."""
@@ -98,86 +100,62 @@ def _refuse_disorder(recording: Recording) -> None:
 
 
 def _without_outliers(recording: Recording, kind: Kind) -> Recording:
-    values = recording.position if kind is POSITION else recording.orientation
+    values = getattr(recording, kind.key)
     valid = np.asarray(np.isfinite(values).all(axis=1))
-    if kind is POSITION:
-
-        def distance(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
-            return np.asarray(np.linalg.norm(values[b] - values[a], axis=1))
-
-        def vector(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
-            return np.asarray(values[b] - values[a])
-
-    else:
+    if kind is ORIENTATION:
         valid &= np.linalg.norm(np.nan_to_num(values), axis=1) > 0.0
 
-        def distance(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
-            return np.asarray(np.linalg.norm(turn(values[a], values[b]), axis=1))
+    def vector(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
+        return turn(values[a], values[b]) if kind is ORIENTATION else np.asarray(values[b] - values[a])
 
-        def vector(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
-            return turn(values[a], values[b])
-
-    index = np.flatnonzero(valid)
-    bad, jump, worst = impossible(recording.time, index, distance, vector, kind)
-    return _judged(recording, kind, bad, jump, worst, lambda: _blank(recording, kind, bad))
+    bad, jump, worst = impossible(recording.time, np.flatnonzero(valid), vector, kind)
+    clean = np.where(bad[:, None], np.nan, values)
+    return _judged(recording, kind, bad, jump, worst, recording.changed(**{kind.key: clean}))
 
 
 def _without_joint_outliers(recording: Recording) -> Recording:
-    count = recording.sample_count
-    angles = np.concatenate([recording.flexion.reshape(count, 15), recording.abduction], axis=1)
+    angles = recording.angles
     bad = np.zeros(angles.shape, dtype=bool)
-    jump = np.zeros(count, dtype=bool)
+    jump = np.zeros(recording.sample_count, dtype=bool)
     worst = 0.0
     for column in range(angles.shape[1]):
-        values = angles[:, column]
+        values = angles[:, column : column + 1]
 
         def vector(a: NDArray[np.int64], b: NDArray[np.int64], values: Array = values) -> Array:
-            return np.asarray((values[b] - values[a])[:, None])
-
-        def distance(a: NDArray[np.int64], b: NDArray[np.int64], values: Array = values) -> Array:
-            return np.asarray(np.abs(values[b] - values[a]))
+            return np.asarray(values[b] - values[a])
 
         index = np.flatnonzero(np.isfinite(values))
-        bad[:, column], jumps, most = impossible(recording.time, index, distance, vector, JOINT)
+        bad[:, column], jumps, most = impossible(recording.time, index, vector, JOINT)
         jump |= jumps
         worst = max(worst, most)
-
-    def blanked() -> Recording:
-        clean = np.where(bad, np.nan, angles)
-        return recording.changed(flexion=clean[:, :15].reshape(count, 5, 3), abduction=clean[:, 15:])
-
-    return _judged(recording, JOINT, np.asarray(bad.any(axis=1)), jump, worst, blanked)
+    clean = recording.with_angles(np.where(bad, np.nan, angles))
+    return _judged(recording, JOINT, np.asarray(bad.any(axis=1)), jump, worst, clean)
 
 
-def impossible(
-    time: Array, index: NDArray[np.int64], distance: Distance, vector: Distance, kind: Kind
-) -> tuple[Mask, Mask, float]:
+def impossible(time: Array, index: NDArray[np.int64], vector: Way, kind: Kind) -> tuple[Mask, Mask, float]:
     """Samples that are outliers, samples that a jump leads to, and how far the worst outlier is off.
 
     Args:
         time: Stamps [s], increasing, shape (T,).
         index: Samples that have a value.
-        distance: Between samples of two arrays of numbers, shape (N,).
-        vector: From the first to the second, shape (N, C).
+        vector: From samples to others, given by two arrays of their numbers, shape (N, C).
         kind: What a hand can do.
     """
     bad, jump = np.zeros(time.shape[0], dtype=bool), np.zeros(time.shape[0], dtype=bool)
     worst = 0.0
     if index.size < 3:
         return bad, jump, worst
-    step = distance(index[:-1], index[1:])
+    step = np.linalg.norm(vector(index[:-1], index[1:]), axis=1)
     fast = step > kind.noise + kind.speed * np.diff(time[index])
     if fast.any():
-        worst = _runs(time, index, distance, kind, fast, bad, jump)
+        worst = _runs(time, index, vector, kind, fast, bad, jump)
     index = index[~bad[index]]
     if index.size >= 3:
         worst = max(worst, _spikes(time, index, vector, kind, bad))
     return bad, jump, worst
 
 
-def _runs(
-    time: Array, index: NDArray[np.int64], distance: Distance, kind: Kind, fast: Mask, bad: Mask, jump: Mask
-) -> float:
+def _runs(time: Array, index: NDArray[np.int64], vector: Way, kind: Kind, fast: Mask, bad: Mask, jump: Mask) -> float:
     """Mark runs that the main motion cannot reach, or jumps where they are too long to be outliers."""
     edges = [0, *(np.flatnonzero(fast) + 1).tolist(), index.size]
     runs = [index[a:b] for a, b in pairwise(edges)]
@@ -188,7 +166,7 @@ def _runs(
         believed = runs[longest]
         for run in runs[longest + 1 :] if direction > 0 else runs[:longest][::-1]:
             a, b = (believed[-1:], run[:1]) if direction > 0 else (run[-1:], believed[:1])
-            off = float(distance(a, b)[0])
+            off = float(np.linalg.norm(vector(a, b), axis=1)[0])
             if off <= kind.noise + kind.speed * float(time[b[0]] - time[a[0]]):
                 believed = run
             elif run.size <= LONGEST_COUNT and time[run[-1]] - time[run[0]] <= LONGEST_RUN:
@@ -200,7 +178,7 @@ def _runs(
     return worst
 
 
-def _spikes(time: Array, index: NDArray[np.int64], vector: Distance, kind: Kind, bad: Mask) -> float:
+def _spikes(time: Array, index: NDArray[np.int64], vector: Way, kind: Kind, bad: Mask) -> float:
     """Mark single samples that no force could have moved there and back."""
     a, b, c = index[:-2], index[1:-1], index[2:]
     before, after = time[b] - time[a], time[c] - time[b]
@@ -214,14 +192,8 @@ def _spikes(time: Array, index: NDArray[np.int64], vector: Distance, kind: Kind,
     return float(off[spike].max(initial=0.0))
 
 
-def _blank(recording: Recording, kind: Kind, bad: Mask) -> Recording:
-    key = "position" if kind is POSITION else "orientation"
-    return recording.changed(**{key: np.where(bad[:, None], np.nan, getattr(recording, key))})
-
-
-def _judged(
-    recording: Recording, kind: Kind, bad: Mask, jump: Mask, worst: float, blanked: Callable[[], Recording]
-) -> Recording:
+def _judged(recording: Recording, kind: Kind, bad: Mask, jump: Mask, worst: float, clean: Recording) -> Recording:
+    """The recording, or `clean`, which lacks what is bad, with what was found marked."""
     total = recording.sample_count
     if (bad | jump).sum() > MOST_JUMPS * total + 3:
         raise TrajectoryError(
@@ -229,25 +201,17 @@ def _judged(
             f"{kind.unit}/s: no hand moves so; are the rows out of order, or the stamps wrong?"
         )
     if bad.any():
-        mark(recording.flags, bad, kind.outlier)
         text = f"{kind.name} off by up to {_amount(worst, kind.unit)}, which no hand does: interpolated"
-        recording = blanked().found(
-            Finding(kind.outlier.word, text, int(bad.sum()), float(recording.time[np.argmax(bad)]))
-        )
+        recording = clean.flagged(bad, kind.outlier, text)
     if jump.any():
-        mark(recording.flags, jump, SampleFlag.JUMP)
         text = f"{kind.name} jumps faster than {kind.speed:g} {kind.unit}/s and stays there: left as it is"
-        recording = recording.found(
-            Finding(SampleFlag.JUMP.word, text, int(jump.sum()), float(recording.time[np.argmax(jump)]))
-        )
+        recording = recording.flagged(jump, SampleFlag.JUMP, text)
     return recording
 
 
 def _frozen(recording: Recording) -> Recording:
     count = recording.sample_count
-    rows = np.concatenate(
-        [recording.position, recording.orientation, recording.flexion.reshape(count, 15), recording.abduction], axis=1
-    )
+    rows = np.concatenate([recording.position, recording.orientation, recording.angles], axis=1)
     same = (rows[1:] == rows[:-1]).all(axis=1)
     if same.all():
         return recording
@@ -258,11 +222,8 @@ def _frozen(recording: Recording) -> Recording:
             frozen[first : last + 1] = True
     if not frozen.any():
         return recording
-    mark(recording.flags, frozen, SampleFlag.FROZEN)
     text = "the same numbers over and over: the tracker may have lost the hand; left as they are"
-    return recording.found(
-        Finding(SampleFlag.FROZEN.word, text, int(frozen.sum()), float(recording.time[np.argmax(frozen)]))
-    )
+    return recording.flagged(frozen, SampleFlag.FROZEN, text)
 
 
 def _suspects(recording: Recording) -> Recording:
@@ -280,19 +241,15 @@ def _suspects(recording: Recording) -> Recording:
     suspect |= _local_disorder(recording)
     if not suspect.any():
         return recording
-    mark(recording.flags, suspect, SampleFlag.SUSPECT)
-    first = int(np.argmax(suspect))
     text = f"out of line with the samples around by up to {_amount(off[suspect].max(), 'm')} of a fingertip: left"
-    return recording.found(Finding(SampleFlag.SUSPECT.word, text, int(suspect.sum()), float(recording.time[first])))
+    return recording.flagged(suspect, SampleFlag.SUSPECT, text)
 
 
 def bend(recording: Recording) -> Array:
     """How far each sample but the first and last is from the chord of its neighbours [m of a fingertip]."""
-    from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM
-
     time, count = recording.time, recording.sample_count
     share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
-    angles = FINGER_ARM * np.concatenate([recording.flexion.reshape(count, 15), recording.abduction], axis=1)
+    angles = FINGER_ARM * recording.angles
     square = np.zeros(count - 2)
     for values in (recording.position, angles):
         off = values[1:-1] - values[:-2] - share * (values[2:] - values[:-2])

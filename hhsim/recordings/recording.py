@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
+from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import HandSide, Phase, RawChannel
 
 Array = NDArray[np.float64]
@@ -132,6 +133,20 @@ class Recording:
     def found(self, *findings: Finding) -> Self:
         """With these findings added."""
         return replace(self, findings=(*self.findings, *findings))
+
+    def flagged(self, where: NDArray[np.bool_], flag: SampleFlag, text: str) -> Self:
+        """With a flag on some samples, at least one, and a finding about them; `where` has shape (T,)."""
+        mark(self.flags, where, flag)
+        return self.found(Finding(flag.word, text, int(where.sum()), float(self.time[np.argmax(where)])))
+
+    @property
+    def angles(self) -> Array:
+        """Flexion finger by finger, then abduction [as these], shape (T, 20)."""
+        return np.concatenate([self.flexion.reshape(self.sample_count, 15), self.abduction], axis=1)
+
+    def with_angles(self, angles: Array) -> Self:
+        """With other `angles`."""
+        return self.changed(flexion=angles[:, :15].reshape(-1, 5, 3), abduction=angles[:, 15:])
 
 
 MOTION = ("position", "orientation", "flexion", "abduction")

@@ -14,7 +14,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, HandModel, default_fingers
 from hhsim.motion.resample import interpolate_orientation
-from hhsim.motion.sample_flags import MENDED, SampleFlag, mark, marked
+from hhsim.motion.sample_flags import MENDED, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
 from hhsim.recordings.outliers import repair_glitches
@@ -119,19 +119,19 @@ def repair(recording: Recording, options: RepairOptions | None = None) -> Repair
         TrajectoryError: Nothing in it, or something wrong that cannot be mended safely.
         InputError: Options that contradict each other or the recording.
     """
-    asked = options or RepairOptions()
+    options = options or RepairOptions()
     if recording.sample_count == 0:
         raise TrajectoryError("no samples; expected at least 2")
     recording = recording.chosen(np.arange(recording.sample_count))
-    recording = in_units(recording, time=asked.time_unit, length=asked.length_unit, angle=asked.angle_unit)
-    recording = _cut(repair_units(recording), asked.start, asked.end)
-    recording = repair_stamps(recording, asked.max_gap)
+    recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
+    recording = _cut(repair_units(recording), options.start, options.end)
+    recording = repair_stamps(recording, options.max_gap)
     recording = _unit_quaternions(recording)
     recording = repair_glitches(recording)
-    recording = _filled(recording, asked.max_gap)
+    recording = _filled(recording, options.max_gap)
     recording = _steady_signs(recording)
-    recording = _mirrored(_scaled(recording, asked), asked.mirror)
-    recording = _limited(recording, asked.limits)
+    recording = _mirrored(_scaled(recording, options), options.mirror)
+    recording = _limited(recording, options.limits)
     return Repaired(_trajectory(recording), recording.findings, recording.hand_length)
 
 
@@ -160,26 +160,18 @@ def _unit_quaternions(recording: Recording) -> Recording:
         )
     if damaged.any():
         zero = int((norm[damaged] < MIN_QUATERNION_NORM).sum())
-        mark(recording.flags, damaged, SampleFlag.PALM_FILLED)
-        recording = recording.changed(orientation=np.where(damaged[:, None], np.nan, recording.orientation)).found(
-            Finding(
-                SampleFlag.PALM_FILLED.word,
-                f"quaternions that are none ({zero} of length zero, the rest off unit length): interpolated",
-                int(damaged.sum()),
-                float(recording.time[np.argmax(damaged)]),
-            )
-        )
+        text = f"quaternions that are none ({zero} of length zero, the rest off unit length): interpolated"
+        recording = recording.changed(orientation=np.where(damaged[:, None], np.nan, recording.orientation))
+        recording = recording.flagged(damaged, SampleFlag.PALM_FILLED, text)
     scaled = given & ~damaged & (np.abs(norm - 1.0) > NORM_TOLERANCE)
     if scaled.any():
-        mark(recording.flags, scaled, SampleFlag.RENORMALISED)
         text = f"quaternions not of unit length (median {usual:.4g}): scaled"
-        first = float(recording.time[np.argmax(scaled)])
-        recording = recording.found(Finding(SampleFlag.RENORMALISED.word, text, int(scaled.sum()), first))
+        recording = recording.flagged(scaled, SampleFlag.RENORMALISED, text)
     return recording
 
 
 def _filled(recording: Recording, max_gap: float) -> Recording:
-    time, count = recording.time, recording.sample_count
+    time = recording.time
     position, turned = _holes_filled(time, recording.position, max_gap, "palm position")
     lost = np.asarray(np.isnan(recording.orientation).any(axis=1))
     _check_holes(time, lost, max_gap, "palm orientation")
@@ -190,32 +182,20 @@ def _filled(recording: Recording, max_gap: float) -> Recording:
         sound = continuous_orientation(orientation[good], time[good])
         made = interpolate_orientation(time[good] - time[0], sound, inside - time[0])
         orientation = np.where(lost[:, None], made, orientation)
-    angles = np.concatenate([recording.flexion.reshape(count, 15), recording.abduction], axis=1)
+    angles = recording.angles
     missing = np.isnan(angles)
     for column, joint in enumerate(JOINTS):
         if missing[:, column].any():
             angles[:, column : column + 1], _ = _holes_filled(time, angles[:, column : column + 1], max_gap, joint)
-    filled = recording.changed(
-        position=position,
-        orientation=orientation,
-        flexion=angles[:, :15].reshape(count, 5, 3),
-        abduction=angles[:, 15:],
-    )
-    already = SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER
-    filled = _told(filled, turned | lost, already, SampleFlag.PALM_FILLED, "palm pose missing")
-    return _told(
-        filled, missing.any(axis=1), SampleFlag.FINGERS_OUTLIER, SampleFlag.FINGERS_FILLED, "joint angles missing"
-    )
-
-
-def _told(recording: Recording, filled: Mask, already: SampleFlag, flag: SampleFlag, what: str) -> Recording:
-    """Mark and report what was filled for no reason that another finding gives."""
-    new = filled & ~marked(recording.flags, already)
-    if not new.any():
-        return recording
-    mark(recording.flags, new, flag)
-    first = float(recording.time[np.argmax(new)])
-    return recording.found(Finding(flag.word, f"{what}: interpolated", int(new.sum()), first))
+    filled = recording.with_angles(angles).changed(position=position, orientation=orientation)
+    # What another finding gives a reason for is not reported again.
+    new = (turned | lost) & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
+    if new.any():
+        filled = filled.flagged(new, SampleFlag.PALM_FILLED, "palm pose missing: interpolated")
+    new = missing.any(axis=1) & ~marked(filled.flags, SampleFlag.FINGERS_OUTLIER)
+    if new.any():
+        filled = filled.flagged(new, SampleFlag.FINGERS_FILLED, "joint angles missing: interpolated")
+    return filled
 
 
 def _holes_filled(time: Array, values: Array, max_gap: float, what: str) -> tuple[Array, Mask]:
@@ -258,23 +238,21 @@ def _steady_signs(recording: Recording) -> Recording:
     changed = recording.changed(orientation=steady)
     if not flipped.any():
         return changed
-    mark(changed.flags, flipped, SampleFlag.FLIPPED)
-    first = float(recording.time[np.argmax(flipped)])
     text = "quaternions of the other sign than the one before: turned, the rotation is the same"
-    return changed.found(Finding(SampleFlag.FLIPPED.word, text, int(flipped.sum()), first))
+    return changed.flagged(flipped, SampleFlag.FLIPPED, text)
 
 
-def _scaled(recording: Recording, asked: RepairOptions) -> Recording:
-    length = asked.hand_length if asked.hand_length is not None else recording.hand_length
-    if asked.scale_to is None:
+def _scaled(recording: Recording, options: RepairOptions) -> Recording:
+    length = options.hand_length if options.hand_length is not None else recording.hand_length
+    if options.scale_to is None:
         return recording.changed(hand_length=length)
     if length is None:
         raise InputError(
             "--scale-to needs the length of the recorded hand, which the recording does not tell: --hand-length"
         )
-    factor = asked.scale_to / length
+    factor = options.scale_to / length
     middle = recording.position.mean(axis=0)
-    lengths = f"from a hand of {1e3 * length:.0f} mm to one of {1e3 * asked.scale_to:.0f} mm"
+    lengths = f"from a hand of {1e3 * length:.0f} mm to one of {1e3 * options.scale_to:.0f} mm"
     text = f"palm's way scaled by {factor:.3f}, {lengths}"
     scaled = recording.changed(position=middle + factor * (recording.position - middle), hand_length=length)
     return scaled.found(note(text))
@@ -295,18 +273,16 @@ def _mirrored(recording: Recording, wanted: bool) -> Recording:
 def _limited(recording: Recording, limits: JointLimits | None) -> Recording:
     if limits is None:
         return recording
-    count = recording.sample_count
-    angles = np.concatenate([recording.flexion.reshape(count, 15), recording.abduction], axis=1)
+    angles = recording.angles
     least = np.concatenate([limits.flexion_min.ravel(), limits.abduction_min])
     most = np.concatenate([limits.flexion_max.ravel(), limits.abduction_max])
     clipped = np.clip(angles, least, most)
     excess = np.abs(angles - clipped)
     beyond = excess > LIMIT_TOLERANCE
-    changed = recording.changed(flexion=clipped[:, :15].reshape(count, 5, 3), abduction=clipped[:, 15:])
-    limited = beyond.any(axis=1)
+    changed = recording.with_angles(clipped)
+    limited = np.asarray(beyond.any(axis=1))
     if not limited.any():
         return changed
-    mark(changed.flags, limited, SampleFlag.LIMITED)
     share = beyond.mean(axis=0)
     worst = [column for column in np.argsort(-share, kind="stable")[:3] if share[column] > 0.0]
     names = ", ".join(f"{JOINTS[c]} {100.0 * share[c]:.0f} %" for c in worst)
@@ -316,8 +292,7 @@ def _limited(recording: Recording, limits: JointLimits | None) -> Recording:
         f"joints beyond the hand's limits by up to {np.degrees(excess.max()):.0f}° ({names}"
         f"{f' and {more} more' if more else ''}): set to the limit{hint}"
     )
-    first = float(recording.time[np.argmax(limited)])
-    return changed.found(Finding(SampleFlag.LIMITED.word, text, int(limited.sum()), first))
+    return changed.flagged(limited, SampleFlag.LIMITED, text)
 
 
 def _trajectory(recording: Recording) -> Trajectory:

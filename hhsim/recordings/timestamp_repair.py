@@ -52,17 +52,9 @@ def repair_stamps(recording: Recording, max_gap: float) -> Recording:
     usual = float(np.median(step))
     gap = np.concatenate([[False], step > GAP_STEPS * usual])
     if gap.any():
-        mark(recording.flags, gap, SampleFlag.GAP_BEFORE)
-        longest = int(np.argmax(step))
-        recording = recording.found(
-            Finding(
-                SampleFlag.GAP_BEFORE.word,
-                f"gaps, the longest {1e3 * step[longest]:.0f} ms where {1e3 * usual:.1f} ms is usual: the stamps stay, "
-                "replays interpolate",
-                int(gap.sum()),
-                float(time[np.argmax(gap)]),
-            )
-        )
+        lengths = f"the longest {1e3 * step.max():.0f} ms where {1e3 * usual:.1f} ms is usual"
+        text = f"gaps, {lengths}: the stamps stay, replays interpolate"
+        recording = recording.flagged(gap, SampleFlag.GAP_BEFORE, text)
     return recording
 
 

@@ -92,12 +92,12 @@ def _lengths(recording: Recording) -> Recording:
     speed = _usual_speed(recording)
     if distance <= FAR and speed <= FAST:
         return recording
-    said = f"palm {distance:.4g} m from the origin" if distance > FAR else f"palm moves at {speed:.4g} m/s"
+    reason = f"palm {distance:.4g} m from the origin" if distance > FAR else f"palm moves at {speed:.4g} m/s"
     if "length" in recording.stated:
-        raise TrajectoryError(f"{said}, which is no hand's; expected another unit or origin: check --length-unit")
+        raise TrajectoryError(f"{reason}, which is no hand's; expected another unit or origin: check --length-unit")
     if distance <= CERTAINLY_FAR and speed <= CERTAINLY_FAST:
-        raise TrajectoryError(f"{said}: not in metres, but cm, mm and inch are all possible; say --length-unit")
-    text = f"positions: {said}: taken for millimetres; if they are not, say --length-unit"
+        raise TrajectoryError(f"{reason}: not in metres, but cm, mm and inch are all possible; say --length-unit")
+    text = f"positions: {reason}: taken for millimetres; if they are not, say --length-unit"
     return _converted(recording, text).changed(position=recording.position * LENGTH_UNITS["mm"])
 
 
@@ -112,17 +112,17 @@ def _usual_speed(recording: Recording) -> float:
 
 
 def _angles(recording: Recording) -> Recording:
-    angles = np.concatenate([recording.flexion.reshape(recording.sample_count, -1), recording.abduction], axis=1)
+    angles = recording.angles
     beyond = np.abs(angles) > JOINT_LIMIT
     share = float(beyond.any(axis=1).mean()) if beyond.size else 0.0
     if share <= FEW:
         return recording
     worst = float(np.nanmax(np.abs(angles)))
-    said = f"joint angles reach {worst:.4g} rad, beyond what a joint can do in {100.0 * share:.0f} % of the samples"
+    reason = f"joint angles reach {worst:.4g} rad, beyond what a joint can do in {100.0 * share:.0f} % of the samples"
     if "angle" in recording.stated or share <= MANY:
-        raise TrajectoryError(f"{said}; expected [rad]: are they in degrees? Say --angle-unit")
+        raise TrajectoryError(f"{reason}; expected [rad]: are they in degrees? Say --angle-unit")
     factor = ANGLE_UNITS["deg"]
-    return _converted(recording, f"{said}: taken for degrees; if they are not, say --angle-unit").changed(
+    return _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit").changed(
         flexion=recording.flexion * factor, abduction=recording.abduction * factor
     )
 

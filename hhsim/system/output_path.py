@@ -11,25 +11,23 @@ RESULTS = Path("results")
 """Where results land by default, under the current folder."""
 
 
-def dated_output_path(stem: str, suffix: str = ".h5", *, folder: Path = RESULTS, now: datetime | None = None) -> Path:
+def dated_output_path(stem: str, suffix: str = ".h5") -> Path:
     """Name a file that does not exist yet, such as results/2026-03-01-142530-bunny-grasp.h5, by local time and `stem`.
 
     Args:
         stem: What the file is about; characters that do not belong in a file name become "-".
         suffix: With its dot.
-        folder: Is made where it is missing.
-        now: The time in the name; the current local time by default.
 
     Raises:
         OutputError: The folder cannot be made or written.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        RESULTS.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"cannot make the folder {folder}: {_reason(error)}; name a file with --out") from error
+        raise OutputError(f"cannot make the folder {RESULTS}: {_reason(error)}; name a file with --out") from error
     kept = "".join(letter if letter.isalnum() or letter in "._-" else "-" for letter in stem)
-    name = f"{now or datetime.now():%Y-%m-%d-%H%M%S}-{kept}"
-    path = free_name(folder / f"{name}{suffix}")
+    name = f"{datetime.now():%Y-%m-%d-%H%M%S}-{kept}"
+    path = free_name(RESULTS / f"{name}{suffix}")
     check_output_path(path)
     return path
 

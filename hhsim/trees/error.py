@@ -62,11 +62,6 @@ def protrusion_bound(bvh: MeshBvh, center: FloatArray, radius: FloatArray) -> fl
     return float((radius + mesh_signed_distance(bvh, center)).max())
 
 
-def uncovered_faces(vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray) -> IntArray:
-    """Faces for which there is no proof that the balls cover them; empty for a certified cover."""
-    return prove_cover(vertices, faces, center, radius)[0]
-
-
 def prove_cover(
     vertices: FloatArray,
     faces: IntArray,

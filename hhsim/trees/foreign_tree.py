@@ -17,7 +17,7 @@ from hhsim.errors import InputError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.error import measure_levels, protrusion_bound, sample_mesh, uncovered_faces
+from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover, sample_mesh
 from hhsim.trees.file import load_tree
 from hhsim.trees.sph_format import load_sph
 from hhsim.trees.sphere_tree import SphereTree
@@ -87,11 +87,11 @@ def import_tree(
         if tree.mesh_sha256 not in ("", mesh.sha256):
             notes.append(f"{source.name} was built for another mesh than {mesh.name}, and is measured against this one")
     else:
-        tree, chosen, told = _placed(source, mesh, unit_length, frame)
-        notes += told
+        tree, chosen, placement_notes = _placed(source, mesh, unit_length, frame)
+        notes += placement_notes
     _require_near(source, mesh, tree)
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
-    unproved = uncovered_faces(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius).size
+    unproved = prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius)[0].size
     errors = measure_levels(mesh.vertices, mesh.faces, bvh, tree, seed, progress)
     if unproved:
         notes.append(

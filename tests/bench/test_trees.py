@@ -10,7 +10,6 @@ from conftest import Run
 
 from hhsim.bench.table import load_table
 from hhsim.bench.trees import (
-    CUP_WALL,
     TreesOptions,
     comparison_object,
     largest_error,
@@ -20,6 +19,7 @@ from hhsim.bench.trees import (
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.trees.published_results import BARS, EXTENT, REFERENCES
+from tools.build_catalogue import CUP_WALL
 
 SMALL = ("bench", "trees", "--object", "cube", "--spheres", "8")
 FEW = TreesOptions(objects=("cube",), spheres=(8, 60), points=3_000)

@@ -223,7 +223,7 @@ def test_a_recording_of_ones_own_is_replayed(run: Run, tmp_path: Path, suffix: s
 
 
 def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path: Path, short: Path) -> None:
-    from hhsim.mesh import generators as shapes
+    from tools.shapes import generators as shapes
 
     mesh = shapes.cube(0.07)
     lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices]

@@ -18,7 +18,7 @@ Run = Callable[..., Any]
 @pytest.fixture
 def box(tmp_path: Path) -> Path:
     """A box away from the origin, in millimetres."""
-    from hhsim.mesh import generators as shapes
+    from tools.shapes import generators as shapes
 
     mesh = shapes.cube(0.07)
     lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices + [200.0, 0.0, 30.0]]

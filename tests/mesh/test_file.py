@@ -7,8 +7,9 @@ import pytest
 import trimesh
 
 from hhsim.errors import MeshError
-from hhsim.mesh.file import ply_bytes, read_own_ply, read_triangles
-from hhsim.mesh.generators import cube, rock
+from hhsim.mesh.file import read_own_ply, read_triangles
+from tools.build_catalogue import ply_bytes
+from tools.shapes.generators import cube, rock
 
 
 def test_written_and_read_bit_for_bit() -> None:

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.mesh.generators import sphere
 from hhsim.mesh.holes import hole_caps
-from hhsim.mesh.surface_parts import band
 from hhsim.mesh.topology import face_areas, is_closed
+from tools.shapes.generators import sphere
+from tools.shapes.surface_parts import band
 
 FloatArray = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhsim.errors import InputError, MeshError
-from hhsim.mesh.generators import cube, sphere
 from hhsim.mesh.mesh import Mesh, load_mesh
 from hhsim.mesh.self_intersection import winding_faults
+from tools.shapes.generators import cube, sphere
 
 
 def save(path: Path, mesh: Mesh) -> Path:

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
-from hhsim.mesh.generators import cube, cup, sphere
 from hhsim.mesh.repair import closed_surface
 from hhsim.mesh.repair_log import MeshInRepair
 from hhsim.mesh.self_intersection import winding_faults
 from hhsim.mesh.topology import is_closed, part_labels, signed_volume
+from tools.shapes.generators import cube, cup, sphere
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

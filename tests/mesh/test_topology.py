@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.mesh.generators import cube, cup, sphere
 from hhsim.mesh.topology import (
     alike_wound,
     boundary_loops,
@@ -19,6 +18,7 @@ from hhsim.mesh.topology import (
     undirected_edges,
     used_vertices,
 )
+from tools.shapes.generators import cube, cup, sphere
 
 BALL = sphere(0.08, subdivisions=2)
 

@@ -23,7 +23,8 @@ from hhsim.recordings.dexmo_regression import (
     parse_calibration,
     read_calibration,
 )
-from hhsim.recordings.formats.dexmo import has_dexmo_channels, read_dexmo_table
+from hhsim.recordings.formats.dexmo import calibration_of, has_dexmo_channels
+from hhsim.recordings.recording_format import ReadOptions
 from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import default_limits
 
@@ -204,7 +205,7 @@ def test_normalised_channels_come_in_with_the_default(tmp_path: Path) -> None:
     assert "no palm pose beside the channels" in recording.findings[1].text
     table = read_table(path.read_text())
     assert has_dexmo_channels(table.header) and not has_dexmo_channels(table.header[:-1])
-    assert read_dexmo_table(table)[1].slope.tobytes() == DEFAULT.slope.tobytes()
+    assert calibration_of(path, ReadOptions()).slope.tobytes() == DEFAULT.slope.tobytes()
 
 
 def test_a_session_calibrates_itself_and_others(run: Run, tmp_path: Path) -> None:

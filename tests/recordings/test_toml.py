@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 from column_map_sample import GLOVE, TABLE
+from recording_samples import read_as
 
 from hhsim.errors import HhsimError
 from hhsim.recordings.column_map import parse_column_map
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, format_calibration, parse_calibration
-from hhsim.recordings.formats.csv import read_csv_recording
 from hhsim.recordings.repair import repair
 from hhsim.scene.demonstration import parse_demonstration
 
@@ -18,7 +18,7 @@ VALUES = ["", "[]", "{}", "3", "-1e400", "nan", "inf", "'x'", "true", "[1, 2]", 
 
 
 def map_columns(text: str) -> None:
-    repair(read_csv_recording(TABLE, parse_column_map(text, where="m.toml")))
+    repair(read_as("csv", TABLE, columns=parse_column_map(text, where="m.toml")))
 
 
 def calibrate(text: str) -> None:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError
-from hhsim.mesh.generators import cube
 from hhsim.render.rasterizer import OVERSAMPLING, Camera
 from hhsim.render.tree_figure import COLORS, _balls, draw_tree
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
+from tools.shapes.generators import cube
 
 
 def picture(path: Path) -> np.ndarray:

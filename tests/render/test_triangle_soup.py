@@ -10,9 +10,9 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
 from hhsim.mesh.catalogue import load_object
-from hhsim.mesh.generators import cube, sphere
 from hhsim.render.triangle_soup import NAIL, SKIN, SPHERE, arrow_surface, hand_surface, joined, mesh_surface, painted
 from hhsim.render.triangle_soup import round_cone_surface as cone
+from tools.shapes.generators import cube, sphere
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 

@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from recording_samples import read_as
 
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation, tick_times
 from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.formats.npz import read_npz_recording
 from hhsim.recordings.hand_displacement import turn
 from hhsim.recordings.repair import RepairOptions, repair
 
@@ -38,7 +38,7 @@ ROUNDING = 1e-12
 @cache
 def motion(folder: Path, name: str, limited: bool = True) -> Trajectory:
     data = (folder / "recordings" / f"leap_{name}.npz").read_bytes()
-    return repair(read_npz_recording(data), RepairOptions() if limited else RepairOptions(limits=None)).trajectory
+    return repair(read_as("npz", data), RepairOptions() if limited else RepairOptions(limits=None)).trajectory
 
 
 def channels(motion: Trajectory) -> Array:

@@ -12,7 +12,6 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.mesh.generators import sphere
 from hhsim.replay.repeat import COMPARED, run_again
 from hhsim.replay.replay import replay
 from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_tree
@@ -22,6 +21,7 @@ from hhsim.scene.scene import make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.hierarchy import at_level
+from tools.shapes.generators import sphere
 
 SHORT = """
 title = "short"

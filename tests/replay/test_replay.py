@@ -13,7 +13,6 @@ from sphere_scenes import brute_clearance, bumpy_ball
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.mesh.generators import sphere
 from hhsim.metrics import metrics
 from hhsim.replay.replay import replay
 from hhsim.replay.stored_scene import modelled
@@ -24,6 +23,7 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import Script
 from hhsim.solver.options import SolverOptions
+from tools.shapes.generators import sphere
 
 Array = NDArray[Any]
 

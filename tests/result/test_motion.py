@@ -13,7 +13,6 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.session.recorder import Recorder
-from hhsim.mesh.generators import sphere
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.registry import read_recording
 from hhsim.replay.replay import replay
@@ -23,6 +22,7 @@ from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.options import SolverOptions
+from tools.shapes.generators import sphere
 
 SHORT = """
 title = "short"

@@ -13,8 +13,8 @@ import pytest
 import hhsim
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.gate.input_hash import differences, run_inputs
-from hhsim.mesh.generators import cube
 from hhsim.result.schema import TICK_COLUMNS
+from tools.shapes.generators import cube
 
 Run = Callable[..., Any]
 
@@ -80,15 +80,17 @@ def test_a_scene_from_names_is_that_of_the_command_line(run: Run, tmp_path: Path
     assert run("replay", "cube", "short.toml", *words).code == 0
     scene = hhsim.open_scene("cube", tmp_path / "short.toml", level=2, seed=3, rate=500.0)
     summary = hhsim.replay_scene(scene, hhsim.SolverOptions(method="progressive"), str(tmp_path / "own.h5"))
-    told, own = hhsim.load_result(tmp_path / "told.h5"), hhsim.load_result(str(tmp_path / "own.h5"))
+    by_command, own = hhsim.load_result(tmp_path / "told.h5"), hhsim.load_result(str(tmp_path / "own.h5"))
     assert summary.path == own.path and own.complete
     for column in TICK_COLUMNS:
         if not column.name.startswith("duration/"):
-            assert np.array_equal(told[column.name], own[column.name], equal_nan=column.dtype == "<f8"), column.name
+            assert np.array_equal(by_command[column.name], own[column.name], equal_nan=column.dtype == "<f8"), (
+                column.name
+            )
     assert own["contacts/touching"].max() > 0
-    assert differences(run_inputs(told), run_inputs(own)) == []
-    said = {name: told.scene[name] for name in own.scene if name not in ("object", "trajectory")}
-    assert {name: own.scene[name] for name in said} == said
+    assert differences(run_inputs(by_command), run_inputs(own)) == []
+    description = {name: by_command.scene[name] for name in own.scene if name not in ("object", "trajectory")}
+    assert {name: own.scene[name] for name in description} == description
     assert (own.scene["object"], own.scene["trajectory"]) == ("cube", str(tmp_path / "short.toml"))
     answer = run("replay", "own.h5")
     assert answer.code == 0 and "identical in every tick" in answer.out

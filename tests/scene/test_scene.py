@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball
 
 from hhsim.hand.model import HandModel
-from hhsim.mesh.generators import sphere
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
+from tools.shapes.generators import sphere
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
-from hhsim.mesh.generators import cube, sphere
 from tools.cross_section import Plane, cut_balls, cut_mesh, finger_plane, round_cone_outline
+from tools.shapes.generators import cube, sphere
 
 FLAT = Plane(np.zeros(3), np.eye(3))
 

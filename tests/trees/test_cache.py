@@ -12,7 +12,6 @@ import pytest
 
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.mesh.generators import cube
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees import builder, cache
 from hhsim.trees.cache import SHIPPED_SUFFIX, cache_path, cached_sphere_tree, kept_sphere_tree, shipped_tree
@@ -20,6 +19,7 @@ from hhsim.trees.file import load_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.build_trees import PALM_LEVEL, object_tree, palm_trees
+from tools.shapes.generators import cube
 
 DUE = "not what ships: raise BUILDER_VERSION if the builder changed, and run `python -m tools.build_trees`"
 

@@ -15,12 +15,12 @@ from hhsim.errors import MeshError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.cover.check_certificate import HOLDS, check_proof
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.rock import rock
 from hhsim.trees.builder import build_sphere_tree, proved_anew
 from hhsim.trees.coverage_check import faults
 from hhsim.trees.error import prove_cover
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.options import TreeOptions
+from tools.shapes.rock import rock
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int32]

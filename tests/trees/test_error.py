@@ -11,9 +11,9 @@ from hhsim.trees.error import (
     LEAST_SAMPLES_EACH,
     measure_levels,
     protrusion_bound,
+    prove_cover,
     sample_mesh,
     sample_spheres,
-    uncovered_faces,
 )
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
@@ -46,7 +46,7 @@ def test_gap_of_a_tree_with_a_hole_is_seen() -> None:
     mesh = MESH
     tree = build_sphere_tree(mesh, TreeOptions(level=2))
     center, radius = tree.leaf_center[5:], tree.leaf_radius[5:]
-    assert uncovered_faces(mesh.vertices, mesh.faces, center, radius).size > 0
+    assert prove_cover(mesh.vertices, mesh.faces, center, radius)[0].size > 0
     holed = build_hierarchy(center, radius, 2, 8)
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
     error = measure_levels(mesh.vertices, mesh.faces, bvh, holed)[-1]

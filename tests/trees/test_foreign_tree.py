@@ -75,9 +75,9 @@ def test_the_frame_is_found_and_the_parents_are_mended(
         ancestor = found.tree.parent[ancestor]
         reach = np.linalg.norm(found.tree.leaf_center - found.tree.center[ancestor], axis=1) + found.tree.leaf_radius
         assert (reach <= found.tree.radius[ancestor] * (1.0 + 1e-9)).all()
-    told = " ".join(found.notes)
-    assert "9 of 9 inner spheres did not enclose" in told
-    assert f"count from {'the centre of the mesh' if frame == 'centred' else 'the mesh'}" in told
+    notes = " ".join(found.notes)
+    assert "9 of 9 inner spheres did not enclose" in notes
+    assert f"count from {'the centre of the mesh' if frame == 'centred' else 'the mesh'}" in notes
     for ours, theirs in zip(BUILT.errors[-1:], found.tree.errors[-1:]):
         assert theirs.bound == pytest.approx(ours.bound, abs=3.0 * rounding)
         assert theirs.protrusion_max == pytest.approx(ours.protrusion_max, abs=0.03 * ours.bound)

@@ -10,7 +10,7 @@ from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.trees import surface_cover as mesh_cover
-from hhsim.trees.error import protrusion_bound, uncovered_faces
+from hhsim.trees.error import protrusion_bound, prove_cover
 from hhsim.trees.surface_cover import Progress, cover_of, in_own_frame, require_inside
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ def test_covers_with_the_balls_it_may_have(name: str, balls: int) -> None:
     center, radius = build_cover(vertices, faces, balls)
     assert 1 <= len(radius) <= balls
     assert (radius > 0.0).all()
-    assert uncovered_faces(vertices, faces, center, radius).size == 0
+    assert prove_cover(vertices, faces, center, radius)[0].size == 0
 
 
 def test_refinement_beats_the_greedy_start(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +69,7 @@ def test_micro_triangles_stay_within_their_number_where_all_cost_the_same(monkey
 
     monkeypatch.setattr(mesh_cover._Cover, "halve", counted)
     center, radius = build_cover(vertices, faces, balls)
-    assert uncovered_faces(vertices, faces, center, radius).size == 0
+    assert prove_cover(vertices, faces, center, radius)[0].size == 0
     assert seen, "nothing was halved, so that nothing is shown"
     assert max(seen) <= most * balls
 
@@ -86,7 +86,7 @@ def test_where_the_mesh_lies_does_not_matter() -> None:
     for offset in (0.0, 0.5, 1000.0):
         there = vertices + offset
         center, radius = build_cover(there, faces, 50)
-        assert uncovered_faces(there, faces, center, radius).size == 0
+        assert prove_cover(there, faces, center, radius)[0].size == 0
         bounds.append(protrusion_bound(build_mesh_bvh(there, faces), center, radius))
     assert bounds == pytest.approx([bounds[0]] * 3, rel=1e-6)
 
@@ -136,7 +136,7 @@ MOST_PROTRUSION = {
 def test_how_little_512_balls_protrude(name: str) -> None:
     vertices, faces = catalogue_arrays(name)
     center, radius = build_cover(vertices, faces, 512)
-    assert uncovered_faces(vertices, faces, center, radius).size == 0
+    assert prove_cover(vertices, faces, center, radius)[0].size == 0
     assert protrusion_bound(build_mesh_bvh(vertices, faces), center, radius) <= MOST_PROTRUSION[name]
 
 
@@ -150,7 +150,7 @@ def test_a_motion_and_a_scale_do_not_change_the_cover(name: str) -> None:
         rotation, scale = Rotation.random(random_state=seed), 10.0 ** rng.uniform(-2.0, 2.0)
         there = scale * rotation.apply(vertices) + scale * rng.normal(size=3)
         other_center, other_radius = build_cover(there, faces, 512)
-        assert uncovered_faces(there, faces, other_center, other_radius).size == 0
+        assert prove_cover(there, faces, other_center, other_radius)[0].size == 0
         bound = protrusion_bound(build_mesh_bvh(there, faces), other_center, other_radius)
         assert bound == pytest.approx(scale * plain, rel=0.02)
 

@@ -23,7 +23,8 @@ from hhsim.live.loop import loop as live_loop
 from hhsim.live.loop import plausibility as glove_watch
 from hhsim.live.loop.interlock import QUIET_NS, WORDS
 from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.pose.registry import FixedPose
+from hhsim.live.pose.fixed import FixedPose
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session import recorder
 from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.writer import SessionWriter
@@ -87,7 +88,7 @@ class Scripted:
         clock = FakeClock()
         mishaps = {OVERSLEPT: lambda: clock.oversleep.append(int(3.4 * PERIOD)), FAILED: self.fail_once}
         glove = ScriptedGlove(clock, SCRIPT, mishaps)
-        pose = FixedPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        pose = FixedPose(PoseConfig())
         self.loop = LiveLoop(self.setup, self.memory, glove, pose, clock=clock)
         self.reason = self.loop.run()
         # The solver measures by the true clock: its times are made those of the script's.

@@ -154,7 +154,7 @@ def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent(name: s
 
 def test_another_process_builds_the_same_bytes() -> None:
     program = (
-        "import hashlib; from hhsim.mesh.cup import cup; from hhsim.trees.builder import *; "
+        "import hashlib; from tools.shapes.cup import cup; from hhsim.trees.builder import *; "
         "t = build_sphere_tree(cup(0.08, 0.092, 0.0034, 0.032), TreeOptions(level=2)); "
         "print(hashlib.sha256(t.center.tobytes() + t.radius.tobytes() + repr(t.errors).encode()).hexdigest())"
     )

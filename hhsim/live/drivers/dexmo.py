@@ -32,11 +32,11 @@ from hhsim.live.link.dexmo_codec import (
     FramingError,
     GloveMessage,
     MessageStream,
-    WireError,
     decode_frame,
     encode_impedance,
     framed,
 )
+from hhsim.live.link.proto3_wire import WireError
 from hhsim.live.link.tcp import TcpLink
 
 if TYPE_CHECKING:

@@ -14,13 +14,14 @@ from hhsim.live.device import (
     FingerCommand,
     GloveDevice,
     GloveInfo,
+    NothingHeld,
 )
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.playback import RETURN_TIME
 from hhsim.recordings.column_map import JOINT_NAMES
 
 
-class ReplayGlove(GloveDevice):
+class ReplayGlove(NothingHeld, GloveDevice):
     """Gives sample k of a trajectory as sample k, bit for bit, whenever it is read.
 
     Its channels are the joint angles [rad].
@@ -111,14 +112,3 @@ class ReplayGlove(GloveDevice):
         """See `GloveDevice.send`; a recording feels nothing."""
         self.counters.commands += 1
         return True
-
-    def release(self, timeout: float = 0.05) -> bool:
-        """See `GloveDevice.release`."""
-        return True
-
-    def reconnect(self) -> bool:
-        """See `GloveDevice.reconnect`; a recording never goes away."""
-        return True
-
-    def close(self) -> None:
-        """See `GloveDevice.close`."""

@@ -20,6 +20,7 @@ from hhsim.live.device import (
     FingerCommand,
     GloveDevice,
     GloveInfo,
+    NothingHeld,
 )
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.devices.sim import SimOptions
@@ -39,7 +40,7 @@ LONGEST_PAUSE = 1.0
 """Samples of a longer time without a read are dropped [s]."""
 
 
-class SimGlove(GloveDevice):
+class SimGlove(NothingHeld, GloveDevice):
     """A simulated glove.
 
     Without noise and commands the fingers make the motion of the playback; its channels are the bends of the fingers.
@@ -145,10 +146,3 @@ class SimGlove(GloveDevice):
         """See `GloveDevice.release`."""
         self._stiffness[:] = 0.0
         return True
-
-    def reconnect(self) -> bool:
-        """See `GloveDevice.reconnect`; it never goes away."""
-        return True
-
-    def close(self) -> None:
-        """See `GloveDevice.close`."""

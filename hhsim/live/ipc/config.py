@@ -15,7 +15,7 @@ from hhsim.hand.model import HandModel
 from hhsim.live.device import FINGER_COUNT
 from hhsim.live.devices.registry import GloveConfig, for_release
 from hhsim.live.ipc.status import WatchdogSetup
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.mesh.mesh import Mesh
 from hhsim.recordings.dexmo_regression import DexmoRegression

@@ -16,14 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.ipc.records import EVENT, LIVE_TICK
 from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.shared_memory import SharedBlock, SharedRing
+from hhsim.result.schema import TICK_FIELDS
 
 TICK_CAPACITY = 16_384
 SAMPLE_CAPACITY = 16_384
 EVENT_CAPACITY = 1_024
 FACT_BYTES = 65_520
+
+LIVE_TICK = np.dtype([(field.name, field.type, field.shape) for field in TICK_FIELDS], align=True)
+"""One tick of the loop; `hhsim.result.schema.LIVE_TICK_COLUMNS` says what the fields are that only a session has.
+
+Periods that were missed leave gaps in `tick`; `input_seq` is the `seq` of the sample in use, -1 before the first.
+"""
+
+EVENT = np.dtype([("time_ns", np.int64), ("level", np.int64), ("text", "S240")], align=True)
+"""A line of the session's log: CLOCK_MONOTONIC [ns]; level 0 for information, 1 a warning, 2 a fault; UTF-8."""
 
 FACTS = np.dtype([("version", np.int64), ("size", np.int64), ("text", np.uint8, (FACT_BYTES,))], align=True)
 """A JSON document; `version` is odd while it is being written, 0 before the first."""

@@ -2,7 +2,8 @@
 
 Both ways: the length of a message as a little-endian int32, then the message in proto3. The server sends `FRAME`, the
 client `COMMAND`. Field numbers and meanings as in the vendor's example client for its Linux server 1.1.6; the names
-here are ours. A frame carries neither a stamp nor a number nor a force that was felt.
+here are ours; what of a command is never used (rumble, other) is skipped as any unknown field is. A frame carries
+neither a stamp nor a number nor a force that was felt.
 """
 
 import struct
@@ -36,23 +37,9 @@ IMPEDANCE = Schema(
     *(Field(number, name, Kind.MESSAGE, IMPEDANCE_DATA) for number, name in enumerate(FINGER_FIELDS, start=1)),
     Field(6, "has_index", Kind.BOOL),
 )
-RUMBLE_DATA = Schema(
-    Field(1, "is_open", Kind.BOOL),
-    Field(2, "repeated_times", Kind.INT32),
-    Field(3, "volume", Kind.FLOAT),
-    Field(4, "wavetype", Kind.INT32),
-)
-RUMBLE = Schema(
-    *(Field(number, name, Kind.MESSAGE, RUMBLE_DATA) for number, name in enumerate(FINGER_FIELDS, start=1)),
-    Field(6, "util_rumble", Kind.MESSAGE, RUMBLE_DATA, repeated=True),
-    Field(7, "has_index", Kind.BOOL),
-)
-OTHER = Schema(Field(1, "control_type", Kind.FLOAT), Field(2, "control_value", Kind.FLOAT))
 COMMAND = Schema(
     Field(1, "id", Kind.INT32),
     Field(2, "impedance", Kind.MESSAGE, IMPEDANCE, repeated=True),
-    Field(3, "rumble", Kind.MESSAGE, RUMBLE, repeated=True),
-    Field(4, "other", Kind.MESSAGE, OTHER, repeated=True),
 )
 
 FINGER_TAGS = tuple(field.tag for field in IMPEDANCE.fields[:5])
@@ -189,15 +176,10 @@ def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequ
 
 
 class MessageStream:
-    """Cuts a stream of bytes into messages, however the bytes arrive.
+    """Cuts a stream of bytes into messages, however the bytes arrive; one beyond `MOST_BYTES` is not waited for."""
 
-    Args:
-        most_bytes: A message of more is not waited for.
-    """
-
-    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self) -> None:
         """Nothing has arrived."""
-        self.most_bytes = most_bytes
         self._bytes = bytearray()
         self._at = 0
 
@@ -221,26 +203,9 @@ class MessageStream:
         if start > len(self._bytes):
             return None
         (length,) = LENGTH.unpack_from(self._bytes, self._at)
-        if not 0 <= length <= self.most_bytes:
-            raise FramingError(f"a message of {length} bytes: expected 0 to {self.most_bytes}")
+        if not 0 <= length <= MOST_BYTES:
+            raise FramingError(f"a message of {length} bytes: expected 0 to {MOST_BYTES}")
         if start + length > len(self._bytes):
             return None
         self._at = start + length
         return bytes(self._bytes[start : self._at])
-
-
-__all__ = [
-    "CHANNELS",
-    "COMMAND",
-    "FRAME",
-    "FramingError",
-    "GloveMessage",
-    "Impedance",
-    "MessageStream",
-    "WireError",
-    "decode_frame",
-    "decode_impedances",
-    "encode_frame",
-    "encode_impedance",
-    "framed",
-]

@@ -5,6 +5,7 @@ import socket
 import time
 
 from hhsim.live.device import DeviceError
+from hhsim.live.link.byte_stream import ready
 from hhsim.live.link.udp_codec import LONGEST, Packet, PacketError, decode_packet
 
 BUFFER = 1 << 20
@@ -88,9 +89,7 @@ class UdpPort:
 
     def wait(self, timeout: float) -> bool:
         """Wait until something has arrived, or for so long [s]; True where it has."""
-        poll = select.poll()
-        poll.register(self._socket, select.POLLIN)
-        return bool(poll.poll(max(0.0, 1e3 * timeout)))
+        return ready(self._socket.fileno(), select.POLLIN, timeout)
 
     def close(self) -> None:
         """Close the port; never raises."""

@@ -1,7 +1,7 @@
 """The loop: glove in, graphic hand, fingers out, once a period, in memory that is there before the first tick."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import asdict, replace
 from operator import attrgetter
 from typing import Any
 
@@ -9,17 +9,16 @@ import numpy as np
 
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_FULL, STATUS_HELD, WORK_TOUCHING
-from hhsim.live.device import GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
+from hhsim.live.device import COUNTERS, GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.records import LIVE_TICK
-from hhsim.live.ipc.session_memory import FAULT, SessionMemory
+from hhsim.live.ipc.session_memory import FAULT, LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.deadlines import Clock, Deadlines
 from hhsim.live.loop.finger_command import FingerCommander
 from hhsim.live.loop.interlock import Interlock, SafetyLog
 from hhsim.live.loop.plausibility import GloveWatch
 from hhsim.live.loop.tick_times import TickTimes
-from hhsim.live.pose.source import PoseSource
+from hhsim.live.pose.registry import PoseSource
 from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -27,7 +26,6 @@ from hhsim.solver.options import SolverOptions
 MOST_SAMPLES = 64
 """Read in one tick; what is left waits for the next one."""
 RECONNECT_SECONDS = 0.01
-COUNTERS = tuple(item.name for item in fields(DeviceCounters))
 COUNTER_TICKS = 16
 """Counters of the glove are shown once in so many ticks."""
 
@@ -321,7 +319,6 @@ class LiveLoop:
 
     def summary(self) -> dict[str, Any]:
         """What became of the ticks, as plain values; times in ns."""
-        counters = dict(zip(COUNTERS, _read_counters(self.device.counters)))
         return {
             "reason": self._stop,
             "ticks": int(self._status["ticks"]),
@@ -329,5 +326,5 @@ class LiveLoop:
             "wakeup": self.wakeups.summary(),
             "latency": self.latencies.summary(),
             "work": self.works.summary(),
-            "counters": counters,
+            "counters": asdict(self.device.counters),
         }

@@ -24,8 +24,7 @@ from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.pose.registry import make_pose_source
-from hhsim.live.pose.source import PoseSource
+from hhsim.live.pose.registry import PoseSource, make_pose_source
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with
 from hhsim.live.shared_memory import read_setup
 from hhsim.solver.compile import warm_up

@@ -5,11 +5,18 @@ A key gives the palm a place to go to, and the palm glides there, so that no str
 
 import math
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hhsim.errors import InputError
 from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
+from hhsim.live.pose.fixed import checked_pose
+from hhsim.live.pose.registry import PoseConfig, PoseSource
+
+if TYPE_CHECKING:
+    from hhsim.live.shared_memory import SharedBlock
 
 Array = NDArray[np.float64]
 
@@ -124,6 +131,60 @@ class PalmKeys:
             x, y, z = map(float, TURNING * seconds / wide * turn)
             rotate_quaternion(self.orientation.copy(), x, y, z, self.orientation)
         return True
+
+
+class KeyboardPose(PoseSource):
+    """The palm that the supervisor moves with keys, through the status block.
+
+    Args:
+        config: `position` and `orientation`, before the first key.
+        status: Block of `LIVE_STATUS`.
+
+    Raises:
+        InputError: A pose that is none, or no status block.
+    """
+
+    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
+        """Check the pose."""
+        if status is None:
+            raise InputError("a pose from the keyboard needs the session's status block")
+        self.name = "keyboard"
+        self._position, self._orientation = checked_pose(config.position, config.orientation)
+        self._record = status.array[0]
+        self._seen = 0
+
+    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+        """See `PoseSource.read`."""
+        version = int(self._record["pose_version"])
+        if version != self._seen and version % 2 == 0:
+            position, orientation = self._record["pose_position"].copy(), self._record["pose_orientation"].copy()
+            if int(self._record["pose_version"]) == version:
+                self._seen = version
+                if np.isfinite(position).all() and np.isfinite(orientation).all():
+                    self._position, self._orientation = position, orientation
+        position_out[:] = self._position
+        orientation_out[:] = self._orientation
+        return now_ns
+
+
+def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation: ArrayLike) -> None:
+    """Move the palm that `keyboard` reads, whole or not at all; there is one writer.
+
+    Args:
+        status: Block of `LIVE_STATUS`.
+        position: [m], shape (3,), world.
+        orientation: (w, x, y, z), shape (4,).
+
+    Raises:
+        InputError: A pose that is none.
+    """
+    place, turn = checked_pose(position, orientation)
+    record = status.array[0]
+    # Odd while the pose is in the making; a reader that meets an odd version, or two, tries again in the next tick.
+    record["pose_version"] += 1
+    record["pose_position"] = place
+    record["pose_orientation"] = turn
+    record["pose_version"] += 1
 
 
 def _turned(orientation: Array, vector: Array) -> tuple[float, float, float]:

@@ -1,11 +1,16 @@
 """The palm's pose from a tracker, in the open packet of `hhsim.live.link.udp_codec`."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import Kind
-from hhsim.live.pose.source import PoseConfig, PoseSource
+from hhsim.live.pose.registry import PoseConfig, PoseSource
+
+if TYPE_CHECKING:
+    from hhsim.live.shared_memory import SharedBlock
 
 Array = NDArray[np.float64]
 
@@ -22,6 +27,7 @@ class UdpPose(PoseSource):
 
     Args:
         config: `host` of the tracker and `port` where its packets arrive.
+        status: Not used.
 
     Attributes:
         rejected: Packets of another kind, or with a pose that is none.
@@ -29,7 +35,7 @@ class UdpPose(PoseSource):
 
     may_stop = True
 
-    def __init__(self, config: PoseConfig) -> None:
+    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
         """Nothing is opened yet."""
         self.name = f"udp pose from {config.host} at port {config.port}"
         self._config = config

@@ -85,7 +85,7 @@ class Recorder:
                 writer.write(status["counters"], ended)
                 return
             writer.finish(ended, status["counters"], int(status["missed"]))
-            self._tell(writer)
+            self._show_progress(writer)
 
     def _follow(self, writer: SessionWriter) -> str:
         """Write block after block until the session has ended; returns why it did."""
@@ -99,7 +99,7 @@ class Recorder:
             if over or writer.waiting_ticks >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
                 writer.write(self._memory.status["counters"])
                 written = now
-            self._tell(writer)
+            self._show_progress(writer)
             if over:
                 return ended or CUT_SHORT
             if not more:
@@ -115,7 +115,7 @@ class Recorder:
             more = more or len(records) == AT_ONCE
         return more
 
-    def _tell(self, writer: SessionWriter) -> None:
+    def _show_progress(self, writer: SessionWriter) -> None:
         status = self._memory.status
         status["recorder_ticks"] = writer.ticks
         status["recorder_lost"] = writer.lost["ticks"]

@@ -7,16 +7,13 @@ from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import GloveConfig, find_glove
 from hhsim.live.playback import Playback
 from hhsim.live.pose.initial_pose import palm_place
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import POSES, PoseConfig
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
-
-KEYBOARD_BACK = 0.06
-"""A palm that is moved with keys begins so far back from where it grasps [m]: its user comes to the object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +62,7 @@ def make_live_scene(
         TrajectoryError: The motion cannot be done on this object.
     """
     where = {}
+    palm = POSES[pose.kind]
     if motion is not None:
         scene = make_scene(mesh, tree, hand, motion, seed=seed)
         where = {
@@ -76,10 +74,10 @@ def make_live_scene(
         playback = Playback(scene.trajectory, repeat=True)
         if find_glove(device.kind).plays:
             device = replace(device, playback=playback)
-        if pose.kind == "replay":
+        if palm.plays:
             pose = replace(pose, playback=playback)
-    if pose.kind in ("fixed", "keyboard") and not placed:
-        position, orientation = palm_place(hand, tree, KEYBOARD_BACK if pose.kind == "keyboard" else 0.0)
+    if palm.placed and not placed:
+        position, orientation = palm_place(hand, tree, palm.back)
         x, y, z = map(float, position)
         a, b, c, d = map(float, orientation)
         pose = replace(pose, position=(x, y, z), orientation=(a, b, c, d))
@@ -88,6 +86,6 @@ def make_live_scene(
         "motion": None if motion is None else motion.name,
         "pose": pose.kind,
         **where,
-        "palm_begins": [*pose.position, *pose.orientation] if pose.kind in ("fixed", "keyboard") else None,
+        "palm_begins": [*pose.position, *pose.orientation] if palm.placed else None,
     }
     return LiveScene(mesh, tree, device, pose, described)

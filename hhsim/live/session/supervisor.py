@@ -15,7 +15,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -74,7 +74,7 @@ class SessionOutcome:
         recorded: Ticks in it.
         record_lost: Ticks that it lacks.
         record_failed: What ended it early; "" where nothing did.
-        notices: What was told: seconds since the beginning, level, text.
+        notices: What was reported: seconds since the beginning, level, text.
         watchdog_restarts: How often the watchdog was started again.
         watchdog_releases: How often it freed the fingers.
         loop_failed: How the loop ended, where it did not end as it should.
@@ -184,7 +184,7 @@ class Supervisor:
         self.tally.read()
         if self.stage == Stage.RUNNING:
             self.tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
-        self._tell_events()
+        self._report_events()
         if not self._children[LOOP].running or self._waited_enough():
             return False
         self._watch_loop()
@@ -221,10 +221,10 @@ class Supervisor:
             self._reason = self._reason or reason
         self._end_loop()
         self._end_recorder()
-        self._end_viewer()
-        self._end_watchdog()
+        self._end_child(VIEWER, VIEWER_PATIENCE)
+        self._end_child(WATCHDOG, WATCHDOG_PATIENCE)
         self.tally.read()
-        self._tell_events()
+        self._report_events()
         self._outcome = self._outcome_now()
         for child in self._children.values():
             child.close()
@@ -336,27 +336,18 @@ class Supervisor:
         if recorder.code != 0 and not self._record_failed:
             self._record_failed = recorder.complaint() or recorder.how_it_ended()
 
-    def _end_viewer(self) -> None:
-        viewer = self._children.get(VIEWER)
-        if viewer is None:
+    def _end_child(self, name: str, patience: float) -> None:
+        """Wait for a process to end, so long [s] before each signal."""
+        child = self._children.get(name)
+        if child is None:
             return
         for signal_ in (None, signal.SIGTERM, signal.SIGKILL):
             if signal_ is not None:
-                viewer.send(signal_)
-            if viewer.wait(VIEWER_PATIENCE):
+                child.send(signal_)
+            if child.wait(patience):
                 return
 
-    def _end_watchdog(self) -> None:
-        watchdog = self._children.get(WATCHDOG)
-        if watchdog is None:
-            return
-        for signal_ in (None, signal.SIGTERM, signal.SIGKILL):
-            if signal_ is not None:
-                watchdog.send(signal_)
-            if watchdog.wait(WATCHDOG_PATIENCE):
-                return
-
-    def _tell_events(self) -> None:
+    def _report_events(self) -> None:
         _, events = self._events.read(256)
         for event in events:
             text, level = bytes(event["text"]).decode("utf-8", "replace"), int(event["level"])
@@ -376,13 +367,10 @@ class Supervisor:
 
     def _outcome_now(self) -> SessionOutcome:
         status = self.memory.status
-        names = [f.name for f in fields(DeviceCounters)]
-        counters = DeviceCounters(**dict(zip(names, map(int, status["counters"]), strict=True)))
+        counters = DeviceCounters(*map(int, status["counters"]))
         facts = self.memory.read_facts()
-        failed = self._record_failed
-        if not failed and status["recorder_failed"]:
-            failed = "the recorder failed"
-        self._record_failed = failed
+        if not self._record_failed and status["recorder_failed"]:
+            self._record_failed = "the recorder failed"
         reason = self._reason or str(facts.get("summary", {}).get("reason", "")) or "the loop ended"
         return SessionOutcome(
             reason=reason,
@@ -395,7 +383,7 @@ class Supervisor:
             record=self.setup.record,
             recorded=int(status["recorder_ticks"]),
             record_lost=int(status["recorder_lost"]),
-            record_failed=failed,
+            record_failed=self._record_failed,
             notices=self._notices,
             watchdog_restarts=self._watchdog_restarts,
             watchdog_releases=int(status["watchdog_releases"]),

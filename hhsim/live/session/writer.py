@@ -19,7 +19,6 @@ written where it was cut short:
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -28,7 +27,7 @@ from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.live.device import DeviceCounters
+from hhsim.live.device import COUNTERS
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.replay.stored_scene import describe_scene, static_arrays
@@ -50,7 +49,6 @@ Array = NDArray[Any]
 Records = NDArray[np.void]
 
 RINGS = ("ticks", "samples", "events")
-COUNTERS = tuple(item.name for item in fields(DeviceCounters))
 
 
 class SessionWriter:

@@ -1,43 +1,41 @@
-"""What the fake gloves share: a hand that moves, faults on request, and a log of every frame.
+"""What the fake gloves share: a hand that moves, samples at their times, faults on request, and a log of every frame.
 
 A fake glove is a process of its own, for tests, for soak runs, and to try the loop with. When it can be reached it says
-`ready` and where; then it takes orders from its standard input, a line each, and answers each with `ok`. It ends when
-the standard input does.
+`ready` and where; then it takes orders from its standard input, a line each, and answers each with `ok`, or with `no
+such order`. It ends when the standard input does.
 
 | order | what the glove does |
 |---|---|
 | stall, go | sends nothing and reads nothing any more; goes on |
 | leave, back | its connection is gone, as when it is unplugged; is there again |
-| jump F | finger F, 0 to 4, jumps by 90° in one sample and back |
-| stick F | the sensor of finger F keeps its value from now on; stick 9 lets all move |
-| nan | one sample holds a NaN, or what the format has for it |
+| hold, move | the fingers stand still; they move |
+| jump | all fingers bend or stretch by 0.9 of a fist from one sample to the next, and stay there until `move` |
+| nan N | the next N samples hold a NaN, or what the format has for it |
 
-Its log has a line for each frame sent and each command received: CLOCK_MONOTONIC [ns], `sent` or `command`, a number
-counted from 0, and the values; `note` lines tell the faults. Each line is written at once, so that a log is whole up to
-the moment of a kill.
+Its log has a line for each frame sent and each command received: CLOCK_MONOTONIC [ns], `sent` or `command`, and the
+values; `note` lines tell the rest. Each line is written at once, so that a log is whole up to the moment of a kill.
 """
 
-import math
+import argparse
 import os
 import select
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.device import FINGER_COUNT
+from hhsim.live.link.dexmo_codec import CHANNELS
 
 Array = NDArray[np.float64]
 
-JUMP = math.pi / 2.0 / math.radians(85.0)
-"""Bend by which the proximal joint of a finger moves 90°."""
-MARK_STEP = 0.001
-"""The thumb's bend moves by this from sample to sample, so that a sample tells which one it is."""
-MARK_RANGE = (0.1, 0.5)
+BENDS = tuple(k for k, name in enumerate(CHANNELS) if name.endswith("_bend"))
+JUMP = 0.9
+"""Change of a normalised bend that turns the fingers' second joints by 90°."""
 
 
 class PeerLog:
@@ -51,187 +49,189 @@ class PeerLog:
         """Begin a log, or go on with one."""
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
         self._file = None if path is None else os.open(path, flags, 0o644)
-        self._counts = {"sent": 0, "command": 0}
 
     def sent(self, values: Sequence[float], now_ns: int) -> None:
         """A frame was sent at `now_ns`."""
-        self._line("sent", values, now_ns)
+        self._write(now_ns, "sent", " ".join(f"{value:.9g}" for value in values))
 
     def command(self, values: Sequence[float], now_ns: int) -> None:
         """A command was received at `now_ns`."""
-        self._line("command", values, now_ns)
+        self._write(now_ns, "command", " ".join(f"{value:.9g}" for value in values))
 
     def note(self, text: str) -> None:
         """Something else happened now."""
-        self._write(f"{time.monotonic_ns()} note {text}\n")
+        self._write(time.monotonic_ns(), "note", text)
 
-    def _line(self, kind: str, values: Sequence[float], now_ns: int) -> None:
-        numbers = " ".join(f"{value:.9g}" for value in values)
-        self._write(f"{now_ns} {kind} {self._counts[kind]} {numbers}\n")
-        self._counts[kind] += 1
-
-    def _write(self, line: str) -> None:
+    def _write(self, now_ns: int, kind: str, text: str) -> None:
         if self._file is not None:
-            os.write(self._file, line.encode())
+            os.write(self._file, f"{now_ns} {kind} {text}\n".encode())
 
 
-class PeerRecord(NamedTuple):
-    """A log that was read: times [ns] and values of the frames sent and of the commands received, and the notes."""
-
-    sent_ns: NDArray[np.int64]
-    sent: Array
-    command_ns: NDArray[np.int64]
-    command: Array
-    notes: list[tuple[int, str]]
-
-
-def read_peer_log(path: Path) -> PeerRecord:
-    """Read the log of a fake glove; a last line that was cut off is left out."""
-    times: dict[str, list[int]] = {"sent": [], "command": []}
-    values: dict[str, list[list[float]]] = {"sent": [], "command": []}
-    notes = []
-    for line in path.read_text(encoding="utf-8").splitlines(keepends=True):
-        if not line.endswith("\n"):
-            break
-        now, kind, rest = line.rstrip("\n").split(" ", 2)
-        if kind == "note":
-            notes.append((int(now), rest))
-        else:
-            times[kind].append(int(now))
-            values[kind].append([float(word) for word in rest.split()[1:]])
-    return PeerRecord(
-        np.array(times["sent"], dtype=np.int64),
-        np.array(values["sent"], dtype=np.float64),
-        np.array(times["command"], dtype=np.int64),
-        np.array(values["command"], dtype=np.float64),
-        notes,
-    )
-
-
-class FakeHand:
-    """The hand in a fake glove, with its faults.
+def fake_channels(seed: int, time: float) -> Array:
+    """Channels of the made-up motion, 0 to 1.
 
     Args:
-        rate: Samples a second [Hz].
-        seed: Of its motion.
+        seed: Of the pace of each finger.
+        time: Since the beginning [s].
+
+    Returns:
+        In the order of `hhsim.live.link.dexmo_codec.CHANNELS`, shape (11,).
     """
-
-    def __init__(self, rate: float, seed: int) -> None:
-        """Choose the motion."""
-        random = np.random.default_rng(seed)
-        self._step = 2.0 * np.pi / (rate * random.uniform(1.5, 3.0, FINGER_COUNT))
-        self._phase = random.uniform(0.0, 2.0 * np.pi, FINGER_COUNT)
-        self.jump = -1
-        self.broken = False
-        self.faulty = False
-        """Whether a jump or a NaN shows in the last sample."""
-        self._stuck: dict[int, float] = {}
-        self._last = np.zeros(FINGER_COUNT)
-
-    def stick(self, finger: int) -> None:
-        """The sensor of a finger keeps its value; of no finger, all move again."""
-        if 0 <= finger < FINGER_COUNT:
-            self._stuck[finger] = float(self._last[finger])
-        else:
-            self._stuck.clear()
-
-    def bends(self, number: int) -> Array:
-        """Bend of each finger in the sample of this number, shape (5,); a fault that was asked for shows in one."""
-        values: Array = 0.3 - 0.25 * np.cos(self._step * number + self._phase)
-        low, high = MARK_RANGE
-        turn = round((high - low) / MARK_STEP)
-        values[0] = low + MARK_STEP * abs((number + turn) % (2 * turn) - turn)
-        for finger, value in self._stuck.items():
-            values[finger] = value
-        self._last[:] = values
-        self.faulty = self.jump >= 0 or self.broken
-        if self.jump >= 0:
-            values[self.jump] += JUMP
-            self.jump = -1
-        if self.broken:
-            values[1] = np.nan
-            self.broken = False
-        return values
+    random = np.random.default_rng(seed)
+    rate, phase = random.uniform(0.2, 0.7, len(CHANNELS)), random.uniform(0.0, 2.0 * np.pi, len(CHANNELS))
+    size = np.where(np.isin(np.arange(len(CHANNELS)), BENDS), 0.45, 0.1)
+    return np.asarray(0.5 - size * np.cos(2.0 * np.pi * rate * time + phase))
 
 
-class FakePeer:
+class Line(Protocol):
+    """What a fake glove is reached by."""
+
+    @property
+    def where(self) -> str:
+        """Where it can be reached: a port, or the path of a serial line."""
+
+    def open(self) -> None:
+        """Bring it back."""
+
+    def close(self) -> None:
+        """Take it away."""
+
+    def ends(self) -> Iterable[int]:
+        """Descriptors from which commands and clients come."""
+
+
+class FakePeer(ABC):
     """Runs a fake glove: samples at their times, commands as they come, faults as they are asked for.
 
     Args:
-        rate: Samples a second [Hz].
-        seed: Of the hand's motion.
+        options: Of the command line, as `peer_parser` has them.
         log: Where the frames are written down.
-        orders: That this glove obeys besides those of all, with what follows the word.
+        line: Open.
+        orders: That this glove obeys besides those of all, with the number that follows the word, or 1.
     """
 
     def __init__(
-        self, rate: float, seed: int, log: PeerLog, orders: Mapping[str, Callable[[str], None]] | None = None
+        self,
+        options: argparse.Namespace,
+        log: PeerLog,
+        line: Line,
+        orders: Mapping[str, Callable[[int], object]] | None = None,
     ) -> None:
         """Nothing is sent yet."""
-        self._own_orders = orders or {}
-        self.rate = rate
         self.log = log
-        self.hand = FakeHand(rate, seed)
-        self.stalled = False
-        self.left = False
-        self._orders = b""
+        self.faulty = False
+        """Whether a NaN shows in the last sample."""
+        self._line = line
+        self._rate, self._seed = options.rate, options.seed
+        self._last = fake_channels(self._seed, 0.0)
+        self._held: Array | None = None
+        self._nans = 0
+        self._stalled = self._left = False
+        self._unread = b""
+        self._orders: dict[str, Callable[[int], object]] = {
+            "stall": lambda number: self._stall(True),
+            "go": lambda number: self._stall(False),
+            "leave": lambda number: self._leave(True),
+            "back": lambda number: self._leave(False),
+            "hold": lambda number: self._hold(self._last),
+            "move": lambda number: self._hold(None),
+            "jump": lambda number: self._hold(jumped(self._last)),
+            "nan": self._break,
+            **(orders or {}),
+        }
 
-    def run(
-        self,
-        send: Callable[[int], None],
-        sources: Callable[[], dict[int, Callable[[], None]]],
-        leave: Callable[[], None] | None = None,
-        back: Callable[[], None] | None = None,
-    ) -> None:
-        """Go on until the standard input ends.
+    @abstractmethod
+    def send(self, number: int, channels: Array) -> None:
+        """Send the sample of this number, from 0; its channels are of shape (11,)."""
 
-        Args:
-            send: Sends the sample of this number; numbers that fell into a stall are left out.
-            sources: Descriptors from which commands come, and what reads them.
-            leave, back: Take the connection away, and bring it back.
-        """
+    @abstractmethod
+    def receive(self, end: int) -> None:
+        """Take what came from one of the line's ends."""
+
+    def run(self) -> None:
+        """Go on until the standard input ends."""
+        print(f"ready {self._line.where}", flush=True)
         start = time.monotonic()
-        number = 0
+        period = number = 0
         while True:
             now = time.monotonic()
-            due = start + number / self.rate
+            due = start + period / self._rate
             if now >= due:
-                if not (self.stalled or self.left):
-                    send(number)
-                number = max(number + 1, int((now - start) * self.rate))
+                if not (self._stalled or self._left):
+                    self.send(number, self._channels(number))
+                    number += 1
+                # Late ones are left out, as a glove's own clock would: never two at once.
+                period = max(period + 1, int((now - start) * self._rate))
                 continue
-            readers = {} if self.stalled or self.left else sources()
-            ready, _, _ = select.select([sys.stdin.fileno(), *readers], [], [], due - now)
-            for descriptor in ready:
-                if descriptor in readers:
-                    readers[descriptor]()
-                elif not self._obey(leave, back):
+            ends = [] if self._stalled or self._left else list(self._line.ends())
+            ready, _, _ = select.select([sys.stdin.fileno(), *ends], [], [], due - now)
+            for end in ready:
+                if end in ends:
+                    self.receive(end)
+                elif not self._obey():
+                    if not self._left:
+                        self._line.close()
                     return
 
-    def _obey(self, leave: Callable[[], None] | None, back: Callable[[], None] | None) -> bool:
+    def _channels(self, number: int) -> Array:
+        values = fake_channels(self._seed, number / self._rate) if self._held is None else self._held.copy()
+        self._last = values.copy()
+        self.faulty = self._nans > 0
+        if self.faulty:
+            self._nans -= 1
+            values[BENDS[1]] = np.nan
+        return values
+
+    def _obey(self) -> bool:
         """Read the standard input; False where it has ended."""
         data = os.read(sys.stdin.fileno(), 4096)
-        *lines, self._orders = (self._orders + data).split(b"\n")
+        *lines, self._unread = (self._unread + data).split(b"\n")
         for line in lines:
-            word, _, rest = line.decode().partition(" ")
+            word, _, number = line.decode().partition(" ")
             self.log.note(line.decode())
-            if word in ("stall", "go"):
-                self.stalled = word == "stall"
-            elif word == "leave" and not self.left:
-                self.left = True
-                if leave is not None:
-                    leave()
-            elif word == "back" and self.left:
-                self.left = False
-                if back is not None:
-                    back()
-            elif word == "jump":
-                self.hand.jump = int(rest)
-            elif word == "stick":
-                self.hand.stick(int(rest))
-            elif word == "nan":
-                self.hand.broken = True
-            elif word in self._own_orders:
-                self._own_orders[word](rest)
-            print("ok", flush=True)
+            try:
+                self._orders[word](int(number or 1))
+            except (KeyError, ValueError):
+                print("no such order", flush=True)
+            else:
+                print("ok", flush=True)
         return bool(data)
+
+    def _stall(self, stalled: bool) -> None:
+        self._stalled = stalled
+
+    def _leave(self, left: bool) -> None:
+        if left != self._left:
+            self._left = left
+            (self._line.close if left else self._line.open)()
+
+    def _hold(self, channels: Array | None) -> None:
+        self._held = channels
+
+    def _break(self, samples: int) -> None:
+        self._nans = samples
+
+
+def jumped(channels: Array) -> Array:
+    """The channels with all fingers bent or stretched by `JUMP`."""
+    beyond = np.where(channels > 0.5, channels - JUMP, channels + JUMP)
+    return np.where(np.isin(np.arange(len(channels)), BENDS), beyond, channels)
+
+
+def peer_parser(module: str, description: str, rate: float = 200.0) -> argparse.ArgumentParser:
+    """The command line of a fake glove, with what all of them have.
+
+    Args:
+        module: Its module, in `hhsim.live.simulators`.
+        description: What it is.
+        rate: The usual one [Hz].
+    """
+    parser = argparse.ArgumentParser(
+        prog=f"python -m hhsim.live.simulators.{module}",
+        description=f"{description}\n{__doc__}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--rate", type=float, default=rate, help="samples a second [Hz]")
+    parser.add_argument("--seed", type=int, default=0, help="of the motion")
+    parser.add_argument("--log", type=Path, help="file of what was sent and received")
+    return parser

@@ -9,19 +9,19 @@ import argparse
 import os
 import socket
 import time
-from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.live.link.udp_codec import NONE_YET, Kind, PacketError, decode_packet, encode_packet
-from hhsim.live.simulators.peer import FakePeer, PeerLog
-from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
+from hhsim.live.simulators.peer import BENDS, FakePeer, PeerLog, peer_parser
+from hhsim.recordings.dexmo_regression import DexmoRegression
 
 KINDS = {"bends": Kind.BENDS, "channels": Kind.CHANNELS, "joints": Kind.JOINTS}
 
 
-class FakeUdpGlove:
-    """The glove and its bridge.
+class FakeUdpGlove(FakePeer):
+    """The glove and its bridge, which is its own line.
 
     Args:
         options: Of the command line.
@@ -29,38 +29,42 @@ class FakeUdpGlove:
 
     def __init__(self, options: argparse.Namespace) -> None:
         """Open its port of commands."""
+        super().__init__(options, PeerLog(options.log), self)
         self._kind = KINDS[options.kind]
         self._target = (options.host, options.port)
         self._pose_port = options.pose_port
         self._lose, self._swap = options.lose, options.swap
         self._random = np.random.default_rng(options.seed)
-        self._log = PeerLog(options.log)
-        self._peer = FakePeer(options.rate, options.seed, self._log)
         self._regression = DexmoRegression.default()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((options.host, options.port + 1))
         self._socket.setblocking(False)
         self._sessions = 0
         self._answers = NONE_YET
-        self._begin()
+        self.open()
 
-    def run(self) -> None:
-        """Go on until the standard input ends."""
-        print(f"ready {self._target[1]}", flush=True)
-        sources = {self._socket.fileno(): self._commands}
-        self._peer.run(self._send, lambda: sources, back=self._begin)
+    @property
+    def where(self) -> str:
+        """See `Line.where`."""
+        return str(self._target[1])
 
-    def _begin(self) -> None:
-        """A new session, as of a bridge that was started."""
+    def open(self) -> None:
+        """See `Line.open`; a new session, as of a bridge that was started."""
         self._session = int.from_bytes(os.urandom(4), "little")
         self._seq = 0
         self._sessions += 1
         self._kept: tuple[bytes, list[float]] | None = None
 
-    def _send(self, number: int) -> None:
-        bends = self._peer.hand.bends(number)
-        channels = np.zeros(11)
-        channels[list(BEND)] = bends
+    def close(self) -> None:
+        """See `Line.close`; it only falls silent."""
+
+    def ends(self) -> list[int]:
+        """See `Line.ends`."""
+        return [self._socket.fileno()]
+
+    def send(self, number: int, channels: NDArray[np.float64]) -> None:
+        """See `FakePeer.send`."""
+        bends = channels[list(BENDS)]
         if self._kind is Kind.BENDS:
             values = bends
         elif self._kind is Kind.CHANNELS:
@@ -72,16 +76,15 @@ class FakeUdpGlove:
         data = self._packet(self._kind, values, now)
         row = [*bends, self._seq, self._sessions]
         self._seq += 1
-        faulty = self._peer.hand.faulty
-        if self._random.random() < self._lose and not faulty:
-            self._log.note(f"lost {row[5]}")
+        if self._random.random() < self._lose and not self.faulty:
+            self.log.note(f"lost {row[5]}")
             return
-        if self._kept is None and self._random.random() < self._swap and not faulty:
+        if self._kept is None and self._random.random() < self._swap and not self.faulty:
             self._kept = data, row
             return
         for packet, numbers in ((data, row), *([self._kept] if self._kept else [])):
             # As it is sent: what the glove hears later than this was made from it.
-            self._log.sent(numbers, time.monotonic_ns())
+            self.log.sent(numbers, time.monotonic_ns())
             self._socket.sendto(packet, self._target)
         self._kept = None
         if self._pose_port:
@@ -94,7 +97,8 @@ class FakeUdpGlove:
             kind, values, session=self._session, seq=self._seq, t_ns=now, answers=self._answers, battery=80
         )
 
-    def _commands(self) -> None:
+    def receive(self, end: int) -> None:
+        """See `FakePeer.receive`."""
         while True:
             try:
                 data = self._socket.recv(512)
@@ -106,26 +110,21 @@ class FakeUdpGlove:
             try:
                 packet = decode_packet(data)
             except PacketError as error:
-                self._log.note(f"not a command: {error}")
+                self.log.note(f"not a command: {error}")
                 continue
             self._answers = packet.seq
-            self._log.command([*packet.values.tolist(), packet.session, packet.seq, packet.answers], now)
+            self.log.command([*packet.values.tolist(), packet.session, packet.seq, packet.answers], now)
 
 
 def main() -> None:
     """Run a fake glove."""
-    parser = argparse.ArgumentParser(
-        prog="python -m hhsim.live.simulators.udp_sender", description="A fake glove, open packet."
-    )
+    parser = peer_parser("udp_sender", str(__doc__), rate=1000.0)
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=24170, help="where samples go; commands come to the next one")
     parser.add_argument("--pose-port", type=int, default=0, help="also send a palm there")
-    parser.add_argument("--rate", type=float, default=1000.0, help="samples a second")
     parser.add_argument("--kind", choices=sorted(KINDS), default="joints")
     parser.add_argument("--lose", type=float, default=0.0, help="share of samples that are never sent")
     parser.add_argument("--swap", type=float, default=0.0, help="share of samples that are sent behind the next one")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--log", type=Path)
     FakeUdpGlove(parser.parse_args()).run()
 
 

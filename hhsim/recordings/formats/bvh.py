@@ -56,22 +56,14 @@ class _Chain:
     tip: int | None
 
 
-def read_bvh_recording(
-    text: str, *, name: str = "", hand: HandSide = "", world_up: str | None = None, length_unit: str | None = None
-) -> Recording:
-    """The recording in BVH text.
-
-    Args:
-        text: The content of the file.
-        name: Of the recording.
-        hand: Which hand to take; the right one if both are there and none is asked for.
-        world_up: The axis that points up; y if not given.
-        length_unit: Of its offsets; told from the length of the hand if not given.
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording of the hand that is asked for, else of the right one; y is up unless told otherwise.
 
     Raises:
         TrajectoryError: No BVH, no hand with five fingers in it, or a hand of no known size.
     """
-    bvh = read_bvh(text)
+    hand, up = options.hand, options.world_up or "y"
+    bvh = read_bvh(content.text)
     hands = {side: chains for side in ("right", "left") if len(chains := _chains(bvh.joints, side)) == len(FINGERS)}
     if not hands:
         found = {side: [f for f in FINGERS if f in _chains(bvh.joints, side)] for side in ("right", "left")}
@@ -84,11 +76,10 @@ def read_bvh_recording(
     wrist = _wrist(bvh.joints, chains)
     at = bvh.positions()
     fingers = _finger_points(bvh, chains, at)
-    scale, length, unit = _scale(fingers, at[:, wrist], length_unit)
+    scale, length, unit = _scale(fingers, at[:, wrist], options.length_unit)
     knuckles = scale * fingers[:, 1:, 0]
     orientation = palm_from_knuckles(knuckles, scale * at[:, wrist], side)
     flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
-    up = world_up or "y"
     position, orientation = to_our_world(palm_origin(knuckles, orientation, side), orientation, up)
     other = "; the other hand is there too: --hand" if len(hands) == 2 and not hand else ""
     return Recording(
@@ -100,7 +91,7 @@ def read_bvh_recording(
         stated=frozenset({"length", "angle"}),
         scaled=True,
         form="bvh",
-        name=name,
+        name=content.name,
         hand=side,
         hand_length=length,
         findings=(
@@ -235,16 +226,6 @@ def _scale(fingers: Array, wrist: Array, unit: str | None) -> tuple[float, float
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
     return looks_like_bvh(content.beginning)
-
-
-def _read(content: Content, options: ReadOptions) -> Recording:
-    return read_bvh_recording(
-        content.text,
-        name=content.name,
-        hand=options.hand,
-        world_up=options.world_up,
-        length_unit=options.length_unit,
-    )
 
 
 FORMAT = RecordingFormat("bvh", "BVH motion capture with the joints of fingers", (".bvh",), _sniff, _read)

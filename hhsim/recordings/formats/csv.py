@@ -7,44 +7,19 @@ import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX, FLAGS, SAMPLES, object_pose
-from hhsim.recordings.column_map import OWN_COLUMNS, ColumnMap, is_own_header
+from hhsim.recordings.column_map import OWN_COLUMNS, is_own_header
 from hhsim.recordings.csv_table import Table, read_header, read_table
 from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 
 
-def read_csv_recording(text: str, columns: ColumnMap | None = None, *, name: str = "") -> Recording:
-    """The recording in a CSV text.
-
-    Args:
-        text: The content of the file.
-        columns: What its columns mean; our own ones if not given.
-        name: Of the recording where neither the text nor the mapping names one.
-
-    Raises:
-        TrajectoryError: No table, or a column without numbers.
-        InputError: A column that the table has not, or columns that nobody explains.
-    """
-    table = read_table(
-        text, delimiter=columns.delimiter if columns else None, decimal=columns.decimal if columns else "."
-    )
-    if columns is None:
-        if not is_own_header(table.header):
-            shown = ", ".join(name[:20] for name in table.header[:8]) + (", …" if len(table.header) > 8 else "")
-            raise TrajectoryError(
-                f"the columns are {shown}; expected hhsim's own (time, px, …), or a mapping of these with --columns"
-            )
-        return _own(table, name)
-    return mapped(table, columns, name, "csv")
-
-
 def _own(table: Table, name: str) -> Recording:
     recording = mapped(table, OWN_COLUMNS, name, "hhsim csv")
     remarks = table.remarks
-    said: dict[str, Any] = {key: remarks[key] for key in ("name", "source", "licence", "device") if key in remarks}
+    stated: dict[str, Any] = {key: remarks[key] for key in ("name", "source", "licence", "device") if key in remarks}
     if remarks.get("hand") in ("right", "left"):
-        said["hand"] = remarks["hand"]
+        stated["hand"] = remarks["hand"]
     if FLAGS in table.header:
         bits, _ = table.numbers([FLAGS])
         known = np.nan_to_num(bits[:, 0]).clip(0.0, 2.0**32 - 1.0)
@@ -52,7 +27,7 @@ def _own(table: Table, name: str) -> Recording:
     if remarks.get(SAMPLES, str(len(table.rows))) != str(len(table.rows)):
         text = f"{len(table.rows)} samples where the file says # {SAMPLES}: {remarks[SAMPLES]}: some are lost"
         recording = recording.found(note(text))
-    return recording.changed(**said, **object_pose(remarks))
+    return recording.changed(**stated, **object_pose(remarks))
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
@@ -60,6 +35,12 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording of a table by the mapping of the options, or of our own columns.
+
+    Raises:
+        TrajectoryError: No table, or a column without numbers.
+        InputError: A column that the table has not, or columns that nobody explains.
+    """
     if options.dexmo is not None or options.poses is not None:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     columns = options.columns
@@ -68,7 +49,15 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if columns is not None:
         axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
         columns = replace(columns, palm_axes=tuple(axes), world_up=up)
-    return read_csv_recording(content.text, columns, name=content.name)
+        table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
+        return mapped(table, columns, content.name, "csv")
+    table = read_table(content.text)
+    if not is_own_header(table.header):
+        shown = ", ".join(name[:20] for name in table.header[:8]) + (", …" if len(table.header) > 8 else "")
+        raise TrajectoryError(
+            f"the columns are {shown}; expected hhsim's own (time, px, …), or a mapping of these with --columns"
+        )
+    return _own(table, content.name)
 
 
 FORMAT = RecordingFormat(

@@ -16,8 +16,8 @@ from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import ColumnMap
-from hhsim.recordings.csv_table import Table, read_header, read_table
-from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, Poses, calibrated
+from hhsim.recordings.csv_table import read_header, read_table
+from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
 from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
@@ -34,25 +34,9 @@ def has_dexmo_channels(header: tuple[str, ...]) -> bool:
     return set(CHANNELS) <= {ALIAS.get(name, name) for name in header}
 
 
-def read_dexmo_table(
-    table: Table,
-    regression: DexmoRegression | None = None,
-    *,
-    name: str = "",
-    poses: Poses | None = None,
-) -> tuple[Recording, DexmoRegression]:
-    """The recording of a table of channels, and the calibration that was used.
-
-    Args:
-        table: With the channels and a column of stamps [s].
-        regression: The calibration; the default, for normalised channels, if not given.
-        name: Of the recording.
-        poses: When the hand was in the poses of the calibration: the channels' ends are taken from there.
-
-    Raises:
-        InputError: Raw counts without a calibration, or spans without samples.
-        TrajectoryError: No stamps, or no numbers.
-    """
+def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, DexmoRegression]:
+    """The recording of a table of channels, and the calibration that was used."""
+    table = read_table(content.text)
     table = replace(table, header=tuple(ALIAS.get(column, column) for column in table.header))
     if "time" not in table.header:
         raise TrajectoryError("no column 'time'; expected stamps [s] beside the channels")
@@ -66,9 +50,9 @@ def read_dexmo_table(
         stated=frozenset({"angle"}),
         texts={"device": "Dexmo"},
     )
-    recording = mapped(table, columns, name, "dexmo")
+    recording = mapped(table, columns, content.name, "dexmo")
     readings, broken = table.numbers(CHANNELS)
-    chosen = regression or DexmoRegression.default()
+    chosen, poses = options.dexmo or DexmoRegression.default(), options.poses
     if poses is not None:
         spread = None if poses.spread is None else _within(recording, readings, poses.spread, "spread")
         flat, fist = (
@@ -112,9 +96,10 @@ def calibration_of(path: Path, options: ReadOptions) -> DexmoRegression:
         options: With which it is read.
 
     Raises:
-        TrajectoryError, InputError: As for `read_dexmo_table`.
+        InputError: Raw counts without a calibration, or spans without samples.
+        TrajectoryError: No stamps, or no numbers.
     """
-    return read_dexmo_table(read_table(Content(path).text), options.dexmo, poses=options.poses)[1]
+    return _calibrated(Content(path), options)[1]
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
@@ -127,7 +112,7 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    return read_dexmo_table(read_table(content.text), options.dexmo, name=content.name, poses=options.poses)[0]
+    return _calibrated(content, options)[0]
 
 
 FORMAT = RecordingFormat("dexmo", "a table of a Dexmo glove's eleven channels", (CSV_SUFFIX,), _sniff, _read)

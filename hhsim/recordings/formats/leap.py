@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide, RawChannel
 from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation
 from hhsim.recordings.frames import in_palm, to_our_world
@@ -40,17 +40,13 @@ DEEPEST = 12
 """Nesting of packed frames deeper than this is damage."""
 
 
-def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Recording:
-    """The recording in the text of a file.
-
-    Args:
-        text: JSON, or JSON packed by LZ-string.
-        name: Of the recording.
-        hand: Which hand to take; the one that is seen in more frames if not given.
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording of the hand that is asked for, else of the one that is seen in more frames.
 
     Raises:
         TrajectoryError: No JSON, no frames, or no hand in them.
     """
+    text = content.text
     if looks_packed(text):
         text = unpack(text)
     document = _document(text)
@@ -60,10 +56,10 @@ def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Re
     if not frames:
         raise TrajectoryError("no frames; expected a Leap Motion recording")
     findings: list[Finding] = []
-    told = metadata.get("frames")
-    if isinstance(told, int) and told != len(frames):
-        findings.append(note(f"{len(frames)} frames where the file says {told}: some are lost"))
-    side = hand or _usual_side(frames)
+    stated = metadata.get("frames")
+    if isinstance(stated, int) and stated != len(frames):
+        findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
+    side = options.hand or _usual_side(frames)
     if not side:
         raise TrajectoryError(f"no hand in any of {len(frames)} frames")
     found = [(frame, seen) for frame in frames if (seen := _hand(frame, side)) is not None]
@@ -102,7 +98,7 @@ def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Re
         abduction=abduction,
         stated=frozenset({"length", "angle"}),
         form="leap",
-        name=name,
+        name=content.name.removesuffix(".json"),
         source=f"recorded with {made}" if isinstance(made, str) else "",
         device="Leap Motion",
         hand=side,
@@ -112,10 +108,8 @@ def read_leap_recording(text: str, *, name: str = "", hand: HandSide = "") -> Re
     )
     unsure = confidence < UNSURE
     if unsure.any():
-        mark(recording.flags, unsure, SampleFlag.INVALID)
         words = f"confidence below {UNSURE:g}, says the device: kept"
-        at = recording.time[int(np.argmax(unsure))]
-        recording = recording.found(Finding(SampleFlag.INVALID.word, words, int(unsure.sum()), float(at)))
+        recording = recording.flagged(unsure, SampleFlag.INVALID, words)
     return recording
 
 
@@ -242,10 +236,6 @@ def _vector(value: Any) -> list[float]:
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
     return looks_like_leap(content.beginning)
-
-
-def _read(content: Content, options: ReadOptions) -> Recording:
-    return read_leap_recording(content.text, name=content.name.removesuffix(".json"), hand=options.hand)
 
 
 FORMAT = RecordingFormat("leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1)

@@ -11,14 +11,13 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
@@ -40,21 +39,13 @@ UPRIGHT = (("y up", "y"), ("y-up", "y"), ("x up", "x"))
 """Words of `frame`, and the world axis that points up; z where none is found."""
 
 
-def read_npz_recording(
-    data: bytes, *, name: str = "", palm_axes: Sequence[str] | None = None, world_up: str | None = None
-) -> Recording:
-    """The recording in the bytes of an `.npz` file.
-
-    Args:
-        data: The content of the file.
-        name: Of the recording.
-        palm_axes: Our palm's x, y, z in the recording's palm frame; None takes what the file says.
-        world_up: The world axis that points up; None takes what the file says.
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording, in the frames that the options name, else in those that the file does.
 
     Raises:
         TrajectoryError: No archive, a damaged one, or arrays missing or of another shape.
     """
-    arrays = _arrays(data)
+    arrays = _arrays(content.data)
     count = _array(arrays, "t", ()).shape[0]
     key = next((key for key in QUATERNIONS if key in arrays), "wrist_quat_wxyz")
     orientation = _array(arrays, key, (4,), count)[:, QUATERNIONS[key]]
@@ -62,11 +53,15 @@ def read_npz_recording(
     meta = _meta(arrays)
     frame = meta.get("frame", "").lower()
     findings: list[Finding] = []
-    axes = tuple(palm_axes) if palm_axes else next((axes for words, axes in FRAMES if words in frame), None)
-    up = world_up or next((up for words, up in UPRIGHT if words in frame), "z")
+    axes = (
+        tuple(options.palm_axes)
+        if options.palm_axes
+        else next((axes for words, axes in FRAMES if words in frame), None)
+    )
+    up = options.world_up or next((up for words, up in UPRIGHT if words in frame), "z")
     if axes is None:
-        said = f"frame '{meta['frame']}' is not known" if frame else "the file names no frame"
-        findings.append(note(f"{said}: the palm's axes are taken as ours (y to the fingers, z out of the back)"))
+        reason = f"frame '{meta['frame']}' is not known" if frame else "the file names no frame"
+        findings.append(note(f"{reason}: the palm's axes are taken as ours (y to the fingers, z out of the back)"))
         axes = OURS
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
@@ -78,7 +73,7 @@ def read_npz_recording(
         flexion=_array(arrays, "flex", (5, 3), count),
         abduction=_array(arrays, "abd", (5,), count),
         form="npz",
-        name=name,
+        name=content.name,
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
@@ -86,14 +81,13 @@ def read_npz_recording(
     )
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
+    recording = recording.found(*findings)
     if "valid" in arrays:
         doubtful = _array(arrays, "valid", (), count) == 0.0
         if doubtful.any():
-            mark(recording.flags, doubtful, SampleFlag.INVALID)
-            first = float(recording.time[int(np.argmax(doubtful))])
             text = "not valid, says the file: kept where there are numbers"
-            findings.append(Finding(SampleFlag.INVALID.word, text, int(doubtful.sum()), first))
-    return recording.found(*findings)
+            recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
+    return recording
 
 
 def _arrays(data: bytes) -> dict[str, Any]:
@@ -144,10 +138,6 @@ def _meta(arrays: dict[str, Any]) -> dict[str, str]:
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
     return content.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
-
-
-def _read(content: Content, options: ReadOptions) -> Recording:
-    return read_npz_recording(content.data, name=content.name, palm_axes=options.palm_axes, world_up=options.world_up)
 
 
 FORMAT = RecordingFormat("npz", "NumPy arrays t, wrist_pos, wrist_quat, flex, abd", (".npz",), _sniff, _read)

@@ -22,10 +22,10 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.live.pose.initial_pose import palm_place
 from hhsim.mesh.catalogue import load_object
-from hhsim.mesh.generators import cube
 from hhsim.result.reader import load_result
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from tools.shapes.generators import cube
 
 Run = Callable[..., Any]
 HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]

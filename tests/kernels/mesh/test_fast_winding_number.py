@@ -10,7 +10,7 @@ from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.fast_winding_number import fast_winding_numbers, winding_moments
 from hhsim.kernels.mesh.winding_number import winding_numbers
-from hhsim.mesh.generators import cup, rock, sphere
+from tools.shapes.generators import cup, rock, sphere
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

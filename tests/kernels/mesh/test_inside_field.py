@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals
 from hhsim.kernels.mesh.fast_winding_number import winding_moments
 from hhsim.kernels.mesh.inside_field import SolidField, count_hits, inside, leave_inside, near
-from hhsim.mesh.generators import cube, sphere
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.surface_sampling import face_samples
+from tools.shapes.generators import cube, sphere
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

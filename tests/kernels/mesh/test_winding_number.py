@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh.winding_number import winding_numbers
-from hhsim.mesh.generators import cube, cup, sphere
+from tools.shapes.generators import cube, cup, sphere
 
 FloatArray = NDArray[np.float64]
 

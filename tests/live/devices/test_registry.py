@@ -26,7 +26,8 @@ from hhsim.live.devices.registry import (
 from hhsim.live.ipc.config import OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.loop import LiveLoop
-from hhsim.live.pose.registry import FixedPose
+from hhsim.live.pose.fixed import FixedPose
+from hhsim.live.pose.registry import PoseConfig
 
 Run = Callable[..., Any]
 
@@ -145,7 +146,7 @@ def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: Path, tm
     glove: Any = open_device(setup.device)
     glove.clock = clock.now
     glove.open()
-    loop = LiveLoop(setup, memory, glove, FixedPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), clock=clock)
+    loop = LiveLoop(setup, memory, glove, FixedPose(PoseConfig()), clock=clock)
     assert loop.run() == "duration"
     ticks = memory.ticks.records[: memory.ticks.written]
     assert len(ticks) == 250

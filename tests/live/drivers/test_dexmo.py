@@ -20,9 +20,10 @@ from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerComma
 from hhsim.live.devices.registry import configure, open_device
 from hhsim.live.drivers.dexmo import MOST_MALFORMED, DexmoGlove
 from hhsim.live.link.dexmo_codec import CHANNELS, GloveMessage, encode_frame, framed
-from hhsim.live.simulators.dexmo_process import FakeDexmo, Kind
-from hhsim.live.simulators.dexmo_server import COUNT_LOW, COUNT_SPAN, fake_channels
+from hhsim.live.simulators.dexmo_server import COUNT_LOW, COUNT_SPAN
+from hhsim.live.simulators.peer import fake_channels
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
+from tools.fake_gloves import FakeDexmo
 
 RIGHT = 337785601
 HANG = 60.0
@@ -100,9 +101,9 @@ class Reader:
 
 
 def command(stiffness: float | list[float], bend: float | list[float] = 0.5) -> FingerCommand:
-    told = FingerCommand()
-    told.stiffness[:], told.bend[:] = stiffness, bend
-    return told
+    made = FingerCommand()
+    made.stiffness[:], made.bend[:] = stiffness, bend
+    return made
 
 
 def motion(first: int, count: int, seed: int = 4, rate: float = 200.0) -> NDArray[np.float64]:
@@ -117,7 +118,7 @@ def float32(values: list[float]) -> NDArray[np.float32]:
 def settled(server: FakeDexmo, reader: Reader) -> None:
     """The server sends no more, and all that it sent was read."""
     server.order("stall")
-    sent = len(server.records(Kind.FRAME))
+    sent = len(server.frames)
     until(lambda: (reader.read(), reader.glove.counters.frames >= sent)[1])
 
 
@@ -127,7 +128,7 @@ def test_every_frame_arrives_once_and_as_it_was_sent(server: FakeDexmo, way: str
     reader = Reader(opened(server))
     reader.more(60)
     settled(server, reader)
-    sent = server.records(Kind.FRAME)
+    sent = server.frames
     counters = reader.glove.counters
     assert counters.frames == counters.samples == len(sent) == len(reader.rows)
     assert counters.rejected == counters.other == counters.malformed == counters.resyncs == counters.dropped == 0
@@ -152,10 +153,10 @@ def test_what_the_glove_is(server: FakeDexmo) -> None:
 
 def test_what_does_not_fit_waits_and_nothing_is_lost(server: FakeDexmo) -> None:
     reader = Reader(opened(server), room=1)
-    until(lambda: len(server.records(Kind.FRAME)) > 30)
+    until(lambda: len(server.frames) > 30)
     reader.more(30)
     assert np.array_equal(reader.column("seq"), np.arange(30))
-    first = int(server.records(Kind.FRAME)["number"][0])
+    first = int(server.frames["number"][0])
     assert np.array_equal(reader.column("channels")[:, :11], motion(first, 30))
 
 
@@ -167,15 +168,17 @@ def test_commands_arrive_as_they_were_given(server: FakeDexmo) -> None:
     assert glove.send(command(stiffness, bend))
     assert glove.send(command([2.0] * 5, [-1.0, 2.0, 0.5, 0.5, 0.5]))
     assert glove.release()
-    until(lambda: len(server.records(Kind.COMMAND)) == 5)
-    told = server.records(Kind.COMMAND)
-    assert (told["number"] == RIGHT).all() and glove.counters.commands == 5
-    assert np.array_equal(told["stiffness"][0], float32(stiffness))
-    assert np.array_equal(told["set_point"][0], float32([1.0, 1e-3, 0.125, 0.5, 0.25])), "a direction has a sign"
-    assert np.array_equal(told["stiffness"][3], np.ones(5))
-    assert np.array_equal(told["set_point"][3], float32([1e-3, 1.0, 0.5, 0.5, 0.5]))
-    assert not told["stiffness"][4].any() and not told["set_point"][4].any()
-    assert told["kept"].tolist() == [1, 1, 0, 0, 1], "the server must keep the first one, and what lets go of a finger"
+    until(lambda: len(server.commands) == 5)
+    received = server.commands
+    assert (received["number"] == RIGHT).all() and glove.counters.commands == 5
+    assert np.array_equal(received["stiffness"][0], float32(stiffness))
+    assert np.array_equal(received["set_point"][0], float32([1.0, 1e-3, 0.125, 0.5, 0.25])), "a direction has a sign"
+    assert np.array_equal(received["stiffness"][3], np.ones(5))
+    assert np.array_equal(received["set_point"][3], float32([1e-3, 1.0, 0.5, 0.5, 0.5]))
+    assert not received["stiffness"][4].any() and not received["set_point"][4].any()
+    assert received["kept"].tolist() == [1, 1, 0, 0, 1], (
+        "the server must keep the first one, and what lets go of a finger"
+    )
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -183,11 +186,11 @@ def test_commands_arrive_as_they_were_given(server: FakeDexmo) -> None:
 def test_a_command_that_is_not_finite_frees_all_fingers(server: FakeDexmo, bad: float, which: str) -> None:
     glove = opened(server)
     assert glove.send(command(0.5))
-    told = command(0.5)
-    getattr(told, which)[2] = bad
-    assert glove.send(told)
-    until(lambda: len(server.records(Kind.COMMAND)) == 2)
-    last = server.records(Kind.COMMAND)[-1]
+    broken = command(0.5)
+    getattr(broken, which)[2] = bad
+    assert glove.send(broken)
+    until(lambda: len(server.commands) == 2)
+    last = server.commands[-1]
     assert not last["stiffness"].any() and not last["set_point"].any() and last["kept"]
 
 
@@ -197,8 +200,8 @@ def test_set_points_are_the_servers_bends(server: FakeDexmo, tmp_path: Path) -> 
     ours.write_text("[channel]\n" + "\n".join(f"{name} = {{ open = 0.25, closed = 0.75 }}" for name in names))
     glove = opened(server, calibration=str(ours))
     glove.send(command(0.5, [0.0, 0.25, 0.5, 0.75, 1.0]))
-    until(lambda: len(server.records(Kind.COMMAND)) == 1)
-    assert np.array_equal(server.records(Kind.COMMAND)[0]["set_point"], float32([0.25, 0.375, 0.5, 0.625, 0.75]))
+    until(lambda: len(server.commands) == 1)
+    assert np.array_equal(server.commands[0]["set_point"], float32([0.25, 0.375, 0.5, 0.625, 0.75]))
     reader = Reader(glove)
     reader.more(3)
     wanted, _ = DEFAULT.angles((reader.column("channels")[:, :11] - 0.25) / 0.5)
@@ -213,7 +216,7 @@ def test_one_of_two_hands(tmp_path: Path) -> None:
             counters = reader.glove.counters
             assert counters.samples >= 10 and counters.other >= 9
             reader.glove.send(command(0.5))
-        until(lambda: set(server.records(Kind.COMMAND)["number"].tolist()) == {7, 8})
+        until(lambda: set(server.commands["number"].tolist()) == {7, 8})
         assert left.glove.info.hand == "left"
 
 
@@ -228,7 +231,7 @@ def test_which_of_several_gloves_must_be_clear(tmp_path: Path) -> None:
         reader = Reader(opened(server, device_id=9))
         reader.more(5)
         reader.glove.release()
-        until(lambda: server.records(Kind.COMMAND)["number"].tolist() == [9])
+        until(lambda: server.commands["number"].tolist() == [9])
 
 
 def test_a_server_without_gloves_and_one_without_a_server(server: FakeDexmo) -> None:
@@ -329,8 +332,8 @@ def test_counts_need_a_calibration(tmp_path: Path) -> None:
         flexion, abduction = DEFAULT.angles(share)
         assert np.allclose(reader.column("flexion"), flexion) and np.allclose(reader.column("abduction"), abduction)
         reader.glove.send(command(0.5, 0.25))
-        until(lambda: len(server.records(Kind.COMMAND)) == 1)
-        assert (server.records(Kind.COMMAND)[0]["set_point"] == 0.25).all(), "the server's own calibration is its own"
+        until(lambda: len(server.commands) == 1)
+        assert (server.commands[0]["set_point"] == 0.25).all(), "the server's own calibration is its own"
 
 
 def test_samples_that_are_not_finite_are_marked_and_their_angles_are_the_last_good_ones(server: FakeDexmo) -> None:
@@ -376,35 +379,35 @@ def test_the_server_dies_and_comes_back(server: FakeDexmo) -> None:
         with pytest.raises(DeviceError):
             glove.send(command(0.75))
     assert not glove.release()
-    before = len(server.records(Kind.COMMAND))
+    before = len(server.commands)
     server.start()
     until(glove.reconnect)
     assert glove.reconnect(), "and stays"
     reader.more(10)
     assert np.array_equal(reader.column("seq"), np.arange(len(reader.rows))) and len(reader.rows) >= seen + 10
-    assert len(server.records(Kind.COMMAND)) == before, "nothing from before is sent late"
+    assert len(server.commands) == before, "nothing from before is sent late"
     assert glove.send(command(0.25))
-    until(lambda: len(server.records(Kind.COMMAND)) == before + 1)
-    assert (server.records(Kind.COMMAND)[-1]["stiffness"] == 0.25).all()
+    until(lambda: len(server.commands) == before + 1)
+    assert (server.commands[-1]["stiffness"] == 0.25).all()
     assert glove.counters.resyncs == 1
 
 
 def test_a_sender_that_finds_the_server_gone_says_so(server: FakeDexmo) -> None:
     glove = opened(server)
-    server.order("down")
+    server.order("leave")
     with pytest.raises(DeviceError, match="gone"):
         until(lambda: not glove.send(command(0.5)))
     assert not glove.reconnect()
-    server.order("up")
+    server.order("back")
     until(glove.reconnect)
     assert glove.send(command(0.5))
 
 
 def test_what_came_before_the_end_is_still_handed_on(server: FakeDexmo) -> None:
     reader = Reader(opened(server), room=3)
-    until(lambda: len(server.records(Kind.FRAME)) > 20)
-    server.order("down")
-    sent = len(server.records(Kind.FRAME))
+    until(lambda: len(server.frames) > 20)
+    server.order("leave")
+    sent = len(server.frames)
     reader.lost()
     assert len(reader.rows) == sent == reader.glove.counters.samples
 
@@ -417,8 +420,8 @@ def test_a_stream_that_makes_no_sense_frees_the_fingers_and_begins_anew(server: 
     server.order(order)
     wanted = "frames in a row cannot be read" if order.startswith("garbage") else "makes no sense: a message of"
     assert wanted in str(reader.lost())
-    until(lambda: len(server.records(Kind.COMMAND)) == 2)
-    last = server.records(Kind.COMMAND)[-1]
+    until(lambda: len(server.commands) == 2)
+    last = server.commands[-1]
     assert not last["stiffness"].any() and last["kept"]
     until(reader.glove.reconnect)
     reader.more(5)
@@ -448,22 +451,22 @@ def test_a_server_that_takes_nothing_is_sent_nothing_by_halves(server: FakeDexmo
     counters = glove.counters
     assert counters.commands_refused == 1
     server.order("go")
-    until(lambda: len(server.records(Kind.COMMAND)) == counters.commands)
-    assert not len(server.records(Kind.BROKEN))
+    until(lambda: len(server.commands) == counters.commands)
+    assert not server.noted("not")
     until(lambda: glove.send(command(0.0)))
-    until(lambda: len(server.records(Kind.COMMAND)) == counters.commands)
-    assert not server.records(Kind.COMMAND)[-1]["stiffness"].any()
+    until(lambda: len(server.commands) == counters.commands)
+    assert not server.commands[-1]["stiffness"].any()
 
 
 def test_release_takes_a_fresh_connection_where_its_own_is_gone(server: FakeDexmo) -> None:
     reader = Reader(opened(server))
     reader.more(5)
-    server.order("down")
+    server.order("leave")
     reader.lost()
-    server.order("up")
+    server.order("back")
     assert reader.glove.release(HANG)
-    until(lambda: len(server.records(Kind.COMMAND)) == 1)
-    assert server.records(Kind.COMMAND)[0]["client"] == 1 and server.records(Kind.COMMAND)[0]["kept"]
+    until(lambda: len(server.commands) == 1)
+    assert server.commands[0]["client"] == 1 and server.commands[0]["kept"]
     assert reader.glove.reconnect(), "the fresh connection is the connection now"
     reader.more(5)
 
@@ -483,10 +486,10 @@ def test_release_never_raises(server: FakeDexmo) -> None:
 def test_the_last_command_is_not_lost_by_closing(server: FakeDexmo, turn: int) -> None:
     glove = opened(server)
     # Frames that nobody read would reset the connection.
-    until(lambda: len(server.records(Kind.FRAME)) > 25 + turn)
+    until(lambda: len(server.frames) > 25 + turn)
     assert glove.release()
     glove.close()
-    until(lambda: len(server.records(Kind.COMMAND)) == 1)
+    until(lambda: len(server.commands) == 1)
 
 
 def test_a_watchdog_beside_the_loop(server: FakeDexmo) -> None:
@@ -497,9 +500,9 @@ def test_a_watchdog_beside_the_loop(server: FakeDexmo) -> None:
         watchdog.drain()
         loop.more(1)
     assert loop.glove.send(command(0.5)) and watchdog.release()
-    until(lambda: len(server.records(Kind.COMMAND)) == 2)
-    assert server.records(Kind.COMMAND)["client"].tolist() == [0, 1]
-    server.order("down")
+    until(lambda: len(server.commands) == 2)
+    assert server.commands["client"].tolist() == [0, 1]
+    server.order("leave")
 
     def gone() -> bool:
         try:
@@ -509,10 +512,10 @@ def test_a_watchdog_beside_the_loop(server: FakeDexmo) -> None:
         return False
 
     until(gone)
-    server.order("up")
+    server.order("back")
     until(watchdog.reconnect)
     assert watchdog.release()
-    until(lambda: len(server.records(Kind.COMMAND)) == 3)
+    until(lambda: len(server.commands) == 3)
 
 
 class Chunks:

@@ -29,10 +29,9 @@ from hhsim.live.link.opengloves_codec import (
     parse_limits,
     parse_line,
 )
-from hhsim.live.simulators.process import FakePeerProcess
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
+from tools.fake_gloves import FakeGlove
 
-FAKE = "hhsim.live.simulators.opengloves_board"
 COUNT = st.integers(0, 4095).map(float)
 CURLS = st.tuples(*[COUNT] * 5)
 MAYBE = st.one_of(COUNT, st.just(math.nan))
@@ -214,7 +213,7 @@ def test_what_is_no_glove_is_said_so(tmp_path: Path) -> None:
 def test_a_fake_glove_in_another_process_every_line_accounted_for(tmp_path: Path, tcp: bool) -> None:
     link = tmp_path / "glove"
     arguments = () if tcp else ("--link", link)
-    with FakePeerProcess(FAKE, tmp_path / "peer.log", "--format", "splay", *arguments) as peer:
+    with FakeGlove("opengloves_board", tmp_path / "peer.log", "--format", "splay", *arguments) as peer:
         where = configure("opengloves", port=int(peer.where)) if tcp else configure("opengloves", path=peer.where)
         with closing(open_device(where)) as device, closing(open_device(where)) as watchdog:
             device.open(PATIENCE)
@@ -282,7 +281,7 @@ def test_a_glove_whose_process_is_killed_comes_back(tmp_path: Path, tcp: bool) -
     arguments = ("--port", port) if tcp else ("--link", tmp_path / "glove")
     config = configure("opengloves", port=port, path="" if tcp else str(tmp_path / "glove"))
     with (
-        FakePeerProcess(FAKE, tmp_path / "peer.log", *arguments) as peer,
+        FakeGlove("opengloves_board", tmp_path / "peer.log", *arguments) as peer,
         closing(open_device(config)) as device,
     ):
         device.open(PATIENCE)

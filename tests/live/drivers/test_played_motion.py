@@ -11,8 +11,8 @@ from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
 from hhsim.live.devices.registry import configure, glove_names, open_device
 from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.playback import RETURN_TIME, Playback
-from hhsim.live.pose.registry import make_pose_source, write_keyboard_pose
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.keyboard import write_keyboard_pose
+from hhsim.live.pose.registry import PoseConfig, make_pose_source
 from hhsim.live.shared_memory import SharedBlock
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.dexmo_regression import DexmoRegression

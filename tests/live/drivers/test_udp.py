@@ -25,11 +25,9 @@ from hhsim.live.drivers.udp import UdpGlove
 from hhsim.live.link import udp_codec as udp_packet
 from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
-from hhsim.live.pose.registry import make_pose_source
-from hhsim.live.pose.source import PoseConfig
-from hhsim.live.simulators.peer import PeerRecord
-from hhsim.live.simulators.process import FakePeerProcess
+from hhsim.live.pose.registry import PoseConfig, make_pose_source
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
+from tools.fake_gloves import FakeGlove, PeerRecord
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "udp_bridge.py"
 KINDS = st.sampled_from(list(Kind))
@@ -281,7 +279,7 @@ def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_
     arguments = ("--port", port, "--lose", 0.03, "--swap", 0.05, "--seed", 5)
     device = open_device(configure("udp", port=port))
     with (
-        FakePeerProcess("hhsim.live.simulators.udp_sender", tmp_path / "peer.log", *arguments) as peer,
+        FakeGlove("udp_sender", tmp_path / "peer.log", *arguments) as peer,
         closing(device),
     ):
         device.open(PATIENCE)

@@ -13,12 +13,12 @@ from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import FACT_BYTES, WARNING, SessionMemory, add_memory_options, attached
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.shared_memory import RingReader, read_setup, write_setup
-from hhsim.mesh.generators import sphere
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
+from tools.shapes.generators import sphere
 
 CHILD = """
 import argparse

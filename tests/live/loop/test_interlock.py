@@ -70,9 +70,9 @@ def test_a_dry_run_is_free_and_needs_no_watchdog() -> None:
 def test_a_log_tells_each_beginning_at_most_once_a_second_and_each_end_of_what_it_told(bits: list[int]) -> None:
     log = SafetyLog()
     lines = [line for i, safety in enumerate(bits) for line in log.changed(safety, NOW + i * MS)]
-    told = [text for level, text in lines if level > 0]
-    assert len(told) == len(set(told)) <= 6
-    assert len(lines) - len(told) <= len(told)
+    beginnings = [text for level, text in lines if level > 0]
+    assert len(beginnings) == len(set(beginnings)) <= 6
+    assert len(lines) - len(beginnings) <= len(beginnings)
 
 
 def test_a_flicker_is_counted_and_told_later_with_its_reason() -> None:

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import FingerCommand
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.records import LIVE_TICK
-from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.loop.tick_times import BATCH
-from hhsim.live.pose.registry import FixedPose
-from hhsim.live.pose.source import PoseSource
+from hhsim.live.pose.fixed import FixedPose
+from hhsim.live.pose.registry import PoseConfig, PoseSource
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
@@ -46,7 +45,7 @@ class Session:
         self.memory = SessionMemory.create()
         self.clock = FakeClock()
         self.glove = ScriptedGlove(self.clock, script)
-        source = pose or FixedPose((0.0, 0.0, 0.0), UPRIGHT)
+        source = pose or FixedPose(PoseConfig())
         self.loop = LiveLoop(self.setup, self.memory, self.glove, source, clock=self.clock)
 
     def run(self) -> "Session":
@@ -59,8 +58,8 @@ class Session:
     def stiffness_at(self, tick: int) -> Array:
         """What the glove has been told when a tick is over, shape (5,)."""
         end = self.loop.deadlines.clock.now() if tick < 0 else 10**9 + (tick + 2) * PERIOD
-        told = [command for command in self.glove.commands if command.time_ns < end]
-        return told[-1].stiffness
+        sent = [command for command in self.glove.commands if command.time_ns < end]
+        return sent[-1].stiffness
 
 
 def holding() -> Session:
@@ -86,9 +85,9 @@ def test_a_hand_that_holds_is_held_and_is_released_at_the_end() -> None:
 
 def test_what_is_published_is_what_the_glove_was_told() -> None:
     session = holding()
-    told = session.glove.commands
-    np.testing.assert_array_equal(session.ticks["command_stiffness"], [command.stiffness for command in told])
-    np.testing.assert_array_equal(session.ticks["command_bend"], [command.bend for command in told])
+    sent = session.glove.commands
+    np.testing.assert_array_equal(session.ticks["command_stiffness"], [command.stiffness for command in sent])
+    np.testing.assert_array_equal(session.ticks["command_bend"], [command.bend for command in sent])
 
 
 def test_the_ticks_are_those_of_a_replay_bit_for_bit() -> None:
@@ -366,7 +365,7 @@ class QuietGlove(ScriptedGlove):
 def test_ticks_keep_no_memory() -> None:
     session = Session(HOLDING, duration=None)
     glove = QuietGlove(session.clock, HOLDING)
-    loop = LiveLoop(session.setup, session.memory, glove, FixedPose((0.0, 0.0, 0.0), UPRIGHT), clock=session.clock)
+    loop = LiveLoop(session.setup, session.memory, glove, FixedPose(PoseConfig()), clock=session.clock)
     session.clock.slept = deque(maxlen=1)
 
     def run(ticks: int) -> int:

@@ -170,8 +170,8 @@ def test_the_watchdog_outlives_the_loop_whatever_signal_it_gets(guarded: Guarded
     loop.send_signal(signal.SIGINT)
     assert loop.wait(PATIENCE) == 0
     assert watchdog.wait(PATIENCE) == 0
-    told = [line for line in guarded.lines() if line.stiffness >= 0.0]
-    assert told[-1].stiffness == 0.0
+    commands = [line for line in guarded.lines() if line.stiffness >= 0.0]
+    assert commands[-1].stiffness == 0.0
     assert any(line.who == "loop" and line.stiffness == -1.0 for line in guarded.lines()), "the loop closed its glove"
     assert guarded.memory.status["stage"] == Stage.ENDED
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_drill import IN_TIME, LOOP, STIFF, WITHOUT_REAL_TIME, Drill, FakeDexmo, Kind, Safety, grasping_setup, stiff
+from live_drill import IN_TIME, LOOP, STIFF, WITHOUT_REAL_TIME, Drill, FakeDexmo, Safety, grasping_setup, stiff
 from numpy.typing import NDArray
 
 from hhsim.live.ipc.status import Stage
@@ -41,7 +41,7 @@ def kernels() -> None:
 
 @pytest.fixture
 def glove(tmp_path: Path) -> Iterator[FakeDexmo]:
-    with FakeDexmo(tmp_path / "told.log") as server:
+    with FakeDexmo(tmp_path / "commands.log") as server:
         yield server
 
 
@@ -50,28 +50,28 @@ def drill(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Drill]:
     """One session for the faults that it survives, with a recorder and, where there is rerun, a viewer."""
     folder = tmp_path_factory.mktemp("drill")
     rerun = str(folder / "session.rrd") if importlib.util.find_spec("rerun") else None
-    with FakeDexmo(folder / "told.log") as server, Drill(server, folder / "session.h5", rerun) as held:
+    with FakeDexmo(folder / "commands.log") as server, Drill(server, folder / "session.h5", rerun) as held:
         yield held
 
 
-def held_last(told: NDArray[Any], since: int) -> int:
+def held_last(commands: NDArray[Any], since: int) -> int:
     """How long after `since` a finger was last held [ns]; negative where it was free by then."""
-    times = told["time_ns"][stiff(told)]
+    times = commands["time_ns"][stiff(commands)]
     return int(times.max()) - since if times.size else -since
 
 
-def assert_free_in_time(drill: Drill, told: NDArray[Any], since: int) -> None:
-    """Fingers were held right before a fault, and `told` holds none of them any more soon after it."""
-    before = told[(told["time_ns"] < since) & (told["time_ns"] > since - JUST_BEFORE)]
+def assert_free_in_time(drill: Drill, commands: NDArray[Any], since: int) -> None:
+    """Fingers were held right before a fault, and `commands` holds none of them any more soon after it."""
+    before = commands[(commands["time_ns"] < since) & (commands["time_ns"] > since - JUST_BEFORE)]
     assert stiff(before).any(), "nothing was held: the drill shows nothing"
-    assert (told["time_ns"] > since + drill.allowed).any(), "the drill ended before it showed anything"
-    assert held_last(told, since) <= drill.allowed
+    assert (commands["time_ns"] > since + drill.allowed).any(), "the drill ended before it showed anything"
+    assert held_last(commands, since) <= drill.allowed
 
 
-def assert_ramp(told: NDArray[Any]) -> None:
+def assert_ramp(commands: NDArray[Any]) -> None:
     """A finger is held again, and began to be held little by little."""
-    assert stiff(told).any()
-    assert told[stiff(told)][0]["stiffness"].max() < STIFF / 2, "the fingers come back by the ramp"
+    assert stiff(commands).any()
+    assert commands[stiff(commands)][0]["stiffness"].max() < STIFF / 2, "the fingers come back by the ramp"
 
 
 def test_glove_unplugged_and_back(drill: Drill) -> None:
@@ -86,8 +86,8 @@ def test_glove_unplugged_and_back(drill: Drill) -> None:
     drill.glove.order("plug")
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
     drill.go_on(0.05)
-    told = drill.commands()
-    assert_ramp(told[told["time_ns"] > plugged])
+    commands = drill.commands()
+    assert_ramp(commands[commands["time_ns"] > plugged])
 
 
 def test_peer_stalls(drill: Drill) -> None:
@@ -102,8 +102,8 @@ def test_peer_stalls(drill: Drill) -> None:
     drill.glove.order("go")
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
     # What waited in the connection is read in its order: held fingers, then free ones, and then those of the ramp.
-    told = drill.commands()[heard:]
-    free = told["time_ns"][~stiff(told)]
+    commands = drill.commands()[heard:]
+    free = commands["time_ns"][~stiff(commands)]
     assert free.size
     assert free[0] - going <= drill.allowed
 
@@ -120,8 +120,8 @@ def test_peer_dies_and_comes_back(drill: Drill) -> None:
     drill.glove.start()
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
     drill.go_on(0.05)
-    told = drill.commands()
-    assert_ramp(told[told["time_ns"] > back])
+    commands = drill.commands()
+    assert_ramp(commands[commands["time_ns"] > back])
 
 
 def test_glove_jumps(drill: Drill) -> None:
@@ -147,18 +147,18 @@ def test_loop_hangs(drill: Drill) -> None:
     os.kill(pid, signal.SIGSTOP)
     try:
         drill.go_on(WHILE)
-        told = drill.commands()
+        commands = drill.commands()
         going = time.monotonic_ns()
     finally:
         os.kill(pid, signal.SIGCONT)
-    assert_free_in_time(drill, told, hung)
+    assert_free_in_time(drill, commands, hung)
     assert any("the loop has given no sign of life" in text for text in drill.log), drill.log
     # The watchdog says it again and again.
-    assert len(told[told["time_ns"] > hung + drill.allowed]) > 3
+    assert len(commands[commands["time_ns"] > hung + drill.allowed]) > 3
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
     drill.go_on(0.05)
-    told = drill.commands()
-    assert_ramp(told[told["time_ns"] > going])
+    commands = drill.commands()
+    assert_ramp(commands[commands["time_ns"] > going])
 
 
 def test_watchdog_killed(drill: Drill) -> None:
@@ -215,11 +215,11 @@ def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> N
         while drill.session.poll():
             time.sleep(0.002)
         drill.session.end()
-        told = drill.commands()
-    assert held_last(told, killed) <= drill.allowed
-    assert stiff(told[(told["time_ns"] < killed) & (told["time_ns"] > killed - JUST_BEFORE)]).any()
+        commands = drill.commands()
+    assert held_last(commands, killed) <= drill.allowed
+    assert stiff(commands[(commands["time_ns"] < killed) & (commands["time_ns"] > killed - JUST_BEFORE)]).any()
     # By the watchdog, on a connection of its own, soon enough and again.
-    freed = told[(told["client"] != loop) & (told["time_ns"] > killed)]
+    freed = commands[(commands["client"] != loop) & (commands["time_ns"] > killed)]
     assert len(freed) >= 2
     assert not stiff(freed).any()
     assert freed["time_ns"].min() - killed <= drill.allowed
@@ -240,8 +240,8 @@ def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
 
 
 def assert_free_at_the_end(drill: Drill) -> None:
-    told = drill.commands()
-    last = {client: told[told["client"] == client][-1:] for client in set(told["client"].tolist())}
+    commands = drill.commands()
+    last = {client: commands[commands["client"] == client][-1:] for client in set(commands["client"].tolist())}
     assert last
     for client, command in last.items():
         assert not stiff(command).any(), f"client {client} left a finger held"
@@ -265,7 +265,7 @@ def test_the_command_is_ended(glove: FakeDexmo, tmp_path: Path, number: signal.S
 def end_the_command(glove: FakeDexmo, process: "subprocess.Popen[str]", number: signal.Signals) -> None:
     """Wait until a finger is held, send the signal, and look at what the glove was told."""
     limit = time.monotonic() + 60.0
-    while not (commands := glove.records(Kind.COMMAND)).size or commands["stiffness"][-1].max() < STIFF:
+    while not (commands := glove.commands).size or commands["stiffness"][-1].max() < STIFF:
         assert time.monotonic() < limit
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
@@ -275,16 +275,16 @@ def end_the_command(glove: FakeDexmo, process: "subprocess.Popen[str]", number: 
     os.kill(process.pid, number)
     out, err = process.communicate(timeout=30.0)
     time.sleep(0.3)
-    told = glove.records(Kind.COMMAND)
-    assert stiff(told[told["time_ns"] < sent]).any()
+    commands = glove.commands
+    assert stiff(commands[commands["time_ns"] < sent]).any()
     if number == signal.SIGKILL:
-        assert held_last(told, sent) <= WITHOUT_REAL_TIME
+        assert held_last(commands, sent) <= WITHOUT_REAL_TIME
     else:
         assert process.returncode == 0, err
         document = json.loads(out)
         assert document["reason"] == "Ctrl-C"
-        assert held_last(told, sent) <= (IN_TIME if document["real_time"]["fifo"] else WITHOUT_REAL_TIME)
+        assert held_last(commands, sent) <= (IN_TIME if document["real_time"]["fifo"] else WITHOUT_REAL_TIME)
     limit = time.monotonic() + 30.0
-    while len(glove.records(Kind.GONE)) < len(glove.records(Kind.CONNECTED)):
+    while glove.noted("gone") < glove.noted("connected"):
         assert time.monotonic() < limit, "a process of the session is left behind"
         time.sleep(0.01)

@@ -11,17 +11,17 @@ from sphere_scenes import bumpy_ball
 from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.supervisor import SessionOutcome, Supervisor
-from hhsim.mesh.generators import sphere
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.script import parse_script
 from hhsim.verify.verify import verify
+from tools.shapes.generators import sphere
 
 TICKS = 1500
 

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from sphere_scenes import brute_clearance
 
 from hhsim.errors import InputError
-from hhsim.live.ipc.records import LIVE_TICK
-from hhsim.live.ipc.session_memory import TICK_CAPACITY, SessionMemory
+from hhsim.live.ipc.session_memory import LIVE_TICK, TICK_CAPACITY, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.live.ipc.records import LIVE_TICK
+from hhsim.live.ipc.session_memory import LIVE_TICK
 from hhsim.live.session.statistics import LiveTally
 from hhsim.live.shared_memory import SharedRing
 from hhsim.result.safety import WORDS, Safety, why_free

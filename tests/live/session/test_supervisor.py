@@ -14,10 +14,9 @@ from hhsim.hand.model import HandModel
 from hhsim.live.device import DeviceError
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.records import EVENT
-from hhsim.live.ipc.session_memory import EVENT_CAPACITY, FAULT, WARNING
+from hhsim.live.ipc.session_memory import EVENT, EVENT_CAPACITY, FAULT, WARNING
 from hhsim.live.ipc.status import Stage
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session import supervisor
 from hhsim.live.session.supervisor import LOOP, RECORDER, VIEWER, WATCHDOG, Supervisor
 from hhsim.mesh.catalogue import load_object
@@ -116,7 +115,7 @@ def run(session: Supervisor, until: Callable[[], bool], seconds: float = 20.0) -
         time.sleep(0.01)
 
 
-def told(session: Supervisor, level: int = 0) -> str:
+def notices(session: Supervisor, level: int = 0) -> str:
     return " / ".join(text for _, at, text in session.end().notices if at >= level)
 
 
@@ -137,8 +136,8 @@ def test_a_session_ends_in_order_and_the_watchdog_is_last(make: Make, marks: Pat
     assert sorted(words[1:]) == ["recorder", "viewer", "watchdog"]
     outcome = session.end()
     assert (outcome.reason, outcome.loop_failed, outcome.record_failed) == ("a key", "", "")
-    assert told(session, WARNING) == ""
-    assert "the loop is here" in told(session)
+    assert notices(session, WARNING) == ""
+    assert "the loop is here" in notices(session)
     session.check()
     for pid in pids:
         assert pid is not None
@@ -176,7 +175,7 @@ def test_a_loop_that_is_killed_is_told_and_the_watchdog_outlives_it(make: Make, 
     assert time.monotonic() - killed >= supervisor.RELEASE_PATIENCE
     # The stand-in ends when the session is marked as ended, which only the supervisor could do.
     assert "watchdog" in marks.read_text()
-    assert "the loop was ended by SIGKILL; the watchdog frees the fingers" in told(session, FAULT)
+    assert "the loop was ended by SIGKILL; the watchdog frees the fingers" in notices(session, FAULT)
     with pytest.raises(HhsimError, match="the session ended early: the loop was ended by SIGKILL"):
         session.check()
 
@@ -187,7 +186,7 @@ def test_a_loop_that_does_not_end_is_ended(make: Make, program: str, last: str) 
     with session:
         run(session, lambda: running(session))
         session.request_stop("a key")
-    assert f"the loop does not end: it gets {last}" in told(session, FAULT)
+    assert f"the loop does not end: it gets {last}" in notices(session, FAULT)
     assert f"ended by {last}" in session.end().loop_failed
     assert session.end().reason == "a key"
 
@@ -210,7 +209,7 @@ def test_a_watchdog_that_dies_is_started_again(make: Make) -> None:
         run(session, lambda: session.pid(WATCHDOG) not in (None, first))
     outcome = session.end()
     assert outcome.watchdog_restarts >= 1
-    assert "the watchdog ended with code 5: it is started again" in told(session, FAULT)
+    assert "the watchdog ended with code 5: it is started again" in notices(session, FAULT)
     assert outcome.loop_failed == ""
 
 
@@ -222,7 +221,7 @@ def test_the_session_goes_on_without_a_recorder_or_a_viewer(make: Make, part: st
         run(session, lambda: session.pid(part) is None)
         assert session.poll()
         assert running(session)
-    assert f"the {part} ended with code 2: no space left" in told(session, WARNING)
+    assert f"the {part} ended with code 2: no space left" in notices(session, WARNING)
     assert session.end().loop_failed == ""
     if part == RECORDER:
         with pytest.raises(HhsimError, match=r"the recording .*session.h5 is not whole: ended with code 2: no space"):

@@ -18,10 +18,9 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.records import LIVE_TICK
-from hhsim.live.ipc.session_memory import WARNING, SessionMemory
+from hhsim.live.ipc.session_memory import LIVE_TICK, WARNING, SessionMemory
 from hhsim.live.ipc.status import Stage
-from hhsim.live.pose.source import PoseConfig
+from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session.viewer import LiveViewer
 from hhsim.live.session.writer import SessionWriter
 from hhsim.live.shared_memory import RingReader, write_setup

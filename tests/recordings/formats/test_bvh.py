@@ -6,12 +6,12 @@ from typing import Literal
 import numpy as np
 import pytest
 from bvh_document import RIGS, bvh_text
-from recording_samples import smooth_recording
+from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import HhsimError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.bvh_parser import looks_like_bvh, read_bvh
-from hhsim.recordings.formats.bvh import finger_of, read_bvh_recording, side_of
+from hhsim.recordings.formats.bvh import finger_of, side_of
 from hhsim.recordings.hand_displacement import turn
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import read_content
@@ -23,7 +23,7 @@ CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("rig", RIGS)
 def test_our_own_hand_comes_back_from_every_rig(rig: str, side: Literal["right", "left"]) -> None:
-    recording = read_bvh_recording(bvh_text(CLEAN, RIGS[rig], side), name="take")
+    recording = read_as("bvh", bvh_text(CLEAN, RIGS[rig], side), name="take")
     assert recording.hand == side and np.allclose(recording.time, CLEAN.time, atol=1e-4)
     assert np.abs(recording.position - CLEAN.position).max() < 1e-5
     assert np.abs(turn(recording.orientation, CLEAN.orientation)).max() < 1e-5
@@ -38,7 +38,7 @@ def test_our_own_hand_comes_back_from_every_rig(rig: str, side: Literal["right",
 def test_abduction_comes_back_where_the_finger_is_straight() -> None:
     spread = smooth_recording(25, jitter=0.0)
     spread = spread.changed(flexion=0.2 * spread.flexion)
-    recording = read_bvh_recording(bvh_text(spread, RIGS["mixamo"]))
+    recording = read_as("bvh", bvh_text(spread, RIGS["mixamo"]))
     assert np.abs(recording.abduction - spread.abduction).max() < 0.01
 
 
@@ -98,18 +98,18 @@ def test_both_hands_in_one_file() -> None:
         for one, other in zip(motion.splitlines()[2:], other_motion.splitlines()[2:])
     ]
     both = root + inner + "MOTION\n" + "\n".join(motion.splitlines()[:2] + rows) + "\n"
-    recording = read_bvh_recording(both)
+    recording = read_as("bvh", both)
     assert recording.hand == "right" and "the other hand is there too" in recording.findings[0].text
     assert np.abs(recording.flexion - CLEAN.flexion).max() < 1e-4
-    assert np.abs(read_bvh_recording(both, hand="left").flexion - CLEAN.flexion).max() < 1e-4
+    assert np.abs(read_as("bvh", both, hand="left").flexion - CLEAN.flexion).max() < 1e-4
 
 
 def test_units_come_from_the_hand_or_the_user() -> None:
     text = bvh_text(CLEAN, RIGS["mixamo"])
-    assert "lengths in cm" in read_bvh_recording(text).findings[0].text
-    stated = read_bvh_recording(text, length_unit="inch")
+    assert "lengths in cm" in read_as("bvh", text).findings[0].text
+    stated = read_as("bvh", text, length_unit="inch")
     assert stated.hand_length is not None and stated.hand_length > 0.4
-    z_up = read_bvh_recording(text, world_up="z")
+    z_up = read_as("bvh", text, world_up="z")
     assert np.allclose(z_up.flexion, CLEAN.flexion, atol=1e-4)
     assert np.allclose(z_up.position[:, 2], -CLEAN.position[:, 1], atol=0.2)
 
@@ -119,14 +119,14 @@ def test_frames_that_are_broken_or_lost() -> None:
     first = lines.index("MOTION") + 3
     lines[first + 7] = lines[first + 7][:50]
     lines[first + 9] = lines[first + 9].replace(".", "x", 1)
-    recording = read_bvh_recording("\n".join(lines) + "\n")
+    recording = read_as("bvh", "\n".join(lines) + "\n")
     assert "2 frame(s) without" in recording.findings[0].text
     repaired = repair(recording)
     assert repaired.trajectory.flags is not None
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.PALM_FILLED)).tolist() == [7, 9]
-    short = read_bvh_recording("\n".join(lines[:-5]) + "\n")
+    short = read_as("bvh", "\n".join(lines[:-5]) + "\n")
     assert "20 frames where the file says 25" in short.findings[0].text
-    cut = read_bvh_recording("\n".join(lines)[:-3])
+    cut = read_as("bvh", "\n".join(lines)[:-3])
     assert cut.sample_count == 24 and "has no line end" in cut.findings[0].text
 
 
@@ -161,10 +161,10 @@ TEXT = bvh_text(CLEAN, RIGS["mixamo"])
 )
 def test_what_is_no_hand_is_refused(text: str, words: str) -> None:
     with pytest.raises(TrajectoryError, match=words) as error:
-        read_bvh_recording(text)
+        read_as("bvh", text)
     assert "\n" not in str(error.value)
     with pytest.raises(TrajectoryError, match="no left hand with five fingers; the file has a right one"):
-        read_bvh_recording(TEXT, hand="left")
+        read_as("bvh", TEXT, hand="left")
 
 
 def test_damaged_text_is_refused_or_mended_and_never_crashes() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from column_map_sample import GLOVE, TABLE
-from recording_samples import smooth_recording
+from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
@@ -13,14 +13,13 @@ from hhsim.motion.csv_file import format_csv
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.column_map import OWN_COLUMNS, parse_column_map, read_column_map
 from hhsim.recordings.csv_table import read_table
-from hhsim.recordings.formats.csv import read_csv_recording
 from hhsim.recordings.frames import turned
 from hhsim.recordings.mapped_table import euler_quaternion
 from hhsim.recordings.repair import repair
 
 
 def test_a_mapping_says_what_columns_are() -> None:
-    recording = read_csv_recording(TABLE, parse_column_map(GLOVE, where="glove.toml"), name="take 1")
+    recording = read_as("csv", TABLE, columns=parse_column_map(GLOVE, where="glove.toml"), name="take 1")
     assert np.allclose(recording.time, [0.0, 0.01, 0.02])
     assert np.allclose(recording.flexion[:, 1], np.radians([[10, 10, 6.67], [20, 20, 13.34], [30, 30, 20.01]]))
     assert np.allclose(recording.abduction[:, 1], 0.1)
@@ -48,7 +47,7 @@ def test_euler_angles_are_scipys(order: str) -> None:
 
 def test_our_own_csv_comes_in_bit_for_bit() -> None:
     motion = repair(smooth_recording()).trajectory
-    again = repair(read_csv_recording(format_csv(motion)))
+    again = repair(read_as("csv", format_csv(motion)))
     assert again.findings == ()
     assert format_csv(again.trajectory) == format_csv(motion)
     header = next(line for line in format_csv(motion).splitlines() if not line.startswith("#"))
@@ -140,7 +139,7 @@ def test_mappings_need_time_and_joints(tmp_path: Path) -> None:
         parse_column_map("rate = 100", where="m.toml")
     with pytest.raises(InputError, match=r"none.toml: cannot be read"):
         read_column_map(tmp_path / "none.toml")
-    made = read_csv_recording("a\n1\n2\n", parse_column_map("rate = 50\n[joint]\nindex_flex1 = 'a'", where="m"))
+    made = read_as("csv", "a\n1\n2\n", columns=parse_column_map("rate = 50\n[joint]\nindex_flex1 = 'a'", where="m"))
     assert made.time.tolist() == [0.0, 0.02] and "made from the rate, 50 Hz" in made.findings[0].text
     with pytest.raises(TrajectoryError, match="the columns are a, b; expected hhsim's own"):
-        read_csv_recording("a,b\n1,2\n")
+        read_as("csv", "a,b\n1,2\n")

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from leap_document import CLEAN, document, packed
 from lz_pack import pack
+from recording_samples import read_as
 
 from hhsim.errors import HhsimError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.formats.leap import looks_like_leap, read_leap_recording
+from hhsim.recordings.formats.leap import looks_like_leap
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import read_content
 from hhsim.recordings.repair import repair
@@ -20,7 +21,7 @@ from hhsim.recordings.repair import repair
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_our_own_hand_comes_back(side: Literal["right", "left"]) -> None:
-    recording = read_leap_recording(json.dumps(document(side)), name="take")
+    recording = read_as("leap", json.dumps(document(side)), name="take")
     assert recording.hand == side and recording.sample_count == 30
     assert np.allclose(recording.time, CLEAN.time, atol=1e-6)
     assert np.allclose(recording.position, CLEAN.position, atol=1e-9)
@@ -33,7 +34,7 @@ def test_our_own_hand_comes_back(side: Literal["right", "left"]) -> None:
 
 def test_every_packing_holds_the_same_motion() -> None:
     whole = document()
-    plain = read_leap_recording(json.dumps(whole))
+    plain = read_as("leap", json.dumps(whole))
     texts = [
         json.dumps(packed(whole)),
         json.dumps(whole["frames"]),
@@ -52,22 +53,22 @@ def test_frames_without_the_hand_are_no_samples() -> None:
     for frame in whole["frames"][10:15]:
         frame["hands"] = []
     whole["frames"][20]["hands"].append(whole["frames"][20]["hands"][0] | {"type": "left", "id": 8})
-    recording = read_leap_recording(json.dumps(whole))
+    recording = read_as("leap", json.dumps(whole))
     assert recording.sample_count == 25 and "5 of 30 frames show no right hand" in recording.findings[0].text
     repaired = repair(recording)
     assert repaired.trajectory.flags is not None
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.GAP_BEFORE)).tolist() == [10]
     with pytest.raises(TrajectoryError, match="no frame holds the joints"):
-        read_leap_recording(json.dumps(whole), hand="left")
+        read_as("leap", json.dumps(whole), hand="left")
     whole["frames"] = whole["frames"][:-3]
-    assert "27 frames where the file says 30" in read_leap_recording(json.dumps(whole)).findings[0].text
+    assert "27 frames where the file says 30" in read_as("leap", json.dumps(whole)).findings[0].text
 
 
 def test_joints_that_are_missing_are_holes() -> None:
     whole = document()
     del whole["frames"][7]["pointables"][1]["pipPosition"]
     whole["frames"][8]["pointables"][2]["btipPosition"] = [1, "x", None]
-    recording = read_leap_recording(json.dumps(whole))
+    recording = read_as("leap", json.dumps(whole))
     assert np.argwhere(np.isnan(recording.abduction)).tolist() == [[7, 1], [8, 2]]
     repaired = repair(recording)
     assert repaired.trajectory.flags is not None
@@ -99,10 +100,10 @@ def without(key: str) -> str:
 )
 def test_what_is_no_recording_is_refused(text: str, words: str) -> None:
     with pytest.raises(TrajectoryError, match=words) as error:
-        read_leap_recording(text)
+        read_as("leap", text)
     assert "\n" not in str(error.value)
     with pytest.raises(TrajectoryError, match="no left hand in any of 3 frames"):
-        read_leap_recording(json.dumps(document(count=3)), hand="left")
+        read_as("leap", json.dumps(document(count=3)), hand="left")
 
 
 def test_damaged_documents_are_refused_or_mended_and_never_crash() -> None:
@@ -122,7 +123,7 @@ def test_damaged_documents_are_refused_or_mended_and_never_crash() -> None:
     for _ in range(150):
         whole = damaged(packed(base) if source.random() < 0.5 else base)
         try:
-            repair(read_leap_recording(json.dumps(whole)))
+            repair(read_as("leap", json.dumps(whole)))
         except HhsimError as error:
             assert "\n" not in str(error)
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recording_samples import smooth_recording
+from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.formats.npz import FRAMES, read_npz_recording
+from hhsim.recordings.formats.npz import FRAMES
 from hhsim.recordings.frames import WORLD_UP, axes_matrix, to_our_palm, to_our_world, turned, world_matrix
 from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import repair
@@ -35,7 +35,7 @@ def archive(**changes: Any) -> bytes:
 
 
 def test_arrays_come_in_as_they_are() -> None:
-    recording = read_npz_recording(archive(), name="take")
+    recording = read_as("npz", archive(), name="take")
     for key in ("time", "flexion", "abduction"):
         assert getattr(recording, key).tobytes() == getattr(CLEAN, key).tobytes()
     assert np.allclose(recording.position, CLEAN.position) and np.allclose(recording.orientation, CLEAN.orientation)
@@ -45,7 +45,7 @@ def test_arrays_come_in_as_they_are() -> None:
 @pytest.mark.parametrize(("key", "order"), [("wrist_quat_wxyz", [0, 1, 2, 3]), ("wrist_quat_xyzw", [1, 2, 3, 0])])
 def test_both_orders_of_quaternions(key: str, order: list[int]) -> None:
     data = archive(wrist_quat=None, **{key: CLEAN.orientation[:, order]})
-    assert np.allclose(read_npz_recording(data).orientation, CLEAN.orientation)
+    assert np.allclose(read_as("npz", data).orientation, CLEAN.orientation)
 
 
 def test_what_the_file_says_of_itself() -> None:
@@ -54,7 +54,7 @@ def test_what_the_file_says_of_itself() -> None:
     meta = json.dumps(
         {"source": "a lab", "hand": "left one", "frame": "palm: x=direction, z=-palmNormal; y up", "note": "!"}
     )
-    recording = read_npz_recording(archive(valid=valid, meta=np.array(meta)))
+    recording = read_as("npz", archive(valid=valid, meta=np.array(meta)))
     assert (recording.hand, recording.source) == ("left", "a lab")
     assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [7, 8]
     assert "palm axes x, y, z are the recording's -y, x, z; its world's y points up" in recording.findings[0].text
@@ -63,9 +63,9 @@ def test_what_the_file_says_of_itself() -> None:
     assert np.allclose(palm[:, 1], up @ theirs[:, 0]), "their x points to the fingers"
     assert np.allclose(palm[:, 2], up @ theirs[:, 2]), "their z points out of the back"
     assert np.allclose(recording.position, CLEAN.position @ up.T)
-    asked = read_npz_recording(archive(meta=np.array(meta)), palm_axes=("x", "y", "z"), world_up="z")
-    assert np.allclose(asked.orientation, CLEAN.orientation)
-    assert read_npz_recording(archive(meta=np.array("no json"))).source == ""
+    as_ours = read_as("npz", archive(meta=np.array(meta)), palm_axes=("x", "y", "z"), world_up="z")
+    assert np.allclose(as_ours.orientation, CLEAN.orientation)
+    assert read_as("npz", archive(meta=np.array("no json"))).source == ""
 
 
 def test_every_frame_is_right_handed_and_every_world_stands_up() -> None:
@@ -96,7 +96,7 @@ def test_every_frame_is_right_handed_and_every_world_stands_up() -> None:
 )
 def test_what_is_no_recording_is_refused(data: bytes, words: str) -> None:
     with pytest.raises(TrajectoryError) as error:
-        read_npz_recording(data)
+        read_as("npz", data)
     assert words in str(error.value) and "\n" not in str(error.value)
 
 
@@ -104,7 +104,7 @@ def test_a_flipped_bit_is_noticed() -> None:
     data = bytearray(archive())
     data[data.index(b"flex.npy") + 400] ^= 1
     with pytest.raises(TrajectoryError, match="damaged"):
-        read_npz_recording(bytes(data))
+        read_as("npz", bytes(data))
 
 
 def test_every_real_recording_comes_in(shared_data: Path) -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hhsim.mesh.surface_parts import band, circle, fan, finished_mesh, icosphere
 from hhsim.mesh.topology import is_closed, signed_volume
+from tools.shapes.surface_parts import band, circle, fan, finished_mesh, icosphere
 
 
 @pytest.mark.parametrize("subdivisions", [0, 1, 3])

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.surface_parts import band, circle, fan, finished_mesh
+from tools.shapes.surface_parts import band, circle, fan, finished_mesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

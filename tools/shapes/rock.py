@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.surface_parts import finished_mesh, icosphere
+from tools.shapes.surface_parts import finished_mesh, icosphere
 
 FloatArray = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.mesh.cup import cup
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.rock import rock
-from hhsim.mesh.shamrock import shamrock
-from hhsim.mesh.surface_parts import band, circle, fan, finished_mesh, icosphere
+from tools.shapes.cup import cup
+from tools.shapes.rock import rock
+from tools.shapes.shamrock import shamrock
+from tools.shapes.surface_parts import band, circle, fan, finished_mesh, icosphere
 
 __all__ = [
     "GENERATORS",

@@ -7,7 +7,9 @@ import pytest
 import trimesh
 
 from hhsim.errors import InputError
-from hhsim.mesh.generators import (
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.self_intersection import winding_faults
+from tools.shapes.generators import (
     GENERATORS,
     cube,
     cup,
@@ -18,8 +20,6 @@ from hhsim.mesh.generators import (
     sphere,
     triangular_prism,
 )
-from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.self_intersection import winding_faults
 
 GENUS = {"cup": 1}
 

@@ -1,0 +1,52 @@
+"""A palm that stays at one place."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.errors import InputError
+from hhsim.live.pose.registry import PoseConfig, PoseSource
+
+if TYPE_CHECKING:
+    from hhsim.live.shared_memory import SharedBlock
+
+Array = NDArray[np.float64]
+
+
+def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[Array, Array]:
+    """Position [m] and unit quaternion (w, x, y, z).
+
+    Raises:
+        InputError: Wrong shape, not finite, or a quaternion of length zero.
+    """
+    place, turn = np.asarray(position, np.float64), np.asarray(orientation, np.float64)
+    if place.shape != (3,) or turn.shape != (4,):
+        raise InputError(f"a pose of shapes {place.shape} and {turn.shape}; expected (3,) and (4,)")
+    length = float(np.linalg.norm(turn))
+    if not (np.isfinite(place).all() and np.isfinite(length) and length > 1e-6):
+        raise InputError(f"pose {place.tolist()}, {turn.tolist()}; expected finite numbers and a rotation")
+    return place, turn / length
+
+
+class FixedPose(PoseSource):
+    """The palm stays where it is.
+
+    Args:
+        config: `position` and `orientation`.
+        status: Not used.
+
+    Raises:
+        InputError: A pose that is none.
+    """
+
+    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
+        """Check the pose."""
+        self.name = "fixed pose"
+        self._position, self._orientation = checked_pose(config.position, config.orientation)
+
+    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+        """See `PoseSource.read`."""
+        position_out[:] = self._position
+        orientation_out[:] = self._orientation
+        return now_ns

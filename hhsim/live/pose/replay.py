@@ -1,0 +1,49 @@
+"""The palm of a recorded or scripted motion."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.live.pose.registry import PoseConfig, PoseSource
+
+if TYPE_CHECKING:
+    from hhsim.live.shared_memory import SharedBlock
+
+Array = NDArray[np.float64]
+
+
+class ReplayPose(PoseSource):
+    """The palm of a motion, between samples on the straight way from one to the next.
+
+    Args:
+        config: `playback` is the motion, begun with the first read.
+        status: Not used.
+
+    Raises:
+        InputError: No motion.
+    """
+
+    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
+        """Nothing is read yet."""
+        if config.playback is None:
+            raise InputError("pose replay has no motion; expected a trajectory")
+        self.name = f"replay of {config.playback.trajectory.name or 'a motion'}"
+        self._playback = config.playback
+
+    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+        """See `PoseSource.read`."""
+        motion = self._playback.trajectory
+        before, after, share = self._playback.place(self._playback.elapsed(now_ns))
+        position_out[:] = (1.0 - share) * motion.position[before] + share * motion.position[after]
+        first, second = motion.orientation[before], motion.orientation[after]
+        if first @ second < 0.0:
+            second = -second
+        orientation_out[:] = (1.0 - share) * first + share * second
+        length = np.linalg.norm(orientation_out)
+        if length > 1e-6:
+            orientation_out /= length
+        else:
+            orientation_out[:] = first
+        return now_ns
