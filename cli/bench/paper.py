@@ -12,6 +12,8 @@ from ..console import announce_compilation, print_json, print_table, progress
 from ..name_list import names
 
 if TYPE_CHECKING:
+    from dataclasses import asdict
+
     from hhsim.bench.paper.table import PaperRow
 
 SCALES = {"s": (1e6, "µs"), "m": (1e6, "µm"), "%": (1.0, "%"), "1": (1.0, "")}
@@ -81,8 +83,8 @@ def command(
     with progress(quiet=quiet) as report:
         runs = measure(run, report)
         rows, played = paper_rows(runs, run), scene_rows(runs)
-        write_table(output_path, "paper", ROW_COLUMNS, [row.to_json() for row in rows], run.to_json())
-        write_table(scenes, "paper", SCENE_COLUMNS, played, run.to_json())
+        write_table(output_path, "paper", ROW_COLUMNS, [row.to_json() for row in rows], asdict(run))
+        write_table(scenes, "paper", SCENE_COLUMNS, played, asdict(run))
         pictures: list[Path] = []
         if plot is not None:
             from hhsim.render.paper_figures import draw_all
@@ -96,7 +98,7 @@ def command(
                 "csv": str(csv_path(output_path)),
                 "scenes_table": str(scenes),
                 "pictures": [str(picture) for picture in pictures],
-                "options": run.to_json(),
+                "options": asdict(run),
                 "units": {column.name: column.unit for column in SCENE_COLUMNS},
                 "passed": not failed,
                 "missed": [row.to_json() for row in failed],

@@ -65,6 +65,8 @@ def command(
       hhsim bench speed-error --object cup --motion grasp --level 4,5 --qp daqp
       hhsim bench speed-error --out tradeoff.h5 --plot tradeoff.png
     """
+    from dataclasses import asdict
+
     from hhsim.bench.speed_error import SpeedErrorOptions, measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
     from hhsim.bench.table import check_table_path, csv_path, write_table
@@ -98,7 +100,7 @@ def command(
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = remarks(runs)
-    write_table(output_path, "speed-error", COLUMNS, rows, run.to_json())
+    write_table(output_path, "speed-error", COLUMNS, rows, asdict(run))
     draw_speed_error(picture, rows)
     summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
     if as_json:
@@ -107,7 +109,7 @@ def command(
                 "table": str(output_path),
                 "csv": str(csv_path(output_path)),
                 "plot": str(picture),
-                "options": run.to_json(),
+                "options": asdict(run),
                 "units": {column.name: column.unit for column in COLUMNS},
                 "configurations": summed,
                 "by_object": [row for row in chosen(rows, motion=ALL) if row["object"] != ALL],

@@ -49,6 +49,8 @@ def command(
       hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
+    from dataclasses import asdict
+
     from hhsim.bench.table import check_table_path, csv_path, write_table
     from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
     from hhsim.system.output_path import dated_output_path
@@ -63,14 +65,14 @@ def command(
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         rows = measure(run, report)
-    write_table(output_path, "threads", COLUMNS, rows, run.to_json())
+    write_table(output_path, "threads", COLUMNS, rows, asdict(run))
     sentences, notes = when_threads_pay(rows), remarks(rows)
     if as_json:
         print_json(
             {
                 "table": str(output_path),
                 "csv": str(csv_path(output_path)),
-                "options": run.to_json(),
+                "options": asdict(run),
                 "units": {column.name: column.unit for column in COLUMNS},
                 "rows": rows,
                 "when": sentences,

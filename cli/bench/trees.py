@@ -52,6 +52,8 @@ def command(
       hhsim bench trees --object bunny --spheres 64,128,256,512
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
+    from dataclasses import asdict
+
     from hhsim.bench.table import check_table_path, csv_path, write_table
     from hhsim.bench.trees import COLUMNS, TreesOptions, measure, missed_bars
     from hhsim.render.tree_comparison_figure import draw_trees
@@ -69,7 +71,7 @@ def command(
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         rows = measure(run, report)
-    write_table(output_path, "trees", COLUMNS, rows, run.to_json())
+    write_table(output_path, "trees", COLUMNS, rows, asdict(run))
     draw_trees(picture, rows, run.size)
     missed = missed_bars(rows, with_times=time_limits)
     if as_json:
@@ -78,7 +80,7 @@ def command(
                 "table": str(output_path),
                 "csv": str(csv_path(output_path)),
                 "plot": str(picture),
-                "options": run.to_json(),
+                "options": asdict(run),
                 "units": {column.name: column.unit for column in COLUMNS},
                 "rows": rows,
                 "missed": missed,

@@ -123,7 +123,7 @@ def test_the_wild_mode_does_what_broken_devices_do() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"hold": 0}, "hold"),
         ({"position_spread": -1.0}, "position_spread"),
@@ -134,6 +134,6 @@ def test_the_wild_mode_does_what_broken_devices_do() -> None:
         ({"flexion_range": (0.6, 0.5)}, "flexion_range"),
     ],
 )
-def test_what_cannot_be_walked_is_refused(wrong: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_what_cannot_be_walked_is_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         StressOptions(**wrong)
