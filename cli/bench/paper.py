@@ -1,7 +1,7 @@
 """`hhsim bench paper`."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +12,6 @@ from ..console import announce_compilation, print_json, print_table, progress
 from ..name_list import names
 
 if TYPE_CHECKING:
-    from dataclasses import asdict
-
     from hhsim.bench.paper.table import PaperRow
 
 SCALES = {"s": (1e6, "µs"), "m": (1e6, "µm"), "%": (1.0, "%"), "1": (1.0, "")}

@@ -1,7 +1,7 @@
 """`hhsim bench speed-error`."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +65,6 @@ def command(
       hhsim bench speed-error --object cup --motion grasp --level 4,5 --qp daqp
       hhsim bench speed-error --out tradeoff.h5 --plot tradeoff.png
     """
-    from dataclasses import asdict
-
     from hhsim.bench.speed_error import SpeedErrorOptions, measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
     from hhsim.bench.table import check_table_path, csv_path, write_table

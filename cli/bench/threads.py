@@ -1,6 +1,6 @@
 """`hhsim bench threads`."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,8 +49,6 @@ def command(
       hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from dataclasses import asdict
-
     from hhsim.bench.table import check_table_path, csv_path, write_table
     from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
     from hhsim.system.output_path import dated_output_path

@@ -1,7 +1,7 @@
 """`hhsim bench trees`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +52,6 @@ def command(
       hhsim bench trees --object bunny --spheres 64,128,256,512
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
-    from dataclasses import asdict
-
     from hhsim.bench.table import check_table_path, csv_path, write_table
     from hhsim.bench.trees import COLUMNS, TreesOptions, measure, missed_bars
     from hhsim.render.tree_comparison_figure import draw_trees

@@ -27,9 +27,11 @@ COMPLEX = ["rock", "shamrock", "cup", "teapot", "bunny"]
 PLAYED = sorted({(s.object_name, s.motion) for s in paper_scenarios()})
 LEVEL = 3
 """Of the trees of the simple objects, as in the paper; the finer ones of the others take long to build."""
+THIN = ("cup", "wall")
+"""Between the spheres of a coarse tree, the fingers do not meet on the cup's wall."""
 AT_LEVELS = [
-    *((name, motion, LEVEL) for name, motion in PLAYED),
-    *(pytest.param(*played, 4, marks=pytest.mark.soak) for played in PLAYED if played[0] in COMPLEX),
+    *((*played, 4 if played == THIN else LEVEL) for played in PLAYED),
+    *(pytest.param(*played, 4, marks=pytest.mark.soak) for played in PLAYED if played[0] in COMPLEX and played != THIN),
 ]
 
 
