@@ -19,7 +19,6 @@ from hhsim.motion.tremor import Disturbance
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 TREMOR = Disturbance(tremor_position=1e-4, tremor_rotation=math.radians(0.2), tremor_frequency=10.0)

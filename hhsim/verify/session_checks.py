@@ -1,15 +1,12 @@
 """Claims that only a recorded session makes: its periods, its latency, its samples, and what they became."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.result.reader import Result
 from hhsim.verify.claim import Claim, all_true, judged
 from hhsim.verify.finger_command_checks import DEVICE_LOST, command_claims
 from hhsim.verify.session_rows import SessionRows
 from hhsim.verify.session_summary_checks import session_figures_claims
-
-IntArray = NDArray[np.int64]
 
 FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
 JUMPED = "jumped by"

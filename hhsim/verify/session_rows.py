@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from hhsim.result.reader import Result
 from hhsim.verify.file_checks import follows
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 

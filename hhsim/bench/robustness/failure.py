@@ -29,7 +29,6 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Solver = Callable[[], HandSolver]
 Fails = Callable[[HandConfiguration, TickRecord, Penetration], Mask]

@@ -36,7 +36,6 @@ from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.log_histogram import LogHistogram
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
 Placing = Literal["auto", "recorded"]
 Progress = Callable[[str, int, int], None]
 

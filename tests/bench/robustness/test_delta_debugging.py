@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from kept_failure import provenance_of, rerun_failure
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
+from stress_motion import random_targets
 
 from hhsim.bench.robustness.delta_debugging import Trace, Trial, shrink
 from hhsim.bench.robustness.failure import (
@@ -24,7 +25,7 @@ from hhsim.bench.robustness.failure import (
     make_trial,
     penetrates,
 )
-from hhsim.bench.robustness.random_targets import StressOptions, random_targets
+from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from stress_motion import random_targets
 
-from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions, random_targets
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
