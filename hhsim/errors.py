@@ -4,7 +4,7 @@ Every message is one line: what is wrong, where, and what would be right. The co
 traceback and exits with `exit_code`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 
 
@@ -34,6 +34,17 @@ class UnknownNameError(InputError):
         near = get_close_matches(name, names, n=3, cutoff=0.5)
         hint = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(names)}"
         super().__init__(f"unknown {kind} '{name}': {hint}")
+
+
+def check_known(kind: str, names: Iterable[str], known: Collection[str]) -> None:
+    """Look whether all `names` of a kind are among the `known` ones.
+
+    Raises:
+        UnknownNameError: One is not.
+    """
+    for name in names:
+        if name not in known:
+            raise UnknownNameError(kind, name, known)
 
 
 class OutputError(HhsimError):

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench.qp.kkt_check import unit_rows
 from hhsim.bench.qp.program import Program
 
 FloatArray = NDArray[np.float64]
@@ -237,9 +236,7 @@ def dense_program(
         common=np.ascontiguousarray(common[:, order]),
         block=block,
         rhs=np.ascontiguousarray(rhs[order]),
-        group_start=np.searchsorted(owner, groups, side="left"),
-        group_stop=np.searchsorted(owner, groups, side="right"),
-        group_block=first,
+        groups=np.array([np.searchsorted(owner, groups), np.searchsorted(owner, groups, side="right"), first]),
         target=np.ascontiguousarray(target),
         tolerance=tolerance,
         relaxation=relaxation,
@@ -255,7 +252,7 @@ def least_violation(program: Program) -> float:
     """
     from scipy.optimize import linprog
 
-    matrix, norm = unit_rows(program)
+    matrix, norm = program.unit_rows()
     n, size = program.variables, program.size
     found = linprog(
         np.concatenate([np.zeros(n), [1.0]]),

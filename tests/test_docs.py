@@ -166,9 +166,9 @@ def test_every_option_that_is_named_exists() -> None:
 
 
 def _options_of_modules() -> set[str]:
-    """Long options of what is run as `python -m hhsim.…`, which parse their own."""
+    """Long options of what is run as `python -m hhsim.…` or `python -m tools.…`, which parse their own."""
     found: set[str] = set()
-    for path in (REPOSITORY / "hhsim").rglob("*.py"):
+    for path in (*(REPOSITORY / "hhsim").rglob("*.py"), *(REPOSITORY / "tools").rglob("*.py")):
         source = path.read_text(encoding="utf-8")
         if "add_argument(" in source:
             found |= set(re.findall(r"[\"'](--[a-z][a-z-]+)[\"']", source))

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, note, settings
 from hypothesis import strategies as st
+from kept_failure import rerun_failure
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball, cloud
 
@@ -25,11 +26,10 @@ from hhsim.bench.robustness.failure import (
     failure_of,
     keep_failure,
     make_trial,
-    recorded_motion,
     recorded_penetration,
-    rerun_failure,
 )
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
@@ -152,7 +152,7 @@ def check(scene: Scene, make: type[HandSolver] = HandSolver, folder: Path | None
 def _kept(scene: Scene, kind: str, tick: int, path: Path, solver: Solver, motion: Any, record: TickRecord) -> str:
     hand, tree = HANDS[scene.side], scene.tree()
     trial = make_trial(hand, tree, solver, failure_of(kind, hand, tree, scene.solver))
-    shrunk = shrink(motion, trial, graphic=recorded_motion(record).part(0, tick + 1))
+    shrunk = shrink(motion, trial, graphic=HandConfiguration.of(record).part(0, tick + 1))
     in_catalogue = ":" not in scene.object
     tree_path = path.with_name(f"{path.stem}-tree.h5")
     provenance = Provenance(

@@ -19,13 +19,14 @@ from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
-from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, save_figure, see_balls, shade
+from hhsim.render.figure import save_figure
+from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, see_balls, shade
 from hhsim.render.replay_figure import (
     GHOST,
     POSE,
     RED,
     STONE,
-    draw_as_told,
+    draw_from_arguments,
     label,
     phalanx_forces,
     seen_through,
@@ -302,4 +303,4 @@ def coil(start: FloatArray, end: FloatArray, turns: int = 5, width: float = 7e-4
 
 
 if __name__ == "__main__":
-    draw_as_told(sys.argv[1:], draw_concepts, "concepts_figure", VIEW)
+    draw_from_arguments(sys.argv[1:], draw_concepts, "concepts_figure", VIEW)

@@ -19,7 +19,7 @@ from hhsim.errors import InputError, OutputError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import WORK_CANDIDATES
 from hhsim.mesh.catalogue import load_object
-from hhsim.render.rasterizer import save_figure
+from hhsim.render.figure import save_figure
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.compile import warm_up

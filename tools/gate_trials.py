@@ -159,8 +159,8 @@ def _run(folder: Path, scene: GateScene, options: Any) -> list[Trials]:
         if slowed <= tick:
             raise InputError("planted work takes no time: is it in the module that is timed?")
         rounds = round(options.work * tick * CALIBRATION_ROUNDS / (slowed - tick))
-        said = f"a tick is {1e6 * tick:.2f} µs; {rounds} rounds of {1e9 * (slowed - tick) / CALIBRATION_ROUNDS:.2f} ns"
-        print(f"planted: {said} make {100.0 * options.work:g} %", file=sys.stderr)
+        rate = f"a tick is {1e6 * tick:.2f} µs; {rounds} rounds of {1e9 * (slowed - tick) / CALIBRATION_ROUNDS:.2f} ns"
+        print(f"planted: {rate} make {100.0 * options.work:g} %", file=sys.stderr)
         slower = find_side("head", changed_python(folder / "slower", BLOCK, plant_work(rounds)))
         comparisons = _repeat(scene, base, slower, options, options.planted, "planted")
         found.append(tally(f"{100.0 * options.work:g} % more work", comparisons, WORSE))

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
-from hhsim.render.rasterizer import blend, frame, look_from, save_figure, shade
+from hhsim.render.figure import save_figure
+from hhsim.render.rasterizer import blend, frame, look_from, shade
 from hhsim.render.triangle_soup import hand_surface
 from hhsim.system.output_path import check_output_path
 

@@ -78,13 +78,13 @@ class ViewerCost:
     @property
     def missed(self) -> tuple[str, ...]:
         """Which bars it misses, in words."""
-        said = []
+        missed = []
         if self.wall_ratio > 1.0 + LIMIT:
             longer = 100.0 * (self.wall_ratio - 1.0)
-            said.append(f"the command takes {longer:.1f} % longer, allowed are {100.0 * LIMIT:g}")
+            missed.append(f"the command takes {longer:.1f} % longer, allowed are {100.0 * LIMIT:g}")
         if self.write * 10_000 > WRITE_LIMIT * max(self.ticks, 10_000):
-            said.append(f"writing takes {self.write:.2f} s, allowed is {WRITE_LIMIT:g} s for 10,000 ticks")
-        return tuple(said)
+            missed.append(f"writing takes {self.write:.2f} s, allowed is {WRITE_LIMIT:g} s for 10,000 ticks")
+        return tuple(missed)
 
 
 def viewer_cost(without: Sequence[Command], with_: Sequence[Command], written: Sequence[float]) -> ViewerCost:
@@ -180,10 +180,10 @@ def _measure(folder: Path, scene: Sequence[str], pairs: int) -> ViewerCost:
     for pair in range(pairs):
         sides = [(replay, without), (shown, with_)]
         for arguments, commands in sides if base_first(pair) else reversed(sides):
-            wall, cpu, said = _timed(arguments, folder)
-            commands.append(Command(wall, cpu, said["tick_cpu_p50"], said["ticks"]))
-        _, _, said = _timed(["view", str(result), "--rerun", str(recording), "--json"], folder)
-        written.append(said["seconds"])
+            wall, cpu, document = _timed(arguments, folder)
+            commands.append(Command(wall, cpu, document["tick_cpu_p50"], document["ticks"]))
+        _, _, document = _timed(["view", str(result), "--rerun", str(recording), "--json"], folder)
+        written.append(document["seconds"])
         print(f"{pair + 1} of {pairs}: {without[-1].wall:.3f} s, {with_[-1].wall:.3f} s with a viewer", file=sys.stderr)
     return viewer_cost(without, with_, written)
 
@@ -230,7 +230,7 @@ def _line(cost: ViewerCost) -> str:
         f"  tick in contact, CPU p50 {1e6 * cost.tick:.2f} µs, ratio {cost.tick_ratio:.3f}",
         f"  hhsim view writes the ticks in {cost.write:.3f} s, import of rerun included",
     ]
-    return "\n".join([*lines, *(f"  missed: {said}" for said in cost.missed)])
+    return "\n".join([*lines, *(f"  missed: {sentence}" for sentence in cost.missed)])
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """`hhsim bench paper`."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,8 +81,8 @@ def command(
     with progress(quiet=quiet) as report:
         runs = measure(run, report)
         rows, played = paper_rows(runs, run), scene_rows(runs)
-        write_table(output_path, "paper", ROW_COLUMNS, [row.to_json() for row in rows], run.to_json())
-        write_table(scenes, "paper", SCENE_COLUMNS, played, run.to_json())
+        write_table(output_path, "paper", ROW_COLUMNS, [row.to_json() for row in rows], asdict(run))
+        write_table(scenes, "paper", SCENE_COLUMNS, played, asdict(run))
         pictures: list[Path] = []
         if plot is not None:
             from hhsim.render.paper_figures import draw_all
@@ -96,7 +96,7 @@ def command(
                 "csv": str(csv_path(output_path)),
                 "scenes_table": str(scenes),
                 "pictures": [str(picture) for picture in pictures],
-                "options": run.to_json(),
+                "options": asdict(run),
                 "units": {column.name: column.unit for column in SCENE_COLUMNS},
                 "passed": not failed,
                 "missed": [row.to_json() for row in failed],

@@ -63,21 +63,18 @@ def command(
 
     from hhsim.bench.qp.bench import (
         COLUMNS,
-        QpBenchOptions,
         bench_qp,
-        check_names,
         missed_programs,
         solver_versions,
     )
     from hhsim.bench.qp.problem_file import check_problem_file
-    from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS
+    from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS, QpBenchOptions
     from hhsim.bench.table import check_table_path, write_table
     from hhsim.system.output_path import dated_output_path
 
     chosen = QpBenchOptions(
         problems=problems, objects=objects or OBJECTS, motions=motions or MOTIONS, backends=backends, seed=seed
     )
-    check_names(chosen)
     if programs is not None:
         check_problem_file(programs)
     output_path = out or dated_output_path("bench-qp")

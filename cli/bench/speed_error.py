@@ -1,7 +1,7 @@
 """`hhsim bench speed-error`."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +98,7 @@ def command(
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = remarks(runs)
-    write_table(output_path, "speed-error", COLUMNS, rows, run.to_json())
+    write_table(output_path, "speed-error", COLUMNS, rows, asdict(run))
     draw_speed_error(picture, rows)
     summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
     if as_json:
@@ -107,7 +107,7 @@ def command(
                 "table": str(output_path),
                 "csv": str(csv_path(output_path)),
                 "plot": str(picture),
-                "options": run.to_json(),
+                "options": asdict(run),
                 "units": {column.name: column.unit for column in COLUMNS},
                 "configurations": summed,
                 "by_object": [row for row in chosen(rows, motion=ALL) if row["object"] != ALL],

@@ -1,6 +1,6 @@
 """`hhsim bench threads`."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -63,14 +63,14 @@ def command(
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         rows = measure(run, report)
-    write_table(output_path, "threads", COLUMNS, rows, run.to_json())
+    write_table(output_path, "threads", COLUMNS, rows, asdict(run))
     sentences, notes = when_threads_pay(rows), remarks(rows)
     if as_json:
         print_json(
             {
                 "table": str(output_path),
                 "csv": str(csv_path(output_path)),
-                "options": run.to_json(),
+                "options": asdict(run),
                 "units": {column.name: column.unit for column in COLUMNS},
                 "rows": rows,
                 "when": sentences,

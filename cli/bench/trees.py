@@ -1,7 +1,7 @@
 """`hhsim bench trees`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,7 @@ def command(
     announce_compilation(quiet=quiet)
     with progress(quiet=quiet) as report:
         rows = measure(run, report)
-    write_table(output_path, "trees", COLUMNS, rows, run.to_json())
+    write_table(output_path, "trees", COLUMNS, rows, asdict(run))
     draw_trees(picture, rows, run.size)
     missed = missed_bars(rows, with_times=time_limits)
     if as_json:
@@ -78,7 +78,7 @@ def command(
                 "table": str(output_path),
                 "csv": str(csv_path(output_path)),
                 "plot": str(picture),
-                "options": run.to_json(),
+                "options": asdict(run),
                 "units": {column.name: column.unit for column in COLUMNS},
                 "rows": rows,
                 "missed": missed,

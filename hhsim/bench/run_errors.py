@@ -3,6 +3,7 @@
 All figures come from the poses and forces that the run recorded, none from the solver's own tolerances.
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,7 +21,7 @@ from hhsim.metrics.mesh_penetration import contact_error, contact_points, mesh_c
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
-from hhsim.replay.tremor_hold import is_frozen, tremor_variation
+from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED, reference_excess
@@ -43,23 +44,8 @@ REFERENCE_TICKS = 16
 class RunErrors:
     """What one run got wrong; NaN where a figure is undefined. SI units, but for what the contract states in percent.
 
-    Attributes:
-        penetration_max: Deepest in the leaf spheres, all ticks [m].
-        mesh_depth_max, mesh_depth_p95: Deepest in the true mesh, of the sampled ticks in contact [m].
-        contact_error_mean, contact_error_max: From touching points to the true mesh, of the same ticks [m].
-        mesh_error: The larger of mesh_depth_max and contact_error_max [m]; NaN for a hand that hovers and touches
-            nothing, which would be perfect otherwise.
-        tracking_excess: Coupling energy above the optimum on the same spheres, (E - E*) / E*, mean of the hold [-].
-        off_finest_mean, off_finest_max: Palm or fingertip from where the converged optimum on the finest spheres has
-            it, the farthest of the six, ticks in contact [m].
-        force_hold: Mean size of the total force in the holds [N].
-        force_variation_hold, force_variation_tremor: Mean one-tick change, input frozen and trembling [%].
-        force_ripple: 50 to 400 Hz, the worst hold [N].
-        force_step: Largest one-tick change while moving, of the hold's force [%].
-        posture_jump_max: Farthest that a point of the hand moved in a tick beyond the haptic hand [m].
-        stuck_ticks, lag_ticks: How many.
-        lag_max: Farthest still to go at the end of a tick [m].
-        samples: Ticks that were held against the mesh.
+    Each is the column of its name in `hhsim.bench.speed_error_table.COLUMNS`, which says what it is. `mesh_error` is
+    NaN for a hand that hovers and touches nothing, which would be perfect otherwise.
     """
 
     penetration_max: float
@@ -127,9 +113,7 @@ def error_scene(
     converged = replace(
         options, method="coupled", qp="active-set", linearisations=REFERENCE_LINEARISATIONS, settled=REFERENCE_SETTLED
     )
-    best = HandSolver(hand, finest, converged).run(
-        haptic.position, haptic.orientation, haptic.flexion, haptic.abduction
-    )
+    best = HandSolver(hand, finest, converged).run(*HandConfiguration.of(haptic))
     placed = forward_kinematics(hand, *HandConfiguration.of(haptic))
     return ErrorScene(
         hand=hand,
@@ -145,6 +129,14 @@ def error_scene(
 def placed_of(record: TickRecord) -> PlacedHand:
     """The graphic hand of a run."""
     return PlacedHand(record.joints, record.position, record.orientation)
+
+
+def digest_of(record: TickRecord) -> str:
+    """Of the poses and forces of a run: the same for the same bytes."""
+    digest = hashlib.sha256()
+    for values in (record.position, record.orientation, record.flexion, record.total):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 def sphere_clearance(hand: HandModel, tree: TreeArrays, placed: PlacedHand, limit: float) -> FloatArray:
@@ -246,10 +238,7 @@ def _excess(
 
 def _tremor(scene: ErrorScene, tree: TreeArrays, options: SolverOptions, record: TickRecord) -> float:
     """Mean force variation [%] of the first hold, repeated by a hand that trembles."""
-    part, haptic = scene.holds[0], scene.haptic
-    held = HandConfiguration.of(haptic).at(part)
-    if not is_frozen(held):
-        return np.nan
-    shown = HandConfiguration.of(record).at(part)
-    found = tremor_variation(scene.hand, tree, options, held, shown, haptic.rate, scene.seed)
-    return found.mean
+    part, haptic = scene.holds[0], HandConfiguration.of(scene.haptic)
+    held, shown = haptic.at(part), HandConfiguration.of(record).at(part)
+    found = tremor_variation(scene.hand, tree, options, held, shown, scene.haptic.rate, scene.seed)
+    return np.nan if found is None else found.mean

@@ -6,20 +6,18 @@ order, so that what else the machine does falls on all of them; of each tick the
 errors are those of the first repetition; the others must give the same poses.
 """
 
-import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench.run_errors import ErrorScene, RunErrors, error_scene, run_errors
-from hhsim.errors import HhsimError, InputError, UnknownNameError
+from hhsim.bench.run_errors import ErrorScene, RunErrors, digest_of, error_scene, run_errors
+from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_UNITS
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.scene.motion_catalogue import load_script, script_names
@@ -81,16 +79,11 @@ class SpeedErrorOptions:
         if self.methods is None:
             object.__setattr__(self, "methods", tuple(METHODS))
         if self.backends is None:
-            object.__setattr__(self, "backends", tuple(name for name in available_backends() if name != ACTIVE_SET))
-        for kind, names, known in (
-            ("object", self.objects, object_names()),
-            ("trajectory", self.motions, script_names()),
-            ("method", self.methods or (), list(METHODS)),
-            ("QP solver", self.backends or (), available_backends()),
-        ):
-            for name in names:
-                if name not in known:
-                    raise UnknownNameError(kind, name, known)
+            object.__setattr__(self, "backends", tuple(available_backends()[1:]))
+        check_known("object", self.objects, object_names())
+        check_known("trajectory", self.motions, script_names())
+        check_known("method", self.methods or (), list(METHODS))
+        check_known("QP solver", self.backends or (), available_backends())
         for item in ("objects", "motions", "methods", "levels", "linearisations"):
             if getattr(self, item) == ():
                 raise InputError(f"{item}: name at least one")
@@ -110,10 +103,6 @@ class SpeedErrorOptions:
     def quick(cls) -> "SpeedErrorOptions":
         """About a minute."""
         return cls(objects=("bunny",), motions=("grasp", "slide"), levels=(3, 4, 5), backends=())
-
-    def to_json(self) -> dict[str, Any]:
-        """All options as plain values."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -278,13 +267,11 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
         solver = HandSolver(hand, tree, options)
         if window.start > 0:
             _begin_at(solver, hand, scene, configuration, window.start)
-        record = solver.run(
-            haptic.position[window], haptic.orientation[window], haptic.flexion[window], haptic.abduction[window]
-        )
+        record = solver.run(*HandConfiguration.of(haptic).at(window))
         finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
         if not finite.all():
             raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
-        digest = _digest(record)
+        digest = digest_of(record)
         if run.errors is None:
             run.errors = run_errors(scene.errors, tree, options, record, window)
             run.digest, run.ticks = digest, len(record.position)
@@ -300,21 +287,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
 
 def _begin_at(solver: HandSolver, hand: HandModel, scene: _Scene, configuration: Configuration, tick: int) -> None:
     """Put the hand where our own QP solver has it before a tick, so that all begin alike."""
-    haptic = scene.errors.haptic
-    own = HandSolver(
-        hand,
-        scene.trees[configuration.level],
-        SolverOptions(method=configuration.method, linearisations=configuration.linearisations),
-    )
-    before = slice(0, tick)
-    record = own.run(
-        haptic.position[before], haptic.orientation[before], haptic.flexion[before], haptic.abduction[before]
-    )
-    solver.place(record.position[-1], record.orientation[-1], record.flexion[-1], record.abduction[-1])
-
-
-def _digest(record: TickRecord) -> str:
-    digest = hashlib.sha256()
-    for values in (record.position, record.orientation, record.flexion, record.total):
-        digest.update(np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()
+    options = SolverOptions(method=configuration.method, linearisations=configuration.linearisations)
+    own = HandSolver(hand, scene.trees[configuration.level], options)
+    record = own.run(*HandConfiguration.of(scene.errors.haptic).part(0, tick))
+    solver.place(*HandConfiguration.of(record).at(-1))

@@ -2,16 +2,15 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from hhsim.bench.pareto import frontier
 from hhsim.bench.run_errors import SAMPLES, RunErrors
 from hhsim.bench.speed_error import Configuration, Run
-from hhsim.bench.table import Column
+from hhsim.bench.table import Column, metric_column
 from hhsim.metrics import metrics
 from hhsim.solver.qp import ACTIVE_SET
 
@@ -41,7 +40,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("is_default", "whether this is the method as it comes"),
     Column("ticks", "ticks that were run, each repetition"),
     Column("contact_ticks", "ticks with the haptic hand within 1 mm of the object or inside; times are of these"),
-    Column("candidates_max", "candidate pairs, most"),
+    metric_column("candidates_max"),
     Column("tick_cpu_p50", "CPU time of a tick in contact, median", "s"),
     Column("tick_cpu_p99", "CPU time of a tick in contact, 99th percentile", "s"),
     Column("tick_cpu_max", "CPU time of a tick in contact, most", "s"),
@@ -49,7 +48,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("tick_wall_p99", "wall time of a tick in contact, 99th percentile", "s"),
     Column("over_1ms", "share of ticks in contact over 1 ms, CPU"),
     Column("work_p50", "work units of a tick in contact, median: the same on any machine; NaN for a method without"),
-    Column("penetration_max", "deepest penetration of the object's spheres", "m"),
+    metric_column("penetration_max"),
     Column("mesh_depth_max", "deepest penetration of the true mesh, sampled ticks", "m"),
     Column("mesh_depth_p95", "95th percentile of the penetration of the true mesh, sampled ticks", "m"),
     Column("contact_error_mean", "mean distance of contact points from the true mesh, sampled ticks", "m"),
@@ -58,15 +57,13 @@ COLUMNS: tuple[Column, ...] = (
     Column("tracking_excess", "coupling energy over the optimum on the same spheres, mean of the hold, (E - E*) / E*"),
     Column("off_finest_mean", "farthest of palm and fingertips from the optimum on the finest spheres, mean", "m"),
     Column("off_finest_max", "farthest of palm and fingertips from the optimum on the finest spheres, most", "m"),
-    Column("force_hold", "mean force in the hold", "N"),
-    Column("force_variation_hold", "one-tick force variation in the hold, input frozen, mean", "%"),
-    Column("force_variation_tremor", "one-tick force variation in the hold, hand trembling, mean", "%"),
-    Column("force_ripple", "force ripple in the hold, 50 to 400 Hz", "N"),
-    Column("force_step", "largest one-tick force step while moving, of the hold's force", "%"),
+    metric_column("force_hold_mean", "force_hold"),
+    metric_column("force_variation_hold"),
+    metric_column("force_variation_tremor"),
+    metric_column("force_ripple_hold", "force_ripple"),
+    metric_column("force_step"),
     Column("posture_jump_max", "farthest that the graphic hand moved in a tick beyond the haptic hand", "m"),
-    Column("stuck_ticks", "ticks that kept the last feasible state"),
-    Column("lag_ticks", "ticks that ended with a way to go"),
-    Column("lag_max", "farthest that was left to go", "m"),
+    *(metric_column(name) for name in ("stuck_ticks", "lag_ticks", "lag_max")),
     Column("samples", "ticks that were held against the mesh"),
     Column("repeatable", "whether every repetition gave the same poses and forces"),
     Column("failed_runs", "runs that could not be done; their figures are missing, and they are on no frontier"),
@@ -125,11 +122,7 @@ def _row(object_name: str, motion: str, configuration: Configuration, runs: Sequ
     return {
         "object": object_name,
         "motion": motion,
-        "method": configuration.method,
-        "level": configuration.level,
-        "linearisations": configuration.linearisations,
-        "qp": configuration.qp,
-        "stretch": configuration.stretch,
+        **asdict(configuration),
         "is_default": configuration.is_default and configuration.qp == ACTIVE_SET,
         "ticks": sum(run.ticks for run in runs),
         "contact_ticks": cpu.size,
@@ -165,6 +158,31 @@ def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 def _percentile(values: NDArray[Any], percent: float) -> float:
     return float(np.percentile(values, percent)) if values.size else np.nan
+
+
+def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> NDArray[np.int64]:
+    """Indices of the points that no other point beats, by growing time.
+
+    A point beats another if it is no worse in both and better in one. Of equal points the first counts; a point with a
+    NaN is on no frontier.
+
+    Args:
+        time: Shape (n,); less is better.
+        error: Shape (n,); less is better.
+        gain: A slower point counts only if its error is smaller than that of the frontier before it by more than this
+            share of it, so that a hair's breadth earns no place; 0 gives the plain frontier.
+    """
+    first, second = np.asarray(time, np.float64).ravel(), np.asarray(error, np.float64).ravel()
+    order = np.lexsort((np.arange(first.size), second, first))
+    order = order[~(np.isnan(first[order]) | np.isnan(second[order]))]
+    if order.size == 0:
+        return order
+    kept = [int(order[0])]
+    for index in order[1:]:
+        best = second[kept[-1]]
+        if second[index] < (best - gain * abs(best) if np.isfinite(best) else best):
+            kept.append(int(index))
+    return np.array(kept, np.int64)
 
 
 def _mark_frontiers(rows: Sequence[Row]) -> None:

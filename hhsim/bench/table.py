@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, OutputError
+from hhsim.metrics.run.registry import run_metrics
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import hdf5_image, write_atomically
 from hhsim.system.output_path import check_output_path
@@ -42,6 +43,12 @@ class Column:
     name: str
     long_name: str
     unit: str = "1"
+
+
+def metric_column(metric: str, name: str = "") -> Column:
+    """The column of a run metric, which says what it is and in which unit; under another name where one is given."""
+    figure = run_metrics()[metric]
+    return Column(name or metric, figure.label, figure.stored_unit)
 
 
 @dataclass(frozen=True)

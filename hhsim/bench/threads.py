@@ -8,14 +8,15 @@ they cost is the processor time of all of them, which includes waiting for work.
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.table import Column
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError, check_known
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.parallel.thread_team import PARTS
 from hhsim.kernels.tick.block import TickRecord
@@ -67,9 +68,7 @@ class ThreadsOptions:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be measured."""
-        for name in self.objects:
-            if name not in object_names():
-                raise UnknownNameError("object", name, object_names())
+        check_known("object", self.objects, object_names())
         for threads in self.threads:
             if not 1 <= threads <= PARTS:
                 raise InputError(f"threads is {threads}: 1 to {PARTS}, the five fingers and the palm")
@@ -79,10 +78,6 @@ class ThreadsOptions:
             raise InputError("instances and rounds must be at least 1")
         if 1 not in self.threads:
             object.__setattr__(self, "threads", (1, *self.threads))
-
-    def to_json(self) -> dict[str, Any]:
-        """All options as plain values."""
-        return asdict(self)
 
 
 COLUMNS = (
@@ -160,8 +155,7 @@ def _run(replay: _Replay, instances: int) -> None:
     last = max(
         (phase.last_tick for phase in ticks.phases if phase.name not in PHASES_APART), default=len(ticks.time) - 1
     )
-    part = slice(0, last + 1)
-    record = solver.run(ticks.position[part], ticks.orientation[part], ticks.flexion[part], ticks.abduction[part])
+    record = solver.run(*HandConfiguration.of(ticks).part(0, last + 1))
     if replay.instances is None:
         replay.instances = _sample(replay, record, instances)
         replay.contacts = float(record.work[replay.instances, WORK_CANDIDATES].mean())

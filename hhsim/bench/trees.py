@@ -5,7 +5,7 @@ where that is not installed as every tree is (`hhsim.trees.error`). Errors are t
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from importlib.util import find_spec
 from typing import Any
@@ -62,10 +62,6 @@ class TreesOptions:
                 raise InputError(f"{count:,} spheres, expected 1 to {MOST_SPHERES:,}")
         for name in self.objects:
             load_object(name)
-
-    def to_json(self) -> dict[str, Any]:
-        """The options as JSON-able values."""
-        return asdict(self)
 
 
 COLUMNS = (
@@ -175,6 +171,7 @@ def _references(name: str, size: float) -> Iterator[Row]:
     for peer in REFERENCES:
         if peer.object == name:
             yield {
+                **dict.fromkeys(column.name for column in COLUMNS),
                 "object": name,
                 "method": peer.label,
                 "is_reference": True,
@@ -184,12 +181,8 @@ def _references(name: str, size: float) -> Iterator[Row]:
                 "protrusion_max": peer.protrusion * scale,
                 "protrusion_mean": None if peer.protrusion_mean is None else peer.protrusion_mean * scale,
                 "gap_max": None if peer.gap is None else peer.gap * scale,
-                "bound": None,
                 "is_proved": False,
                 "cpu": peer.cpu,
-                "cpu_leaves": None,
-                "protrusion_limit": None,
-                "cpu_limit": None,
                 "measured_by": "hhsim",
             }
 

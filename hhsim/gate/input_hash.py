@@ -22,7 +22,7 @@ OPTION_DIGITS = 12
 GOLDEN = 0.6180339887498949
 HAND = ("hand/phalanx_radius", "hand/phalanx_length", "hand/palm_center", "hand/palm_radius")
 MOTION = ("haptic/position", "haptic/orientation", "haptic/flexion", "haptic/abduction")
-TOLD = (
+INPUT_OPTIONS = (
     *("level", "max_error", "unit", "size_mm", "thickness_mm"),
     *("motion", "samples", "rate", "seed", "tremor_mm_deg", "place_object"),
 )
@@ -68,7 +68,7 @@ def run_inputs(result: Result) -> RunInputs:
         mesh=str(scene.get("object_mesh") or scene.get("checksums", {}).get("object", "")),
         ticks=result.ticks,
         spheres=int(scene.get("object_spheres", 0)),
-        options={name: scene.get(name) for name in TOLD},
+        options={name: scene.get(name) for name in INPUT_OPTIONS},
         solver=solver,
         tree=_moments(result.static["object/tree/center"], result.static["object/tree/radius"]),
         hand=_sums(result.static[name] for name in HAND),

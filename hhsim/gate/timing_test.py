@@ -1,4 +1,4 @@
-"""Is head slower than base? The one statistic, and its odds in closed form.
+"""Is head slower than base? The one statistic.
 
 Mean and p99 of identical code differ by whole factors between runs, and even p50 differs from process to process by
 several percent, since each process has its own memory layout. What repeats is the median over processes of the p50 of
@@ -60,38 +60,6 @@ def compare_times(base: Sequence[float], head: Sequence[float], limit: float) ->
     verdict = WORSE if ratio > 1.0 + limit else BETTER if ratio < 1.0 / (1.0 + limit) else WITHIN
     spread = max((max(times) - min(times)) / float(np.median(times)) for times in (base, head))
     return TimeComparison(one, other, ratio, spread, verdict)
-
-
-def chance_of_worse(spread: float, slower: float, limit: float, processes: int) -> float:
-    """How likely `compare_times` says `worse`, in closed form.
-
-    The logarithm of a process's p50 is taken as normal; that of a median of an odd number of them is then distributed
-    as an order statistic.
-
-    Args:
-        spread: Standard deviation of the logarithm, from process to process [-].
-        slower: Share by which head really is slower.
-        limit: As for `compare_times`.
-        processes: Of each side, odd.
-
-    Raises:
-        InputError: An even number of processes.
-    """
-    from scipy import integrate, stats
-
-    if processes % 2 == 0:
-        raise InputError(f"{processes} processes: the closed form is for an odd number")
-    middle = (processes + 1) // 2
-    order = stats.beta(middle, middle)
-    normal = stats.norm
-
-    def density(z: float) -> float:
-        return float(order.pdf(normal.cdf(z)) * normal.pdf(z))
-
-    # P(head - base > gap), both in standard deviations.
-    gap = (math.log1p(limit) - math.log1p(slower)) / spread
-    found, _ = integrate.quad(lambda z: density(z) * order.sf(normal.cdf(z + gap)), -9.0, 9.0, limit=200, epsabs=1e-12)
-    return float(found)
 
 
 def base_first(pair: int) -> bool:

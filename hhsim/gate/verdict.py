@@ -48,7 +48,8 @@ class GateRow:
 
     def to_json(self) -> dict[str, Any]:
         """As plain values, SI; what there is none of is None."""
-        numbers = {name: _finite(getattr(self, name)) for name in ("head", "base", "limit")}
+        values = {"head": self.head, "base": self.base, "limit": self.limit}
+        numbers = {name: value if math.isfinite(value) else None for name, value in values.items()}
         names = ("scene", "kind", "name", "verdict", "passed", "reason")
         return {**{name: getattr(self, name) for name in names}, **numbers}
 
@@ -149,7 +150,3 @@ def _word(value: float, before: float, slack: float, rounding: float = 0.0) -> s
     if abs(value - before) <= slack:
         return WITHIN
     return WORSE if value > before else BETTER
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

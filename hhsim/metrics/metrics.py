@@ -42,14 +42,6 @@ class Penetration(NamedTuple):
     finger: Array
 
 
-class TrackingError(NamedTuple):
-    """Graphic from haptic hand, each (T,): palm distance [mm], palm angle [°], RMS of the 15 flexions [°]."""
-
-    position_mm: Array
-    rotation_deg: Array
-    flexion_deg: Array
-
-
 @dataclass(frozen=True)
 class Statistics:
     """Of the defined values (not NaN) in a phase; NaN where there is none. `std` is that of the population."""
@@ -335,17 +327,6 @@ def tracking_excess(energy: ArrayLike, reference: ArrayLike, floor: float = 1e-9
     defined = best >= floor
     excess[defined] = (ours[defined] - best[defined]) / best[defined]
     return excess
-
-
-def tracking_error(haptic: HandConfiguration, graphic: HandConfiguration) -> TrackingError:
-    """How far the shown hand is from the user's, tick by tick; for people, hence in mm and degrees."""
-    turn = _rotation_vectors(graphic.orientation, haptic.orientation)
-    bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)
-    return TrackingError(
-        palm_distance_mm(haptic.position, graphic.position),
-        np.degrees(np.linalg.norm(turn, axis=1)),
-        np.degrees(np.sqrt(np.mean(bend * bend, axis=1))),
-    )
 
 
 def palm_distance_mm(haptic: ArrayLike, graphic: ArrayLike) -> Array:

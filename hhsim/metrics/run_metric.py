@@ -32,6 +32,11 @@ class Figure:
     less_is_better: bool = True
     paper: str = ""
 
+    @property
+    def stored_unit(self) -> str:
+        """Of the value itself: SI, % where the figure is defined so, "1" for counts."""
+        return {"": "1", "units": "1", "µs": "s", "µm": "m", "mm": "m", "% of hold": "%"}.get(self.unit, self.unit)
+
     def shown(self, value: float) -> str:
         """A value, SI or % where the figure is defined so, as the table shows it; "—" where it is undefined."""
         # Rounded first: what rounds to nothing has no sign.

@@ -12,7 +12,7 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.hand_displacement import turn
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS
-from hhsim.render.rasterizer import save_figure
+from hhsim.render.figure import new_figure, save_figure
 from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
@@ -46,37 +46,26 @@ def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
         InputError: matplotlib has no such picture format.
         OutputError: The picture cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     check_output_path(path)
-    figure = Figure(figsize=(13, 15), dpi=100, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(13, 15, layout="constrained")
     rows = figure.subplots(9, 1, sharex=True, height_ratios=[2, 2, 2, 2, 2, 2, 2, 2, 1.5])
     time_in, time_out = recording.time, motion.time
     scale = _time_scale(recording, motion)
-    grey = _Grey(time_in * scale[0] + scale[1], time_out)
+    clocks = time_in * scale[0] + scale[1], time_out
     metre = 1e3 * _factor(recording.position, motion.position, LENGTH_UNITS)
     radian = _factor(recording.flexion, motion.flexion, ANGLE_UNITS)
-    _panel(rows[0], grey, metre * recording.position, 1e3 * motion.position, ("x", "y", "z"), "palm [mm]")
-    _panel(rows[1], grey, _angle(recording.orientation), _angle(motion.orientation), ("x", "y", "z"), "turn [°]")
+    _panel(rows[0], clocks, metre * recording.position, 1e3 * motion.position, ("x", "y", "z"), "palm [mm]")
+    _panel(rows[1], clocks, _angle(recording.orientation), _angle(motion.orientation), ("x", "y", "z"), "turn [°]")
     for f, finger in enumerate(FINGERS):
         names = ("first", "second", "third")
         came, went = np.degrees(radian * recording.flexion[:, f]), np.degrees(motion.flexion[:, f])
-        _panel(rows[2 + f], grey, came, went, names, f"{finger}\nflexion [°]")
+        _panel(rows[2 + f], clocks, came, went, names, f"{finger}\nflexion [°]")
     came, went = np.degrees(radian * recording.abduction), np.degrees(motion.abduction)
-    _panel(rows[7], grey, came, went, FINGERS, "abduction [°]")
+    _panel(rows[7], clocks, came, went, FINGERS, "abduction [°]")
     _strip(rows[8], motion)
     rows[0].set_title(f"{motion.name}: grey what came in, coloured what went out", fontsize=13, loc="left")
     rows[8].set_xlabel("time [s]")
     save_figure(figure, path)
-
-
-class _Grey:
-    """The clocks of what came in and of what went out."""
-
-    def __init__(self, time_in: Array, time_out: Array) -> None:
-        self.time_in, self.time_out = time_in, time_out
 
 
 def _time_scale(recording: Recording, motion: Trajectory) -> tuple[float, float]:
@@ -105,18 +94,22 @@ def _angle(orientation: Array) -> Array:
     return np.asarray(np.degrees(turn(np.broadcast_to(first, orientation.shape), orientation)))
 
 
-def _panel(axes: "Axes", clock: _Grey, came: Array, went: Array, names: tuple[str, ...], label: str) -> None:
+def _panel(
+    axes: "Axes", clocks: tuple[Array, Array], came: Array, went: Array, names: tuple[str, ...], label: str
+) -> None:
+    """Curves of what came in and of what went out, each by its own clock."""
+    time_in, time_out = clocks
     for column in range(went.shape[1]):
-        axes.plot(clock.time_in, came[:, column], color="0.65", linewidth=2.5, marker=".", markersize=4)
+        axes.plot(time_in, came[:, column], color="0.65", linewidth=2.5, marker=".", markersize=4)
     for column, name in enumerate(names):
-        axes.plot(clock.time_out, went[:, column], color=COLOURS[column], linewidth=1.0, label=name)
+        axes.plot(time_out, went[:, column], color=COLOURS[column], linewidth=1.0, label=name)
     low, high = float(np.min(went)), float(np.max(went))
     room = 0.35 * max(high - low, 1.0)
     # Outliers leave the panel rather than flatten it.
     shown = came[np.isfinite(came)]
     inside = shown[(shown > low - 3 * room) & (shown < high + 3 * room)]
     axes.set_ylim(min(low, inside.min(initial=low)) - 0.2 * room, max(high, inside.max(initial=high)) + 0.2 * room)
-    axes.set_xlim(clock.time_out[0], clock.time_out[-1])
+    axes.set_xlim(time_out[0], time_out[-1])
     axes.set_ylabel(label)
     axes.grid(color="0.92")
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)

@@ -15,7 +15,7 @@ from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.step import DURATION_DETECT
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.render.rasterizer import save_figure
+from hhsim.render.figure import new_figure, save_figure, tidy
 from hhsim.render.scene_thumbnails import best_view, scene_picture
 from hhsim.system.output_path import check_output_path
 
@@ -76,7 +76,7 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress | None = None) ->
 
 def _gallery(path: Path, scenes: Sequence[SceneRun], columns: int) -> None:
     rows = -(-len(scenes) // columns)
-    figure = _new_figure(columns * TILE / 100, rows * (TILE + 22) / 100 + 0.3)
+    figure = new_figure(columns * TILE / 100, rows * (TILE + 22) / 100 + 0.3)
     axes = figure.subplots(rows, columns, squeeze=False)
     for place in axes.ravel():
         place.set_axis_off()
@@ -121,7 +121,7 @@ def _force_of_index(path: Path, runs: Sequence[SceneRun]) -> None:
 
 def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], Sequence[Axes]]":
     """Pictures of the holds on top; then a column a method: forces above, times below, phases marked."""
-    figure = _new_figure(14.0, 8.6)
+    figure = new_figure(14.0, 8.6)
     moments = runs[-1].shown
     mesh = load_object(runs[-1].scenario.object_name).mesh
     view = best_view(runs[-1], mesh, len(moments) // 2)
@@ -137,8 +137,8 @@ def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], S
     forces = [figure.add_subplot(grid[0, k]) for k in range(len(runs))]
     times = [figure.add_subplot(grid[1, k]) for k in range(len(runs))]
     for top, bottom, run in zip(forces, times, runs):
-        _tidy(top)
-        _tidy(bottom)
+        tidy(top)
+        tidy(bottom)
         top.set_title(run.options.method, fontsize=12, loc="left", pad=14)
         top.tick_params(labelbottom=False)
         bottom.set_xlabel("tick")
@@ -178,11 +178,11 @@ def _draw_times(panels: "Sequence[Axes]", runs: Sequence[SceneRun]) -> None:
 def _cases(path: Path, runs: PaperRuns, methods: Sequence[str]) -> None:
     """Fig. 15: detection, response and total by case, with the number of contacts, object by object."""
     played = [name for name in object_names() if runs.of(methods[0], "15", object_name=name)]
-    figure = _new_figure(2.9 * len(played) + 0.6, 2.7 * len(methods) + 0.7)
+    figure = new_figure(2.9 * len(played) + 0.6, 2.7 * len(methods) + 0.7)
     panels = figure.subplots(len(methods), len(played), squeeze=False, sharex=True, sharey=True)
     for row, method in zip(panels, methods):
         for axes, name in zip(row, played):
-            _tidy(axes)
+            tidy(axes)
             same = {run.scenario.case: run for run in runs.of(method, "15", object_name=name)}
             cases = [case for case in CASES if case in same]
             values: dict[str, list[float]] = {label: [] for label in TIME_COLORS}
@@ -217,19 +217,3 @@ def _cases(path: Path, runs: PaperRuns, methods: Sequence[str]) -> None:
         color=BUDGET_COLOR,
     )
     save_figure(figure, path)
-
-
-def _new_figure(width: float, height: float) -> "Figure":
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _tidy(axes: "Axes") -> None:
-    axes.grid(color="0.92", linewidth=0.8)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)

@@ -5,18 +5,12 @@ matplotlib sorts triangles by their middles, which fails where bodies touch; her
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.errors import InputError, OutputError
 from hhsim.kernels.sphere_rasterizer import nearest_balls
 from hhsim.render.triangle_soup import Surface
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -235,18 +229,3 @@ def rasterise(
         near = near[z[near] > depth[pixel[near]]]
         depth[pixel[near]], weight[pixel[near]], owner[pixel[near]] = z[near], bary[near], chunk[index[near]]
     return depth.reshape(shape), weight.reshape((*shape, 3)), owner.reshape(shape)
-
-
-def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a matplotlib figure.
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
-    """
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write the picture: {error.strerror or error}") from error
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from error

@@ -19,7 +19,8 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
-from hhsim.render.rasterizer import Camera, Layer, blend, frame, look_from, save_figure, shade
+from hhsim.render.figure import new_figure, save_figure
+from hhsim.render.rasterizer import Camera, Layer, blend, frame, look_from, shade
 from hhsim.render.triangle_soup import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result, load_result
@@ -78,9 +79,6 @@ def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) ->
         InputError: The result holds no tick, or its hand file has changed; matplotlib has no such picture format.
         OutputError: The picture cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     check_output_path(path)
     tick = shown_tick(result)
     hand = stored_hand(result)
@@ -94,8 +92,7 @@ def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) ->
     camera = frame(joined([graphic, haptic, body]).points, view_rotation(view), PANEL)
 
     rows, columns = PANEL
-    figure = Figure(figsize=(2 * columns / 100, (rows + 60) / 100), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = new_figure(2 * columns / 100, (rows + 60) / 100)
     titles = (
         "What the user sees: the graphic hand stays outside",
         "The user's own hand (blue) goes in: that makes the forces",
@@ -224,10 +221,10 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
 
 def main(arguments: list[str]) -> None:
     """Run the command."""
-    draw_as_told(arguments, draw_replay, "replay_figure", VIEW)
+    draw_from_arguments(arguments, draw_replay, "replay_figure", VIEW)
 
 
-def draw_as_told(
+def draw_from_arguments(
     arguments: list[str],
     draw: Callable[[Result, Path, tuple[float, float]], None],
     module: str,

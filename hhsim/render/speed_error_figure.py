@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.bench.speed_error_table import ALL, chosen
-from hhsim.render.rasterizer import save_figure
+from hhsim.render.figure import new_figure, save_figure, tidy
 from hhsim.system.picture_path import check_picture
 
 if TYPE_CHECKING:
@@ -91,15 +91,11 @@ def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
         OutputError: The picture cannot be written.
         InputError: matplotlib has no such picture format.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     check_picture(path)
     names = list(dict.fromkeys(row["object"] for row in rows if row["object"] != ALL))
     # Objects that the peers were measured on say the most.
     shown = sorted(names, key=lambda name: (len(PEERS.get(name, ())) < 2, names.index(name)))[:2]
-    figure = Figure(figsize=(19.2, 8.4), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = new_figure(19.2, 8.4)
     panels = figure.subplots(1, len(shown) + 1, squeeze=False)[0]
     for axes, name in zip(panels, shown):
         mine = chosen(rows, object=name, motion=ALL)
@@ -153,11 +149,8 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str) -> Non
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("CPU time of a tick in contact, median [µs]", fontsize=13)
-    axes.grid(color="0.92", linewidth=0.8)
-    axes.set_axisbelow(True)
+    tidy(axes)
     axes.tick_params(labelsize=12)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
     errors = [max(FLOOR, 1e3 * row[error]) for row in rows if not np.isnan(row[error])]
     low = min(0.55 * min(errors, default=0.05), 0.02)
     high = 1.6 * max([*errors, 2.0])

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hhsim.bench.trees import largest_error
-from hhsim.render.rasterizer import save_figure
+from hhsim.render.figure import new_figure, save_figure, tidy
 from hhsim.system.picture_path import check_picture
 from hhsim.trees.published_results import BARS, EXTENT, TOOLKIT
 
@@ -37,14 +37,10 @@ def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
         OutputError: The picture cannot be written.
         InputError: matplotlib has no such picture format.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     check_picture(path)
     names = list(dict.fromkeys(row["object"] for row in rows))[:MOST_COLUMNS]
     shown = [row for row in rows if row["object"] in names]
-    figure = Figure(figsize=(max(2.9 * len(names) + 1.2, NARROWEST), 9.6), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = new_figure(max(2.9 * len(names) + 1.2, NARROWEST), 9.6)
     panels = figure.subplots(2, len(names), squeeze=False)
     errors = [1e3 * largest_error(row) for row in shown]
     heights = 0.6 * min(errors), 1.6 * max(errors)
@@ -142,11 +138,8 @@ def _dress(
     axes.set_xlabel(label, fontsize=12)
     if first:
         axes.set_ylabel("largest error [mm]", fontsize=13)
-    axes.grid(color="0.92", linewidth=0.8)
-    axes.set_axisbelow(True)
+    tidy(axes)
     axes.tick_params(labelsize=11)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
 
 
 def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from, save_figure, see_balls, shade
+from hhsim.render.figure import new_figure, save_figure, tidy
+from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from, see_balls, shade
 from hhsim.render.triangle_soup import mesh_surface
 from hhsim.system.picture_path import check_picture
 from hhsim.trees.sphere_tree import SphereTree
@@ -49,10 +50,8 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
         InputError: matplotlib has no such picture format.
     """
     from matplotlib import colormaps
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
 
     check_picture(path)
     last = tree.errors[-1]
@@ -67,8 +66,7 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
     alone = shade(surface, camera)
     balls = _balls(mesh, center, radius, scale, highest, camera)
 
-    figure = Figure(figsize=(19.2, 6.9), dpi=100, facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = new_figure(19.2, 6.9)
     grey = "; grey: the mesh outside of them" if last.gap_max > _LEAST else ""
     title = f"{mesh.name}: {len(mesh.faces):,} triangles", f"level {last.level}: {last.spheres:,} spheres{grey}"
     for column, (text, layers) in enumerate(zip(title, ([alone], [alone, balls]), strict=True)):
@@ -117,11 +115,8 @@ def _draw_errors(axes: "Axes", tree: SphereTree) -> None:
     axes.set_title("error against spheres", fontsize=16, color="0.2")
     axes.set_xlabel("spheres", fontsize=13)
     axes.set_ylabel("error [mm]", fontsize=13)
-    axes.grid(color="0.92", linewidth=0.8)
-    axes.set_axisbelow(True)
+    tidy(axes)
     axes.tick_params(labelsize=12)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
     axes.legend(handles=drawn, fontsize=12, frameon=False, loc="upper right")
     if max(error.gap_max for error in errors) <= _LEAST:
         axes.text(0.03, 0.04, "no gap at any level", transform=axes.transAxes, fontsize=12, color="0.35")

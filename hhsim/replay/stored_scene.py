@@ -147,13 +147,13 @@ def stored_hand(result: Result) -> HandModel:
         InputError: Arrays that are no hand, or not the one of the run.
     """
     require_whole(result)
-    said = result.scene["hand"]
+    sizes = result.scene["hand"]
     static = result.static
     mesh = Mesh(static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"], name="palm", source=str(result.path))
     return HandModel(
-        side=said["side"],
-        hand_length=said["length"],
-        hand_breadth=said["breadth"],
+        side=sizes["side"],
+        hand_length=sizes["length"],
+        hand_breadth=sizes["breadth"],
         palm_mesh=mesh,
         palm_tree=_tree(result, "hand/palm_tree"),
         **{name: np.array(static[f"hand/{stored}"]) for name, stored in HAND_ARRAYS.items()},
@@ -166,16 +166,16 @@ def stored_options(result: Result) -> SolverOptions:
     Raises:
         InputError: Options that this hhsim does not have.
     """
-    said = dict(result.scene.get("solver", {}))
+    values = dict(result.scene.get("solver", {}))
     known = {option.name for option in fields(SolverOptions)}
-    strange = sorted(said.keys() - known)
-    if strange or not said:
+    strange = sorted(values.keys() - known)
+    if strange or not values:
         what = f"solver options that this hhsim does not have: {', '.join(strange)}" if strange else "no solver options"
         raise InputError(f"{result.path} states {what}; it was written by hhsim {result.hhsim_version}")
     try:
-        said["stiffness"] = Stiffness(**said["stiffness"])
-        said["fingers"] = tuple(said["fingers"])
-        return SolverOptions(**said)
+        values["stiffness"] = Stiffness(**values["stiffness"])
+        values["fingers"] = tuple(values["fingers"])
+        return SolverOptions(**values)
     except (KeyError, TypeError) as error:
         raise InputError(f"{result.path}: its solver options cannot be read: {error}") from error
 

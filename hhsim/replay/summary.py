@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_HELD, STATUS_START_INSIDE
 from hhsim.metrics import metrics
-from hhsim.metrics.metrics import Statistics
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.replay.summary_table import SummaryRow, summary_rows
-from hhsim.replay.tremor_hold import is_frozen, tremor_variation
+from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import WarmUp
 from hhsim.solver.options import SolverOptions
@@ -118,19 +117,12 @@ def _figures_of_own_runs(scene: Scene, options: SolverOptions, run: RunTicks) ->
     chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
     excess = reference_excess(scene.hand, scene.tree.arrays(), options, haptic, graphic, chosen)
     found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
-    trembling = _repeated_with_tremor(scene, options, haptic, graphic, run.holds[0])
+    hold = run.holds[0]
+    tree, rate = scene.tree.arrays(), scene.ticks.rate
+    trembling = tremor_variation(scene.hand, tree, options, haptic.at(hold), graphic.at(hold), rate)
     if trembling is not None:
         found |= {TREMBLING: trembling.mean, f"{TREMBLING}_std": trembling.std}
     return found
-
-
-def _repeated_with_tremor(
-    scene: Scene, options: SolverOptions, haptic: HandConfiguration, graphic: HandConfiguration, part: slice
-) -> Statistics | None:
-    held = haptic.at(part)
-    if not is_frozen(held):
-        return None
-    return tremor_variation(scene.hand, scene.tree.arrays(), options, held, graphic.at(part), scene.ticks.rate)
 
 
 def _notes(scene: Scene, options: SolverOptions, status: Array, prepared: WarmUp) -> tuple[str, ...]:

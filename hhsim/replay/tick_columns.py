@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
@@ -28,11 +29,7 @@ class TickColumns:
 
     def __init__(self, tree: TreeArrays, hand: HandModel, options: SolverOptions) -> None:
         """No tick has gone before."""
-        arrays = hand.arrays()
-        self._tree = tree
-        self._radius = hand.radius
-        self._palm_center = np.stack([arrays.palm_x, arrays.palm_y, arrays.palm_z], axis=1)
-        self._palm_radius = arrays.palm_radius
+        self._tree, self._shape = tree, hand_shape(hand)
         self._fingers = np.array([finger in options.fingers for finger in FINGERS])
         self.forget()
 
@@ -50,16 +47,8 @@ class TickColumns:
             haptic: What the solver was given.
             record: What it made of it.
         """
-        depth = penetration(
-            self._tree,
-            self._radius,
-            self._palm_center,
-            self._palm_radius,
-            record.joints,
-            record.position,
-            record.orientation,
-            self._fingers,
-        )
+        placed = PlacedHand(record.joints, record.position, record.orientation)
+        depth = penetration(self._tree, *self._shape, *placed, self._fingers)
         total = np.concatenate([self._total, record.total])
         finger = np.concatenate([self._finger, record.phalanx.sum(axis=2)])
         self._total, self._finger = total[-1:], finger[-1:]

@@ -19,18 +19,12 @@ from hhsim.motion.tremor import Disturbance
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 TREMOR = Disturbance(tremor_position=1e-4, tremor_rotation=math.radians(0.2), tremor_frequency=10.0)
 """0.1 mm and 0.2° at 10 Hz: physiological tremor of the hand is 8 to 12 Hz and 0.05 to 0.1 mm."""
 ONSET = 0.1
 """The first period of the tremor [s] is left out: its onset is a jump."""
-
-
-def is_frozen(haptic: HandConfiguration) -> bool:
-    """Whether the haptic hand does not move at all."""
-    return all(bool(np.all(values == values[:1])) for values in haptic)
 
 
 def tremor_variation(
@@ -41,21 +35,14 @@ def tremor_variation(
     graphic: HandConfiguration,
     rate: float,
     seed: int = 0,
-) -> Statistics:
-    """Force variation rate [%] of a hold repeated with tremor.
-
-    Args:
-        hand: The hand.
-        tree: The object's sphere tree, world frame.
-        options: Of the solver.
-        haptic: Haptic hand at each tick of the hold.
-        graphic: Graphic hand at each tick of the hold; the repetition starts from its first one.
-        rate: Ticks per second [Hz].
-        seed: Of the tremor.
+) -> Statistics | None:
+    """Force variation rate [%] of a hold with frozen input repeated with tremor; arguments as `trembling_hold`.
 
     Returns:
-        Mean, spread and maximum; undefined where the hold is no longer than the onset.
+        Mean, spread and maximum, undefined where the hold is no longer than the onset; None where its input moves.
     """
+    if any(np.any(values != values[:1]) for values in haptic):
+        return None
     record, settled = trembling_hold(hand, tree, options, haptic, graphic, rate, seed)
     return statistics(force_variation_rate(record.total), settled)
 
@@ -74,7 +61,13 @@ def trembling_hold(
     """Repeat a hold with a hand that is not still.
 
     Args:
-        hand, tree, options, haptic, graphic, rate, seed: As `tremor_variation`.
+        hand: The hand.
+        tree: The object's sphere tree, world frame.
+        options: Of the solver.
+        haptic: Haptic hand at each tick of the hold.
+        graphic: Graphic hand at each tick of the hold; the repetition starts from its first one.
+        rate: Ticks per second [Hz].
+        seed: Of the tremor.
         disturbance: What moves it.
         sample_rate: Samples per second [Hz] of the device that measures it, each held until the next one; None for a
             sample every tick.

@@ -37,6 +37,10 @@ RUN_STYLES = (
 BUDGET = 1e-3
 """Of a tick at 1 kHz [s]."""
 
+LEAST_TIME = 1e-7
+"""Shorter ticks are drawn at it [s]: a logarithm has no zero."""
+LEFT = 0.6
+"""Room [inches] for the labels of the y axes."""
 PAGE_INCHES = 7.0
 """Of the text of an A4 page, across."""
 PHONE_INCHES = 3.6
@@ -157,6 +161,14 @@ def gridded(axes: "Axes", *, x: bool = False) -> None:
     """Faint lines at the ticks of the y axis, and of the x axis where asked for."""
     axes.grid(axis="both" if x else "y")
     axes.tick_params(length=3.0)
+
+
+def panel_title(axes: "Axes", text: str, up: float, left: float = LEFT - 0.06) -> None:
+    """A title above a panel, so many points up and so many inches left of its corner."""
+    axes.annotate(
+        text, (0.0, 1.0), (-72 * left, up), xycoords="axes fraction", textcoords="offset points", fontweight="bold",
+        va="bottom",
+    )  # fmt: skip
 
 
 def time_text(seconds: float) -> str:

@@ -11,11 +11,14 @@ from hhsim.metrics import metrics
 from hhsim.report.figure import (
     BUDGET,
     INK,
+    LEAST_TIME,
+    LEFT,
     LIMIT,
     SOFT,
     ReportFigure,
     drawn_figure,
     gridded,
+    panel_title,
     run_labels,
     run_style,
     time_text,
@@ -29,14 +32,10 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 BINS_A_DECADE = 30
-LEAST_TIME = 1e-7
-"""Shorter ticks are counted as this [s]: a logarithm has no zero."""
 PANEL, TITLE, LINE, TOP, BOTTOM = 1.5, 0.27, 0.165, 0.02, 0.45
 """Room [inches] for each panel, its title, a line of text, above all of them and below."""
 HALO = {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
 """Behind text that crosses lines."""
-LEFT = 0.6
-"""Room [inches] for the labels of the y axes."""
 TIMES = tuple(factor * 10.0**power for power in range(-7, 2) for factor in (1.0, 2.0, 5.0))
 
 
@@ -110,15 +109,7 @@ def _edges(runs: Sequence[TickTimes]) -> FloatArray:
 
 def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, named: bool, narrow: bool) -> None:
     gridded(axes)
-    axes.annotate(
-        f"{run.label}: number of ticks" if named else "number of ticks",
-        (0.0, 1.0),
-        (-72 * (LEFT - 0.06), 4 + (72 * LINE if narrow else 0)),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        fontweight="bold",
-        va="bottom",
-    )
+    panel_title(axes, f"{run.label}: number of ticks" if named else "number of ticks", 4 + 72 * LINE * narrow)
     which = ", contact" if run.contact else ""
     if run.contact:
         counts = np.histogram(np.maximum(run.all_cpu, LEAST_TIME), edges)[0]

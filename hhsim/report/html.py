@@ -2,6 +2,7 @@
 
 import base64
 import html
+import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import TypeAlias
@@ -69,6 +70,11 @@ def section(name: str, title: str, *content: str) -> Html:
 def listed(items: Iterable[str], **attributes: Attribute) -> Html:
     """A list with bullets."""
     return element("ul", *(element("li", item) for item in items), **attributes)
+
+
+def number(value: float, digits: int) -> str:
+    """A number with so many digits behind the point; "—" where it is undefined."""
+    return "—" if math.isnan(value) else f"{value:,.{digits}f}"
 
 
 def code(text: str) -> Html:

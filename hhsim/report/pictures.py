@@ -91,9 +91,9 @@ def overview_picture(result: Result) -> ReportFigure:
 
     time = float(result.at(tick, ["time"])["time"])
     caption = (
-        f"Tick {tick:,}, at {time:.3f} s: {_where(result, tick)}. First the graphic hand, which stays outside. Then "
-        "the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, and the red "
-        "arrows are the contact forces, longer by the square root of their size."
+        f"Tick {tick:,}, at {time:.3f} s: {result.phase_at(tick) or 'no phase'}. First the graphic hand, which stays "
+        "outside. Then the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, "
+        "and the red arrows are the contact forces, longer by the square root of their size."
     )
     height = HEADING + OVERVIEW[1]
     return drawn_figure("hand", "The hand on the object", caption, moment.sentence, draw, height, 2.0 * height)
@@ -124,7 +124,7 @@ def held_picture(result: Result, view: View | None = None) -> ReportFigure:
     """
     tick = overview_tick(result)
     figure = hand_picture(result, tick, view)
-    return replace(figure, name="hand", title=f"Tick {tick:,}, {_where(result, tick)}")
+    return replace(figure, name="hand", title=f"Tick {tick:,}, {result.phase_at(tick) or 'no phase'}")
 
 
 def overview_view(result: Result) -> View:
@@ -235,10 +235,6 @@ def _bar(axes: "Axes", camera: Camera) -> None:
     long, left, down = BAR * rows / camera.height, 0.04 * columns, 0.95 * rows
     axes.plot([left, left + long], [down, down], color=INK, linewidth=1.6, solid_capstyle="butt")
     axes.text(left + 0.5 * long, down - 0.01 * rows, f"{100.0 * BAR:g} cm", ha="center", va="bottom")
-
-
-def _where(result: Result, tick: int) -> str:
-    return next((phase.name for phase in result.phases if phase.first_tick <= tick <= phase.last_tick), "no phase")
 
 
 def _alt_text(result: Result, tick: int, ticks: ShownTicks, forces: list[PhalanxForce]) -> str:

@@ -12,7 +12,7 @@ from hhsim.gate.timing_test import BETTER, SAME, WORSE
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.report.compare import Comparison, compared
-from hhsim.report.html import Html, commands, element, joined, listed, paragraph, table
+from hhsim.report.html import Html, commands, element, joined, listed, number, paragraph, table
 from hhsim.report.provenance import NONE, machine_facts, option_facts, origin_facts, run_facts
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
@@ -113,8 +113,8 @@ def phase_section(runs: Sequence[ReportRun]) -> Html:
                 phase.name,
                 f"{phase.first:,} to {phase.last:,}",
                 f"{phase.seconds:,.3f}",
-                *(_number(value, 1) for value in (phase.cpu_p50, phase.cpu_p99)),
-                *(_number(value, 3) for value in (phase.depth, phase.force, phase.variation)),
+                *(number(value, 1) for value in (phase.cpu_p50, phase.cpu_p99)),
+                *(number(value, 3) for value in (phase.depth, phase.force, phase.variation)),
                 *(f"{value:,}" for value in (phase.candidates, phase.stuck, phase.lagging)),
             )
             for phase in run.phases[:MOST_PHASES]
@@ -224,7 +224,3 @@ def _log(result: Result) -> Html:
 
 def _text(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-
-
-def _number(value: float, digits: int) -> str:
-    return NONE if math.isnan(value) else f"{value:,.{digits}f}"

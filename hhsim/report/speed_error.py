@@ -18,6 +18,7 @@ from hhsim.metrics.run_ticks import result_ticks
 from hhsim.render.speed_error_figure import PAPER_RANGE
 from hhsim.report.figure import (
     BUDGET,
+    LEFT,
     LIMIT,
     PAGE_INCHES,
     PHONE_INCHES,
@@ -25,6 +26,7 @@ from hhsim.report.figure import (
     ReportFigure,
     drawn_figure,
     gridded,
+    panel_title,
     run_labels,
     run_style,
     time_text,
@@ -45,8 +47,6 @@ PANEL, TITLE, LINE, BOTTOM = 2.0, 0.27, 0.19, 0.45
 """Room [inches] for a panel, its title, a line of the legend, and below."""
 LETTER, SIGN = 0.075, 0.5
 """Room [inches] for a letter of the legend, and for a sign of it."""
-LEFT = 0.6
-"""Room [inches] for the labels of the y axes."""
 
 
 @dataclass(frozen=True)
@@ -153,10 +153,7 @@ def _off_the_mesh(result: Result, contact: NDArray[np.int64]) -> float:
 
 def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError]) -> None:
     gridded(axes)
-    axes.annotate(
-        axis.title, (0.0, 1.0), (-72 * (LEFT - 0.16), 6), xycoords="axes fraction", textcoords="offset points",
-        fontweight="bold", va="bottom", fontsize=9.0,
-    )  # fmt: skip
+    panel_title(axes, axis.title, 6, LEFT - 0.16)
     values = [axis.scale * float(getattr(point, axis.field)) for point in points]
     known = [value for value in values if np.isfinite(value)]
     some = [value for value in known if value > 0.0]

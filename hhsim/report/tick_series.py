@@ -11,7 +11,6 @@ from hhsim.result.reader import Result
 from hhsim.view.plots import force_values
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 SingleArray = NDArray[np.float32]
 
 BLOCK = 16_384

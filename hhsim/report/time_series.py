@@ -14,12 +14,15 @@ from hhsim.report.figure import (
     BUDGET,
     FINGER_COLORS,
     INK,
+    LEAST_TIME,
+    LEFT,
     LIMIT,
     SKY,
     SOFT,
     ReportFigure,
     drawn_figure,
     gridded,
+    panel_title,
     run_labels,
     run_style,
     time_text,
@@ -46,8 +49,6 @@ PHASE_COLORS = {HOLD: "#e6eef6", "slide": "#fbefdd"}
 PAPER_VARIATION = 0.18
 """One-tick change of the force in a hold that the paper states, at 1 kHz [%]."""
 GREY_LINE = "#8c959f"
-LEAST_TIME = 1e-7
-"""Shorter ticks are drawn at it [s]: a logarithm has no zero."""
 VARIATION_TICKS = (0.0, 0.1, 1.0, 10.0, 100.0)
 
 
@@ -138,8 +139,6 @@ def series_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> Repo
 
 TITLE, LEGEND_LINE, TOP, BOTTOM = 0.27, 0.17, 0.02, 0.42
 """Room [inches] above each panel, for a line of its legend, above all of them and below."""
-LEFT = 0.6
-"""Room [inches] for the labels of the y axes."""
 
 
 def _height(panels: Sequence[Panel], narrow: bool) -> float:
@@ -168,10 +167,7 @@ def _placed(figure: "Figure", panels: Sequence[Panel], narrow: bool) -> "list[Ax
 
 def _draw_legend(axes: "Axes", panel: Panel, runs: int, narrow: bool) -> None:
     up = 4 + 72 * LEGEND_LINE * _extra_lines(panel, narrow)
-    axes.annotate(
-        panel.title, (0.0, 1.0), (-72 * (LEFT - 0.06), up), xycoords="axes fraction", textcoords="offset points",
-        fontweight="bold", va="bottom",
-    )  # fmt: skip
+    panel_title(axes, panel.title, up)
     handles, names = axes.get_legend_handles_labels()
     if not handles or not panel.legend[narrow]:
         return

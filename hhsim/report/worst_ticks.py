@@ -75,7 +75,7 @@ def _worst(result: Result, kind: WorstKind, values: np.ndarray, unit: str) -> Wo
 
 
 def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: np.ndarray) -> str:
-    phase = next((p.name for p in result.phases if p.first_tick <= tick <= p.last_tick), "")
+    phase = result.phase_at(tick)
     where = f"tick {tick:,} at {result['time'][tick]:.3f} s" + (f", {phase}" if phase else "")
     if kind == "slowest":
         median = float(np.median(values))

@@ -1,14 +1,12 @@
 """The part of a report on the worst ticks: the hand at that moment, the tick's figures, and how to see it."""
 
-import math
 import shlex
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from hhsim.errors import InputError
-from hhsim.report.html import Html, code, element, joined, paragraph, table
+from hhsim.report.html import Html, code, element, joined, number, paragraph, table
 from hhsim.report.image_files import Album
 from hhsim.report.pictures import hand_picture
 from hhsim.report.run import ReportRun
@@ -18,7 +16,7 @@ from hhsim.view.status_text import status_words
 
 KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
 """Why a tick was chosen, in words."""
-TOLD = {
+FACTS = {
     "duration/total_cpu": ("CPU time", "µs", 1e-3, 1),
     "duration/total": ("wall time", "µs", 1e-3, 1),
     "duration/detect": ("of it detection", "µs", 1e-3, 1),
@@ -55,22 +53,17 @@ def worst_section(runs: Sequence[ReportRun], album: Album) -> Html:
 
 def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
     """Label, figure and unit of what a file says of a tick."""
-    values = result.at(tick, [*TOLD, "time", "status", "force/total"])
+    values = result.at(tick, [*FACTS, "time", "status", "force/total"])
     rows = [
         ("time", f"{float(values['time']):,.3f}", "s"),
-        ("phase", phase_at(result, tick), ""),
+        ("phase", result.phase_at(tick) or "—", ""),
         ("how it ended", status_words(int(values["status"])), ""),
     ]
-    for name, (label, unit, scale, digits) in TOLD.items():
-        rows.append((label, _number(scale * float(values[name]), digits), unit))
+    for name, (label, unit, scale, digits) in FACTS.items():
+        rows.append((label, number(scale * float(values[name]), digits), unit))
         if name == "penetration_depth":
-            rows.append(("force", _number(float(np.linalg.norm(values["force/total"])), 3), "N"))
+            rows.append(("force", number(float(np.linalg.norm(values["force/total"])), 3), "N"))
     return rows
-
-
-def phase_at(result: Result, tick: int) -> str:
-    """Name of the phase that a tick is in; "—" where it is in none."""
-    return next((phase.name for phase in result.phases if phase.first_tick <= tick <= phase.last_tick), "—")
 
 
 def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], heading: str, album: Album) -> Html:
@@ -86,7 +79,3 @@ def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], heading: str, 
     body = element("div", element("div", image), element("div", facts, how), class_="pair")
     sentences = (paragraph(worst.sentence) for worst in worsts)
     return element("article", element(heading, title), *sentences, body)
-
-
-def _number(value: Any, digits: int) -> str:
-    return "—" if math.isnan(value) else f"{value:,.{digits}f}"

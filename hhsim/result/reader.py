@@ -138,6 +138,10 @@ class Result:
         table.visititems(lambda _, item: rows.append(len(item)) if isinstance(item, h5py.Dataset) else None)
         return _frozen(file[name][: self.ticks if table.name == f"/{LIVE_TICK}" else min(rows)])
 
+    def phase_at(self, tick: int) -> str:
+        """Name of the phase that a tick is in; "" where it is in none."""
+        return next((phase.name for phase in self.phases if phase.first_tick <= tick <= phase.last_tick), "")
+
     def phase(self, name: str) -> slice:
         """Ticks of the first phase of that name.
 

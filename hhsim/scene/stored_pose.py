@@ -1,7 +1,7 @@
 """A hand's place on one object, stored with a script: what a description such as "thumb in the handle" needs.
 
 A script that closes anywhere finds its place by itself (`hhsim.scene.closure_search`). Where it has to touch named
-parts of an object, the place was searched for once (`hhsim.bench.paper.placement_search`) and is kept in the script::
+parts of an object, the place was searched for once (`tools/placement_search.py`) and is kept in the script::
 
     [[placement]]
     object = "cup"                 # of the catalogue; the frame below is the object's own

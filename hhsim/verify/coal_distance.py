@@ -38,7 +38,7 @@ def coal_distance(
         first, last = a + low * (b - a), a + high * (b - a)
         answer.clear()
         piece: Any = coal.Capsule(0.0, float(np.linalg.norm(last - first)))
-        there = coal.Transform3s(_frame(b - a), 0.5 * (first + last))
+        there = coal.Transform3s(frame_along(b - a), 0.5 * (first + last))
         return float(coal.distance(ball, place, piece, there, request, answer))
 
     def size(share: float) -> float:
@@ -57,7 +57,8 @@ def coal_distance(
     return best
 
 
-def _frame(axis: FloatArray) -> FloatArray:
+def frame_along(axis: FloatArray) -> FloatArray:
+    """A rotation that turns z along an axis [m], shape (3, 3); any about it, and any for an axis of no length."""
     length = float(np.linalg.norm(axis))
     along = axis / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
     across = np.cross(along, np.eye(3)[np.abs(along).argmin()])

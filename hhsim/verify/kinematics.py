@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class OwnHand(NamedTuple):

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.forward_kinematics import HandShape, PlacedHand
 from hhsim.mesh.mesh import Mesh
+from hhsim.verify.coal_distance import frame_along
 from hhsim.verify.tree_checks import TrueSurface
 
 FloatArray = NDArray[np.float64]
@@ -99,18 +100,12 @@ class HandReferee:
 
     def _segment(self, first: FloatArray, last: FloatArray) -> tuple[float, FloatArray]:
         """Distance [m] of a segment to the mesh, 0 where it passes through, and the segment's nearest point."""
-        axis = last - first
-        length = float(np.linalg.norm(axis))
-        along = axis / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
-        across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
-        across /= np.linalg.norm(across)
-        frame = np.stack([across, np.cross(along, across), along], axis=1)
         self._answer.clear()
         distance = self._coal.distance(
             self.surface.model,
             self._still,
-            self._coal.Capsule(0.0, length),
-            self._coal.Transform3s(frame, 0.5 * (first + last)),
+            self._coal.Capsule(0.0, float(np.linalg.norm(last - first))),
+            self._coal.Transform3s(frame_along(last - first), 0.5 * (first + last)),
             self._request,
             self._answer,
         )

@@ -1,15 +1,12 @@
 """Claims that only a recorded session makes: its periods, its latency, its samples, and what they became."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.result.reader import Result
 from hhsim.verify.claim import Claim, all_true, judged
 from hhsim.verify.finger_command_checks import DEVICE_LOST, command_claims
 from hhsim.verify.session_rows import SessionRows
 from hhsim.verify.session_summary_checks import session_figures_claims
-
-IntArray = NDArray[np.int64]
 
 FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
 JUMPED = "jumped by"
@@ -81,11 +78,11 @@ def _wakeup(rows: SessionRows) -> Claim:
 
 def _latency(rows: SessionRows) -> Claim:
     """A latency ends where the command is handed over: after the tick's work, and before the loop slept again."""
-    told = np.flatnonzero(rows.latency != -1)
-    lost = (rows.safety[told] & DEVICE_LOST > 0) & (not rows.dry_run)
-    off = np.where((rows.latency[told] < 0) | lost, np.inf, 0.0)
-    clear = rows.clear[told]
-    at = told[clear]
+    sampled = np.flatnonzero(rows.latency != -1)
+    lost = (rows.safety[sampled] & DEVICE_LOST > 0) & (not rows.dry_run)
+    off = np.where((rows.latency[sampled] < 0) | lost, np.inf, 0.0)
+    clear = rows.clear[sampled]
+    at = sampled[clear]
     read = rows.samples["time"][rows.newest[at]]
     sent = read + rows.latency[at]
     begin = rows.woke[at] + np.asarray(rows.result["duration/total"], np.int64)[at]
@@ -93,7 +90,7 @@ def _latency(rows: SessionRows) -> Claim:
     # Without a sample of its own, a tick has no latency to tell.
     off[clear] = np.maximum(off[clear], np.where(read < rows.woke[at], np.inf, 1e-9 * outside))
     says = "from a sample that the tick read to a command after its work and before the next deadline"
-    return judged("latency", says, off, 0.0, "s", ONE_CLOCK, ticks=told, note=_unclear(rows))
+    return judged("latency", says, off, 0.0, "s", ONE_CLOCK, ticks=sampled, note=_unclear(rows))
 
 
 def _samples(rows: SessionRows) -> Claim:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from hhsim.result.reader import Result
 from hhsim.verify.file_checks import follows
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
@@ -130,8 +129,8 @@ class SessionRows:
         if int(self.live["lost_events"]) > 0:
             return np.ones(len(begin), bool)
         stamps = np.asarray(self.result["live/event/time"], np.int64)
-        told = stamps[np.array([text.startswith(SOLVER_FAILED) for text in self.log], bool)]
-        return np.asarray(((told > begin[:, None] - QUIET) & (told < end[:, None])).any(axis=1))
+        failed = stamps[np.array([text.startswith(SOLVER_FAILED) for text in self.log], bool)]
+        return np.asarray(((failed > begin[:, None] - QUIET) & (failed < end[:, None])).any(axis=1))
 
     @cached_property
     def log(self) -> list[str]:

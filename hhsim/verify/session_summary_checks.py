@@ -3,12 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.verify.claim import Claim, judged
 from hhsim.verify.session_rows import LOOP_DIED, OLD_NAME, SessionRows
-
-Values = NDArray[np.float64]
 
 SAME = 1e-9
 """Figures that differ by this share are the same: sums in another order differ by less."""

@@ -25,7 +25,6 @@ from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.session_checks import session_claims
 from hhsim.verify.tick_data import JudgedTicks
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
@@ -91,18 +90,18 @@ def verify(result: Result, *, every: int = 10, progress: Progress | None = None)
     require_coal()
     if result.ticks == 0:
         raise InputError(f"{result.path} has no ticks: there is nothing to verify")
-    told = progress or (lambda what, done, total: None)
-    told("file", 0, 4)
+    report = progress or (lambda what, done, total: None)
+    report("file", 0, 4)
     claims = file_claims(result)
-    told("kinematics", 1, 4)
+    report("kinematics", 1, 4)
     chosen = chosen_ticks(result, every)
     judge = JudgedTicks(result, chosen)
     claims += posture_claims(judge)
-    told("spheres", 2, 4)
+    report("spheres", 2, 4)
     claims += depth_claims(judge)
-    told("forces", 3, 4)
+    report("forces", 3, 4)
     claims += force_claims(judge)
-    mesh, depth = _mesh_claim(judge, claims, told)
+    mesh, depth = _mesh_claim(judge, claims, report)
     claims += [mesh, *metric_claims(result), *session_claims(result)]
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
     return Verification(tuple(claims), result.ticks, len(chosen), every, judge.sphere_penetration, depth, stationarity)
@@ -135,7 +134,7 @@ def chosen_ticks(result: Result, every: int) -> IntArray:
     return np.unique(np.concatenate([regular, odd[:: max(1, len(odd) // 50)], worst, last]).astype(np.int64))
 
 
-def _mesh_claim(judge: JudgedTicks, claims: list[Claim], told: Progress) -> tuple[Claim, float]:
+def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tuple[Claim, float]:
     """The graphic hand against the true mesh, by coal: a claim where the spheres cover it and nothing is in them."""
     from hhsim.hand.forward_kinematics import HandShape, PlacedHand
     from hhsim.verify.mesh_distance import HandReferee
@@ -156,7 +155,7 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], told: Progress) -> tupl
     least = np.full(len(judge.chosen), np.inf)
     used = np.append(np.repeat(judge.fingers, 3), True)
     for done, i in enumerate(np.sort(different)):
-        told("mesh", done, len(different))
+        report("mesh", done, len(different))
         one = slice(i, i + 1)
         placed = PlacedHand(posed.joints[one], at.position[one], at.orientation[one])
         least[i] = referee.clearances(shape, placed, MESH_LIMIT)[0][used].min()

@@ -84,11 +84,6 @@ class ViewAhead:
             self._process.kill()
             self._process.join()
 
-    @property
-    def process_id(self) -> int | None:
-        """Of the process beside; None where there is none."""
-        return self._process.pid if self._channel is not None else None
-
     def settle(self) -> None:
         """Wait until the process beside has nothing to do until `show`.
 

@@ -163,8 +163,8 @@ def open_viewer(port: int = PORT) -> None:
         while _listens(url) is not None:
             if viewer.poll() is not None or time.monotonic() > until:
                 log.seek(0)
-                said = log.read().decode(errors="replace").strip().splitlines()
-                raise InputError(f"the rerun viewer does not start: {said[-1] if said else 'it says nothing'}")
+                lines = log.read().decode(errors="replace").strip().splitlines()
+                raise InputError(f"the rerun viewer does not start: {lines[-1] if lines else 'it says nothing'}")
             time.sleep(0.05)
 
 

@@ -132,12 +132,12 @@ def test_finer_spheres_are_nearer_to_the_mesh_and_to_the_optimum(small: list[Run
 
 
 def test_progress_counts_every_run() -> None:
-    said: list[tuple[str, int, int]] = []
+    steps: list[tuple[str, int, int]] = []
     measure(
         replace(SMALL, levels=(1,), backends=(), methods=("coupled",)),
-        lambda what, done, total: said.append((what, done, total)),
+        lambda what, done, total: steps.append((what, done, total)),
     )
-    assert [entry for entry in said if entry[0].startswith("runs")] == [
+    assert [entry for entry in steps if entry[0].startswith("runs")] == [
         ("runs, repetition 1 of 2", 0, 2),
         ("runs, repetition 2 of 2", 1, 2),
     ]

@@ -59,18 +59,18 @@ def test_instances_lie_where_the_hand_closes_and_holds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("speedups", "said"),
+    ("speedups", "words"),
     [
         ([0.7, 0.9, 1.04], "never pays here: at best 1.04 times as fast (cup, WH)"),
         ([1.2, 1.05, 1.3], "pays in 3 of 3 scenes: at best 1.30 times as fast"),
         ([0.7, 1.3, 0.9], "pays in 1 of 3 scenes: at best 1.30 times as fast"),
     ],
 )
-def test_the_sentence_says_what_the_rows_say(speedups: list[float], said: str) -> None:
+def test_the_sentence_says_what_the_rows_say(speedups: list[float], words: str) -> None:
     rows = [row(100.0 * (i + 1), speedup) for i, speedup in enumerate(speedups)]
     (sentence,) = when_threads_pay([*rows, row(50.0, 1.0, threads=1)])
     assert sentence.startswith("coupled, 2 threads: ")
-    assert said in sentence
+    assert words in sentence
     assert "2.0 times the processor time" in sentence
 
 
@@ -120,9 +120,9 @@ def test_a_replay_takes_threads(run: Run) -> None:
     alone = json.loads(run(*short, "--out", "a.h5").out)
     shared = json.loads(run(*short, "--out", "b.h5", "--threads", "2").out)
     assert alone["ticks"] == shared["ticks"]
-    told = "CPU times are those of all 2 threads together, waiting for each other included"
-    assert told in shared["notes"]
-    assert told not in alone["notes"]
+    note = "CPU times are those of all 2 threads together, waiting for each other included"
+    assert note in shared["notes"]
+    assert note not in alone["notes"]
     answer = run(*short, "--threads", "9")
     assert answer.code == 2
     assert "threads is 9: 1 to 6" in answer.err

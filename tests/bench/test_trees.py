@@ -86,14 +86,14 @@ def test_what_is_a_miss() -> None:
         "cpu_limit": 2.0,
     }
     assert missed_bars([good], with_times=True) == []
-    for change, said in (
+    for change, words in (
         ({"protrusion_max": 1.91e-3}, "protrudes 1.910 mm, limit 1.900 mm"),
         ({"protrusion_max": float("nan")}, "protrudes nan mm"),
         ({"gap_max": 2e-9}, "a gap of 2.0 nm"),
         ({"is_proved": False}, "no proof"),
     ):
         (sentence,) = missed_bars([good | change])
-        assert said in sentence and sentence.startswith("cube, 512 spheres: ")
+        assert words in sentence and sentence.startswith("cube, 512 spheres: ")
         assert missed_bars([good | change | {"is_reference": True}]) == []
     slow = good | {"cpu": 2.1}
     assert missed_bars([slow]) == []

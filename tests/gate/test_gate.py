@@ -206,7 +206,7 @@ def seed_differs(scene: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "reason"),
     [
         (mesh_differs, "object mesh"),
         (option_differs, "margin: 0.001 and 0.002"),
@@ -215,24 +215,24 @@ def seed_differs(scene: dict[str, Any]) -> None:
     ],
 )
 def test_different_inputs_cannot_be_compared(
-    result: Path, stored: Path, change: Callable[[dict[str, Any]], None], said: str
+    result: Path, stored: Path, change: Callable[[dict[str, Any]], None], reason: str
 ) -> None:
     change_scene(result, change)
     report = gate_result(load_result(result), TINY, load_result(stored))
     assert (report.verdict, report.exit_code) == ("not comparable", 3)
-    assert said in report.rows[0].reason
+    assert reason in report.rows[0].reason
     assert not any(row.kind == "counter" for row in report.rows)
     assert all(math.isnan(row.base) and not row.verdict for row in report.rows[1:]), "no word beside another input"
 
 
 @pytest.mark.parametrize(
-    ("dataset", "said"),
+    ("dataset", "reason"),
     [("tick/haptic/position", "trajectory"), ("object/tree/radius", "sphere tree"), ("hand/phalanx_radius", "hand")],
 )
 def test_a_number_that_differs_by_a_micrometre_is_another_input(
-    result: Path, stored: Path, dataset: str, said: str
+    result: Path, stored: Path, dataset: str, reason: str
 ) -> None:
-    for shift, found in ((1e-6, [said]), (0.01 * TOLERANCE, [])):
+    for shift, found in ((1e-6, [reason]), (0.01 * TOLERANCE, [])):
         shutil.copy(stored, result)
         with h5py.File(result, "r+") as file:
             values = file[dataset][...]
@@ -371,7 +371,7 @@ def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("version = 1", "version = 2", "version is 2"),
         ("version = 1", "version = ", "not TOML"),
@@ -392,11 +392,11 @@ def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
         ("timed = true", '[[scene]]\nname = "tiny"\nobject = "cube"\ntrajectory = "pinch"', "two scenes named tiny"),
     ],
 )
-def test_a_wrong_suite_says_what_and_where(old: str, new: str, said: str) -> None:
+def test_a_wrong_suite_says_what_and_where(old: str, new: str, message: str) -> None:
     assert old in SUITE
     with pytest.raises(InputError) as error:
         parse_suite(SUITE.replace(old, new, 1), Path(), "my.toml")
-    assert said in str(error.value)
+    assert message in str(error.value)
     assert "my.toml" in str(error.value)
 
 

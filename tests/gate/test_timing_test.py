@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
+from scipy import integrate, stats
 
 from hhsim.errors import InputError
 from hhsim.gate import machine_calibration as gate_reference
-from hhsim.gate.timing_test import base_first, chance_of_worse, compare_times
+from hhsim.gate.timing_test import base_first, compare_times
 from hhsim.kernels import machine_calibration as reference_work
 
 PROCESSES = 5
@@ -25,6 +25,31 @@ RECORDED = (
 )
 """CPU p50 [µs] of fourteen identical processes, one after the other, bunny-grasp of the default suite, on two cores
 that six other programs kept busy."""
+
+
+def chance_of_worse(spread: float, slower: float, limit: float, processes: int) -> float:
+    """How likely `compare_times` says `worse`, in closed form.
+
+    The logarithm of a process's p50 is taken as normal; that of a median of an odd number of them is then distributed
+    as an order statistic.
+
+    Args:
+        spread: Standard deviation of the logarithm, from process to process [-].
+        slower: Share by which head really is slower.
+        limit: As for `compare_times`.
+        processes: Of each side, odd.
+    """
+    middle = (processes + 1) // 2
+    order = stats.beta(middle, middle)
+    normal = stats.norm
+
+    def density(z: float) -> float:
+        return float(order.pdf(normal.cdf(z)) * normal.pdf(z))
+
+    # P(head - base > gap), both in standard deviations.
+    gap = (math.log1p(limit) - math.log1p(slower)) / spread
+    found, _ = integrate.quad(lambda z: density(z) * order.sf(normal.cdf(z + gap)), -9.0, 9.0, limit=200, epsabs=1e-12)
+    return float(found)
 
 
 def simulated(rng: np.random.Generator, spread: float, slower: float, gates: int) -> float:

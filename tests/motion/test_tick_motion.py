@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sphere_scenes import bumpy_ball
+from stress_motion import random_targets
 
-from hhsim.bench.robustness.random_targets import StressOptions, random_targets
+from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel

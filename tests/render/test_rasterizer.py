@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError, OutputError
-from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, rasterise, save_figure, shade
+from hhsim.render.figure import save_figure
+from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, rasterise, shade
 from hhsim.render.triangle_soup import SKIN, SPHERE, round_cone_surface
 
 

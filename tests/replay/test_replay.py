@@ -219,10 +219,10 @@ def test_an_interrupt_before_the_first_block_leaves_nothing(scene: Scene, tmp_pa
 
 
 def test_progress_is_told_from_the_first_tick_to_the_last(scene: Scene, tmp_path: Path) -> None:
-    told: list[tuple[str, int, int]] = []
-    replay(scene, SolverOptions(), tmp_path / "told.h5", progress=lambda *what: told.append(what))
+    steps: list[tuple[str, int, int]] = []
+    replay(scene, SolverOptions(), tmp_path / "told.h5", progress=lambda *what: steps.append(what))
     total = scene.ticks.tick_count
-    done = [count for what, count, of in told if what == "ticks" and of == total]
+    done = [count for what, count, of in steps if what == "ticks" and of == total]
     assert done == sorted(done)
     assert done[0] == 0
     assert done[-1] == total

@@ -137,10 +137,10 @@ def test_a_chart_of_undefined_values_is_drawn(
 
 def test_the_histogram_tells_the_figures_of_the_table(result: Result) -> None:
     contact = result["contacts/candidates"] > 0
-    told = tick_statistics(result["duration/total_cpu"][contact])
+    times = tick_statistics(result["duration/total_cpu"][contact])
     alt = histogram_figure([result]).alt
     assert f"of {int(contact.sum()):,} ticks in contact" in alt
-    for value in (told.p50, told.p99, told.max):
+    for value in (times.p50, times.p99, times.max):
         assert time_text(1e-6 * value) in alt
 
 

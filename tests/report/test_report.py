@@ -219,7 +219,7 @@ def test_two_methods_on_one_scene_are_compared(coupled: Path, progressive: Path,
     one, two = load_result(coupled).summary, load_result(progressive).summary
     by_label = {row[0]: row for row in rows[1:]}
     labels = {row.name: row.label for row in stored_rows(one, 1000.0)}
-    told = set()
+    words = set()
     for name in labels.keys() & two.keys():
         metric = run_metrics()[name]
         if metric.less_is_better and metric.noise == 0.0 and not np.isnan([one[name], two[name]]).any():
@@ -228,8 +228,8 @@ def test_two_methods_on_one_scene_are_compared(coupled: Path, progressive: Path,
             expected = "same" if cells[2] == cells[3] else "worse" if two[name] > one[name] else "better"
             assert word == expected, name
             assert word == "same" or f"{ratio:.3g} ×" in cells[4] or 0.0 in map(float, cells[2:4])
-            told.add(word)
-    assert {"same", "worse", "better"} == told
+            words.add(word)
+    assert {"same", "worse", "better"} == words
     assert by_label["force in the hold, mean"][4].endswith("×"), "more force is neither better nor worse"
     marks = [row[0] for row in read_page(report.html).rows("What was run; ≠")]
     assert "≠ method" in marks

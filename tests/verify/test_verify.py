@@ -14,9 +14,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from short_grasp import short_grasp, short_scene
+from stress_motion import random_targets
 from verify_document import documented_faults
 
-from hhsim.bench.robustness.random_targets import StressOptions, random_targets
+from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel, Side

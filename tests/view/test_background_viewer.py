@@ -128,7 +128,7 @@ def test_what_the_process_beside_cannot_do_is_told_here(result: Result, tmp_path
 @linux
 def test_a_process_beside_that_dies_is_told(result: Result, tmp_path: Path) -> None:
     body = """
-    os.kill(viewer.process_id, signal.SIGKILL)
+    os.kill(viewer._process.pid, signal.SIGKILL)
     try:
         viewer.show(result)
     except Exception as error:
@@ -144,7 +144,7 @@ def test_a_process_beside_that_dies_is_told(result: Result, tmp_path: Path) -> N
 @linux
 def test_a_replay_that_fails_leaves_neither_file_nor_process(result: Result, tmp_path: Path) -> None:
     body = """
-    print(viewer.process_id)
+    print(viewer._process.pid)
     os.setpgid(0, 0)
     raise SystemExit(7)
 """

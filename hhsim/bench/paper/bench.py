@@ -6,15 +6,14 @@ the median of the repetitions counts. Times are those of one thread on the machi
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from hhsim.bench.paper.run import SceneRun, at_contacts, play, play_again
 from hhsim.bench.paper.scenarios import paper_scenarios
 from hhsim.bench.paper.scene import Stage, make_stage
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.solver.compile import warm_up
@@ -58,13 +57,8 @@ class PaperOptions:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be measured."""
-        for kind, names, known in (
-            ("method", self.methods, list(METHODS)),
-            ("object", self.objects or (), object_names()),
-        ):
-            for name in names:
-                if name not in known:
-                    raise UnknownNameError(kind, name, known)
+        check_known("method", self.methods, list(METHODS))
+        check_known("object", self.objects or (), object_names())
         if not self.methods or self.objects == ():
             raise InputError("name at least one method and one object")
         if min(self.instances, self.repetitions) < 1:
@@ -79,10 +73,6 @@ class PaperOptions:
     def whole(self) -> bool:
         """Whether it is the paper's evaluation, all of it and on trees of the paper's levels."""
         return self.level is None and self.objects is None
-
-    def to_json(self) -> dict[str, Any]:
-        """All options as plain values."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import TickRecord
@@ -45,7 +46,5 @@ def check_holds(
 ) -> list[Array]:
     """Play a motion at 1 kHz and look at its holds, as `hold_distances`."""
     ticks = motion.resampled(1000.0)
-    record = HandSolver(hand, tree.arrays(), options).run(
-        ticks.position, ticks.orientation, ticks.flexion, ticks.abduction
-    )
+    record = HandSolver(hand, tree.arrays(), options).run(*HandConfiguration.of(ticks))
     return hold_distances(script, object_name, hand, tree, ticks, record)

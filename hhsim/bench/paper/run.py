@@ -4,11 +4,10 @@ The scenes of Fig. 15 are replayed as many short motions, each with the hand a l
 long as they are. All of them come out as the same kind of figures.
 """
 
-import hashlib
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +15,18 @@ from numpy.typing import NDArray
 from hhsim.bench.paper.contact_check import hold_distances
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.bench.paper.scene import RATE, Stage, held_ticks
+from hhsim.bench.run_errors import digest_of, placed_of, sphere_clearance
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
-from hhsim.metrics.metrics import component_variation_rate, force_variation_rate, hand_clearance
+from hhsim.metrics.metrics import component_variation_rate, force_variation_rate
+from hhsim.metrics.run_ticks import RunTicks
 from hhsim.motion.trajectory import TickInput
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.tremor_hold import TREMOR, trembling_hold
 from hhsim.scene.contact_goals import TOUCHING, Touch
-from hhsim.scene.script import Script
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
@@ -127,6 +126,17 @@ class SceneRun:
         """The scene."""
         return self.stage.scenario
 
+    @property
+    def ticks(self) -> RunTicks:
+        """What run metrics that need no force and no pose are computed from."""
+        columns: dict[str, NDArray[Any]] = {
+            "status": self.status,
+            "contacts/candidates": self.candidates,
+            "contacts/touching": self.touching,
+            "penetration_depth": self.depth,
+        }
+        return RunTicks(columns, len(self.depth), (), RATE, len(self.options.fingers))
+
     @cached_property
     def tick_cpu(self) -> Array:
         """Thread time of each tick, the median of the repetitions [s], shape (T,)."""
@@ -165,30 +175,31 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
     records = _run(stage, options)
     record = joined_record(records)
     contact = np.concatenate([_acting(motion) for motion in stage.motions]) & (record.work[:, WORK_CANDIDATES] > 0)
-    palm, finger = hand_clearance(
-        stage.arrays, *hand_shape(stage.hand), record.joints, record.position, record.orientation, limit=0.0
-    )
     touches = []
     for motion, one in zip(stage.motions, records):
         found = hold_distances(stage.script, stage.scenario.object_name, stage.hand, stage.tree, motion, one)
         for demanded, distances in zip(stage.script.hold_touches, found):
             touches += list(zip(demanded, distances.tolist()))
-    variation = {}
-    if stage.scenario.instances == 1 and any(touch.part == "index" for touch in _first_hold(stage.script)):
-        variation = {name: _variation(stage, options, records[0], *noise) for name, noise in NOISES.items()}
+    variation: dict[str, Variation] = {}
+    curves: Curves | None = None
     single = stage.scenario.instances == 1
+    if single and any(touch.part == "index" for touches in stage.script.hold_touches[:1] for touch in touches):
+        variation = {name: _variation(stage, options, records[0], *noise) for name, noise in NOISES.items()}
+    if single:
+        index_finger = record.phalanx[:, INDEX].sum(axis=1)
+        curves = Curves(np.linalg.norm(record.fingertip_normal, axis=2), index_finger)
     run = SceneRun(
         stage=stage,
         options=options,
         candidates=record.work[:, WORK_CANDIDATES].astype(np.int32),
         touching=record.work[:, WORK_TOUCHING].astype(np.int32),
         status=record.status.astype(np.int32),
-        digest=_digest(record),
+        digest=digest_of(record),
         shown=_shown(stage, records[0]) if single else [],
-        curves=_curves(record) if single else None,
+        curves=curves,
         contact=contact,
         # 0 - x and not -x: a free hand has depth 0, not minus 0.
-        depth=np.maximum(0.0, 0.0 - np.minimum(palm, finger.min(axis=1))),
+        depth=np.maximum(0.0, 0.0 - sphere_clearance(stage.hand, stage.arrays, placed_of(record), 0.0)),
         touches=touches,
         variation=variation,
     )
@@ -203,7 +214,7 @@ def play_again(run: SceneRun) -> None:
         HhsimError: The poses are not those of the first time.
     """
     record = joined_record(_run(run.stage, run.options))
-    if _digest(record) != run.digest:
+    if digest_of(record) != run.digest:
         raise HhsimError(
             f"{run.scenario.name}, {run.options.method}: a repetition gave another hand; please report this"
         )
@@ -251,19 +262,13 @@ def _run(stage: Stage, options: SolverOptions) -> list[TickRecord]:
     solver = HandSolver(stage.hand, stage.arrays, options)
     records = []
     for motion in stage.motions:
-        solver.place(motion.position[0], motion.orientation[0], motion.flexion[0], motion.abduction[0])
-        record = solver.run(motion.position, motion.orientation, motion.flexion, motion.abduction)
+        haptic = HandConfiguration.of(motion)
+        solver.place(*haptic.at(0))
+        record = solver.run(*haptic)
         if not np.isfinite(record.joints).all():
             raise HhsimError(f"{stage.scenario.name}, {options.method}: the graphic hand is not finite")
         records.append(record)
     return records
-
-
-def _digest(record: TickRecord) -> str:
-    digest = hashlib.sha256()
-    for values in (record.position, record.orientation, record.flexion, record.total):
-        digest.update(np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()
 
 
 def _shown(stage: Stage, record: TickRecord) -> list[Moment]:
@@ -283,10 +288,6 @@ def _shown(stage: Stage, record: TickRecord) -> list[Moment]:
     return found
 
 
-def _curves(record: TickRecord) -> Curves:
-    return Curves(np.linalg.norm(record.fingertip_normal, axis=2), record.phalanx[:, INDEX].sum(axis=1))
-
-
 def _keep_times(run: SceneRun, record: TickRecord) -> None:
     run.cpu.append((1e-9 * record.duration_cpu).astype(np.float32))
     run.wall.append((1e-9 * record.duration_total).astype(np.float32))
@@ -301,10 +302,6 @@ def _acting(motion: TickInput) -> BoolArray:
     for phase in motion.phases:
         acting[phase.first_tick : phase.last_tick + 1] = phase.name not in ("approach", "release")
     return acting
-
-
-def _first_hold(script: Script) -> tuple[Touch, ...]:
-    return script.hold_touches[0] if script.hold_touches else ()
 
 
 def _variation(

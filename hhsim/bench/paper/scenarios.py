@@ -6,7 +6,7 @@ They are not listed here: a script of the catalogue says in which figure the pap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hhsim.errors import UnknownNameError
+from hhsim.errors import check_known
 from hhsim.mesh.catalogue import object_names
 from hhsim.scene.motion_catalogue import load_script, script_names
 
@@ -54,9 +54,7 @@ def paper_scenarios(figures: Sequence[str] = tuple(FIGURES)) -> list[Scenario]:
     Raises:
         UnknownNameError: No such figure.
     """
-    for figure in figures:
-        if figure not in FIGURES:
-            raise UnknownNameError("figure", figure, FIGURES)
+    check_known("figure", figures, FIGURES)
     found = [
         Scenario(use.figure, object_name, motion, use.case, use.instances)
         for motion in script_names()

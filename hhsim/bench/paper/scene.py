@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.paper.contact_check import check_holds
-from hhsim.bench.paper.placement_search import turned_by
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
@@ -174,3 +173,11 @@ def _clear(closer: PlacedCloser, closure: FingerClosure) -> bool:
         *(closer.hand, closer.tree, closure.position, closure.rotation, closure.open, closure.abduction, closer.work)
     )
     return bool(near.min() >= 0.0)
+
+
+def turned_by(rotation_vector: Array) -> Array:
+    """Rotation matrix, shape (3, 3), about a rotation vector [rad], shape (3,)."""
+    angle = float(np.linalg.norm(rotation_vector))
+    x, y, z = rotation_vector / angle if angle > 0.0 else np.zeros(3)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)

@@ -11,10 +11,10 @@ from hhsim.bench.paper.bench import CONTACTS, PaperOptions, PaperRuns, percentil
 from hhsim.bench.paper.run import NOISES, SceneRun
 from hhsim.bench.paper.scenarios import CASES, SLIDING
 from hhsim.bench.paper.scene import held_ticks
-from hhsim.bench.table import Column
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.bench.table import Column, metric_column
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
+from hhsim.metrics.run.registry import run_figure
 from hhsim.solver.method import never_penetrates
 
 SIMPLE_MEAN = {
@@ -46,20 +46,7 @@ CASE_NAMES = {"SF": "single finger", "TF": "two fingers", "FF": "five fingers", 
 
 @dataclass(frozen=True)
 class PaperRow:
-    """One figure of the paper, and one method's.
-
-    Attributes:
-        name: Of the row, the same for all methods.
-        figure: Of the paper, or its section.
-        label: For people.
-        method: Of the solver.
-        unit: Of the values, SI or %.
-        paper: The paper's figure; NaN where it prints none.
-        paper_text: As it is printed, such as "< 1 ms".
-        ours: Measured.
-        bar: Ours must not be above it; NaN where there is none.
-        note: Where the figure comes from, or what belongs to it.
-    """
+    """One figure of the paper, and one method's: the columns of `ROW_COLUMNS`, `name` that of the row."""
 
     name: str
     figure: str
@@ -84,20 +71,8 @@ class PaperRow:
 
     def to_json(self) -> dict[str, Any]:
         """As a row of ROW_COLUMNS."""
-        return {
-            "row": self.name,
-            "figure": self.figure,
-            "label": self.label,
-            "method": self.method,
-            "unit": self.unit,
-            "paper": self.paper,
-            "paper_text": self.paper_text,
-            "ours": self.ours,
-            "ratio": self.ratio,
-            "bar": self.bar,
-            "passed": self.passed,
-            "note": self.note,
-        }
+        names = {column.name: column.name for column in ROW_COLUMNS} | {"row": "name"}
+        return {name: getattr(self, attribute) for name, attribute in names.items()}
 
 
 ROW_COLUMNS = (
@@ -301,8 +276,8 @@ SCENE_COLUMNS = (
     Column("ticks", "in all"),
     Column("ticks_in_contact", "with candidate pairs, while fingers close, hold or slide; the times are theirs"),
     Column("contacts_mean", "candidate pairs in the holds, mean"),
-    Column("contacts_max", "candidate pairs, most"),
-    Column("touching_max", "touching pairs, most"),
+    metric_column("candidates_max", "contacts_max"),
+    metric_column("touching_max"),
     Column("cpu_mean", "tick, thread time, mean", "s"),
     Column("cpu_p50", "tick, thread time, median", "s"),
     Column("cpu_p99", "tick, thread time, p99", "s"),
@@ -310,13 +285,13 @@ SCENE_COLUMNS = (
     Column("wall_mean", "tick, wall time, mean", "s"),
     Column("detection", "contact detection, wall time, mean of ticks that were not interrupted", "s"),
     Column("response", "collision response: palm, fingers and forces, wall time, mean of the same ticks", "s"),
-    Column("depth_max", "deepest in the object's spheres, all ticks", "m"),
+    metric_column("penetration_max", "depth_max"),
     Column("index_variation", "index force in the hold, glove's sensors, mean", "%"),
     Column("index_variation_trembling", "index force in the hold, glove's sensors and trembling palm, mean", "%"),
     Column("touches", "demanded touches"),
     Column("touches_missed", "demanded touches that did not happen"),
-    Column("stuck_ticks", "ticks that kept the last feasible hand"),
-    Column("lag_ticks", "ticks with distance still to go"),
+    metric_column("stuck_ticks"),
+    metric_column("lag_ticks"),
 )
 
 
@@ -330,7 +305,6 @@ def _scene_row(run: SceneRun) -> dict[str, Any]:
     held = held_ticks(run.stage)
     times, parts = run.tick_cpu[contact], run.tick_parts[run.undisturbed]
     mean = parts.mean(axis=0) if len(parts) else np.full(4, np.nan)
-    status = run.status
     return {
         "figure": scenario.figure,
         "object": scenario.object_name,
@@ -342,8 +316,8 @@ def _scene_row(run: SceneRun) -> dict[str, Any]:
         "ticks": len(run.depth),
         "ticks_in_contact": int(contact.sum()),
         "contacts_mean": float(run.candidates[held].mean()) if held.any() else math.nan,
-        "contacts_max": int(run.candidates.max()),
-        "touching_max": int(run.touching.max()),
+        "contacts_max": int(run_figure("candidates_max", run.ticks)),
+        "touching_max": int(run_figure("touching_max", run.ticks)),
         "cpu_mean": float(times.mean()) if times.size else math.nan,
         "cpu_p50": percentile(run, 50.0),
         "cpu_p99": percentile(run, 99.0),
@@ -351,11 +325,11 @@ def _scene_row(run: SceneRun) -> dict[str, Any]:
         "wall_mean": float(run.tick_wall[contact].mean()) if times.size else math.nan,
         "detection": float(mean[DURATION_DETECT]),
         "response": float(mean[[DURATION_PALM, DURATION_FINGERS, DURATION_FORCE]].sum()),
-        "depth_max": float(run.depth.max()),
+        "depth_max": run_figure("penetration_max", run.ticks),
         "index_variation": float(run.variation["glove"].size[0]) if run.variation else math.nan,
         "index_variation_trembling": float(run.variation["trembling"].size[0]) if run.variation else math.nan,
         "touches": len(run.touches),
         "touches_missed": len(run.missed),
-        "stuck_ticks": int(np.sum(status & STATUS_STUCK > 0)),
-        "lag_ticks": int(np.sum(status & STATUS_LAG > 0)),
+        "stuck_ticks": int(run_figure("stuck_ticks", run.ticks)),
+        "lag_ticks": int(run_figure("lag_ticks", run.ticks)),
     }

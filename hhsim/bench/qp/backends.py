@@ -1,6 +1,6 @@
-"""Every installed QP solver on the same programs; what can be built once is built beforehand and not timed.
+"""Our QP solver and every other installed one on the same programs; what can be built once is not timed.
 
-All get the same conditioned program, which is exact to undo: minimise ½ |y|² subject to a_i · y >= r_i with rows of
+All others get the same conditioned program, which is exact to undo: minimise ½ |y|² subject to a_i · y >= r_i, rows of
 length 1, y = (x - x₀) / L, L the largest violation at x₀ (the program's size where nothing is violated there). The
 Hessian is the identity, the solution of the order of 1, and a tolerance means the same to each. Solvers that take the
 Hessian's factor get it. The fast ones, whose solve takes no longer than a call from Python, are called by their native
@@ -10,6 +10,7 @@ interface; the others as qpsolvers does, and timed by the time that it measures 
 import time
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,121 +18,115 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.qp.program import Program
-from hhsim.solver.qp import ACTIVE_SET, BACKEND_OPTIONS
+from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, new_work
+from hhsim.kernels.qp.standalone import PROGRAM, solve_repeatedly
+from hhsim.solver.qp import BACKEND_OPTIONS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Solve = Callable[[], tuple[Any, Any, float | None]]
+"""Solves its program once: y, None where it claims no solution; multipliers of the rows; the solver's own seconds."""
 
+WARM, WARM_DAQP = "active-set, warm", "daqp, warm"
 DUAL_ACTIVE_SET_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a backend answered.
+    """What a solver answered.
 
     Attributes:
-        found: Whether it claims a solution.
-        x: Shape (n,) [√J]; NaN where it claims none.
-        multiplier: Of each row as given, shape (m,); NaN where it claims none.
-        call: Time of the native call as Python sees it [ns].
-        own: Time that the solver itself reports [ns]; None where it reports none.
+        x: Shape (n,) [√J]; None where it claims no solution.
+        multiplier: Of each row as given, shape (m,).
+        call: Time of the call as Python sees it [ns].
+        native: The same without Python's share [ns].
+        iterations: Rows added and dropped (ours only).
+        certificate: Farkas' y >= 0 for the normalised rows, shape (m,), where ours proves that nothing satisfies them.
     """
 
-    found: bool
-    x: FloatArray
+    x: FloatArray | None
     multiplier: FloatArray
     call: int
-    own: float | None
+    native: float
+    iterations: int = 0
+    certificate: FloatArray | None = None
 
 
-@dataclass(frozen=True)
-class Conditioned:
-    """The program that backends get.
+class ProgramSolver:
+    """Solves programs one after the other by the active set, in one workspace."""
 
-    Attributes:
-        matrix: Rows of length 1, shape (m, n); zero rows stay.
-        least: r, shape (m,).
-        length: L [√J].
-        norm: Lengths of the rows as given; 1 for a zero row.
-        target: x₀ [√J].
-        guess: Rows expected to be active.
+    def __init__(self) -> None:
+        """Allocate the workspace."""
+        self._program: Any = np.zeros(1, PROGRAM).view(np.recarray)[0]
+        self._work = new_work(21, 1)
+
+    def solve(self, program: Program, repeats: int = 1) -> Answer:
+        """Solve a program, from its guess; `repeats` times in one compiled loop, of which the median time counts."""
+        self._load(program)
+        work, duration = self._work, np.zeros(repeats, dtype=np.int64)
+        began = time.perf_counter_ns()
+        status = int(solve_repeatedly(self._program, duration, work))
+        call = time.perf_counter_ns() - began
+        count, iterations, blocked = (int(number) for number in work.counts[:3])
+        active = np.array(work.active[:count])
+        x, values = np.array(work.x[: program.variables]) if status == OPTIMAL else None, np.zeros(program.rows)
+        if status == OPTIMAL:
+            values[active] = work.multiplier[:count]
+        elif status == INFEASIBLE:
+            values[active] = np.maximum(-work.dual_step[:count], 0.0)
+            values[blocked] = 1.0
+        certificate = values if status == INFEASIBLE else None
+        return Answer(x, values, call, float(np.median(duration)), iterations, certificate)
+
+    def _load(self, program: Program) -> None:
+        record, m, groups = self._program, program.rows, program.groups.shape[1]
+        record.common[: len(program.common), :m] = program.common
+        record.block[:, :m] = program.block
+        record.rhs[:m] = program.rhs
+        record.target[: program.variables] = program.target
+        for name, values in zip(("group_start", "group_stop", "group_block"), program.groups):
+            record[name][:groups] = values
+        record.guess[: program.guess.size] = program.guess
+        record.guess_count, record.groups = program.guess.size, groups
+        record.variables, record.common_columns = program.variables, len(program.common)
+        record.tolerance, record.relaxation = program.tolerance, program.relaxation
+
+
+def prepare(backend: str, program: Program, python_share: float = 0.0) -> Callable[[], Answer]:
+    """Shift, normalise and scale a program and build what a backend needs for it: the answer solves it once, timed.
+
+    Args:
+        backend: By name; `daqp, warm` also gets the guess.
+        program: To be solved.
+        python_share: What a call of a backend that reports no time of its own takes in Python [ns], see `overhead`.
     """
-
-    matrix: FloatArray
-    least: FloatArray
-    length: float
-    norm: FloatArray
-    target: FloatArray
-    guess: IntArray
-
-    @property
-    def variables(self) -> int:
-        """N."""
-        return self.target.size
-
-    @property
-    def rows(self) -> int:
-        """M."""
-        return self.least.size
-
-
-def condition(program: Program) -> Conditioned:
-    """Shift, normalise and scale a program."""
-    matrix = program.matrix
-    norm = np.linalg.norm(matrix, axis=1)
-    norm[norm == 0.0] = 1.0
-    matrix = matrix / norm[:, None]
+    matrix, norm = program.unit_rows()
     least = program.rhs / norm - matrix @ program.target
-    length = float(least.max(initial=0.0))
+    violation = float(least.max(initial=0.0))
     # Where nothing is violated but by rounding, that would be no unit.
-    length = length if length > 1e-9 * program.size else program.size
-    return Conditioned(matrix, least / length, length, norm, program.target, program.guess)
+    length = violation if violation > 1e-9 * program.size else program.size
+    if backend in ("daqp", WARM_DAQP):
+        solve = _daqp(matrix, least / length, program.guess if backend == WARM_DAQP else program.guess[:0])
+    elif backend in _NATIVE:
+        solve = _NATIVE[backend](matrix, least / length)
+    else:
+        solve = _by_qpsolvers(backend, matrix, least / length)
 
-
-class PreparedCall:
-    """One program, ready for one backend.
-
-    `run` does what a solve needs and returns what the solver gave back; `reset`, which is not timed, undoes what the
-    last run left behind; `read` gives (y, multipliers of the normalised rows, the solver's own seconds), y None
-    where it claims no solution.
-    """
-
-    def __init__(
-        self,
-        run: Callable[[], Any],
-        read: Callable[[Any], tuple[FloatArray | None, FloatArray | None, float | None]],
-        reset: Callable[[], None] = lambda: None,
-    ) -> None:
-        """Keep the three."""
-        self.run, self.read, self.reset = run, read, reset
-
-    def solve(self, problem: Conditioned) -> Answer:
-        """Solve once, timed."""
-        nothing = np.full(problem.variables, np.nan), np.full(problem.rows, np.nan)
-        self.reset()
+    def timed() -> Answer:
+        y, z, seconds = None, None, None
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             began = time.perf_counter_ns()
-            try:
-                raw = self.run()
-                call = time.perf_counter_ns() - began
-                y, z, seconds = self.read(raw)
-            except Exception:  # whatever a foreign solver raises is its answer
-                return Answer(False, *nothing, time.perf_counter_ns() - began, None)
-        own = None if seconds is None else 1e9 * seconds
+            with suppress(Exception):  # whatever a foreign solver raises is its answer
+                y, z, seconds = solve()
+            call = time.perf_counter_ns() - began
+        native = max(call - python_share, 0.0) if seconds is None else 1e9 * seconds
         if y is None or z is None:
-            return Answer(False, *nothing, call, own)
-        x = problem.target + problem.length * np.asarray(y, dtype=np.float64)
-        multiplier = np.maximum(np.asarray(z, dtype=np.float64), 0.0) * problem.length / problem.norm
-        return Answer(True, x, multiplier, call, own)
+            return Answer(None, np.zeros(program.rows), call, native)
+        multiplier = np.maximum(np.asarray(z, dtype=np.float64), 0.0) * length / norm
+        return Answer(program.target + length * np.asarray(y, dtype=np.float64), multiplier, call, native)
 
-
-def prepare(backend: str, problem: Conditioned, *, warm: bool = False) -> PreparedCall:
-    """Build what a backend needs for a program; `warm`: hand over the guess, where the backend takes one (daqp)."""
-    if backend == "daqp":
-        return _daqp(problem, warm)
-    native = _NATIVE.get(backend)
-    return _by_qpsolvers(backend, problem) if native is None else native(problem)
+    return timed
 
 
 def overhead(backend: str, repeats: int = 200) -> float:
@@ -140,93 +135,81 @@ def overhead(backend: str, repeats: int = 200) -> float:
     Taken off the call of a backend that reports no time of its own: it counts what little it solves there in the
     backend's favour.
     """
-    trivial = Conditioned(np.ones((1, 1)), -np.ones(1), 1.0, np.ones(1), np.zeros(1), np.zeros(0, dtype=np.int64))
-    call = prepare(backend, trivial)
-    return float(np.median([call.solve(trivial).call for _ in range(repeats)]))
+    none = np.zeros((3, 0), dtype=np.int64)
+    trivial = Program("", np.ones((1, 1)), np.zeros((3, 1)), -np.ones(1), none, np.zeros(1), 0.0, 0.0, none[0])
+    solve = prepare(backend, trivial)
+    return float(np.median([solve().call for _ in range(repeats)]))
 
 
-def other_backends() -> list[str]:
-    """Installed ones besides our own."""
-    from hhsim.solver.qp import available_backends
-
-    return [name for name in available_backends() if name != ACTIVE_SET]
-
-
-def _daqp(problem: Conditioned, warm: bool) -> PreparedCall:
+def _daqp(matrix: FloatArray, least: FloatArray, guess: IntArray) -> Solve:
     import daqp
 
-    eye, zero = np.eye(problem.variables), np.zeros(problem.variables)
-    rows, most, least = -problem.matrix, -problem.least, np.full(problem.rows, -1e30)
-    start = np.zeros(problem.rows, dtype=np.int32)
-    if warm:
-        start[problem.guess] = 1
-    sense = start.copy()
+    m, n = matrix.shape
+    eye, zero = np.eye(n), np.zeros(n)
+    rows, most, lowest = -matrix, -least, np.full(m, -1e30)
+    start = np.zeros(m, dtype=np.int32)
+    start[guess] = 1
 
-    def read(raw: Any) -> tuple[FloatArray | None, FloatArray | None, float | None]:
-        y, _, flag, information = raw
-        seconds = information["solve_time"] + information["setup_time"]
-        return (y if flag > 0 else None), information["lam"], seconds
+    def solve() -> tuple[Any, Any, float | None]:
+        # It leaves its active set in the last array.
+        arrays = (eye, zero, rows, most, lowest, start.copy())
+        y, _, flag, found = daqp.solve(*arrays, primal_tol=DUAL_ACTIVE_SET_TOLERANCE)
+        return (y if flag > 0 else None), found["lam"], found["solve_time"] + found["setup_time"]
 
-    def reset() -> None:
-        sense[:] = start
-
-    return PreparedCall(
-        lambda: daqp.solve(eye, zero, rows, most, least, sense, primal_tol=DUAL_ACTIVE_SET_TOLERANCE), read, reset
-    )
+    return solve
 
 
-def _quadprog(problem: Conditioned) -> PreparedCall:
+def _quadprog(matrix: FloatArray, least: FloatArray) -> Solve:
     import quadprog
 
-    eye, zero, columns = np.eye(problem.variables), np.zeros(problem.variables), problem.matrix.T.copy()
-    return PreparedCall(
-        lambda: quadprog.solve_qp(eye, zero, columns, problem.least, 0, True), lambda raw: (raw[0], raw[4], None)
-    )
+    eye, zero, columns = np.eye(matrix.shape[1]), np.zeros(matrix.shape[1]), matrix.T.copy()
+
+    def solve() -> tuple[Any, Any, float | None]:
+        found = quadprog.solve_qp(eye, zero, columns, least, 0, True)
+        return found[0], found[4], None
+
+    return solve
 
 
-def _pyqpmad(problem: Conditioned) -> PreparedCall:
+def _pyqpmad(matrix: FloatArray, least: FloatArray) -> Solve:
     import pyqpmad
 
-    n, m = problem.variables, problem.rows
+    m, n = matrix.shape
     eye, zero = np.asfortranarray(np.eye(n)), np.zeros(n)
-    rows, most = np.asfortranarray(problem.matrix), np.full(m, np.inf)
-    factor, y = eye.copy(order="F"), np.zeros(n)
+    rows, most = np.asfortranarray(matrix), np.full(m, np.inf)
     settings = pyqpmad.SolverParameters()
     settings.tolerance = 1e-12
     settings.hessian_type = pyqpmad.HessianType.HESSIAN_INVERTED_CHOLESKY_FACTOR
     solver = pyqpmad.Solver()
     solver.reserve(n, 0, m)
 
-    def reset() -> None:
-        factor[:] = eye
-        y[:] = 0.0
-
-    def read(raw: Any) -> tuple[FloatArray | None, FloatArray | None, float | None]:
+    def solve() -> tuple[Any, Any, float | None]:
+        # It works in the Hessian that it is given.
+        y, z = np.zeros(n), np.zeros(m)
+        status = solver.solve(y, eye.copy(order="F"), zero, None, None, rows, least, most, settings)
         dual = solver.get_inequality_dual()
-        z = np.zeros(m)
         z[np.asarray(dual.indices)] = dual.dual
-        return (y.copy() if raw == pyqpmad.ReturnStatus.OK else None), z, None
+        return (y if status == pyqpmad.ReturnStatus.OK else None), z, None
 
-    return PreparedCall(
-        lambda: solver.solve(y, factor, zero, None, None, rows, problem.least, most, settings), read, reset
-    )
+    return solve
 
 
-def _by_qpsolvers(backend: str, problem: Conditioned) -> PreparedCall:
+def _by_qpsolvers(backend: str, matrix: FloatArray, least: FloatArray) -> Solve:
     import qpsolvers
     from scipy.sparse import csc_matrix
 
-    identity: Any = np.eye(problem.variables)
-    rows: Any = -problem.matrix
+    identity: Any = np.eye(matrix.shape[1])
+    rows: Any = -matrix
     if backend not in qpsolvers.dense_solvers:
         identity, rows = csc_matrix(identity), csc_matrix(rows)
-    built = qpsolvers.Problem(identity, np.zeros(problem.variables), rows, -problem.least)
+    problem = qpsolvers.Problem(identity, np.zeros(matrix.shape[1]), rows, -least)
     options = BACKEND_OPTIONS.get(backend, {})
 
-    def read(raw: Any) -> tuple[FloatArray | None, FloatArray | None, float | None]:
-        return (raw.x if raw.found else None), raw.z, raw.solve_time
+    def solve() -> tuple[Any, Any, float | None]:
+        found = qpsolvers.solve_problem(problem, backend, **options)
+        return (found.x if found.found else None), found.z, found.solve_time
 
-    return PreparedCall(lambda: qpsolvers.solve_problem(built, backend, **options), read)
+    return solve
 
 
-_NATIVE: dict[str, Callable[[Conditioned], PreparedCall]] = {"pyqpmad": _pyqpmad, "quadprog": _quadprog}
+_NATIVE: dict[str, Callable[[FloatArray, FloatArray], Solve]] = {"pyqpmad": _pyqpmad, "quadprog": _quadprog}

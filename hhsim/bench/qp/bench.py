@@ -8,30 +8,23 @@ every solver in turns, and timed.
 import importlib.metadata
 import random
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.bench.qp.backends import Answer, Conditioned, PreparedCall, condition, other_backends, overhead, prepare
+from hhsim.bench.qp.backends import WARM, WARM_DAQP, Answer, ProgramSolver, overhead, prepare
 from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residuals
-from hhsim.bench.qp.problem_file import ProblemFile
-from hhsim.bench.qp.program import Outcome, Program, ProgramSolver
-from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS, RANDOM, harvest
+from hhsim.bench.qp.problem_file import written
+from hhsim.bench.qp.program import Program
+from hhsim.bench.qp.recorded_problems import Progress, QpBenchOptions, harvest
 from hhsim.bench.table import Column
-from hhsim.errors import UnknownNameError
-from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL
 from hhsim.solver.qp import ACTIVE_SET
 
-FloatArray = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
-
-WARM = "active-set, warm"
-WARM_DAQP = "daqp, warm"
 SAMPLE = 100
 """Programs of a kind that every solver solves."""
 PATIENCE = 5.0
@@ -40,8 +33,6 @@ ROUNDS = 3
 """Turns that each solver has at each program."""
 IN_A_ROW = 5
 """Solves in a turn, of which the median counts: the first finds a cold cache."""
-SLOW = 1e6
-"""A call that takes longer [ns] is made once a turn."""
 SOLVED_LIMIT = 1e-6
 """Largest residual, in sizes of the program, of an answer of another solver that counts as a solution."""
 OWN_LIMIT = 1e-9
@@ -66,65 +57,19 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class QpBenchOptions:
-    """What is run.
-
-    Attributes:
-        problems: Programs to harvest.
-        objects: Of the harvest.
-        motions: Of the harvest.
-        backends: Solvers besides ours; None for all that are installed.
-        seed: Of everything random.
-    """
-
-    problems: int = 100_000
-    objects: tuple[str, ...] = OBJECTS
-    motions: tuple[str, ...] = MOTIONS
-    backends: tuple[str, ...] | None = None
-    seed: int = 0
-
-    def solvers(self) -> list[str]:
-        """Solvers besides ours."""
-        return other_backends() if self.backends is None else list(self.backends)
-
-
-def check_names(options: QpBenchOptions) -> None:
-    """Look, before the work, whether all that is named is there.
-
-    Raises:
-        UnknownNameError: An object, a motion or a solver that there is not.
-    """
-    from hhsim.mesh.catalogue import object_names
-    from hhsim.scene.motion_catalogue import script_names
-
-    for kind, names, known in (
-        ("QP solver", options.solvers(), other_backends()),
-        ("object", options.objects, object_names()),
-        ("motion", options.motions, [*script_names(), RANDOM]),
-    ):
-        for name in names:
-            if name not in known:
-                raise UnknownNameError(kind, name, known)
-
-
 @dataclass
 class Tally:
     """How one solver did on the programs of one kind.
 
     Attributes:
-        solved: Answers that are right.
-        refused: No answer, and rightly so: the rows contradict each other.
-        missed: All else.
+        verdicts: Number of `solved`: right; `refused`: none, and rightly so, the rows contradict each other; `missed`.
         residual: Of each answer to a program that has a solution, in sizes of the program.
         iterations: Of each solve.
         call: Time of each call as Python sees it [ns].
         native: The same without Python's share [ns].
     """
 
-    solved: int = 0
-    refused: int = 0
-    missed: int = 0
+    verdicts: Counter[str] = field(default_factory=Counter)
     residual: list[float] = field(default_factory=list)
     iterations: list[int] = field(default_factory=list)
     call: list[float] = field(default_factory=list)
@@ -132,57 +77,50 @@ class Tally:
 
     def count_answer(self, program: Program, answer: Answer, feasible: bool) -> None:
         """Count what another solver answered."""
-        if not answer.found:
-            self.missed += feasible
-            self.refused += not feasible
+        if answer.x is None:
+            self.verdicts["missed" if feasible else "refused"] += 1
             return
         found = residuals(program, answer.x, answer.multiplier)
         # What answers a contradiction violates some row; what its other residuals are says nothing.
         residual = found.largest if feasible else found.primal
         if feasible:
             self.residual.append(residual)
-        self.solved += residual <= SOLVED_LIMIT
-        self.missed += not residual <= SOLVED_LIMIT
+        self.verdicts["solved" if residual <= SOLVED_LIMIT else "missed"] += 1
 
-    def count_outcome(self, program: Program, outcome: Outcome) -> None:
+    def count_times(self, call: Sequence[float], native: Sequence[float]) -> None:
+        """Count the medians of a turn [ns]."""
+        self.call.append(float(np.median(call)))
+        self.native.append(float(np.median(native)))
+
+    def count_own(self, program: Program, answer: Answer) -> None:
         """Count what ours answered: its certificate must prove a refusal."""
-        self.iterations.append(outcome.iterations)
-        if outcome.status == OPTIMAL:
-            residual = residuals(program, outcome.x, outcome.multiplier).largest
-            if program.relaxation > 0.0 and residual > OWN_LIMIT:
-                # Rows that contradict each other by rounding are all moved back, see `kernels.active_set`.
-                residual = min(residual, residuals(program, outcome.x, outcome.multiplier, program.relaxation).largest)
-            self.residual.append(residual)
-            self.solved += residual <= OWN_LIMIT
-            self.missed += not residual <= OWN_LIMIT
+        self.iterations.append(answer.iterations)
+        if answer.x is None:
+            certificate = answer.certificate
+            proved = certificate is not None and certified_radius(program, certificate) >= CERTIFIED_RADIUS
+            self.verdicts["refused" if proved else "missed"] += 1
             return
-        proved = (
-            outcome.status == INFEASIBLE
-            and outcome.certificate is not None
-            and certified_radius(program, outcome.certificate) >= CERTIFIED_RADIUS
-        )
-        self.refused += proved
-        self.missed += not proved
+        residual = residuals(program, answer.x, answer.multiplier).largest
+        if program.relaxation > 0.0 and residual > OWN_LIMIT:
+            # Rows that contradict each other by rounding are all moved back, see `kernels.active_set`.
+            residual = min(residual, residuals(program, answer.x, answer.multiplier, program.relaxation).largest)
+        self.residual.append(residual)
+        self.verdicts["solved" if residual <= OWN_LIMIT else "missed"] += 1
 
     def row(self, kind: str, variables: int, rows: Sequence[int], solver: str) -> dict[str, Any]:
         """A row of the table."""
-        call, native = 1e-9 * np.array(self.call), 1e-9 * np.array(self.native)
+        times = {"call": self.call, "native": self.native}
         return {
             "program": kind,
             "variables": variables,
             "rows": float(np.median(rows)),
             "solver": solver,
-            "problems": self.solved + self.refused + self.missed,
-            "solved": self.solved,
-            "refused": self.refused,
-            "missed": self.missed,
-            "residual_p99": _percentile(self.residual, 99.0),
+            "problems": self.verdicts.total(),
+            **{verdict: self.verdicts[verdict] for verdict in ("solved", "refused", "missed")},
+            "residual_p99": _percentile(self.residual, 99),
             "residual_max": max(self.residual, default=None),
             "iterations": float(np.mean(self.iterations)) if self.iterations else None,
-            "call_p50": _percentile(call, 50.0),
-            "call_p99": _percentile(call, 99.0),
-            "native_p50": _percentile(native, 50.0),
-            "native_p99": _percentile(native, 99.0),
+            **{f"{name}_p{share}": _percentile(of, share, 1e-9) for name, of in times.items() for share in (50, 99)},
         }
 
 
@@ -202,7 +140,7 @@ def bench_qp(
     """Harvest, solve, check and time; returns a row for each kind of program and solver, by the names of `COLUMNS`.
 
     Args:
-        options: What is run; `check_names` looks at it.
+        options: What is run.
         programs: Where the harvested programs go, see `hhsim.bench.qp.problem_file`; None for nowhere.
         progress: Called with what is being done, how much is done and how much there is.
 
@@ -212,22 +150,20 @@ def bench_qp(
     solver = ProgramSolver()
     kinds: dict[str, _Kind] = {}
     draw = random.Random(options.seed)
-    wanted = {"objects": options.objects, "motions": options.motions, "seed": options.seed, "progress": progress}
-    with nullcontext() if programs is None else ProblemFile(programs) as file:
-        for program in harvest(options.problems, **wanted):  # type: ignore[arg-type]
-            kind = kinds.setdefault(program.kind, _Kind())
-            kind.tallies[ACTIVE_SET].count_outcome(program, solver.solve(program.unguessed()))
-            kind.tallies[WARM].count_outcome(program, solver.solve(program))
-            kind.variables = max(kind.variables, program.variables)
-            kind.rows.append(program.rows)
-            # A fair sample of a stream of unknown length.
-            if len(kind.sample) < SAMPLE:
-                kind.sample.append(program)
-            elif (place := draw.randrange(len(kind.rows))) < SAMPLE:
-                kind.sample[place] = program
-            if file is not None:
-                file.append(program)
-    python_share = {backend: overhead(backend) for backend in options.solvers()}
+    harvested = harvest(options, progress)
+    for program in harvested if programs is None else written(harvested, programs):
+        kind = kinds.setdefault(program.kind, _Kind())
+        kind.tallies[ACTIVE_SET].count_own(program, solver.solve(program.unguessed()))
+        kind.tallies[WARM].count_own(program, solver.solve(program))
+        kind.variables = max(kind.variables, program.variables)
+        kind.rows.append(program.rows)
+        # A fair sample of a stream of unknown length.
+        if len(kind.sample) < SAMPLE:
+            kind.sample.append(program)
+        elif (place := draw.randrange(len(kind.rows))) < SAMPLE:
+            kind.sample[place] = program
+    others = [*options.solvers(), *([WARM_DAQP] if "daqp" in options.solvers() else [])]
+    python_share = {backend: overhead(backend) for backend in others}
     for number, kind in enumerate(kinds.values()):
         _time(kind, python_share, solver)
         if progress is not None:
@@ -240,38 +176,22 @@ def bench_qp(
 
 
 def _time(kind: _Kind, python_share: dict[str, float], solver: ProgramSolver) -> None:
-    others = [*python_share, *([WARM_DAQP] if "daqp" in python_share else [])]
-    kind.tallies |= {name: Tally() for name in others}
-    spent = dict.fromkeys(others, 0.0)
+    kind.tallies |= {name: Tally() for name in python_share}
+    spent = dict.fromkeys(python_share, 0.0)
     for program in kind.sample:
-        problem = condition(program)
-        feasible = solver.solve(program).status == OPTIMAL
-        calls = {
-            name: prepare(name.removesuffix(", warm"), problem, warm=name == WARM_DAQP)
-            for name in others
-            if spent[name] < PATIENCE
-        }
+        feasible = solver.solve(program).x is not None
+        calls = {name: prepare(name, program, share) for name, share in python_share.items() if spent[name] < PATIENCE}
         for _ in range(ROUNDS):
             for name, given in ((ACTIVE_SET, program.unguessed()), (WARM, program)):
-                call, native = solver.time_call(given, IN_A_ROW)
-                kind.tallies[name].call.append(float(np.median(call)))
-                kind.tallies[name].native.append(float(np.median(native)))
-            for name, prepared in calls.items():
+                calls_of_ours = [solver.solve(given).call for _ in range(IN_A_ROW)]
+                kind.tallies[name].count_times(calls_of_ours, [solver.solve(given, IN_A_ROW).native])
+            for name, solve in calls.items():
                 began = time.perf_counter()
-                times = np.array(list(_turn(prepared, problem, python_share[name.removesuffix(", warm")])))
+                answers = [solve() for _ in range(IN_A_ROW)]
                 spent[name] += time.perf_counter() - began
-                kind.tallies[name].call.append(float(np.median(times[:, 0])))
-                kind.tallies[name].native.append(float(np.median(times[:, 1])))
-        for name, prepared in calls.items():
-            kind.tallies[name].count_answer(program, prepared.solve(problem), feasible)
-
-
-def _turn(call: PreparedCall, problem: Conditioned, python_share: float) -> Iterator[tuple[float, float]]:
-    for _ in range(IN_A_ROW):
-        answer = call.solve(problem)
-        yield answer.call, max(answer.call - python_share, 0.0) if answer.own is None else answer.own
-        if answer.call > SLOW:
-            return
+                kind.tallies[name].count_times([a.call for a in answers], [a.native for a in answers])
+        for name, solve in calls.items():
+            kind.tallies[name].count_answer(program, solve(), feasible)
 
 
 def missed_programs(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -287,14 +207,12 @@ def missed_programs(rows: Sequence[dict[str, Any]]) -> list[str]:
 def solver_versions(backends: Sequence[str]) -> dict[str, str]:
     """Version of each solver besides ours, as installed; empty where it has none."""
     distributions = {"proxqp": "proxsuite", "highs": "highspy", "sip": "sip_python"}
-    found = {}
+    versions = dict.fromkeys(backends, "")
     for backend in backends:
-        try:
-            found[backend] = importlib.metadata.version(distributions.get(backend, backend))
-        except importlib.metadata.PackageNotFoundError:
-            found[backend] = ""
-    return found
+        with suppress(importlib.metadata.PackageNotFoundError):
+            versions[backend] = importlib.metadata.version(distributions.get(backend, backend))
+    return versions
 
 
-def _percentile(values: list[float] | FloatArray, share: float) -> float | None:
-    return float(np.percentile(values, share)) if len(values) else None
+def _percentile(values: list[float], share: float, unit: float = 1.0) -> float | None:
+    return unit * float(np.percentile(values, share)) if values else None

@@ -4,7 +4,7 @@ All residuals are in conditioned variables with rows of length 1, [√J], divide
 1e-9 is a billionth of the numbers that the program is made of.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,7 @@ about a million sizes.
 """
 
 
-@dataclass(frozen=True)
-class Residuals:
+class Residuals(NamedTuple):
     """How far an answer is from satisfying each of the optimality conditions (Karush, Kuhn and Tucker).
 
     Attributes:
@@ -40,13 +39,12 @@ class Residuals:
     @property
     def largest(self) -> float:
         """Of the four; infinite where one is NaN."""
-        values = (self.primal, self.dual, self.stationarity, self.complementarity)
-        return max(values) if all(value == value for value in values) else np.inf
+        return max(self) if all(value == value for value in self) else np.inf
 
 
 def residuals(program: Program, x: FloatArray, multiplier: FloatArray, moved_back: float = 0.0) -> Residuals:
     """Of a solution x (n,) with multipliers (m,) of the rows as given; `moved_back` is what the rows give [√J]."""
-    matrix, norm = unit_rows(program)
+    matrix, norm = program.unit_rows()
     size = program.size
     with np.errstate(invalid="ignore", over="ignore"):
         slack = (matrix @ x - program.rhs / norm + moved_back) / size
@@ -54,12 +52,8 @@ def residuals(program: Program, x: FloatArray, multiplier: FloatArray, moved_bac
         balance = (x - program.target) / size - matrix.T @ push
     # A row of zeros can only be left alone or be the certificate of a contradiction.
     rows = matrix.any(axis=1)
-    return Residuals(
-        primal=_largest(-slack),
-        dual=_largest(-push),
-        stationarity=_largest(np.abs(balance)),
-        complementarity=_largest(np.minimum(slack, push)[rows]),
-    )
+    parts = (-slack, -push, np.abs(balance), np.minimum(slack, push)[rows])
+    return Residuals(*(float(part.max(initial=0.0)) for part in parts))
 
 
 def certified_radius(program: Program, certificate: FloatArray) -> float:
@@ -68,7 +62,7 @@ def certified_radius(program: Program, certificate: FloatArray) -> float:
     For y >= 0 and any x of length ρ, yᵀ (A x - b) <= |yᵀ A| ρ - yᵀ b: negative for ρ < yᵀ b / |yᵀ A|. Sums are taken in
     extended precision; y belongs to the normalised rows.
     """
-    matrix, norm = unit_rows(program)
+    matrix, norm = program.unit_rows()
     y = np.asarray(certificate, dtype=np.longdouble)
     if not np.isfinite(y).all() or y.min(initial=0.0) < 0.0:
         return 0.0
@@ -77,15 +71,3 @@ def certified_radius(program: Program, certificate: FloatArray) -> float:
     if gap <= 0.0:
         return 0.0
     return gap / length / program.size if length > 0.0 else np.inf
-
-
-def unit_rows(program: Program) -> tuple[FloatArray, FloatArray]:
-    """Rows of length 1, shape (m, n), rows of zeros as they are; and the lengths they had, 1 for those, shape (m,)."""
-    matrix = program.matrix
-    norm: FloatArray = np.linalg.norm(matrix, axis=1)
-    norm[norm == 0.0] = 1.0
-    return matrix / norm[:, None], norm
-
-
-def _largest(values: FloatArray) -> float:
-    return float(values.max(initial=0.0)) if not np.isnan(values).any() else float("nan")

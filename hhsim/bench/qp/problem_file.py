@@ -6,9 +6,9 @@ A row is a program: `P`, `q`, `G`, `h` (matrices row by row), `A`, `b`, `lb` and
 kind, a number and where it was found. The variables are those of `hhsim.bench.qp.program`, so that P is the identity.
 """
 
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from hhsim.bench.qp.program import Program
 from hhsim.errors import OutputError
 from hhsim.system.output_path import check_output_path
 
-FLUSH = 1000
+BATCH = 1000
 """Programs that wait in memory to be written together."""
 
 
@@ -34,54 +34,33 @@ def check_problem_file(path: Path) -> None:
         raise OutputError(f"{path} exists and is no Parquet file, so it is not replaced: name another")
 
 
-class ProblemFile:
-    """Writes programs one after the other, however many there are; to be used in a `with` statement."""
+def written(programs: Iterable[Program], path: Path) -> Iterator[Program]:
+    """The same programs, written on their way to a file that replaces one of that name, however many there are.
 
-    def __init__(self, path: Path) -> None:
-        """Open the file; one of that name is replaced.
+    Raises:
+        OutputError: It cannot be written.
+    """
+    import pyarrow
+    from pyarrow import parquet
 
-        Raises:
-            OutputError: It cannot be written.
-        """
-        import pyarrow
-        from pyarrow import parquet
-
-        numbers = pyarrow.list_(pyarrow.float64())
-        fields = [(name, numbers) for name in ("P", "q", "G", "h", "A", "b", "lb", "ub")]
-        self._schema = pyarrow.schema([*fields, ("name", pyarrow.string())])
-        self._waiting: list[dict[str, Any]] = []
-        self._count = 0
-        try:
-            self._writer = parquet.ParquetWriter(path, self._schema)
-        except OSError as error:
-            raise OutputError(f"cannot write {path}: {error}") from error
-
-    def append(self, program: Program) -> None:
-        """Write a program."""
-        self._waiting.append(
-            {
-                "P": np.eye(program.variables).ravel(),
-                "q": -program.target,
-                "G": -program.matrix.ravel(),
-                "h": -program.rhs,
-                "name": f"{program.kind} {self._count} {program.source}",
-            }
-        )
-        self._count += 1
-        if len(self._waiting) == FLUSH:
-            self._flush()
-
-    def __enter__(self) -> "ProblemFile":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._flush()
-        self._writer.close()
-
-    def _flush(self) -> None:
-        import pyarrow
-
-        self._writer.write_table(pyarrow.Table.from_pylist(self._waiting, schema=self._schema))
-        self._waiting = []
+    numbers = pyarrow.list_(pyarrow.float64())
+    fields = [(name, numbers) for name in ("P", "q", "G", "h", "A", "b", "lb", "ub")]
+    schema = pyarrow.schema([*fields, ("name", pyarrow.string())])
+    source = enumerate(programs)
+    try:
+        with parquet.ParquetWriter(path, schema) as file:
+            while batch := list(islice(source, BATCH)):
+                rows = [
+                    {
+                        "P": np.eye(program.variables).ravel(),
+                        "q": -program.target,
+                        "G": -program.matrix.ravel(),
+                        "h": -program.rhs,
+                        "name": f"{program.kind} {number} {program.source}",
+                    }
+                    for number, program in batch
+                ]
+                file.write_table(pyarrow.Table.from_pylist(rows, schema=schema))
+                yield from (program for _, program in batch)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error}") from error

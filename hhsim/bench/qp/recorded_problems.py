@@ -6,16 +6,19 @@ the last one included. Programs are yielded one by one, so that a hundred thousa
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench.qp.program import Program, ProgramSolver
+from hhsim.bench.qp.backends import ProgramSolver
+from hhsim.bench.qp.program import Program
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.errors import check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.kernels.tick.coupled import coupled_groups, solve_coupled
@@ -24,10 +27,15 @@ from hhsim.kernels.tick.progressive import YIELD_SCALE, finger_rhs, solve_progre
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_LINEARISATIONS
 from hhsim.kernels.tick.step import guess_rows
 from hhsim.kernels.tick.tick import set_haptic
-from hhsim.scene.scene import Scene, make_scene
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.scene.motion_catalogue import load_script, script_names
+from hhsim.scene.scene import make_scene
 from hhsim.solver.backend_programs import drive_tick
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.qp import available_backends
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 FloatArray = NDArray[np.float64]
@@ -36,72 +44,76 @@ Progress = Callable[[str, int, int], None]
 
 OBJECTS = ("sphere", "cube", "rock", "cup", "teapot", "bunny")
 RANDOM = "random"
+"""A motion: a new random target every 60 ticks."""
 MOTIONS = ("grasp", "pinch", "whole-hand", "slide", RANDOM)
-HARVEST_METHODS = ("coupled", "progressive")
 
 RANDOM_TICKS = 3000
 """Length of a random motion, which jumps to a new target every 60 ticks."""
 GUESSES = 64
 
 
-def harvest(
-    problems: int,
-    *,
-    objects: Sequence[str] = OBJECTS,
-    motions: Sequence[str] = MOTIONS,
-    seed: int = 0,
-    progress: Progress | None = None,
-) -> Iterator[Program]:
-    """Programs of real ticks, from all scenes in like number.
+@dataclass(frozen=True, kw_only=True)
+class QpBenchOptions:
+    """What is run.
 
-    Args:
-        problems: How many.
-        objects: Names of the catalogue.
-        motions: Names of the catalogue's scripts, and `random`: a new random target every 60 ticks.
-        seed: Of the random targets, and of which scripts draw noise from.
-        progress: Called with what is being done, how much is done and how much there is.
+    Attributes:
+        problems: Programs to harvest.
+        objects: Of the harvest.
+        motions: Of the harvest.
+        backends: Solvers besides ours; None for all that are installed.
+        seed: Of everything random.
+
+    Raises:
+        UnknownNameError: An object, a motion or a solver that there is not.
+    """
+
+    problems: int = 100_000
+    objects: tuple[str, ...] = OBJECTS
+    motions: tuple[str, ...] = MOTIONS
+    backends: tuple[str, ...] | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Look, before the work, whether all that is named is there."""
+        check_known("QP solver", self.solvers(), available_backends()[1:])
+        check_known("object", self.objects, object_names())
+        check_known("motion", self.motions, [*script_names(), RANDOM])
+
+    def solvers(self) -> list[str]:
+        """Solvers besides ours."""
+        return available_backends()[1:] if self.backends is None else list(self.backends)
+
+
+def harvest(options: QpBenchOptions, progress: Progress | None = None) -> Iterator[Program]:
+    """Programs of real ticks, from all scenes in like number.
 
     Yields:
         Programs; where the scenes hold too few, random targets make up the rest.
-
-    Raises:
-        UnknownNameError: A name that the catalogue does not hold.
     """
     hand = HandModel.default("right")
-    found = 0
-    scenes = [(object_, motion) for object_ in objects for motion in motions]
-    round_ = 0
-    while found < problems:
+    found, round_ = 0, 0
+    while found < options.problems:
+        scenes = list(product(options.objects, (RANDOM,) if round_ else options.motions))
         for number, (object_, motion) in enumerate(scenes):
-            tree, haptic = _scene(hand, object_, motion, seed + round_)
-            for method in HARVEST_METHODS:
-                left = (len(scenes) - number) * len(HARVEST_METHODS) - (method == HARVEST_METHODS[-1])
-                quota = -(-(problems - found) // left)
+            tree, haptic = _scene(hand, object_, motion, options.seed + round_)
+            for turn, method in enumerate(("coupled", "progressive")):
+                quota = -(-(options.problems - found) // (2 * (len(scenes) - number) - turn))
                 for program in _programs(hand, tree, haptic, method, quota, f"{object_}/{motion}/{method}"):
                     yield program
                     found += 1
                 if progress is not None:
-                    progress(f"harvesting {object_}, {motion}", found, problems)
+                    progress(f"harvesting {object_}, {motion}", found, options.problems)
         round_ += 1
-        scenes = [(object_, RANDOM) for object_ in objects]
 
 
 def _scene(hand: HandModel, object_: str, motion: str, seed: int) -> tuple[SphereTree, HandConfiguration]:
-    from hhsim.mesh.catalogue import load_object
-    from hhsim.trees.cache import cached_sphere_tree
-    from hhsim.trees.options import TreeOptions
-
     item = load_object(object_)
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
     if motion == RANDOM:
-        options = StressOptions(bound="none")
-        targets = RandomTargets(hand, seed, options, center=tree.center[0], height=0.25)
+        targets = RandomTargets(hand, seed, StressOptions(bound="none"), center=tree.center[0], height=0.25)
         return tree, targets.take(RANDOM_TICKS)
-    from hhsim.scene.motion_catalogue import load_script
-
-    scene: Scene = make_scene(item.mesh, tree, hand, load_script(motion), seed=seed)
-    ticks = scene.ticks
-    return scene.tree, HandConfiguration.of(ticks)
+    scene = make_scene(item.mesh, tree, hand, load_script(motion), seed=seed)
+    return scene.tree, HandConfiguration.of(scene.ticks)
 
 
 def _programs(
@@ -109,7 +121,7 @@ def _programs(
 ) -> Iterator[Program]:
     options = SolverOptions(method=method)
     # Once compiled, to see where there is anything to take.
-    record = HandSolver(hand, tree.arrays(), options).run(*haptic.part(0, haptic.ticks))
+    record = HandSolver(hand, tree.arrays(), options).run(*haptic)
     expected = np.where(record.work[:, WORK_CANDIDATES] > 0, record.work[:, WORK_LINEARISATIONS], 0)
     expected[0] = 0
     each = 1 if method == "coupled" else 3
@@ -119,10 +131,10 @@ def _programs(
     chosen = np.flatnonzero((np.diff(steps, prepend=0) > 0) & (expected > 0))
     solver = HandSolver(hand, tree.arrays(), options)
     before, taken = 0, 0
-    for tick in chosen:
-        solver.run(*haptic.part(before, int(tick)))
-        before = int(tick) + 1
-        for program in harvest_tick(solver, haptic, int(tick), source):
+    for tick in chosen.tolist():
+        solver.run(*haptic.part(before, tick))
+        before = tick + 1
+        for program in harvest_tick(solver, haptic, tick, source):
             yield program
             taken += 1
             if taken == quota:
@@ -135,14 +147,14 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
     state, options = workspace.states[0], workspace.tick_options
     kind = Coupled if solver.options.method == "coupled" else Progressive
     taken: list[Program] = []
-    own = ProgramSolver()
+    programs = _TickPrograms(state, options, source)
 
     def solve_program() -> bool:
         if kind is Coupled or state.together:
-            taken.append(_coupled(state, options, source))
+            taken.append(programs.coupled())
             return bool(solve_coupled(Coupled(options), state, workspace.qp) == OPTIMAL)
         status = solve_progressive(Progressive(options), state, workspace.qp)
-        taken.extend(_progressive(state, options, source, own))
+        taken.extend(programs.progressive())
         return bool(status == OPTIMAL)
 
     position, orientation, flexion, abduction = haptic.part(tick, tick + 1)
@@ -151,125 +163,82 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
     return taken
 
 
-def _coupled(state: Any, options: Any, source: str) -> Program:
-    groups = 1 + 2 * FINGER_COUNT
-    start, stop, block = (np.zeros(groups, dtype=np.int64) for _ in range(3))
-    coupled_groups(state.contacts, start, stop, block)
-    return _compact(
-        "coupled",
-        state.problem.common,
-        state.problem.block,
-        state.problem.rhs,
-        (start, stop, block),
-        np.array(state.problem.target[:DOF]),
-        options,
-        _guess(state, range(FINGER_COUNT + 1)),
-        source,
-    )
+class _TickPrograms:
+    """The programs that a tick's state holds, copied."""
 
+    def __init__(self, state: Any, options: Any, source: str) -> None:
+        self._state, self._options, self._source = state, options, source
 
-def _progressive(state: Any, options: Any, source: str, own: ProgramSolver) -> list[Program]:
-    # The last round's programs are at hand. Where the palm has yielded, those of the round before are made again: its
-    # program without the fingers that joined, and theirs behind its solution, which contradict themselves.
-    work = state.progressive
-    start, stop, block = (np.array(values) for values in (work.palm_start, work.palm_stop, work.palm_block))
-    variables = int(work.variables)
-    joined = [f for f in range(FINGER_COUNT) if work.yields[f] >= 0]
-    taken: list[Program] = []
-    if joined:
-        only = np.where(np.arange(start.size) == 0, stop, start)
-        alone = _palm(state, options, source, 6, (start, only, block), [])
-        taken.append(alone)
-        outcome = own.solve(alone)
-        if outcome.status == OPTIMAL:
-            taken.extend(_finger(state, options, source, f, outcome.x) for f in joined)
-    if variables > 6 or start[0] < stop[0]:
-        taken.append(_palm(state, options, source, variables, (start, stop, block), joined))
-    step = np.array(work.palm_step)
-    touched = [f for f in range(FINGER_COUNT) if state.contacts.start[f + 1] < state.contacts.start[f + 2]]
-    taken.extend(_finger(state, options, source, f, step) for f in touched)
-    return [program for program in taken if program.rows > 0]
+    def coupled(self) -> Program:
+        problem = self._state.problem
+        arrays = (problem.common, problem.block, problem.rhs, problem.target[:DOF])
+        return self._program("coupled", arrays, self._groups(), self._guess(range(FINGER_COUNT + 1)))
 
+    def progressive(self) -> list[Program]:
+        # The last round's programs are at hand. Where the palm has yielded, those of the round before are made again:
+        # its program without the fingers that joined, and theirs behind its solution, which contradict themselves.
+        work, contacts = self._state.progressive, self._state.contacts
+        groups = np.array([work.palm_start, work.palm_stop, work.palm_block])
+        joined = [f for f in range(FINGER_COUNT) if work.yields[f] >= 0]
+        taken: list[Program] = []
+        if joined:
+            taken.append(self._palm(6, groups[:, :1], []))
+            alone = ProgramSolver().solve(taken[0]).x
+            if alone is not None:
+                taken.extend(self._finger(f, alone) for f in joined)
+        taken.append(self._palm(int(work.variables), groups, joined))
+        step = np.array(work.palm_step)
+        touched = [f for f in range(FINGER_COUNT) if contacts.start[f + 1] < contacts.start[f + 2]]
+        taken.extend(self._finger(f, step) for f in touched)
+        return [program for program in taken if program.rows > 0]
 
-def _palm(
-    state: Any,
-    options: Any,
-    source: str,
-    variables: int,
-    groups: tuple[IntArray, IntArray, IntArray],
-    joined: list[int],
-) -> Program:
-    work = state.progressive
-    scale = 1.0 / YIELD_SCALE if variables > 6 else 1.0
-    return _compact(
-        "palm" if variables == 6 else "palm+fingers",
-        state.problem.common,
-        work.block,
-        state.problem.rhs,
-        groups,
-        np.array(work.palm_target[:variables]),
-        options._replace(tolerance=options.tolerance * scale),
-        _guess(state, [0, *(f + 1 for f in joined)]),
-        source,
-    )
+    def _palm(self, variables: int, groups: IntArray, joined: list[int]) -> Program:
+        state, work = self._state, self._state.progressive
+        kind, scale = ("palm", 1.0) if variables == 6 else ("palm+fingers", 1.0 / YIELD_SCALE)
+        guess = self._guess([0, *(f + 1 for f in joined)])
+        problem = (state.problem.common, work.block, state.problem.rhs, work.palm_target[:variables])
+        return self._program(kind, problem, groups, guess, scale)
 
+    def _finger(self, finger: int, palm_step: FloatArray) -> Program:
+        problem = self._state.problem
+        groups = self._groups()[:, [finger + 1, finger + 6]]
+        groups[2] = 0
+        rhs = np.array(problem.rhs)
+        for first, last, _ in groups.T:
+            finger_rhs(problem, int(first), int(last), palm_step, rhs)
+        joints = slice(6 + PHALANX_COUNT * finger, 6 + PHALANX_COUNT * (finger + 1))
+        arrays = (problem.common[:0], problem.block, rhs, problem.target[joints])
+        return self._program("finger", arrays, groups, self._guess([finger + 1]))
 
-def _finger(state: Any, options: Any, source: str, finger: int, palm_step: FloatArray) -> Program:
-    problem, contacts = state.problem, state.contacts
-    start = np.array([contacts.start[finger + 1], limit_start(contacts, finger)])
-    stop = np.array([contacts.start[finger + 2], limit_start(contacts, finger + 1)])
-    rhs = np.array(problem.rhs)
-    for first, last in zip(start, stop):
-        finger_rhs(problem, int(first), int(last), palm_step, rhs)
-    offset = 6 + PHALANX_COUNT * finger
-    return _compact(
-        "finger",
-        problem.common[:0],
-        problem.block,
-        rhs,
-        (start, stop, np.zeros(2, dtype=np.int64)),
-        np.array(problem.target[offset : offset + PHALANX_COUNT]),
-        options,
-        _guess(state, [finger + 1]),
-        source,
-    )
+    def _groups(self) -> IntArray:
+        groups = np.zeros((3, 1 + 2 * FINGER_COUNT), dtype=np.int64)
+        coupled_groups(self._state.contacts, *groups)
+        return groups
 
+    def _guess(self, bodies: Sequence[int]) -> IntArray:
+        guess, count = np.zeros(GUESSES, dtype=np.int64), 0
+        for body in bodies:
+            count = guess_rows(self._state.contacts, self._state.warm, body, guess, count)
+        return guess[:count]
 
-def _guess(state: Any, groups: Sequence[int]) -> IntArray:
-    guess, count = np.zeros(GUESSES, dtype=np.int64), 0
-    for group in groups:
-        count = guess_rows(state.contacts, state.warm, group, guess, count)
-    return guess[:count]
-
-
-def _compact(
-    kind: str,
-    common: FloatArray,
-    block: FloatArray,
-    rhs: FloatArray,
-    groups: tuple[IntArray, IntArray, IntArray],
-    target: FloatArray,
-    options: Any,
-    guess: IntArray,
-    source: str,
-) -> Program:
-    """Copy the rows that some group holds, one group behind the other."""
-    start, stop, first = groups
-    used = np.flatnonzero(stop > start)
-    rows = np.concatenate([np.arange(start[g], stop[g]) for g in used]) if used.size else np.zeros(0, dtype=np.int64)
-    ends = np.cumsum(stop[used] - start[used])
-    place = {int(row): i for i, row in enumerate(rows)}
-    return Program(
-        kind=kind,
-        common=np.array(common[:, rows]),
-        block=np.array(block[:, rows]) if (first[used] >= 0).any() else np.zeros((3, rows.size)),
-        rhs=np.array(rhs[rows]),
-        group_start=ends - (stop[used] - start[used]),
-        group_stop=ends,
-        group_block=np.array(first[used]),
-        target=target,
-        tolerance=float(options.tolerance),
-        relaxation=float(options.relaxation),
-        guess=np.array([place[int(row)] for row in guess if int(row) in place], dtype=np.int64),
-        source=source,
-    )
+    def _program(
+        self, kind: str, problem: tuple[FloatArray, ...], groups: IntArray, guess: IntArray, scale: float = 1.0
+    ) -> Program:
+        """Copy the rows that some group holds, one group behind the other."""
+        common, block, rhs, target = problem
+        start, stop, first = groups[:, groups[1] > groups[0]]
+        rows = np.concatenate([np.zeros(0, dtype=np.int64), *(np.arange(a, b) for a, b in zip(start, stop))])
+        ends = np.cumsum(stop - start)
+        place = {int(row): i for i, row in enumerate(rows)}
+        return Program(
+            kind=kind,
+            common=np.array(common[:, rows]),
+            block=np.array(block[:, rows]) if (first >= 0).any() else np.zeros((3, rows.size)),
+            rhs=np.array(rhs[rows]),
+            groups=np.array([ends - (stop - start), ends, first]),
+            target=np.array(target),
+            tolerance=float(self._options.tolerance * scale),
+            relaxation=float(self._options.relaxation),
+            guess=np.array([place[int(row)] for row in guess if int(row) in place], dtype=np.int64),
+            source=self._source,
+        )

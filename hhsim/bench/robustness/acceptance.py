@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.robustness.case import DEEPEST, Figure, Outcome
+from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_HELD, STATUS_STUCK
-from hhsim.metrics.metrics import hand_clearance, penetration
+from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -54,49 +55,15 @@ def common_figures(outcomes: list[Outcome]) -> list[Figure]:
 
 def worst_penetration(hand: HandModel, tree: TreeArrays, record: TickRecord) -> float:
     """Deepest penetration of the recorded hands [m], by `metrics.penetration`; NaN where one is nowhere."""
-    depth = penetration(
-        tree,
-        hand.radius,
-        hand.palm_tree.leaf_center,
-        hand.palm_tree.leaf_radius,
-        record.joints,
-        record.position,
-        record.orientation,
-    ).depth
+    depth = recorded_penetration(hand, tree, record).depth
     return float(depth.max()) if len(depth) else 0.0
 
 
-def least_clearance(hand: HandModel, tree: TreeArrays, record: TickRecord, limit: float) -> Array:
+def least_clearance(hand: HandModel, tree: TreeArrays, placed: PlacedHand, limit: float) -> Array:
     """Least signed distance of hand and object at every tick [m], shape (T,); `limit` stands for all above it."""
-    palm, finger = hand_clearance(
-        tree,
-        hand.radius,
-        hand.palm_tree.leaf_center,
-        hand.palm_tree.leaf_radius,
-        record.joints,
-        record.position,
-        record.orientation,
-        limit,
-    )
+    palm, finger = hand_clearance(tree, *hand_shape(hand), *placed, limit=limit)
     least: Array = np.minimum(palm, finger.min(axis=1))
     return least
-
-
-def pose_clearance(hand: HandModel, tree: TreeArrays, pose: HandConfiguration, limit: float) -> float:
-    """Least signed distance [m] of object and hand at the first configuration of a motion, at most `limit`."""
-    position, orientation, flexion, abduction = (values[0] for values in pose)
-    joints = hand.joints(position, orientation, flexion, abduction)
-    palm, finger = hand_clearance(
-        tree,
-        hand.radius,
-        hand.palm_tree.leaf_center,
-        hand.palm_tree.leaf_radius,
-        joints[None],
-        position[None],
-        orientation[None],
-        limit,
-    )
-    return float(min(palm[0], finger.min()))
 
 
 def part_of(record: TickRecord, first: int | None, last: int | None = None) -> TickRecord:
@@ -116,9 +83,14 @@ def limit_excess(hand: HandModel, record: TickRecord) -> float:
     return float(max(0.0, np.max(low), np.max(high))) if np.isfinite(record.flexion).all() else float("nan")
 
 
+def shown_hand(record: TickRecord) -> PlacedHand:
+    """The graphic hand of a run."""
+    return PlacedHand(record.joints, record.position, record.orientation)
+
+
 def shown_points(record: TickRecord) -> Array:
     """Joints and palm of the shown hand [m], shape (T, 21, 3): where it is, in one kind of number."""
-    return PlacedHand(record.joints, record.position, record.orientation).points
+    return shown_hand(record).points
 
 
 def motion_difference(first: TickRecord, second: TickRecord) -> float:

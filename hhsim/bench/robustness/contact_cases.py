@@ -5,11 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench.robustness.acceptance import least_clearance, part_of, pose_clearance
+from hhsim.bench.robustness.acceptance import least_clearance, part_of, shown_hand
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
 from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
@@ -145,15 +146,15 @@ def _inside(seed: int) -> Sequence[HardRun]:
 
 def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     gap = -np.inf
-    told, away = 0, 0.0
+    unmarked, away = 0, 0.0
     for outcome in outcomes:
         record = outcome.ticks
-        told += not record.status[0] & STATUS_START_INSIDE
-        held = part_of(record, 0, 100)
+        unmarked += not record.status[0] & STATUS_START_INSIDE
+        held = shown_hand(part_of(record, 0, 100))
         gap = max(gap, float(least_clearance(outcome.run.hand, outcome.run.tree.arrays(), held, 1.0)[-1]))
         away = max(away, float(np.linalg.norm(record.position[-1] - outcome.run.motion.position[-1])))
     return [
-        Figure("starts that are not told", told, 0),
+        Figure("starts that are not told", unmarked, 0),
         Figure("gap to the surface while inside", gap, 1e-5, "m"),
         Figure("way left after leaving", away, 1e-9, "m"),
     ]
@@ -267,11 +268,11 @@ def _ridge(seed: int) -> Sequence[HardRun]:
 def _judge_ridge(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     record, motion = outcomes[0].ticks, outcomes[0].run.motion
     shown = np.linalg.norm(np.diff(record.joints[144:-60, INDEX, 3], axis=0), axis=1).max()
-    asked = np.linalg.norm(np.diff(motion.position[144:-60], axis=0), axis=1).max()
+    hand_step = np.linalg.norm(np.diff(motion.position[144:-60], axis=0), axis=1).max()
     still_after = frozen_decay(record.total[-61:])
     return [
         # Three coordinates and a lever may each add as much as the hand's own motion; a jump is far more.
-        Figure("largest step of the fingertip over the hand's", float(shown / asked), 10.0),
+        Figure("largest step of the fingertip over the hand's", float(shown / hand_step), 10.0),
         Figure("ticks to rest", np.inf if still_after is None else still_after, 20),
     ]
 
@@ -291,7 +292,9 @@ def _touching(seed: int) -> Sequence[HardRun]:
     for _ in range(60):
         middle = 0.5 * (low + high)
         place = np.array([[0.0, 0.0, middle]])
-        gap = pose_clearance(hand, floor.arrays(), rest._replace(position=place), 1.0)
+        pose = rest._replace(position=place)
+        placed = PlacedHand(hand.joints(*pose.at(0))[None], pose.position, pose.orientation)
+        gap = least_clearance(hand, floor.arrays(), placed, 1.0)[0]
         low, high = (low, middle) if gap >= 0.0 else (middle, high)
     landed = rest._replace(position=np.array([[0.0, 0.0, high]]))
     motion = landed._replace(position=landed.position + [[0.0, 0.0, 0.1]]).hold(4).line(landed, 100).hold(300)

@@ -5,31 +5,30 @@ JSON, where it comes from and which command replays it.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.robustness.delta_debugging import Shrunk, Trace, Trial
 from hhsim.bench.robustness.local_optimality import way_out
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import check_known
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import Penetration, penetration
-from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.motion.file import save_trajectory
 from hhsim.motion.tick_motion import hold_readings, trajectory_of
-from hhsim.motion.trajectory import Trajectory
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Solver = Callable[[], HandSolver]
 Fails = Callable[[HandConfiguration, TickRecord, Penetration], Mask]
@@ -43,15 +42,7 @@ MADE_BY = "hhsim failure "
 
 def recorded_penetration(hand: HandModel, tree: TreeArrays, record: TickRecord) -> Penetration:
     """Depths [m] of the hand that a record holds, by `hhsim.metrics.metrics`; nothing is taken from the solver."""
-    palm = hand.palm_tree
-    return penetration(
-        tree, hand.radius, palm.leaf_center, palm.leaf_radius, record.joints, record.position, record.orientation
-    )
-
-
-def recorded_motion(record: TickRecord) -> HandConfiguration:
-    """The graphic hand of a record."""
-    return HandConfiguration.of(record)
+    return penetration(tree, *hand_shape(hand), record.joints, record.position, record.orientation)
 
 
 def not_finite(record: TickRecord) -> Mask:
@@ -68,17 +59,12 @@ def penetrates(limit: float = SAFE_DEPTH) -> Fails:
     return lambda motion, record, depth: ~(depth.depth <= limit)
 
 
-def is_not_finite() -> Fails:
-    """Fails where the graphic hand or a force is not finite."""
-    return lambda motion, record, depth: not_finite(record)
-
-
 def is_stuck(hand: HandModel, tree: SphereTree, options: SolverOptions) -> Fails:
     """Fails where a tick kept the last hand although `local_optimality` finds a way; finds only the first."""
 
     def fails(motion: HandConfiguration, record: TickRecord, depth: Penetration) -> Mask:
         found = np.zeros(motion.ticks, dtype=bool)
-        wanted, shown = hold_readings(motion), recorded_motion(record)
+        wanted, shown = hold_readings(motion), HandConfiguration.of(record)
         for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
             goal, here = wanted.part(tick, tick + 1), shown.part(tick, tick + 1)
             if way_out(hand, tree, options, here, goal) > 0.0:
@@ -99,11 +85,12 @@ def failure_of(kind: str, hand: HandModel, tree: SphereTree, options: SolverOpti
     Raises:
         UnknownNameError: No such name.
     """
-    if kind not in KINDS:
-        raise UnknownNameError("failure", kind, KINDS)
+    check_known("failure", [kind], KINDS)
     if kind == "penetration":
         return penetrates()
-    return is_not_finite() if kind == "not finite" else is_stuck(hand, tree, options)
+    if kind == "not finite":
+        return lambda motion, record, depth: not_finite(record)
+    return is_stuck(hand, tree, options)
 
 
 def make_trial(hand: HandModel, tree: SphereTree, solver: Solver, fails: Fails) -> Trial:
@@ -113,7 +100,7 @@ def make_trial(hand: HandModel, tree: SphereTree, solver: Solver, fails: Fails) 
     def trial(motion: HandConfiguration) -> Trace:
         record = solver().run(*motion)
         depth = recorded_penetration(hand, arrays, record)
-        return Trace(fails(motion, record, depth), recorded_motion(record))
+        return Trace(fails(motion, record, depth), HandConfiguration.of(record))
 
     return trial
 
@@ -173,18 +160,6 @@ class Provenance:
             words.append(f"--penalty-stiffness {stiffness['penalty']!r}")
         return " ".join(words)
 
-    @classmethod
-    def of(cls, trajectory: Trajectory) -> Self:
-        """Read it from a kept trajectory.
-
-        Raises:
-            InputError: The trajectory was not made by `keep_failure`.
-        """
-        if not trajectory.source.startswith(MADE_BY):
-            raise InputError(f"{trajectory.name or 'the trajectory'} was not kept by a stress test: no failure in it")
-        document = json.loads(trajectory.source.removeprefix(MADE_BY))
-        return cls(**{name: document[name] for name in cls.__dataclass_fields__})
-
 
 def keep_failure(path: Path, shrunk: Shrunk, provenance: Provenance) -> str:
     """Write a shrunk failure as a trajectory; returns the command that replays it.
@@ -197,35 +172,3 @@ def keep_failure(path: Path, shrunk: Shrunk, provenance: Provenance) -> str:
     trajectory = trajectory_of(shrunk.motion, name=path.stem, source=MADE_BY + json.dumps(document, sort_keys=True))
     save_trajectory(trajectory, path)
     return command
-
-
-def rerun_failure(path: Path, hand: HandModel, tree: SphereTree, solver: Solver | None = None) -> Trace:
-    """Run a kept failure as `hhsim replay` does, from the file; `failed` says whether it still fails.
-
-    Args:
-        path: A file of `keep_failure`.
-        hand: The hand.
-        tree: The object's sphere tree.
-        solver: Makes the solver; None for one with the options that the file names.
-
-    Raises:
-        TrajectoryError, InputError: No such file, or one of another kind.
-    """
-    trajectory = load_trajectory(path)
-    provenance = Provenance.of(trajectory)
-    options, arrays = _solver_options(provenance.solver), tree.arrays()
-    if solver is None:
-
-        def solver() -> HandSolver:
-            return HandSolver(hand, arrays, options)
-
-    ticks = trajectory.resampled(1000.0, "hold")
-    motion = HandConfiguration.of(ticks)
-    return make_trial(hand, tree, solver, failure_of(provenance.kind, hand, tree, options))(motion)
-
-
-def _solver_options(plain: Mapping[str, Any]) -> SolverOptions:
-    # The inverse of SolverOptions.to_json; JSON knows lists only.
-    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
-    values["stiffness"] = Stiffness(**plain["stiffness"])
-    return SolverOptions(**values)

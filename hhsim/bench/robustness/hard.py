@@ -99,8 +99,8 @@ def bench_hard(
             progress(case.name, number * len(methods), len(cases) * len(methods))
         try:
             runs = case.build(seed)
-        except Exception as error:  # a scene that cannot be built is a fault of the bench, told as one
-            results += [CaseResult(case.name, method, (), reason=_told(error)) for method in methods]
+        except Exception as error:  # a scene that cannot be built is a fault of the bench, reported as one
+            results += [CaseResult(case.name, method, (), reason=_reason(error)) for method in methods]
             continue
         for i, method in enumerate(methods):
             results.append(judge_case(case, runs, SolverOptions(method=method)))
@@ -118,7 +118,7 @@ def judge_case(case: HardCase, runs: Sequence[HardRun], options: SolverOptions) 
         figures = [*common_figures(sound)] if sound else []
         figures += case.judge(outcomes) if not refusals else ()
     except Exception as error:
-        return CaseResult(case.name, options.method, (), reason=_told(error))
+        return CaseResult(case.name, options.method, (), reason=_reason(error))
     return CaseResult(
         case=case.name,
         method=options.method,
@@ -233,5 +233,5 @@ def missed(results: Sequence[CaseResult]) -> list[CaseResult]:
     return [result for result in results if never_penetrates(result.method) and not result.passed]
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"

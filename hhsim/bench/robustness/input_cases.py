@@ -10,6 +10,7 @@ from hhsim.bench.robustness.acceptance import (
     least_clearance,
     motion_difference,
     part_of,
+    shown_hand,
     shown_points,
     sound_samples,
 )
@@ -43,7 +44,7 @@ def _deep(seed: int) -> Sequence[HardRun]:
 def _judge_deep(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     outcome = outcomes[0]
     record = outcome.ticks
-    gap = float(least_clearance(outcome.run.hand, outcome.run.tree.arrays(), part_of(record, -1), 1.0)[0])
+    gap = float(least_clearance(outcome.run.hand, outcome.run.tree.arrays(), shown_hand(part_of(record, -1)), 1.0)[0])
     still_after = frozen_decay(record.total[190:])
     return [
         Figure("gap to the surface at the end", gap, TOUCHING, "m"),

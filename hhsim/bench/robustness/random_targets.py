@@ -263,16 +263,3 @@ _TRICKS: tuple[Callable[[np.random.Generator, HandConfiguration], None], ...] = 
     _spin,
     _shake,
 )
-
-
-def random_targets(
-    hand: HandModel,
-    ticks: int,
-    seed: int,
-    options: StressOptions | None = None,
-    *,
-    center: Array | None = None,
-    height: float = 0.25,
-) -> HandConfiguration:
-    """The first `ticks` ticks of `RandomTargets`, for runs that fit into memory."""
-    return RandomTargets(hand, seed, options, center=center, height=height).take(ticks)

@@ -18,7 +18,7 @@ from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_pene
 from hhsim.bench.robustness.recorded_metrics import RecordedFigures, longest_run
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
@@ -36,7 +36,6 @@ from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.log_histogram import LogHistogram
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
 Placing = Literal["auto", "recorded"]
 Progress = Callable[[str, int, int], None]
 
@@ -215,7 +214,7 @@ def run_scene(
     tree = scene.tree.arrays()
     running = HandSolver(scene.hand, tree, solver)
     ticks = scene.ticks
-    kept: dict[str, list[NDArray[Any]]] = {key: [] for key in ("status", "depth", "total", "lag", "lost", "touching")}
+    blocks: list[tuple[NDArray[Any], ...]] = []
     cpu, candidates, unexplained = LogHistogram(), 0, 0
     brute = _BruteForce(scene, np.random.default_rng(seed))
     for first in range(0, ticks.tick_count, BLOCK):
@@ -223,24 +222,16 @@ def run_scene(
         motion = HandConfiguration.of(ticks).at(part)
         record = running.run(*motion)
         touching = record.work[:, WORK_TOUCHING] > 0
-        measured = {
-            "status": record.status.copy(),
-            "depth": recorded_penetration(scene.hand, tree, record).depth,
-            "total": record.total.copy(),
-            "lag": record.lag.copy(),
-            "lost": not_finite(record),
-            "touching": touching,
-        }
-        for key, values in measured.items():
-            kept[key].append(values)
+        depth = recorded_penetration(scene.hand, tree, record).depth
+        stated = (record.status.copy(), record.total.copy(), record.lag.copy())
+        blocks.append((*stated, depth, not_finite(record), touching))
         near = record.work[:, WORK_CANDIDATES] > 0
         cpu.add(record.duration_cpu[near])
         candidates = max(candidates, int(record.work[:, WORK_CANDIDATES].max(initial=0)))
         unexplained += unexplained_stuck(scene.hand, scene.tree, solver, motion, record)
         brute.look(record, np.flatnonzero(touching))
         check()
-    series = {key: np.concatenate(values) for key, values in kept.items()}
-    status, depth, force = series["status"], series["depth"], series["total"]
+    status, force, lag, depth, lost, touched = (np.concatenate(values) for values in zip(*blocks))
     stuck = (status & STATUS_STUCK) > 0
     return replace(
         known,
@@ -249,8 +240,8 @@ def run_scene(
         penetrating=int((~(depth <= SAFE_DEPTH)).sum()),
         brute_ticks=brute.ticks,
         brute_depth=brute.depth,
-        not_finite=int(series["lost"].sum()),
-        touching=int(series["touching"].sum()),
+        not_finite=int(lost.sum()),
+        touching=int(touched.sum()),
         candidates_max=candidates,
         variation_tick=statistics(force_variation_rate(force)).mean,
         variation_sample=statistics(sample_variation_rate(force, ticks.input_seq)).mean,
@@ -258,7 +249,7 @@ def run_scene(
         longest_stuck=longest_run(stuck),
         unexplained=unexplained,
         lagging=int(((status & STATUS_LAG) > 0).sum()),
-        lag=float(series["lag"].max()),
+        lag=float(lag.max()),
         started_inside=bool(((status & STATUS_START_INSIDE) > 0).any()),
         cpu=cpu,
     )
@@ -274,12 +265,10 @@ class _BruteForce:
 
     def look(self, record: TickRecord, touching: NDArray[np.int64]) -> None:
         """Recompute some of a block's ticks in touch."""
-        hand, tree = self._scene.hand, self._scene.tree
-        palm = hand.palm_tree
+        tree, shape = self._scene.tree, hand_shape(self._scene.hand)
         count = min(len(touching), -(-len(record.status) // self._every))
         for tick in self._random.choice(touching, count, replace=False) if count else ():
             shown = record.joints[tick], record.position[tick], record.orientation[tick]
-            sizes = hand.radius, palm.leaf_center, palm.leaf_radius
-            clear = brute_clearance(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius), *sizes, *shown)
+            clear = brute_clearance(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius), *shape, *shown)
             self.depth = float(np.fmax(self.depth, max(0.0, -clear)))
             self.ticks += 1

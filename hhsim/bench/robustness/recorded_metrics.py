@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.robustness.failure import SAFE_DEPTH
-from hhsim.bench.table import Column
+from hhsim.bench.table import Column, metric_column
 from hhsim.metrics.metrics import statistics
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
@@ -78,7 +78,7 @@ COLUMNS = (
     Column("brute_depth", "deepest penetration of those, by brute force", "m"),
     Column("not_finite", "ticks whose hand or force is not finite"),
     Column("touching", "ticks in touch with the object"),
-    Column("candidates_max", "most pairs in the programs of a tick"),
+    metric_column("candidates_max"),
     Column("variation_tick", "mean force variation from tick to tick", "%"),
     Column("variation_sample", "mean force variation from one new input sample to the next", "%"),
     Column("stuck", "ticks that kept the last feasible hand"),

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -109,9 +110,9 @@ def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, rand
     # The hand as many spheres: those of the palm, and some along each round cone.
     share = np.linspace(0.0, 1.0, 120)[:, None]
     along = [
-        (joints[f, k] + share * (joints[f, k + 1] - joints[f, k]), _mix(hand.radius[f, k : k + 2], share[:, 0]))
+        (joints[f, k] + share * (joints[f, k + 1] - joints[f, k]), a + share[:, 0] * (b - a))
         for f in range(5)
-        for k in range(3)
+        for k, (a, b) in enumerate(pairwise(hand.radius[f]))
     ]
     center = np.concatenate([palm, *(part[0] for part in along)])
     size = np.concatenate([hand.palm_tree.leaf_radius, *(part[1] for part in along)])
@@ -126,11 +127,6 @@ def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, rand
         distance = (np.linalg.norm(points[:, None] - center, axis=2) - size).min(axis=1) - radius
         found = np.concatenate([found, points[distance > 0.9 * gap]])
     return tree_of(found[:spheres], radius)
-
-
-def _mix(ends: Array, share: Array) -> Array:
-    mixed: Array = ends[0] + share * (ends[1] - ends[0])
-    return mixed
 
 
 def scaled_hand(hand: HandModel, factor: float) -> HandModel:

@@ -19,7 +19,6 @@ from hhsim.bench.robustness.failure import (
     failure_of,
     keep_failure,
     make_trial,
-    recorded_motion,
     recorded_penetration,
 )
 from hhsim.bench.robustness.stress_case import StressCase
@@ -64,7 +63,7 @@ def run_case(
         first = measure.ticks
         record = solver.run(*motion)
         depth = recorded_penetration(case.hand, solver.workspace.surface, record)
-        stretch.append((motion, recorded_motion(record).copy()))
+        stretch.append((motion, HandConfiguration.of(record).copy()))
         failing = measure.add(motion, record, depth)
         for kind, ticks in failing.items():
             if case.keep is not None and kind not in kept and ticks.any():

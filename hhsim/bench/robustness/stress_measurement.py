@@ -3,11 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_motion
+from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.stress_case import StressCase
 from hhsim.bench.robustness.stress_metrics import KeptFailure, StressFigures
 from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_HELD, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.brute_force_distance import brute_clearance
@@ -61,7 +62,9 @@ class StressMeasure:
         self._deepest = np.zeros(3)
         self._force = (-np.inf, np.nan)
         self._force_ratio = 0.0
-        self._counts = dict.fromkeys(("penetrating", "deep", "not_finite", "stuck", "lag", "held", "touching"), 0)
+        self._counts = dict.fromkeys(
+            ("penetrating", "penetrating_deep", "not_finite", "stuck", "lag", "held", "touching"), 0
+        )
         self._candidates = 0
         self._stuck_run = self._longest_stuck = 0
         self._stuck_checked = self._unexplained = 0
@@ -76,7 +79,7 @@ class StressMeasure:
         self._deepest = np.maximum(self._deepest, [float(np.max(values)) for values in deepest])
         penetrating, lost = ~(depth.depth <= SAFE_DEPTH), not_finite(record)
         counts["penetrating"] += int(penetrating.sum())
-        counts["deep"] += int((~(depth.depth <= DEEP)).sum())
+        counts["penetrating_deep"] += int((~(depth.depth <= DEEP)).sum())
         counts["not_finite"] += int(lost.sum())
         for name, bit in (("stuck", STATUS_STUCK), ("lag", STATUS_LAG), ("held", STATUS_HELD)):
             counts[name] += int(((record.status & bit) > 0).sum())
@@ -100,14 +103,11 @@ class StressMeasure:
         return {"penetration": penetrating, "not finite": lost, "stuck": unexplained}
 
     def _brute(self, record: TickRecord) -> None:
-        hand, palm = self._case.hand, self._case.hand.palm_tree
+        shape = hand_shape(self._case.hand)
         for tick in range(-self.ticks % BRUTE_EVERY, len(record.status), BRUTE_EVERY):
             shown = record.joints[tick], record.position[tick], record.orientation[tick]
-            brute = brute_clearance(*self._leaves, hand.radius, palm.leaf_center, palm.leaf_radius, *shown)
-            joints, position, orientation = (values[None] for values in shown)
-            by_tree = hand_clearance(
-                self._tree, hand.radius, palm.leaf_center, palm.leaf_radius, joints, position, orientation, limit=FAR
-            )
+            brute = brute_clearance(*self._leaves, *shape, *shown)
+            by_tree = hand_clearance(self._tree, *shape, *PlacedHand(*(values[None] for values in shown)), limit=FAR)
             difference = abs(min(brute, FAR) - float(np.minimum(by_tree[0], by_tree[1].min(axis=1))[0]))
             self._brute_ticks += 1
             self._brute_difference = max(self._brute_difference, difference)
@@ -124,7 +124,7 @@ class StressMeasure:
     def _explain(self, haptic: HandConfiguration, record: TickRecord) -> Mask:
         stuck = (record.status & STATUS_STUCK) > 0
         unexplained = np.zeros(len(stuck), dtype=bool)
-        shown = recorded_motion(record)
+        shown = HandConfiguration.of(record)
         for tick, is_stuck in enumerate(stuck):
             self._stuck_run = self._stuck_run + 1 if is_stuck else 0
             self._longest_stuck = max(self._longest_stuck, self._stuck_run)
@@ -138,7 +138,7 @@ class StressMeasure:
 
     def figures(self, failures: tuple[KeptFailure, ...]) -> StressFigures:
         """Everything so far."""
-        case, counts = self._case, self._counts
+        case = self._case
         return StressFigures(
             object=case.object,
             method=case.solver.method,
@@ -149,15 +149,8 @@ class StressMeasure:
             penetration=float(self._deepest[0]),
             penetration_palm=float(self._deepest[1]),
             penetration_finger=float(self._deepest[2]),
-            penetrating=counts["penetrating"],
-            penetrating_deep=counts["deep"],
-            not_finite=counts["not_finite"],
-            stuck=counts["stuck"],
             unexplained=self._unexplained,
             longest_stuck=self._longest_stuck,
-            lag=counts["lag"],
-            held=counts["held"],
-            touching=counts["touching"],
             candidates_max=self._candidates,
             force_max=max(self._force[0], 0.0),
             coupling_force=self._force[1],
@@ -166,4 +159,5 @@ class StressMeasure:
             brute_difference=self._brute_difference,
             cpu=self._cpu,
             failures=failures,
+            **self._counts,
         )

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hhsim.bench.robustness.failure import SAFE_DEPTH
-from hhsim.bench.table import Column
+from hhsim.bench.table import Column, metric_column
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
 
@@ -99,7 +99,7 @@ COLUMNS = (
     Column("lag", "ticks whose budget ended on the way"),
     Column("held", "ticks whose input was no reading of a hand"),
     Column("touching", "ticks in touch with the object"),
-    Column("candidates_max", "most pairs in the programs of a tick"),
+    metric_column("candidates_max"),
     Column("force_max", "largest total force", "N"),
     Column("coupling_force", "the coupling's own force at that tick", "N"),
     Column("force_ratio", "largest ratio of the total force to the coupling's own at the same tick"),

@@ -2,13 +2,8 @@
 
 from hhsim.metrics.metrics import palm_distance_mm, statistics
 from hhsim.metrics.run_metric import Judged, RunMetric
-from hhsim.metrics.run_ticks import RunTicks
 
 HAPTIC, GRAPHIC = "haptic/position", "graphic/position"
-
-
-def _palm_off(run: RunTicks) -> float:
-    return 1e-3 * statistics(palm_distance_mm(run[HAPTIC], run[GRAPHIC]), run.hold).mean
 
 
 METRICS = (
@@ -29,7 +24,7 @@ METRICS = (
         scale=1e-3,
         place=51,
         needs=(HAPTIC, GRAPHIC),
-        compute=_palm_off,
+        compute=lambda run: 1e-3 * statistics(palm_distance_mm(run[HAPTIC], run[GRAPHIC]), run.hold).mean,
         judged=Judged(rounding=1e-9, limit=0.02),
     ),
 )

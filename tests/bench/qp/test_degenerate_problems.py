@@ -13,10 +13,10 @@ from qp_problems import (
     least_violation,
 )
 
+from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.bench import OWN_LIMIT
 from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residuals
-from hhsim.bench.qp.program import Program, ProgramSolver
-from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL
+from hhsim.bench.qp.program import Program
 
 COUNT = 20
 SOLVER = ProgramSolver()
@@ -27,21 +27,18 @@ SOLVER = ProgramSolver()
 def test_a_set_with_a_solution_is_solved_exactly(name: str, variables: int) -> None:
     for program in degenerate_set(name, variables, COUNT, seed=3):
         assert 50 <= program.rows <= 100
-        outcome = SOLVER.solve(program)
-        assert outcome.status == OPTIMAL
-        assert residuals(program, outcome.x, outcome.multiplier).largest <= OWN_LIMIT
+        answer = SOLVER.solve(program)
+        assert answer.x is not None
+        assert residuals(program, answer.x, answer.multiplier).largest <= OWN_LIMIT
 
 
 @pytest.mark.parametrize("variables", VARIABLES)
 @pytest.mark.parametrize("name", INFEASIBLE_SETS)
 def test_a_set_without_a_solution_is_refused_with_a_proof(name: str, variables: int) -> None:
     for program in degenerate_set(name, variables, COUNT, seed=3):
-        outcome = SOLVER.solve(program)
-        assert outcome.status == INFEASIBLE
-        assert outcome.certificate is not None
-        assert certified_radius(program, outcome.certificate) > (
-            1e12 if name == "infeasible by 1" else CERTIFIED_RADIUS
-        )
+        answer = SOLVER.solve(program)
+        assert answer.certificate is not None
+        assert certified_radius(program, answer.certificate) > (1e12 if name == "infeasible by 1" else CERTIFIED_RADIUS)
         least = least_violation(program)
         assert least > (1e-2 if name == "infeasible by 1" else 0.0)
 
@@ -70,12 +67,15 @@ def test_each_set_is_what_its_name_says(variables: int) -> None:
         slack = program.matrix @ program.target - program.rhs
         assert slack.min() > -1e-12
         assert (slack < 1e-12).any()
-        np.testing.assert_allclose(SOLVER.solve(program).x, program.target, atol=1e-12)
+        x = SOLVER.solve(program).x
+        assert x is not None
+        np.testing.assert_allclose(x, program.target, atol=1e-12)
     for program in of("rows scaled 1e-6 to 1e6", variables):
         norm = np.linalg.norm(program.matrix, axis=1)
         assert norm.max() / norm.min() > 1e8
     for program in of("more than n active", variables):
         x = SOLVER.solve(program).x
+        assert x is not None
         assert np.sum(np.abs(program.matrix @ x - program.rhs) < 1e-9) > program.variables
 
 
@@ -84,10 +84,10 @@ def test_programs_of_the_timed_sizes_have_work_in_them(variables: int, rows: int
     active = []
     for program in contact_programs(variables, rows, 5, seed=0):
         assert (program.variables, program.rows) == (variables, rows)
-        outcome = SOLVER.solve(program)
-        assert outcome.status == OPTIMAL
-        assert residuals(program, outcome.x, outcome.multiplier).largest <= OWN_LIMIT
-        active.append(outcome.active.size)
+        answer = SOLVER.solve(program)
+        assert answer.x is not None
+        assert residuals(program, answer.x, answer.multiplier).largest <= OWN_LIMIT
+        active.append(np.count_nonzero(answer.multiplier))
     assert max(active) >= min(3, rows // 10)
 
 

@@ -135,11 +135,11 @@ def test_a_scene_that_cannot_be_built_ends_no_bench() -> None:
     def broken(seed: int) -> list[HardRun]:
         raise ValueError("no such shape")
 
-    told: list[tuple[str, int, int]] = []
-    results = bench_hard([HardCase("broken", "", broken), CASE], ["coupled"], progress=lambda *news: told.append(news))
+    steps: list[tuple[str, int, int]] = []
+    results = bench_hard([HardCase("broken", "", broken), CASE], ["coupled"], progress=lambda *news: steps.append(news))
     assert [(result.case, result.passed) for result in results] == [("broken", False), ("press", True)]
     assert results[0].reason == "ValueError: no such shape"
-    assert told[-1] == ("press", 2, 2)
+    assert steps[-1] == ("press", 2, 2)
 
 
 def test_a_judge_that_fails_fails_the_case() -> None:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball, sphere_tree
+from stress_motion import random_targets
 
 from hhsim.bench.robustness.local_optimality import way_out
-from hhsim.bench.robustness.random_targets import StressOptions, random_targets
+from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.solver.hand_solver import HandSolver

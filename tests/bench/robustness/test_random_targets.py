@@ -7,8 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from stress_motion import random_targets
 
-from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions, random_targets
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
@@ -123,7 +124,7 @@ def test_the_wild_mode_does_what_broken_devices_do() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"hold": 0}, "hold"),
         ({"position_spread": -1.0}, "position_spread"),
@@ -134,6 +135,6 @@ def test_the_wild_mode_does_what_broken_devices_do() -> None:
         ({"flexion_range": (0.6, 0.5)}, "flexion_range"),
     ],
 )
-def test_what_cannot_be_walked_is_refused(wrong: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_what_cannot_be_walked_is_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         StressOptions(**wrong)

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from kept_failure import rerun_failure
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, record_clearance
 
-from hhsim.bench.robustness.failure import rerun_failure
+from hhsim.bench.robustness import stress, stress_measurement
 from hhsim.bench.robustness.random_targets import StressOptions
-from hhsim.bench.robustness.stress import BLOCK, run_case, run_stress
+from hhsim.bench.robustness.stress import BLOCK, STRETCH_BLOCKS, run_case, run_stress
 from hhsim.bench.robustness.stress_case import StressCase
 from hhsim.bench.robustness.stress_metrics import COLUMNS, StressFigures, table_row, total
 from hhsim.bench.table import load_table
@@ -134,7 +135,9 @@ def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path) -> None:
         assert not rerun_failure(Path(failure.path), HAND, BALL).failed.any()
 
 
-def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path) -> None:
+def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stress_measurement, "MOST_STUCK_CHECKED", 40)
+
     def make(made: StressCase) -> HandSolver:
         return Lazy(made.hand, made.tree.arrays(), made.solver)
 
@@ -147,20 +150,28 @@ def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path) ->
     assert rerun_failure(Path(failure.path), HAND, BALL, lambda: make(case())).failed[failure.failing_tick]
 
 
-def test_a_failure_that_needs_all_that_came_before_is_kept_whole(tmp_path: Path) -> None:
+def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Farther from the start than the blocks that are kept to shrink a failure from.
+    monkeypatch.setattr(stress, "BLOCK", 256)
+    late = (STRETCH_BLOCKS + 1) * 256
+
     class Late(HandSolver):
         seen = 0
 
         def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
             record = super().run(position, orientation, flexion, abduction)
             first, self.seen = self.seen, self.seen + len(position)
-            if first <= 9000 < self.seen:
-                record.total[9000 - first] = np.nan
+            if first <= late < self.seen:
+                record.total[late - first] = np.nan
             return record
 
-    figures = run_case(case(ticks=10_000, keep=tmp_path), make_solver=lambda c: Late(c.hand, c.tree.arrays(), c.solver))
+    figures = run_case(
+        case(ticks=late + 300, keep=tmp_path), make_solver=lambda c: Late(c.hand, c.tree.arrays(), c.solver)
+    )
     (failure,) = figures.failures
-    assert (failure.kind, failure.tick, failure.ticks, failure.failing_tick) == ("not finite", 9000, 9001, 9000)
+    assert (failure.kind, failure.tick, failure.ticks, failure.failing_tick) == ("not finite", late, late + 1, late)
     assert failure.reproduced
 
 
@@ -187,7 +198,7 @@ def test_only_a_method_that_promises_can_miss() -> None:
 def test_processes_give_the_same_figures_in_the_same_order() -> None:
     cases = [case(method, 900, wild=wild) for method in ("coupled", "progressive") for wild in (False, True)]
     seen: list[tuple[str, int, int]] = []
-    alone = list(run_stress(cases, progress=lambda *said: seen.append(said)))
+    alone = list(run_stress(cases, progress=lambda *news: seen.append(news)))
     assert seen == [("cases", done, 4) for done in (1, 2, 3, 4)]
     assert [without_times(row) for row in run_stress(cases, jobs=2)] == [without_times(row) for row in alone]
     assert [row.held > 0 for row in alone] == [False, True, False, True]
@@ -215,7 +226,8 @@ def test_the_command_writes_its_table_and_prints_it(run: Any, tmp_path: Path) ->
     assert sum(line.startswith("cube ") for line in lines) == len(METHODS)
     assert "coupled: no limit missed" in lines
     assert lines[-1] == "every figure is in stress.h5"
-    again = run("bench", "stress", "cube", "--ticks", "300", "--seed", "3", "--json", "--out", "again.h5")
+    once_more = ("bench", "stress", "cube", "--ticks", "300", "--seed", "3", "--method", "coupled", "--json")
+    again = run(*once_more, "--out", "again.h5")
     document = json.loads(again.out)
     assert (again.code, document["missed"], document["path"]) == (0, False, "again.h5")
     for row, before in zip(document["rows"], table.rows):
@@ -237,9 +249,9 @@ def test_the_command_tells_a_missed_limit_and_how_to_see_it(
     answer = run(*words, "--keep", "here", "--seed", "1")
     assert answer.code == 1
     assert "coupled: LIMIT MISSED" in answer.out
-    told = [line for line in answer.out.splitlines() if "shrunk to" in line]
-    assert len(told) == len(list((tmp_path / "here").iterdir())) > 0
-    assert all(line.endswith("--method coupled --samples hold --level 2 --margin 1.5") for line in told)
+    shrunk = [line for line in answer.out.splitlines() if "shrunk to" in line]
+    assert len(shrunk) == len(list((tmp_path / "here").iterdir())) > 0
+    assert all(line.endswith("--method coupled --samples hold --level 2 --margin 1.5") for line in shrunk)
 
 
 @pytest.mark.parametrize(

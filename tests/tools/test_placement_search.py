@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from hhsim.bench.paper import placement_search
-from hhsim.bench.paper.placement_search import PlacementSearch, turned_by
+from hhsim.bench.paper.scene import turned_by
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.script import parse_script
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from tools import placement_search
+from tools.placement_search import PlacementSearch
 
 SCRIPT = """
 objects = ["shamrock"]

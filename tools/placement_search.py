@@ -1,6 +1,6 @@
 """Search for a hand's place on an object.
 
-`python -m hhsim.bench.paper.placement_search trajectories/handle.toml cup [OPTIONS]` prints the [[placement]] table
+`python -m tools.placement_search trajectories/handle.toml cup [OPTIONS]` prints the [[placement]] table
 that the script then keeps. Random places near the demanded regions, the best of them improved by a random walk of
 shrinking steps, and the best of those played through by the solver, which has the last word: only a place where every
 demanded touch happens in the replay is printed. The same seed finds the same place.
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.paper.contact_check import check_holds
+from hhsim.bench.paper.scene import turned_by
 from hhsim.errors import HhsimError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -52,14 +53,6 @@ SCALE = np.concatenate([np.full(3, 0.008), np.full(3, 0.15), np.full(3, 0.15), n
 """Standard deviation of a first step: position [m], rotation [rad], back, opening [rad], abduction [rad]."""
 CLEAR = 0.001
 """The open hand keeps this distance [m] on its way."""
-
-
-def turned_by(rotation_vector: Array) -> Array:
-    """Rotation matrix, shape (3, 3), about a rotation vector [rad], shape (3,)."""
-    angle = float(np.linalg.norm(rotation_vector))
-    x, y, z = rotation_vector / angle if angle > 0.0 else np.zeros(3)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,7 +318,7 @@ class PlacementSearch:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command."""
-    parser = argparse.ArgumentParser(prog="python -m hhsim.bench.paper.placement_search", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.placement_search", description=__doc__)
     parser.add_argument("script", type=Path)
     parser.add_argument("object")
     parser.add_argument("--from", dest="come_from", help="direction that the hand comes from, such as 0,0,1")

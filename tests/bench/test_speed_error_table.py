@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.bench.pareto import frontier
+from hhsim.bench.speed_error_table import frontier
 
 coordinate = st.one_of(st.integers(0, 5).map(float), st.floats(allow_nan=True, allow_infinity=True))
 

@@ -1,0 +1,35 @@
+"""A failure that a stress test kept, run again from its file as `hhsim replay` does."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from hhsim.bench.robustness.delta_debugging import Trace
+from hhsim.bench.robustness.failure import MADE_BY, Provenance, Solver, failure_of, make_trial
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.motion.file import load_trajectory
+from hhsim.motion.trajectory import Trajectory
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.sphere_tree import SphereTree
+
+
+def provenance_of(trajectory: Trajectory) -> Provenance:
+    """Where a kept trajectory comes from."""
+    document = json.loads(trajectory.source.removeprefix(MADE_BY))
+    return Provenance(**{name: document[name] for name in Provenance.__dataclass_fields__})
+
+
+def rerun_failure(path: Path, hand: HandModel, tree: SphereTree, solver: Solver | None = None) -> Trace:
+    """What a kept failure gives, by a solver of the options that the file names where none is given."""
+    trajectory = load_trajectory(path)
+    provenance = provenance_of(trajectory)
+    values: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in provenance.solver.items()
+    }
+    values["stiffness"] = Stiffness(**values["stiffness"])
+    options = SolverOptions(**values)
+    motion = HandConfiguration.of(trajectory.resampled(1000.0, "hold"))
+    fails = failure_of(provenance.kind, hand, tree, options)
+    return make_trial(hand, tree, solver or (lambda: HandSolver(hand, tree.arrays(), options)), fails)(motion)
