@@ -58,6 +58,14 @@ def print_table(
     print("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
+def number(value: float | None, digits: int, scale: float = 1.0, missing: str = "—") -> str:
+    """A figure as a table shows it, times a scale; what is None or NaN is missing."""
+    if value is None or math.isnan(value):
+        return missing
+    # Rounded first: what rounds to nothing has no sign.
+    return f"{round(scale * float(value), digits) + 0.0:,.{digits}f}"
+
+
 def print_json(document: Mapping[str, Any]) -> None:
     """Print a document to stdout, in ASCII for every encoding; what JSON cannot hold (NaN, infinities) becomes null."""
     print(json.dumps(_plain(document), indent=2, allow_nan=False))
@@ -73,14 +81,15 @@ def announce_compilation(*, quiet: bool) -> None:
     import click
     from numba.core import event
 
-    told: list[str] = []
+    announced = False
 
-    def tell(listener: object, details: object) -> None:
-        if not told:
-            told.append("hhsim: compiling the kernels: this happens once, and again after an upgrade")
-            print(told[0], file=sys.stderr)
+    def announce(listener: object, details: object) -> None:
+        nonlocal announced
+        if not announced:
+            announced = True
+            print("hhsim: compiling the kernels: this happens once, and again after an upgrade", file=sys.stderr)
 
-    listener = type("FirstCompilation", (event.Listener,), {"on_start": tell, "on_end": lambda *_: None})()
+    listener = type("FirstCompilation", (event.Listener,), {"on_start": announce, "on_end": lambda *_: None})()
     event.register("numba:compile", listener)
     click.get_current_context().call_on_close(lambda: event.unregister("numba:compile", listener))
 

@@ -28,10 +28,10 @@ NUMBERS = ("worst", "let pass", "at tick", "looked at")
 
 
 @click.command()
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("result", type=options.FILE)
 @click.option(
     "--every",
-    type=click.IntRange(1),
+    type=options.COUNT,
     default=10,
     show_default=True,
     metavar="K",

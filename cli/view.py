@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("result", type=options.FILE)
 @click.option(
     "--rerun",
     "target",
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--every",
-    type=click.IntRange(1),
+    type=options.COUNT,
     default=1,
     show_default=True,
     metavar="K",

@@ -8,14 +8,12 @@ import click
 from click.shell_completion import CompletionItem
 
 from .. import options
+from ..comma_list import names
 from ..console import announce_compilation, print_json, print_table, progress
-from ..name_list import names
 
 if TYPE_CHECKING:
     from hhsim.bench.robustness.case import Figure
     from hhsim.bench.robustness.hard import CaseResult
-
-SUITE = "hard"
 
 
 def complete_case(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -38,18 +36,14 @@ def complete_case(context: click.Context, parameter: click.Parameter, incomplete
 )
 @click.option("--list", "only_list", is_flag=True, help="List the cases and run none.")
 @options.seed
-@options.out
-@options.json
-@options.quiet
+@options.Output.argument("output")
 def command(
     cases: tuple[str, ...],
     methods: tuple[str, ...] | None,
     ticks: int,
     only_list: bool,
     seed: int,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
+    output: options.Output,
 ) -> int:
     """Put every method through the scenes that break methods.
 
@@ -68,35 +62,33 @@ def command(
 
     chosen = hard_cases(cases, ticks)
     if only_list:
-        if as_json:
+        if output.as_json:
             print_json({"cases": [{"name": case.name, "description": case.description} for case in chosen]})
         else:
             print_table(("case", "what it is"), [(case.name, case.description) for case in chosen])
         return 0
 
     from hhsim.bench.robustness.hard import COLUMNS, bench_hard, missed, table_rows
-    from hhsim.bench.table import check_table_path, write_table
+    from hhsim.bench.table import write_table
     from hhsim.errors import UnknownNameError
     from hhsim.solver.method import METHODS
-    from hhsim.system.output_path import dated_output_path
 
     for method in methods or ():
         if method not in METHODS:
             raise UnknownNameError("method", method, METHODS)
     named = [method for method in METHODS if not methods or method in methods]
-    output_path = out or dated_output_path(f"bench-{SUITE}")
-    check_table_path(output_path)
-    announce_compilation(quiet=quiet)
-    with progress(quiet=quiet) as report:
+    output_path = output.table_path("hard")
+    announce_compilation(quiet=output.quiet)
+    with progress(quiet=output.quiet) as report:
         results = bench_hard(chosen, named, seed, report)
     rows = table_rows(results)
     settings = {"cases": [case.name for case in chosen], "methods": named, "seed": seed, "ticks": ticks}
-    write_table(output_path, SUITE, COLUMNS, rows, settings)
+    write_table(output_path, "hard", COLUMNS, rows, settings)
     failed = missed(results)
-    if as_json:
+    if output.as_json:
         document = {**settings, "passed": not failed, "path": str(output_path), "rows": rows}
         print_json(document)
-    elif not quiet:
+    elif not output.quiet:
         _print(results, failed, output_path)
     return 1 if failed else 0
 

@@ -1,42 +1,31 @@
 """`hhsim bench threads`."""
 
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import click
 
-from .. import options
+from ..comma_list import counts, names
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
-from ..name_list import counts, names
+from ..option_group import OptionGroup, option, shared
+from ..options import COUNT, Output
+from .table_document import table_document
+
+
+class ThreadsSettings(OptionGroup):
+    """What is replayed, by how many threads, and how often."""
+
+    objects: tuple[str, ...] | None = shared(names("--object", "objects", "Objects. Default: cup,bunny."))
+    threads: tuple[int, ...] | None = shared(counts("--threads", "threads", "Numbers of threads. Default: 1,2."))
+    instances: int = option(
+        "--instances", type=COUNT, default=100, show_default=True, metavar="N", help="Ticks in contact of each row."
+    )
+    rounds: int = option("--rounds", type=COUNT, default=9, show_default=True, metavar="N", help="Replays of each row.")
 
 
 @click.command()
-@names("--object", "objects", "Objects. Default: cup,bunny.")
-@counts("--threads", "threads", "Numbers of threads. Default: 1,2.")
-@click.option(
-    "--instances",
-    type=click.IntRange(1),
-    default=100,
-    show_default=True,
-    metavar="N",
-    help="Ticks in contact of each row.",
-)
-@click.option(
-    "--rounds", type=click.IntRange(1), default=9, show_default=True, metavar="N", help="Replays of each row."
-)
-@options.out
-@options.json
-@options.quiet
-def command(
-    objects: tuple[str, ...] | None,
-    threads: tuple[int, ...] | None,
-    instances: int,
-    rounds: int,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+@ThreadsSettings.argument("settings")
+@Output.argument("output")
+def command(settings: ThreadsSettings, output: Output) -> None:
     """Measure when threads pay: the paper's Fig. 15.
 
     Single finger (SF), two fingers (TF), five fingers (FF) and whole hand (WH), with one thread and with several, in
@@ -49,35 +38,26 @@ def command(
       hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from hhsim.bench.table import check_table_path, csv_path, write_table
+    from hhsim.bench.table import csv_path, write_table
     from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
-    from hhsim.system.output_path import dated_output_path
 
-    named = {"objects": objects, "threads": threads}
-    run = replace(
-        ThreadsOptions(instances=instances, rounds=rounds),
-        **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]
-    )
-    output_path = out or dated_output_path("bench-threads")
-    check_table_path(output_path)
-    announce_compilation(quiet=quiet)
-    with progress(quiet=quiet) as report:
+    run = ThreadsOptions(**settings.given())
+    output_path = output.table_path("threads")
+    announce_compilation(quiet=output.quiet)
+    with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     write_table(output_path, "threads", COLUMNS, rows, run.to_json())
     sentences, notes = when_threads_pay(rows), remarks(rows)
-    if as_json:
+    if output.as_json:
         print_json(
             {
-                "table": str(output_path),
-                "csv": str(csv_path(output_path)),
-                "options": run.to_json(),
-                "units": {column.name: column.unit for column in COLUMNS},
+                **table_document(output_path, COLUMNS, run.to_json()),
                 "rows": rows,
                 "when": sentences,
                 "notes": notes,
             }
         )
-    elif not quiet:
+    elif not output.quiet:
         _print_rows(rows)
         for sentence in sentences:
             print(sentence)
