@@ -22,43 +22,30 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
     """How the tree is built; `max_error` in [m]."""
 
     level: int | None = option(
-        "--level",
         type=click.IntRange(1, 5),
         metavar="N",
         help="Level of the leaves. Default: what --leaves or --max-error needs, else 3 or 4, as the catalogue says, 4 "
         "for a mesh file.",
     )
     leaves: int | None = option(
-        "--leaves",
         type=COUNT,
         metavar="N",
         help="So many leaves, or fewer where a mesh has no use for more. Default: --branching to the power of --level.",
     )
     max_error: float | None = option(
-        "--max-error",
         callback=read_length,
         metavar="LENGTH",
         help="As few leaves as are proved to be off the mesh by no more than this: 0.2mm, 200um; a bare number is in "
         "mm.",
     )
-    branching: int = option(
-        "--branching",
-        type=click.IntRange(2, 64),
-        metavar="N",
-        default=8,
-        show_default=True,
-        help="Most children of a sphere.",
-    )
+    branching: int = option(type=click.IntRange(2, 64), metavar="N", default=8, help="Most children of a sphere.")
     cover: str = option(
-        "--cover",
         type=click.Choice(["outer", "balanced"]),
         default="outer",
-        show_default=True,
         help="outer: the spheres contain the whole surface; balanced: all radii are less by half the bound, so that "
         "the spheres are off to both sides, by half as much.",
     )
     threads: int | None = option(
-        "--threads",
         type=click.IntRange(1, 64),
         metavar="N",
         help="Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.",
@@ -78,21 +65,18 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 
     path: Path | None = option(
         "--from",
-        "path",
         type=FILE,
         metavar="FILE",
         help="Build nothing: take the tree of a .sph file of Bradshaw's toolkit or another program, or of a .h5 file, "
         "mend and measure it.",
     )
     frame: Literal["auto", "mesh", "centred"] | None = option(
-        "--frame",
         type=click.Choice(["auto", "mesh", "centred"]),
         help="What the centres of the .sph file count from. mesh: the mesh's origin; centred: the centre of its "
         "bounding box, as the toolkit's do; auto: whichever leaves less of the mesh outside the spheres. Default: "
         "auto.",
     )
     from_unit: str | None = option(
-        "--from-unit",
         type=UNITS,
         help="Length unit of the .sph file. Default: that of the mesh file; m for an object of the catalogue.",
     )

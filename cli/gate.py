@@ -26,26 +26,19 @@ class Comparison(OptionGroup):
     """What a suite is compared with, and how it is timed."""
 
     baseline: Path | None = option(
-        "--baseline",
         type=FILE,
         metavar="FILE",
         help="What to compare with: a file of --write-baseline; for a RESULT also another result. Default: the file "
         "that the suite names.",
     )
     base_python: Path | None = option(
-        "--base-python",
         type=FILE,
         metavar="PYTHON",
         help="A python that has the base's hhsim, run in turn with this one: the only fair comparison of times.",
     )
-    write_baseline: Path | None = option(
-        "--write-baseline", type=FILE, metavar="FILE", help="Record the suite's run in this file."
-    )
-    time: bool = option(
-        "--time/--no-time", default=True, show_default=True, help="Judge and record times, or leave them out."
-    )
+    write_baseline: Path | None = option(type=FILE, metavar="FILE", help="Record the suite's run in this file.")
+    time: bool = option("--time/--no-time", default=True, help="Judge and record times, or leave them out.")
     processes: int | None = option(
-        "--processes",
         type=click.IntRange(3, 100),
         metavar="N",
         help="Timed processes of each side and scene. Default: as the suite says, else 5.",

@@ -34,38 +34,31 @@ class FormatOption(click.Option):
 class FileSettings(OptionGroup, heading="Recording"):
     """What the numbers in the file mean."""
 
-    form: str | None = option("--format", "form", cls=FormatOption, metavar="NAME")
+    form: str | None = option("--format", cls=FormatOption, metavar="NAME")
     columns: Path | None = option(
-        "--columns",
         type=FILE,
         metavar="TOML",
         help="What the columns of a CSV mean: units, signs, offsets, which joint (hhsim/recordings/column_map.py has "
         "an example).",
     )
-    hand: Side | None = option("--hand", type=SIDES, help="Which hand it is, where the file does not say.")
+    hand: Side | None = option(type=SIDES, help="Which hand it is, where the file does not say.")
     time_unit: str | None = option(
-        "--time-unit",
         type=click.Choice(["s", "ms", "us", "ns"]),
         help="Unit of the stamps. Default: what the file says, else found from the stamps.",
     )
     length_unit: str | None = option(
-        "--length-unit",
-        type=UNITS,
-        help="Unit of the positions. Default: what the file says, else found from them.",
+        type=UNITS, help="Unit of the positions. Default: what the file says, else found from them."
     )
     angle_unit: str | None = option(
-        "--angle-unit",
         type=click.Choice(["rad", "deg"]),
         help="Unit of the joint angles. Default: what the file says, else found from them.",
     )
     palm_axes: str | None = option(
-        "--palm-axes",
         metavar="X,Y,Z",
         help="Axes of the recording's palm that point to the little finger, to the fingers and out of the back of a "
         "right hand, such as -y,x,z. Default: what the file says, else x,y,z.",
     )
     world_up: str | None = option(
-        "--world-up",
         type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
         help="Axis of the recording's world that points up. Default: what the file says, else z.",
     )
@@ -90,32 +83,20 @@ class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
     """The calibration of a Dexmo: from a file, or when [s] its hand was in which pose."""
 
     calibration: Path | None = option(
-        "--calibration",
         type=FILE,
         metavar="TOML",
         help="Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example).",
     )
     open_hand: tuple[float, float] | None = option(
-        "--open",
-        "open_hand",
-        callback=POSE,
-        metavar="FROM,TO",
-        help="From when to when the hand in a Dexmo was flat [s].",
+        "--open", callback=POSE, metavar="FROM,TO", help="From when to when the hand in a Dexmo was flat [s]."
     )
     fist: tuple[float, float] | None = option(
-        "--fist",
-        callback=POSE,
-        metavar="FROM,TO",
-        help="From when to when it was a fist [s].",
+        callback=POSE, metavar="FROM,TO", help="From when to when it was a fist [s]."
     )
     spread: tuple[float, float] | None = option(
-        "--spread",
-        callback=POSE,
-        metavar="FROM,TO",
-        help="From when to when its fingers were spread and the thumb opposed [s].",
+        callback=POSE, metavar="FROM,TO", help="From when to when its fingers were spread and the thumb opposed [s]."
     )
     save_calibration: Path | None = option(
-        "--save-calibration",
         type=FILE,
         metavar="TOML",
         help="Write the calibration of --open, --fist and --spread, for other recordings of the same glove.",
@@ -145,41 +126,27 @@ class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
 class RepairSettings(OptionGroup, heading="Selection and repair"):
     """What is made of the recording; times in [s], lengths in [mm]."""
 
-    start: float | None = option(
-        "--from", "start", type=float, metavar="S", help="Keep samples from this stamp on [s]."
-    )
-    end: float | None = option("--to", "end", type=float, metavar="S", help="Keep samples up to this stamp [s].")
-    max_gap: float = option(
-        "--max-gap",
-        type=POSITIVE,
-        default=1.0,
-        show_default=True,
-        metavar="S",
-        help="Longest hole that is interpolated [s].",
-    )
+    start: float | None = option("--from", type=float, metavar="S", help="Keep samples from this stamp on [s].")
+    end: float | None = option("--to", type=float, metavar="S", help="Keep samples up to this stamp [s].")
+    max_gap: float = option(type=POSITIVE, default=1.0, metavar="S", help="Longest hole that is interpolated [s].")
     hand_length: float | None = option(
-        "--hand-length",
         type=HAND_LENGTH,
         metavar="MM",
         help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, if it has "
         "any.",
     )
     scale_to: float | None = option(
-        "--scale-to",
         type=HAND_LENGTH,
         metavar="MM",
         help="Scale the palm's way to a hand of this length [mm]. Default: metres stay metres; angles fit every hand.",
     )
-    mirror: bool = option(
-        "--mirror", is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round."
-    )
+    mirror: bool = option(is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
     hand_file: Path | None = option(
-        "--hand-file",
         type=FILE,
         metavar="TOML",
         help="Hand whose joint limits bound the angles (hhsim/hand/model.py has an example). Default: the usual one.",
     )
-    keep_angles: bool = option("--keep-angles", is_flag=True, help="Keep joint angles beyond the hand's limits.")
+    keep_angles: bool = option(is_flag=True, help="Keep joint angles beyond the hand's limits.")
 
     def options(self, recording: "Recording", file: FileSettings) -> "RepairOptions":
         """The same for the library; the units of the numbers are those of `file`."""
@@ -208,11 +175,9 @@ class RepairSettings(OptionGroup, heading="Selection and repair"):
 class Labels(OptionGroup, heading="Labels"):
     """What is kept in the trajectory for whoever finds it."""
 
-    name: str | None = option("--name", metavar="TEXT", help="Name of the motion. Default: that of the file.")
-    source: str | None = option("--source", metavar="TEXT", help="Who or what recorded it, kept in the trajectory.")
-    licence: str | None = option(
-        "--licence", metavar="TEXT", help="Licence that it may be used under, kept in the trajectory."
-    )
+    name: str | None = option(metavar="TEXT", help="Name of the motion. Default: that of the file.")
+    source: str | None = option(metavar="TEXT", help="Who or what recorded it, kept in the trajectory.")
+    licence: str | None = option(metavar="TEXT", help="Licence that it may be used under, kept in the trajectory.")
 
 
 @click.command(cls=GroupedCommand)

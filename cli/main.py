@@ -44,7 +44,7 @@ BROKEN_PIPE = 141
     module=lambda name: KEYWORDS.get(name, name.replace("-", "_")),
     invoke_without_command=True,
     subcommand_metavar="[COMMAND] [ARGS]...",
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
 @click.version_option(__version__, message="hhsim %(version)s")
 @click.pass_context

@@ -24,14 +24,9 @@ def complete_object(context: click.Context, parameter: click.Parameter, incomple
 class MeshSize(OptionGroup, heading="Mesh file"):
     """How large the object of a mesh file is: its unit, None for metres, or its longest extent [mm]."""
 
-    unit: str | None = option(
-        "--unit", type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m."
-    )
+    unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
     size: float | None = option(
-        "--size",
-        type=POSITIVE,
-        metavar="MM",
-        help="Scale a mesh file to this longest extent [mm], whatever its unit.",
+        type=POSITIVE, metavar="MM", help="Scale a mesh file to this longest extent [mm], whatever its unit."
     )
 
     def read(self, object_: str) -> tuple["Mesh", int]:
@@ -49,7 +44,6 @@ class MeshFile(MeshSize):
     """How a mesh file is read; its open parts become sheets of a thickness [mm], or are closed."""
 
     thickness: float | None = option(
-        "--thickness",
         type=POSITIVE,
         metavar="MM",
         help="Make each open part of a mesh file a sheet this thick [mm], instead of closing it.",

@@ -12,21 +12,20 @@ OTHERS = "Other options"
 
 
 def option(*flags: str, **settings: Any) -> Any:
-    """Declare an option as a field of a group; takes what click.option takes."""
-    return click.option(*flags, **settings)
+    """Declare an option as a field of a group; takes what click.option takes, and is spelled as the field by itself."""
+    return lambda name: click.option(*(flags or (f"--{name.replace('_', '-')}",)), name, **settings)
 
 
 def shared(decorator: Decorator) -> Any:
     """Take an option as a field of a group that other commands take by itself."""
-    return decorator
+    return lambda name: decorator
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(option, shared))
 class OptionGroup:
     """Options that belong together.
 
-    A subclass is a frozen dataclass. Each of its fields has an `option` for a default, whose parameter is named as the
-    field.
+    A subclass is a frozen dataclass, each of whose fields has an `option` for a default.
 
     Attributes:
         heading: Above them in the help of a `GroupedCommand`.
@@ -50,7 +49,7 @@ class OptionGroup:
                 return command(*arguments, **values)
 
             for field in reversed(fields(record)):
-                field.default(with_record)
+                field.default(field.name)(with_record)
                 with_record.__dict__["__click_params__"][-1].heading = cls.heading
             return with_record
 

@@ -46,18 +46,11 @@ def _check_picture(context: click.Context, parameter: click.Parameter, value: Pa
     return value
 
 
-seed = click.option(
-    "--seed", type=click.IntRange(0), metavar="N", default=0, show_default=True, help="Seed of everything random."
-)
+seed = click.option("--seed", type=click.IntRange(0), metavar="N", default=0, help="Seed of everything random.")
 json = click.option("--json", "as_json", is_flag=True, help="Print one JSON document, SI units, and nothing else.")
 quiet = click.option("--quiet", "-q", is_flag=True, help="Show no progress and no table; errors still show.")
 rate = click.option(
-    "--rate",
-    type=click.FloatRange(1.0, 100_000.0),
-    default=1000.0,
-    show_default=True,
-    metavar="HZ",
-    help="Ticks a second [Hz].",
+    "--rate", type=click.FloatRange(1.0, 100_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz]."
 )
 tree_level = click.option(
     "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
@@ -77,7 +70,6 @@ def place_object(default: str) -> Any:
         "--place-object",
         type=click.Choice(["recorded", "auto"]),
         default=default,
-        show_default=True,
         help="recorded: the object is where the recording says; auto: where the closing fingers of the recorded hand "
         "meet it.",
     )
@@ -87,7 +79,6 @@ class Output(OptionGroup, heading="Output"):
     """Where the output goes, and what is printed."""
 
     out: Path | None = option(
-        "--out",
         type=FILE,
         metavar="FILE",
         help="Where the output goes. Default: a dated name in results/ under the current folder.",
@@ -118,21 +109,17 @@ class SolverChoice(OptionGroup, heading="Solver"):
     """How the hand is solved for, wherever it is."""
 
     method: str = option(
-        "--method",
         type=click.Choice(METHODS.names()),
         default="coupled",
-        show_default=True,
         help="; ".join(f"{name}: {known.summary}" for name, known in METHODS.items()) + ".",
     )
     fingers: tuple[str, ...] | None = option(
-        "--fingers",
         callback=_read_fingers,
         metavar="NAMES",
         help="Fingers that the scene uses, such as thumb,index; the others follow the user's through the object. "
         "Default: all five.",
     )
     budget: int | None = option(
-        "--budget",
         type=COUNT,
         metavar="UNITS",
         help="Work after which a tick begins no further linearisation, about 1 ns a unit; what is left is lag. "
@@ -144,16 +131,12 @@ class Linearising(OptionGroup, heading="Solver"):
     """What steers the linearisations of a tick; `margin` in [mm]."""
 
     margin: float | None = option(
-        "--margin",
         type=POSITIVE,
         metavar="MM",
         help="Pairs up to this far from each other enter the program [mm]. Default: 1; 0.5 with --method paper.",
     )
     linearisations: int | None = option(
-        "--linearisations",
-        type=COUNT,
-        metavar="N",
-        help="Most linearisations in a tick. Default: 12; 1 with --method paper.",
+        type=COUNT, metavar="N", help="Most linearisations in a tick. Default: 12; 1 with --method paper."
     )
 
 
@@ -162,9 +145,7 @@ class Sampling(OptionGroup, heading="Motion"):
 
     rate: float = shared(rate)
     samples: Literal["interpolate", "hold"] = option(
-        "--samples",
         type=click.Choice(["interpolate", "hold"]),
         default="interpolate",
-        show_default=True,
         help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
     )

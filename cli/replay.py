@@ -40,47 +40,36 @@ class SolverSettings(options.Linearising, options.SolverChoice):
     """How the hand is solved for, with all that steers it; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
 
     qp: str = option(
-        "--qp",
         metavar="NAME",
         default="active-set",
-        show_default=True,
         help="QP solver: active-set, our own, or any installed one that qpsolvers knows, such as clarabel.",
     )
     force: str | None = option(
-        "--force",
         type=click.Choice(["kkt", "paper"]),
         help="kkt: forces from the program's multipliers; paper: from the paper's Eq. 14. Default: kkt; paper with "
         "--method paper.",
     )
     stiffness: tuple[float, ...] | None = option(
-        "--stiffness",
         callback=number_list("k_t [N/m]", "k_r [N·m/rad]", "k_θ [N·m/rad]", positive=True),
         metavar="K_T,K_R,K_THETA",
         help="Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad]. Default: 1000,5,0.5.",
     )
     penalty_stiffness: float | None = option(
-        "--penalty-stiffness",
-        type=POSITIVE,
-        metavar="K",
-        help="Stiffness of each contact with --method penalty [N/m]. Default: 100000.",
+        type=POSITIVE, metavar="K", help="Stiffness of each contact with --method penalty [N/m]. Default: 100000."
     )
     tolerance: float | None = option(
-        "--tolerance",
         type=POSITIVE,
         metavar="SHARE",
         help="Largest violation of a contact's row, as a share of the margin. Default: 1e-8.",
     )
     frustum_ends: str | None = option(
-        "--frustum-ends",
         type=click.Choice(["spheres", "flat"]),
         help="With --method paper, a joint's sphere bounds the cone frustum as the fingertip's does (spheres, "
         "Eq. 13), or Eq. 7 holds there as printed (flat). Default: spheres.",
     )
     threads: int = option(
-        "--threads",
         type=COUNT,
         default=1,
-        show_default=True,
         metavar="N",
         help="Threads that share each tick: finding contacts and, with progressive, the fingers' programs (coupled "
         "has only one program). The same result with any number; hhsim bench threads says when they pay.",
@@ -119,20 +108,15 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
 
     place_object: Literal["recorded", "auto"] = options.place_object("recorded")
     side: Side | None = option(
-        "--hand",
-        "side",
-        type=options.SIDES,
-        help="Which hand grasps. Default: the recording's, else the right one.",
+        "--hand", type=options.SIDES, help="Which hand grasps. Default: the recording's, else the right one."
     )
     hand_file: Path | None = option(
-        "--hand-file",
         type=FILE,
         metavar="TOML",
         help="Sizes and joint limits of the hand that differ from the default one (hhsim/hand/model.py has an "
         "example).",
     )
     tremor: tuple[float, ...] | None = option(
-        "--tremor",
         callback=number_list("mm", "degrees"),
         metavar="MM,DEG",
         help="Add seeded tremor of 10 Hz: amplitude of the palm's position [mm] and rotation [°], such as 0.1,0.2.",

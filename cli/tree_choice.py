@@ -56,14 +56,12 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
     """How fine the tree is: its level, or how far [m] the spheres may reach out of the mesh."""
 
     level: int | None = option(
-        "--level",
         callback=read_level,
         metavar="N|auto",
         help="Level of the sphere tree's leaves, 1 to 5; auto: what --max-error needs. Default: 3 or 4, as the "
         "catalogue says; 4 for a mesh file.",
     )
     max_error: float | None = option(
-        "--max-error",
         callback=read_length,
         metavar="LENGTH",
         help="How far the spheres may reach out of the mesh: 0.3mm, 300um; a bare number is in mm. Takes the "
@@ -100,7 +98,6 @@ class TreeOrFile(TreeChoice):
 
     path: Path | None = option(
         "--tree",
-        "path",
         type=FILE,
         metavar="FILE",
         help="Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), and build none.",

@@ -33,7 +33,6 @@ NUMBERS = ("worst", "let pass", "at tick", "looked at")
     "--every",
     type=options.COUNT,
     default=10,
-    show_default=True,
     metavar="K",
     help="Judge distances and forces at every K-th tick, and where the file says that something is worst.",
 )

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     "--rerun",
     "target",
     default="spawn",
-    show_default=True,
     callback=read_target,
     metavar=METAVAR,
     help="Open a viewer, write a file for one, or send to one that is open, at HOST:PORT.",
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     "--every",
     type=options.COUNT,
     default=1,
-    show_default=True,
     metavar="K",
     help="Show only every K-th tick; of those between, the plots keep the worst, but of forces the shown tick's.",
 )

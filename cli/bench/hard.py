@@ -30,7 +30,6 @@ def complete_case(context: click.Context, parameter: click.Parameter, incomplete
     "--ticks",
     type=click.IntRange(8_000, 36_000_000),
     default=20_000,
-    show_default=True,
     metavar="N",
     help="Ticks of the case endurance; 600000 are ten minutes at 1 kHz.",
 )

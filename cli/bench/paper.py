@@ -28,15 +28,9 @@ class PaperSettings(OptionGroup):
         names("--method", "methods", "Methods. Default: paper,progressive,coupled.")
     )
     objects: tuple[str, ...] | None = shared(names("--object", "objects", "Only these objects. Default: all ten."))
-    quick: bool = option(
-        "--quick", is_flag=True, help="Every row, from coarse spheres, 3 instances and one repetition."
-    )
-    instances: int | None = option(
-        "--instances", type=COUNT, metavar="N", help="Instances of each case of Fig. 15. Default: 100."
-    )
-    repetitions: int | None = option(
-        "--repetitions", type=COUNT, metavar="N", help="Repetitions of every run. Default: 3."
-    )
+    quick: bool = option(is_flag=True, help="Every row, from coarse spheres, 3 instances and one repetition.")
+    instances: int | None = option(type=COUNT, metavar="N", help="Instances of each case of Fig. 15. Default: 100.")
+    repetitions: int | None = option(type=COUNT, metavar="N", help="Repetitions of every run. Default: 3.")
     seed: int = shared(options.seed)
 
     def options(self) -> "PaperOptions":

@@ -11,14 +11,7 @@ from ..console import announce_compilation, print_json, print_notes, print_table
 
 
 @click.command()
-@click.option(
-    "--problems",
-    type=options.COUNT,
-    default=100_000,
-    show_default=True,
-    metavar="N",
-    help="Programs of real ticks to take.",
-)
+@click.option("--problems", type=options.COUNT, default=100_000, metavar="N", help="Programs of real ticks to take.")
 @names("--object", "objects", "Objects of the ticks. Default: sphere,cube,rock,cup,teapot,bunny.")
 @names(
     "--motion",

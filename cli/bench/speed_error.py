@@ -41,12 +41,8 @@ class Configurations(OptionGroup):
             "QP solvers beside ours, on a stretch of each object's first motion. Default: all that are installed.",
         )
     )
-    quick: bool = option(
-        "--quick", is_flag=True, help="About a minute: the bunny, grasp and slide, levels 3 to 5, our QP solver."
-    )
-    repetitions: int = option(
-        "--repetitions", type=COUNT, default=3, show_default=True, metavar="N", help="Repetitions of every run."
-    )
+    quick: bool = option(is_flag=True, help="About a minute: the bunny, grasp and slide, levels 3 to 5, our QP solver.")
+    repetitions: int = option(type=COUNT, default=3, metavar="N", help="Repetitions of every run.")
     rate: float = shared(options.rate)
     seed: int = shared(options.seed)
 

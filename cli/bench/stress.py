@@ -41,40 +41,16 @@ HEADINGS = (
 class Targets(OptionGroup, heading="Targets"):
     """How long the hand goes to random targets, and how; `step` in [mm]."""
 
-    ticks: int = option(
-        "--ticks",
-        type=options.COUNT,
-        default=20_000,
-        show_default=True,
-        metavar="N",
-        help="Ticks of each object by each method.",
-    )
+    ticks: int = option(type=options.COUNT, default=20_000, metavar="N", help="Ticks of each object by each method.")
     wild: bool = option(
-        "--wild",
         is_flag=True,
         help="Add what broken devices do: jumps, NaN, zero quaternions, late samples, angles beyond every limit.",
     )
-    hold: int = option(
-        "--hold",
-        type=options.COUNT,
-        default=60,
-        show_default=True,
-        metavar="N",
-        help="Ticks from one target to the next.",
-    )
-    step: float = option(
-        "--step",
-        type=options.POSITIVE,
-        default=2.0,
-        show_default=True,
-        metavar="MM",
-        help="How far the hand goes in a tick [mm].",
-    )
+    hold: int = option(type=options.COUNT, default=60, metavar="N", help="Ticks from one target to the next.")
+    step: float = option(type=options.POSITIVE, default=2.0, metavar="MM", help="How far the hand goes in a tick [mm].")
     bound: Literal["palm", "hand", "none"] = option(
-        "--bound",
         type=click.Choice(["palm", "hand", "none"]),
         default="palm",
-        show_default=True,
         help="What --step bounds: the palm's way, that of every point of the hand, or nothing, so that the hand jumps.",
     )
 
@@ -94,9 +70,7 @@ class Targets(OptionGroup, heading="Targets"):
 @Targets.argument("targets")
 @options.tree_level
 @options.Linearising.argument("linearising")
-@click.option(
-    "--jobs", type=options.COUNT, default=1, show_default=True, metavar="N", help="Processes to share the work."
-)
+@click.option("--jobs", type=options.COUNT, default=1, metavar="N", help="Processes to share the work.")
 @click.option(
     "--keep",
     type=click.Path(path_type=Path, file_okay=False),

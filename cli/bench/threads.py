@@ -16,10 +16,8 @@ class ThreadsSettings(OptionGroup):
 
     objects: tuple[str, ...] | None = shared(names("--object", "objects", "Objects. Default: cup,bunny."))
     threads: tuple[int, ...] | None = shared(counts("--threads", "threads", "Numbers of threads. Default: 1,2."))
-    instances: int = option(
-        "--instances", type=COUNT, default=100, show_default=True, metavar="N", help="Ticks in contact of each row."
-    )
-    rounds: int = option("--rounds", type=COUNT, default=9, show_default=True, metavar="N", help="Replays of each row.")
+    instances: int = option(type=COUNT, default=100, metavar="N", help="Ticks in contact of each row.")
+    rounds: int = option(type=COUNT, default=9, metavar="N", help="Replays of each row.")
 
 
 @click.command()

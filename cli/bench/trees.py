@@ -31,7 +31,6 @@ class TreesSettings(OptionGroup):
     "--size",
     type=click.FloatRange(1.0, 10_000.0),
     default=100.0,
-    show_default=True,
     metavar="MM",
     help="Scale every object to this longest extent [mm].",
 )

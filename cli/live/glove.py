@@ -36,46 +36,34 @@ class HandChoice(OptionGroup, heading="Hand"):
     """Which hand, what it does where nobody moves it, and where its palm is."""
 
     side: options.Side | None = option(
-        "--hand", "side", type=options.SIDES, help="Which hand's glove. Default: right, or the recording's."
+        "--hand", type=options.SIDES, help="Which hand's glove. Default: right, or the recording's."
     )
     trajectory: str | None = option(
-        "--trajectory",
         metavar="TRAJECTORY",
         shell_complete=complete_trajectory,
         help="Motion of --device replay or sim, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
         "replay takes it. Default: grasp.",
     )
     pose: str | None = option(
-        "--pose",
         type=click.Choice(list(POSES)),
         help=f"Where the palm is, which no glove says. {'; '.join(f'{name}: {about}' for name, about in POSES.items())}"
         ". Default: replay where the glove plays a motion; else keyboard in a terminal, and fixed elsewhere.",
     )
     palm: tuple[float, ...] | None = option(
-        "--palm",
         callback=number_list("x [mm]", "y [mm]", "z [mm]", signed=True),
         metavar="X,Y,Z",
         help="Where the palm is or begins [mm]. Default: where it can grasp the object.",
     )
     palm_turn: tuple[float, ...] | None = option(
-        "--palm-turn",
         callback=number_list("w", "x", "y", "z", signed=True),
         metavar="W,X,Y,Z",
         help="How the palm is turned there, a quaternion. Default: as it is, 1,0,0,0.",
     )
-    pose_host: str = option(
-        "--pose-host",
-        metavar="HOST",
-        default="127.0.0.1",
-        show_default=True,
-        help="Where the packets of --pose udp come from.",
-    )
+    pose_host: str = option(metavar="HOST", default="127.0.0.1", help="Where the packets of --pose udp come from.")
     pose_port: int = option(
-        "--pose-port",
         type=click.IntRange(1, 65535),
         metavar="PORT",
         default=USUAL_POSE_PORT,
-        show_default=True,
         help="Port that these packets arrive at.",
     )
 
@@ -111,35 +99,24 @@ class Feedback(OptionGroup, heading="Forces"):
     """What the fingers are told; `stale` in [ms]."""
 
     stiffness: tuple[float, ...] | None = option(
-        "--stiffness",
         callback=one_or_five,
         metavar="K",
         help="How hard the glove stops a finger that touches, 0 (free) to 1; one number or five. Default: 0.3.",
     )
     stale: float = option(
-        "--stale",
         type=click.FloatRange(1.0, 1000.0),
         default=25.0,
-        show_default=True,
         metavar="MS",
         help="Input older than this frees the fingers [ms].",
     )
-    dry_run: bool = option("--dry-run", is_flag=True, help="Read the glove, and send nothing to it.")
+    dry_run: bool = option(is_flag=True, help="Read the glove, and send nothing to it.")
 
 
 class SessionSettings(OptionGroup, heading="Session"):
     """How fast and how long it runs, and where it is shown and recorded; `rate` in [Hz], `duration` in [s]."""
 
-    rate: float = option(
-        "--rate",
-        type=click.FloatRange(10.0, 4000.0),
-        default=1000.0,
-        show_default=True,
-        metavar="HZ",
-        help="Ticks a second [Hz].",
-    )
+    rate: float = option(type=click.FloatRange(10.0, 4000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz].")
     duration: float | None = option(
-        "--duration",
         type=options.POSITIVE,
         metavar="S",
         help="End by itself after so long [s]. Default: when told to; with --device replay, at the end of the motion.",
@@ -147,30 +124,23 @@ class SessionSettings(OptionGroup, heading="Session"):
     record: Path | None = option(
         "--record",
         "--out",
-        "record",
         type=options.FILE,
         metavar="FILE",
         help="Where the recording goes, some 2 MB a second. Default: a dated name in results/ under the current "
         "folder.",
     )
-    no_record: bool = option("--no-record", is_flag=True, help="Record nothing.")
+    no_record: bool = option(is_flag=True, help="Record nothing.")
     rerun: str | None = option(
-        "--rerun",
         callback=check_rerun,
         metavar=METAVAR,
         help="Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
         "HOST:PORT.",
     )
     cpu: int | None = option(
-        "--cpu",
-        type=click.IntRange(-1),
-        metavar="N",
-        help="Processor that the loop stays on; -1: any. Default: the last one.",
+        type=click.IntRange(-1), metavar="N", help="Processor that the loop stays on; -1: any. Default: the last one."
     )
     no_realtime: bool = option(
-        "--no-realtime",
-        is_flag=True,
-        help="Ask the system for no real-time scheduling, locked memory or own processor.",
+        is_flag=True, help="Ask the system for no real-time scheduling, locked memory or own processor."
     )
     seed: int = shared(options.seed)
 

@@ -40,7 +40,7 @@ class GloveChoice(OptionGroup, heading="Glove"):
 def glove_choice() -> type[GloveChoice]:
     """Ask for --device, then for the settings that several gloves have, each once, then for each glove's own."""
     about = "; ".join(f"{name}: {find_glove(name).about}" for name in glove_names())
-    device = option("--device", type=click.Choice(glove_names()), default="sim", show_default=True, help=f"{about}.")
+    device = option("--device", type=click.Choice(glove_names()), default="sim", help=f"{about}.")
     options = {"device": device, **dict(_settings())}
     return type("KnownGloves", (GloveChoice,), {"__annotations__": dict.fromkeys(options, Any), **options})
 
@@ -59,8 +59,7 @@ def _settings() -> Iterator[tuple[str, Any]]:
         yield (
             name,
             option(
-                *(setting.flags or (f"--{name.replace('_', '-')}",)),
-                name,
+                *setting.flags,
                 type=_type(item, setting),
                 default=default,
                 show_default=default not in ("", None),
