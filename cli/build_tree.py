@@ -1,13 +1,14 @@
 """`hhsim build-tree`."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import click
 from click.core import ParameterSource
 
-from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .console import announce_compilation, number, print_json, print_notes, print_rows, progress
 from .object_argument import MeshFile, complete_object
 from .option_group import GroupedCommand, OptionGroup, option
 from .options import COUNT, FILE, UNITS, Output, seed
@@ -15,7 +16,7 @@ from .tree_choice import read_length
 
 if TYPE_CHECKING:
     from hhsim.trees.options import TreeOptions
-    from hhsim.trees.sphere_tree import SphereTree
+    from hhsim.trees.sphere_tree import LevelError, SphereTree
 
 
 class BuiltTree(OptionGroup, heading="Sphere tree"):
@@ -204,7 +205,7 @@ def command(
             }
         )
     elif not output.quiet:
-        print_table(COLUMNS, _rows(tree), title=f"{mesh.name}: {len(mesh.faces):,} triangles", numbers=COLUMNS)
+        _print_levels(tree, f"{mesh.name}: {len(mesh.faces):,} triangles")
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
         for note in found.notes if found else ():
@@ -224,32 +225,18 @@ def command(
             print(f"the picture is in {plot}")
 
 
-COLUMNS = (
-    "level",
-    "spheres",
-    "protrusion max [mm]",
-    "p99 [mm]",
-    "mean [mm]",
-    "proved bound [mm]",
-    "gap max [mm]",
-    "CPU [s]",
-)
-
-
-def _rows(tree: "SphereTree") -> list[tuple[str, ...]]:
-    rows = []
-    for error in tree.errors:
-        lengths = (error.protrusion_max, error.protrusion_p99, error.protrusion_mean, error.bound, error.gap_max)
-        seconds = _of_level(tree, error.level)["cpu_seconds"]
-        rows.append(
-            (
-                str(error.level),
-                f"{error.spheres:,}",
-                *(f"{1e3 * length:.3f}" for length in lengths),
-                "" if seconds is None else f"{seconds:.2f}",
-            )
-        )
-    return rows
+def _print_levels(tree: "SphereTree", title: str) -> None:
+    cells: dict[str, Callable[[LevelError], str]] = {
+        "level": lambda error: str(error.level),
+        "spheres": lambda error: f"{error.spheres:,}",
+        "protrusion max [mm]": lambda error: f"{1e3 * error.protrusion_max:.3f}",
+        "p99 [mm]": lambda error: f"{1e3 * error.protrusion_p99:.3f}",
+        "mean [mm]": lambda error: f"{1e3 * error.protrusion_mean:.3f}",
+        "proved bound [mm]": lambda error: f"{1e3 * error.bound:.3f}",
+        "gap max [mm]": lambda error: f"{1e3 * error.gap_max:.3f}",
+        "CPU [s]": lambda error: number(_of_level(tree, error.level)["cpu_seconds"], 2, missing=""),
+    }
+    print_rows(cells, tree.errors, words=(), title=title)
 
 
 def _of_level(tree: "SphereTree", level: int) -> dict[str, float | None]:

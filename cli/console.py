@@ -5,7 +5,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
@@ -29,7 +29,7 @@ def prepare_streams() -> None:
 
 
 def print_table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", numbers: Container[str] = ()
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", numbers: Collection[str] = ()
 ) -> None:
     """Print a table to stdout.
 
@@ -56,6 +56,21 @@ def print_table(
     with console.capture() as captured:
         console.print(table)
     print("\n".join(line.rstrip() for line in captured.get().splitlines()))
+
+
+def print_rows(
+    cells: Mapping[str, Callable[[Any], str]], rows: Iterable[object], *, words: Collection[str], title: str = ""
+) -> None:
+    """Print a table to stdout, a line for each row.
+
+    Args:
+        cells: Heading of each column, and what it shows of a row.
+        rows: What the table is of.
+        words: Headings of the columns that are aligned left.
+        title: A line above the table.
+    """
+    shown = [[cell(row) for cell in cells.values()] for row in rows]
+    print_table(list(cells), shown, title=title, numbers=cells.keys() - set(words))
 
 
 def number(value: float | None, digits: int, scale: float = 1.0, missing: str = "—") -> str:

@@ -1,6 +1,6 @@
 """`hhsim bench hard`."""
 
-import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ from click.shell_completion import CompletionItem
 
 from .. import options
 from ..comma_list import names
-from ..console import announce_compilation, print_json, print_table, progress
+from ..console import announce_compilation, number, print_json, print_rows, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.bench.robustness.case import Figure
@@ -23,7 +23,7 @@ def complete_case(context: click.Context, parameter: click.Parameter, incomplete
     return [CompletionItem(case.name) for case in hard_cases() if case.name.startswith(incomplete)]
 
 
-@click.command(short_help="Every hard case, for every method: pass or fail, and the figure.")
+@click.command()
 @click.argument("cases", metavar="[CASE]...", nargs=-1, shell_complete=complete_case)
 @names("--method", "methods", "Only these methods. Default: all.")
 @click.option(
@@ -93,18 +93,7 @@ def command(
 
 
 def _print(results: "list[CaseResult]", failed: "list[CaseResult]", output_path: Path) -> None:
-    columns = (
-        "case",
-        "method",
-        "verdict",
-        "penetration [µm]",
-        "nearest to its bar",
-        "value",
-        "bar",
-        "stuck",
-        "lag [mm]",
-    )
-    print_table(columns, [_row(result) for result in results], numbers=columns[3:4] + columns[5:])
+    print_rows(CELLS, results, words=("case", "method", "verdict", "nearest to its bar"))
     for result in results:
         if result.reason:
             print(f"{result.case}, {result.method}: {result.reason}")
@@ -118,20 +107,8 @@ def _print(results: "list[CaseResult]", failed: "list[CaseResult]", output_path:
     print(f"every figure is in {output_path}")
 
 
-def _row(result: "CaseResult") -> tuple[str, ...]:
-    verdict = ("refuses, as it may" if result.refused else "pass") if result.passed else "FAIL"
-    deciding = result.deciding
-    return (
-        result.case,
-        result.method,
-        verdict,
-        "" if math.isnan(result.penetration) else f"{1e6 * result.penetration:,.3f}",
-        deciding.name if deciding else "",
-        _value(deciding) if deciding else "",
-        _bar(deciding) if deciding else "",
-        f"{result.stuck:,}",
-        f"{1e3 * result.lag:.1f}",
-    )
+def _verdict(result: "CaseResult") -> str:
+    return ("refuses, as it may" if result.refused else "pass") if result.passed else "FAIL"
 
 
 def _value(figure: "Figure") -> str:
@@ -147,3 +124,16 @@ def _shown(value: float, unit: str) -> str:
     if unit == "m" and 0.0 < abs(value) < 1e-5:
         factor, name = 1e6, " µm"
     return f"{factor * value:.3g}{name}"
+
+
+CELLS: dict[str, Callable[["CaseResult"], str]] = {
+    "case": lambda result: result.case,
+    "method": lambda result: result.method,
+    "verdict": _verdict,
+    "penetration [µm]": lambda result: number(result.penetration, 3, 1e6, missing=""),
+    "nearest to its bar": lambda result: result.deciding.name if result.deciding else "",
+    "value": lambda result: _value(result.deciding) if result.deciding else "",
+    "bar": lambda result: _bar(result.deciding) if result.deciding else "",
+    "stuck": lambda result: f"{result.stuck:,}",
+    "lag [mm]": lambda result: f"{1e3 * result.lag:.1f}",
+}

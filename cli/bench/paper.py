@@ -1,6 +1,7 @@
 """`hhsim bench paper`."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ import click
 
 from .. import options
 from ..comma_list import names
-from ..console import announce_compilation, print_json, print_table, progress
+from ..console import announce_compilation, print_json, print_rows, print_table, progress
 from ..option_group import OptionGroup, option, shared
 from ..options import COUNT
 from .table_document import table_document
@@ -145,22 +146,21 @@ def _print_rows(rows: "list[PaperRow]", methods: tuple[str, ...]) -> None:
 
 
 def _print_cases(played: list[dict[str, Any]]) -> None:
-    numbers = ("instances", "contacts", "detection [µs]", "response [µs]", "total, CPU [µs]", "p99 [µs]")
-    cells = [
-        (
-            row["object"],
-            row["case"],
-            row["method"],
-            f"{row['instances']}",
-            f"{row['contacts_mean']:,.0f}",
-            *(f"{1e6 * row[name]:.1f}" for name in ("detection", "response", "cpu_mean", "cpu_p99")),
-        )
-        for row in played
-        if row["figure"] == "15"
-    ]
-    if cells:
+    cells: dict[str, Callable[[dict[str, Any]], str]] = {
+        "object": lambda row: row["object"],
+        "case": lambda row: row["case"],
+        "method": lambda row: row["method"],
+        "instances": lambda row: f"{row['instances']}",
+        "contacts": lambda row: f"{row['contacts_mean']:,.0f}",
+        "detection [µs]": lambda row: f"{1e6 * row['detection']:.1f}",
+        "response [µs]": lambda row: f"{1e6 * row['response']:.1f}",
+        "total, CPU [µs]": lambda row: f"{1e6 * row['cpu_mean']:.1f}",
+        "p99 [µs]": lambda row: f"{1e6 * row['cpu_p99']:.1f}",
+    }
+    rows = [row for row in played if row["figure"] == "15"]
+    if rows:
         title = "Fig. 15: a tick in contact, mean; its parts by the clock on the wall, where nothing interrupted it"
-        print_table(("object", "case", "method", *numbers), cells, title=title, numbers=numbers)
+        print_rows(cells, rows, words=("object", "case", "method"), title=title)
         print()
 
 

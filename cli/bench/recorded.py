@@ -1,5 +1,6 @@
 """`hhsim bench recorded`."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -7,7 +8,7 @@ import click
 
 from .. import options
 from ..comma_list import names
-from ..console import announce_compilation, number, print_json, print_table, progress
+from ..console import announce_compilation, number, print_json, print_rows, progress
 from ..object_argument import MeshSize, complete_object
 
 if TYPE_CHECKING:
@@ -15,23 +16,23 @@ if TYPE_CHECKING:
 
     from hhsim.bench.robustness.recorded_metrics import RecordedFigures
 
-HEADINGS = (
-    "recording",
-    "object",
-    "method",
-    "ticks",
-    "tip [mm/tick]",
-    "deepest [µm]",
-    "in touch",
-    "variation, tick [%]",
-    "sample [%]",
-    "p50 [µs]",
-    "p99 [µs]",
-    "lag [ticks]",
-    "lag [mm]",
-    "stuck",
-    "no cause",
-)
+CELLS: dict[str, Callable[["RecordedFigures"], str]] = {
+    "recording": lambda row: row.recording,
+    "object": lambda row: row.object,
+    "method": lambda row: row.method,
+    "ticks": lambda row: f"{row.ticks:,}",
+    "tip [mm/tick]": lambda row: f"{1e3 * row.fastest:.2f}",
+    "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
+    "in touch": lambda row: f"{row.touching:,}",
+    "variation, tick [%]": lambda row: number(row.variation_tick, 3),
+    "sample [%]": lambda row: number(row.variation_sample, 2),
+    "p50 [µs]": lambda row: number(row.cpu_p50, 1, 1e6),
+    "p99 [µs]": lambda row: number(row.cpu_p99, 1, 1e6),
+    "lag [ticks]": lambda row: f"{row.lagging:,}",
+    "lag [mm]": lambda row: f"{1e3 * row.lag:.1f}",
+    "stuck": lambda row: f"{row.stuck:,}",
+    "no cause": lambda row: f"{row.unexplained:,}",
+}
 
 
 class RecordedMotion(options.Sampling):
@@ -40,9 +41,7 @@ class RecordedMotion(options.Sampling):
     place_object: Literal["auto", "recorded"] = options.place_object("auto")
 
 
-@click.command(
-    short_help="Recordings of real hands against any objects: penetration, force variation, time, lag, stuck."
-)
+@click.command()
 @click.argument("recordings", metavar="FOLDER|FILE...", nargs=-1, required=True, type=options.FILE)
 @names(
     "--object",
@@ -142,7 +141,7 @@ def _print(figures: "Sequence[RecordedFigures]") -> None:
     ran = [row for row in figures if not row.reason]
     if ran:
         title = f"recorded hands, {ran[0].rate:g} ticks a second"
-        print_table(HEADINGS, [_cells(row) for row in [*ran, *totals(ran)]], title=title, numbers=HEADINGS[3:])
+        print_rows(CELLS, [*ran, *totals(ran)], words=("recording", "object", "method"), title=title)
     for row in figures:
         if row.reason:
             print(f"NOT RUN: {', '.join(filter(None, (row.recording, row.object, row.method)))}: {row.reason}")
@@ -150,23 +149,3 @@ def _print(figures: "Sequence[RecordedFigures]") -> None:
             print(f"LIMIT MISSED: {row.recording}, {row.object}, {row.method}")
     if not any(row.missed for row in figures):
         print("no limit missed")
-
-
-def _cells(row: "RecordedFigures") -> tuple[str, ...]:
-    return (
-        row.recording,
-        row.object,
-        row.method,
-        f"{row.ticks:,}",
-        f"{1e3 * row.fastest:.2f}",
-        f"{1e6 * row.penetration:,.3f}",
-        f"{row.touching:,}",
-        number(row.variation_tick, 3),
-        number(row.variation_sample, 2),
-        number(row.cpu_p50, 1, 1e6),
-        number(row.cpu_p99, 1, 1e6),
-        f"{row.lagging:,}",
-        f"{1e3 * row.lag:.1f}",
-        f"{row.stuck:,}",
-        f"{row.unexplained:,}",
-    )

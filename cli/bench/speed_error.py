@@ -1,6 +1,6 @@
 """`hhsim bench speed-error`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,13 +9,17 @@ import click
 
 from .. import options
 from ..comma_list import counts, names
-from ..console import announce_compilation, number, print_json, print_notes, print_table, progress
+from ..console import announce_compilation, number, print_json, print_notes, print_rows, progress
 from ..option_group import OptionGroup, option, shared
 from ..options import COUNT
 from .table_document import table_document
 
 if TYPE_CHECKING:
     from hhsim.bench.speed_error import SpeedErrorOptions
+
+
+Row = Mapping[str, Any]
+Cells = dict[str, Callable[[Row], str]]
 
 
 class Configurations(OptionGroup):
@@ -103,66 +107,60 @@ def command(configurations: Configurations, plot: Path | None, output: options.O
         )
     elif not output.quiet:
         where = f"{', '.join(run.objects)}: {', '.join(run.motions)}"
-        _print_rows(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)])
-        _print_rows("Methods as they come", [row for row in summed if row["is_default"]])
+        _print_rows(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)], CELLS)
+        _print_rows("Methods as they come", [row for row in summed if row["is_default"]], CELLS)
         if solvers:
             _print_solvers(solvers)
         print_notes(notes)
         print(f"the table is in {output_path} and {csv_path(output_path)}, the picture in {picture}")
 
 
-def _print_rows(title: str, rows: Sequence[dict[str, Any]]) -> None:
-    if not rows:
-        return
-    numbers = (
-        *("level", "lin.", "CPU p50 [µs]", "p99 [µs]", "in spheres [µm]", "in mesh [mm]", "contacts off [mm]"),
-        *("pose off [mm]", "trembling force [%]", "force step [%]", "jump [mm]", "lag", "stuck"),
-    )
-    cells = [
-        (
-            row["method"],
-            str(row["level"]),
-            str(row["linearisations"]),
-            number(row["tick_cpu_p50"], 1, 1e6),
-            number(row["tick_cpu_p99"], 1, 1e6),
-            number(row["penetration_max"], 2, 1e6),
-            number(row["mesh_depth_max"], 3, 1e3),
-            number(row["contact_error_max"], 3, 1e3),
-            number(row["off_finest_mean"], 3, 1e3),
-            number(row["force_variation_tremor"], 3),
-            number(row["force_step"], 0),
-            number(row["posture_jump_max"], 2, 1e3),
-            f"{row['lag_ticks']:,}",
-            f"{row['stuck_ticks']:,}",
-            _frontier(row),
-        )
-        for row in sorted(rows, key=lambda row: row["tick_cpu_p50"])
-    ]
-    print_table(("method", *numbers, "frontier"), cells, title=title, numbers=numbers)
-    print()
-
-
-def _print_solvers(rows: Sequence[dict[str, Any]]) -> None:
-    numbers = ("CPU p50 [µs]", "p99 [µs]", "wall p50 [µs]", "in spheres [µm]", "off best pose [mm]", "ticks")
-    cells = [
-        (
-            row["qp"],
-            number(row["tick_cpu_p50"], 1, 1e6),
-            number(row["tick_cpu_p99"], 1, 1e6),
-            number(row["tick_wall_p50"], 1, 1e6),
-            number(row["penetration_max"], 2, 1e6),
-            number(row["off_finest_mean"], 3, 1e3),
-            f"{row['ticks']:,}",
-        )
-        for row in sorted(rows, key=lambda row: row["tick_cpu_p50"])
-    ]
+def _print_solvers(rows: Sequence[Row]) -> None:
     first = rows[0]
     title = f"QP solvers, {first['method']}, level {first['level']}, on a stretch; all but ours are driven from Python"
-    print_table(("QP solver", *numbers), cells, title=title, numbers=numbers)
-    print()
+    _print_rows(title, rows, SOLVER_CELLS)
 
 
-def _frontier(row: dict[str, Any]) -> str:
+def _print_rows(title: str, rows: Sequence[Row], cells: Cells) -> None:
+    if rows:
+        by_time = sorted(rows, key=lambda row: row["tick_cpu_p50"])
+        print_rows(cells, by_time, words=("method", "QP solver", "frontier"), title=title)
+        print()
+
+
+def _frontier(row: Row) -> str:
     """Which frontiers a row is on."""
     names = {"mesh_frontier": "mesh", "tracking_frontier": "pose"}
     return ", ".join(name for flag, name in names.items() if row[flag])
+
+
+def _figure(name: str, digits: int, scale: float = 1.0) -> Callable[[Row], str]:
+    return lambda row: number(row[name], digits, scale)
+
+
+CELLS: Cells = {
+    "method": lambda row: row["method"],
+    "level": lambda row: str(row["level"]),
+    "lin.": lambda row: str(row["linearisations"]),
+    "CPU p50 [µs]": _figure("tick_cpu_p50", 1, 1e6),
+    "p99 [µs]": _figure("tick_cpu_p99", 1, 1e6),
+    "in spheres [µm]": _figure("penetration_max", 2, 1e6),
+    "in mesh [mm]": _figure("mesh_depth_max", 3, 1e3),
+    "contacts off [mm]": _figure("contact_error_max", 3, 1e3),
+    "pose off [mm]": _figure("off_finest_mean", 3, 1e3),
+    "trembling force [%]": _figure("force_variation_tremor", 3),
+    "force step [%]": _figure("force_step", 0),
+    "jump [mm]": _figure("posture_jump_max", 2, 1e3),
+    "lag": lambda row: f"{row['lag_ticks']:,}",
+    "stuck": lambda row: f"{row['stuck_ticks']:,}",
+    "frontier": _frontier,
+}
+SOLVER_CELLS: Cells = {
+    "QP solver": lambda row: row["qp"],
+    "CPU p50 [µs]": _figure("tick_cpu_p50", 1, 1e6),
+    "p99 [µs]": _figure("tick_cpu_p99", 1, 1e6),
+    "wall p50 [µs]": _figure("tick_wall_p50", 1, 1e6),
+    "in spheres [µm]": _figure("penetration_max", 2, 1e6),
+    "off best pose [mm]": _figure("off_finest_mean", 3, 1e3),
+    "ticks": lambda row: f"{row['ticks']:,}",
+}

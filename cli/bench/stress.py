@@ -1,5 +1,6 @@
 """`hhsim bench stress`."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -8,7 +9,7 @@ import click
 
 from .. import options
 from ..comma_list import names
-from ..console import announce_compilation, print_json, print_table, progress
+from ..console import announce_compilation, print_json, print_rows, progress
 from ..object_argument import MeshSize, complete_object
 from ..option_group import GroupedCommand, OptionGroup, option
 
@@ -18,24 +19,24 @@ if TYPE_CHECKING:
     from hhsim.bench.robustness.random_targets import StressOptions
     from hhsim.bench.robustness.stress_metrics import StressFigures
 
-HEADINGS = (
-    "object",
-    "method",
-    "ticks",
-    "deepest [µm]",
-    "palm [µm]",
-    "fingers [µm]",
-    "> 1 µm",
-    "> 10 µm",
-    "not finite",
-    "stuck",
-    "no cause",
-    "lag [%]",
-    "force/coupling",
-    "p50 [µs]",
-    "p99 [µs]",
-    "max [µs]",
-)
+CELLS: dict[str, Callable[["StressFigures"], str]] = {
+    "object": lambda row: row.object,
+    "method": lambda row: row.method,
+    "ticks": lambda row: f"{row.ticks:,}",
+    "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
+    "palm [µm]": lambda row: f"{1e6 * row.penetration_palm:,.3f}",
+    "fingers [µm]": lambda row: f"{1e6 * row.penetration_finger:,.3f}",
+    "> 1 µm": lambda row: f"{row.penetrating:,}",
+    "> 10 µm": lambda row: f"{row.penetrating_deep:,}",
+    "not finite": lambda row: f"{row.not_finite:,}",
+    "stuck": lambda row: f"{row.stuck:,}",
+    "no cause": lambda row: f"{row.unexplained:,}",
+    "lag [%]": lambda row: f"{100.0 * row.lag / row.ticks:.1f}",
+    "force/coupling": lambda row: f"{row.force_ratio:.2f}",
+    "p50 [µs]": lambda row: f"{1e6 * row.cpu_p50:,.0f}",
+    "p99 [µs]": lambda row: f"{1e6 * row.cpu_p99:,.0f}",
+    "max [µs]": lambda row: f"{1e6 * row.cpu_max:,.0f}",
+}
 
 
 class Targets(OptionGroup, heading="Targets"):
@@ -63,7 +64,6 @@ class Targets(OptionGroup, heading="Targets"):
 
 @click.command(
     cls=GroupedCommand,
-    short_help="Random targets on any object, as long as you like; a failing motion is kept, shrunk to a few ticks.",
 )
 @click.argument("objects", metavar="[OBJECT]...", nargs=-1, shell_complete=complete_object)
 @names("--method", "methods", "Methods. Default: all.")
@@ -178,9 +178,8 @@ def _print(figures: "Sequence[StressFigures]") -> None:
 
     methods = list(dict.fromkeys(row.method for row in figures))
     totals = [total([row for row in figures if row.method == method]) for method in methods]
-    rows = [_cells(row) for row in [*figures, *(totals if len(figures) > len(methods) else [])]]
-    title = "stress: a new random hand every few ticks"
-    print_table(HEADINGS, rows, title=title, numbers=HEADINGS[2:])
+    rows = [*figures, *(totals if len(figures) > len(methods) else [])]
+    print_rows(CELLS, rows, words=("object", "method"), title="stress: a new random hand every few ticks")
     for row in figures:
         for failure in row.failures:
             what = f"{failure.kind} at tick {failure.tick:,}, shrunk to {failure.ticks} ticks"
@@ -189,23 +188,3 @@ def _print(figures: "Sequence[StressFigures]") -> None:
     for row in totals:
         if never_penetrates(row.method):
             print(f"{row.method}: {'no limit missed' if row.safe else 'LIMIT MISSED'}")
-
-
-def _cells(row: "StressFigures") -> tuple[str, ...]:
-    micro = (row.penetration, row.penetration_palm, row.penetration_finger)
-    return (
-        row.object,
-        row.method,
-        f"{row.ticks:,}",
-        *(f"{1e6 * value:,.3f}" for value in micro),
-        f"{row.penetrating:,}",
-        f"{row.penetrating_deep:,}",
-        f"{row.not_finite:,}",
-        f"{row.stuck:,}",
-        f"{row.unexplained:,}",
-        f"{100.0 * row.lag / row.ticks:.1f}",
-        f"{row.force_ratio:.2f}",
-        f"{1e6 * row.cpu_p50:,.0f}",
-        f"{1e6 * row.cpu_p99:,.0f}",
-        f"{1e6 * row.cpu_max:,.0f}",
-    )

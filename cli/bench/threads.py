@@ -1,11 +1,12 @@
 """`hhsim bench threads`."""
 
+from collections.abc import Callable
 from typing import Any
 
 import click
 
 from ..comma_list import counts, names
-from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..console import announce_compilation, print_json, print_notes, print_rows, progress
 from ..option_group import OptionGroup, option, shared
 from ..options import COUNT, Output
 from .table_document import table_document
@@ -56,27 +57,24 @@ def command(settings: ThreadsSettings, output: Output) -> None:
             }
         )
     elif not output.quiet:
-        _print_rows(rows)
+        title = f"wall time of a tick, mean of {rows[0]['instances']} instances in contact"
+        print_rows(CELLS, rows, words=("object", "case", "method"), title=title)
+        print()
         for sentence in sentences:
             print(sentence)
         print_notes(notes)
         print(f"the table is in {output_path} and {csv_path(output_path)}")
 
 
-def _print_rows(rows: list[dict[str, Any]]) -> None:
-    numbers = ("contacts", "threads", "detection [µs]", "response [µs]", "total [µs]", "all threads' CPU [µs]", "gain")
-    cells = [
-        (
-            row["object"],
-            row["case"],
-            row["method"],
-            f"{row['contacts']:,.0f}",
-            str(row["threads"]),
-            *(f"{1e6 * row[name]:.1f}" for name in ("detection", "response", "total", "total_cpu")),
-            "" if row["threads"] == 1 else f"{row['speedup']:.2f}",
-        )
-        for row in rows
-    ]
-    title = f"wall time of a tick, mean of {rows[0]['instances']} instances in contact"
-    print_table(("object", "case", "method", *numbers), cells, title=title, numbers=numbers)
-    print()
+CELLS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "object": lambda row: row["object"],
+    "case": lambda row: row["case"],
+    "method": lambda row: row["method"],
+    "contacts": lambda row: f"{row['contacts']:,.0f}",
+    "threads": lambda row: str(row["threads"]),
+    "detection [µs]": lambda row: f"{1e6 * row['detection']:.1f}",
+    "response [µs]": lambda row: f"{1e6 * row['response']:.1f}",
+    "total [µs]": lambda row: f"{1e6 * row['total']:.1f}",
+    "all threads' CPU [µs]": lambda row: f"{1e6 * row['total_cpu']:.1f}",
+    "gain": lambda row: "" if row["threads"] == 1 else f"{row['speedup']:.2f}",
+}

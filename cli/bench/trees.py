@@ -1,6 +1,6 @@
 """`hhsim bench trees`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +8,7 @@ import click
 
 from .. import options
 from ..comma_list import counts, names
-from ..console import announce_compilation, number, print_json, print_notes, print_table, progress
+from ..console import announce_compilation, number, print_json, print_notes, print_rows, progress
 from ..option_group import OptionGroup, shared
 from .table_document import table_document
 
@@ -74,7 +74,8 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
         )
     elif not output.quiet:
         for name in run.objects:
-            _print_object(name, [row for row in rows if row["object"] == name])
+            print_rows(CELLS, [row for row in rows if row["object"] == name], words=("builder",), title=name)
+            print()
         if any(row["measured_by"] == "hhsim" and not row["is_reference"] for row in rows):
             print_notes(["coal is not installed: the errors are those that every tree is measured with"])
         if any(row["is_reference"] for row in rows):
@@ -84,25 +85,15 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
     return 1 if missed else 0
 
 
-def _print_object(name: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    numbers = (
-        *("spheres", "protrusion max [mm]", "limit [mm]", "mean [mm]", "proved bound [mm]", "gap max [mm]"),
-        *("CPU [s]", "limit [s]", "leaves only [s]"),
-    )
-    cells = [
-        (
-            f"({row['method']})" if row["is_reference"] else row["method"],
-            number(row["spheres"], 0),
-            number(row["protrusion_max"], 3, 1e3),
-            number(row["protrusion_limit"], 2, 1e3, missing=""),
-            number(row["protrusion_mean"], 3, 1e3),
-            number(row["bound"] if row["is_proved"] else None, 3, 1e3),
-            number(row["gap_max"], 3, 1e3),
-            number(row["cpu"], 2),
-            number(row["cpu_limit"], 0, missing=""),
-            number(row["cpu_leaves"], 2, missing=""),
-        )
-        for row in rows
-    ]
-    print_table(("builder", *numbers), cells, title=name, numbers=numbers)
-    print()
+CELLS: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "builder": lambda row: f"({row['method']})" if row["is_reference"] else row["method"],
+    "spheres": lambda row: number(row["spheres"], 0),
+    "protrusion max [mm]": lambda row: number(row["protrusion_max"], 3, 1e3),
+    "limit [mm]": lambda row: number(row["protrusion_limit"], 2, 1e3, missing=""),
+    "mean [mm]": lambda row: number(row["protrusion_mean"], 3, 1e3),
+    "proved bound [mm]": lambda row: number(row["bound"] if row["is_proved"] else None, 3, 1e3),
+    "gap max [mm]": lambda row: number(row["gap_max"], 3, 1e3),
+    "CPU [s]": lambda row: number(row["cpu"], 2),
+    "limit [s]": lambda row: number(row["cpu_limit"], 0, missing=""),
+    "leaves only [s]": lambda row: number(row["cpu_leaves"], 2, missing=""),
+}

@@ -182,10 +182,10 @@ def test_a_reader_that_leaves_is_no_error() -> None:
     assert process.stdout is not None
     process.stdout.close()
     assert process.stderr is not None
-    told = process.stderr.read()
+    errors = process.stderr.read()
     process.stderr.close()
     assert process.wait() == 128 + signal.SIGPIPE
-    assert told == b""
+    assert errors == b""
 
 
 @pytest.mark.parametrize(
@@ -217,10 +217,10 @@ def test_a_reader_that_leaves_before_an_error_is_told_is_no_crash() -> None:
     process = subprocess.Popen([*HHSIM, "relpay", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stderr is not None
     process.stdout.close()
-    told = process.stderr.read()
+    errors = process.stderr.read()
     process.stderr.close()
     assert process.wait() == 128 + signal.SIGPIPE
-    assert told == "hhsim: error: unknown command 'relpay': did you mean replay or report?\n"
+    assert errors == "hhsim: error: unknown command 'relpay': did you mean replay or report?\n"
 
 
 def test_an_encoding_without_our_letters_is_no_crash() -> None:
@@ -340,8 +340,8 @@ def test_compilation_is_announced_where_and_when_it_happens(tmp_path: Path) -> N
         "command(standalone_mode=False)\n"
         "numba.njit(lambda: 3)()\n"
     )
-    said = "hhsim: compiling the kernels: this happens once, and again after an upgrade"
-    for arguments, lines in (([], ["begun", said]), (["--quiet"], ["begun"])):
+    announcement = "hhsim: compiling the kernels: this happens once, and again after an upgrade"
+    for arguments, lines in (([], ["begun", announcement]), (["--quiet"], ["begun"])):
         answer = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True)
         assert answer.stderr.splitlines() == lines
 

@@ -137,8 +137,8 @@ def test_what_the_scene_does_not_need_is_left_out_and_told(run: Run, tmp_path: P
     assert result.scene["solver"]["budget"] == 50_000
     assert np.isnan(result["penetration_finger"][:, 2:]).all()
     assert result["penetration_finger"][:, :2].max() == 0.0
-    told = run("replay", "cube", short.name, *options[:4], "--out", "run.h5").out
-    assert "note: level 3 is the coarsest within 2 mm: 512 spheres, which reach out of the mesh by 1." in told
+    table_text = run("replay", "cube", short.name, *options[:4], "--out", "run.h5").out
+    assert "note: level 3 is the coarsest within 2 mm: 512 spheres, which reach out of the mesh by 1." in table_text
 
 
 def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path, short: Path) -> None:
@@ -150,7 +150,7 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["bunyn"], "unknown object 'bunyn': did you mean bunny?"),
         (["cube", "graps"], "unknown trajectory 'graps': did you mean grasp"),
@@ -181,7 +181,7 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
     ],
 )
 def test_bad_input_is_told_in_one_line_and_leaves_nothing(
-    run: Run, tmp_path: Path, short: Path, arguments: list[str], says: str
+    run: Run, tmp_path: Path, short: Path, arguments: list[str], message: str
 ) -> None:
     (tmp_path / "notes.h5").write_text("no result")
     (tmp_path / "empty.stl").write_text("solid empty\nendsolid empty\n")
@@ -191,7 +191,7 @@ def test_bad_input_is_told_in_one_line_and_leaves_nothing(
     assert (answer.code, answer.out) == (2, "")
     assert len(answer.err.splitlines()) == 1, answer.err
     assert answer.err.startswith("hhsim: error: ")
-    assert says in answer.err
+    assert message in answer.err
     assert sorted(path.name for path in tmp_path.iterdir() if path.name != "results") == before
     assert not (tmp_path / "results").exists() or list((tmp_path / "results").iterdir()) == []
 

@@ -50,7 +50,7 @@ def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["grasp"], "run.h5 runs again with the motion that it holds: it takes no TRAJECTORY"),
         (["--tree", "other.h5"], "run.h5 runs again as it was, so --tree has no place here"),
@@ -59,10 +59,10 @@ def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
         (["--out", "again.h5"], "run.h5 runs again as it was, so --out has no place here"),
     ],
 )
-def test_what_would_make_it_another_run_is_refused(run: Run, result: Path, arguments: list[str], says: str) -> None:
+def test_what_would_make_it_another_run_is_refused(run: Run, result: Path, arguments: list[str], message: str) -> None:
     answer = run("replay", "run.h5", *arguments)
     assert (answer.code, answer.out) == (2, "")
-    assert says in answer.err
+    assert message in answer.err
     assert len(answer.err.splitlines()) == 1
 
 
