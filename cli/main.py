@@ -1,4 +1,4 @@
-"""The `hhsim` command: a group that imports a command only when it is run, and the one place where errors are reported."""
+"""The `hhsim` command: a group that imports a command only when it is run, and the one place that reports errors."""
 
 import json
 import os
@@ -79,7 +79,7 @@ def main() -> None:
         # What is still buffered must not raise again when the interpreter closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = BROKEN_PIPE if isinstance(error, BrokenPipeError) else HhsimError.exit_code
-        # A reader that has left wants to hear no more, and one error is reported already where this one came of reporting it.
+        # A reader that has left wants no more; where this came of reporting an error, that one is on stderr already.
         if code != BROKEN_PIPE and error.__context__ is None:
             print(f"hhsim: error: cannot print the answer: {error.strerror or error}", file=sys.stderr)
     sys.exit(code)
