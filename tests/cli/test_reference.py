@@ -17,6 +17,7 @@ Run = Callable[..., Any]
 
 reference: Callable[[], str] = importlib.import_module("hhsim.cli.reference").reference
 COMMANDS: dict[str, Any] = {found.path: found for found in importlib.import_module("hhsim.cli.reference").commands()}
+help_sections: Callable[..., Any] = importlib.import_module("hhsim.cli.option_group").help_sections
 HELP_OPTION = r"(-h,)?--helpShowthismessageandexit\."
 """As a command prints it; which names it has is settled by the first context that click makes of it in a process."""
 
@@ -78,6 +79,15 @@ def test_the_texts_of_options_are_sentences_without_marks_and_say_what_a_value_i
         assert not re.search(r" (INTEGER|FLOAT|PATH|FILENAME)( RANGE)?$", record[0]), name
         if isinstance(option.type, click.Choice) and {"auto", "paper", "coupled"} & set(option.type.choices):
             assert all(re.search(rf"\b{choice}\b", text) for choice in option.type.choices), name
+
+
+@pytest.mark.parametrize("path", COMMANDS)
+def test_a_command_takes_few_arguments_and_many_options_stand_under_headings(path: str) -> None:
+    found = COMMANDS[path]
+    assert len(inspect.signature(found.command.callback).parameters) <= 10
+    sections = help_sections(found.command, found.context)
+    assert sum(map(len, sections.values())) == len(options_of(path)) + 1, "with --help, and no argument"
+    assert (len(sections) > 1) == (len(options_of(path)) > 15)
 
 
 ALIKE = (

@@ -15,7 +15,7 @@ from hhsim.errors import InputError
 from hhsim.report.html import Html
 from hhsim.report.run import report_runs
 from hhsim.report.sections import run_section
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import load_result
 
 Run = Callable[..., Any]
 
@@ -36,7 +36,14 @@ def short(tmp_path: Path) -> str:
     return "short.toml"
 
 
-def no_picture(result: Result) -> NoReturn:
+@pytest.fixture(autouse=True)
+def coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How fine they are is not what is tested here, and takes most of the time."""
+    monkeypatch.setattr("hhsim.report.pictures.RENDER_DPI", 30)
+    monkeypatch.setattr("hhsim.report.figure.DPI", 50)
+
+
+def no_picture(*arguments: object) -> NoReturn:
     raise InputError("none is drawn here")
 
 
@@ -64,9 +71,10 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path, short: str) -> None
 def test_several_results_are_told_to_machines(
     run: Run, tmp_path: Path, short: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # What is drawn is tested elsewhere, and takes most of the time.
+    # What is drawn is tested elsewhere, and takes time.
     monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
-    monkeypatch.setattr("hhsim.report.report.overview_picture", no_picture)
+    for picture in ("overview_picture", "held_picture"):
+        monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
     for method in ("coupled", "paper"):
         answer = run("replay", "cube", short, "--level", "2", "--method", method, "--out", f"{method}.h5", "--quiet")
         assert answer.code == 0, answer.err
