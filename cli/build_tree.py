@@ -1,98 +1,127 @@
 """`hhsim build-tree`."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
+from click.core import ParameterSource
 
-from . import options, tree_file
-from .console import announce_compilation, print_json, print_notes, print_table, progress
-from .object_argument import complete_object, read_object
-from .tree_level import read_length
+from .console import announce_compilation, number, print_json, print_notes, print_rows, progress
+from .object_argument import MeshFile, complete_object
+from .option_group import GroupedCommand, OptionGroup, option
+from .options import COUNT, FILE, UNITS, Output, seed
+from .tree_choice import read_length
 
 if TYPE_CHECKING:
-    from hhsim.trees.sphere_tree import SphereTree
+    from hhsim.trees.options import TreeOptions
+    from hhsim.trees.sphere_tree import LevelError, SphereTree
 
 
-@click.command()
+class BuiltTree(OptionGroup, heading="Sphere tree"):
+    """How the tree is built; `max_error` in [m]."""
+
+    level: int | None = option(
+        type=click.IntRange(1, 5),
+        metavar="N",
+        help="Level of the leaves. Default: what --leaves or --max-error needs, else 3 or 4, as the catalogue says, 4 "
+        "for a mesh file.",
+    )
+    leaves: int | None = option(
+        type=COUNT,
+        metavar="N",
+        help="So many leaves, or fewer where a mesh has no use for more. Default: --branching to the power of --level.",
+    )
+    max_error: float | None = option(
+        callback=read_length,
+        metavar="LENGTH",
+        help="As few leaves as are proved to be off the mesh by no more than this: 0.2mm, 200um; a bare number is in "
+        "mm.",
+    )
+    branching: int = option(type=click.IntRange(2, 64), metavar="N", default=8, help="Most children of a sphere.")
+    cover: str = option(
+        type=click.Choice(["outer", "balanced"]),
+        default="outer",
+        help="outer: the spheres contain the whole surface; balanced: all radii are less by half the bound, so that "
+        "the spheres are off to both sides, by half as much.",
+    )
+    threads: int | None = option(
+        type=click.IntRange(1, 64),
+        metavar="N",
+        help="Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.",
+    )
+
+    def options(self, usual_level: int, seed: int) -> "TreeOptions":
+        """The same for the library; of the usual level where nothing says how fine the tree is."""
+        from hhsim.trees.options import TreeOptions
+
+        named = (self.level, self.leaves, self.max_error) != (None, None, None)
+        level = self.level if named else usual_level
+        return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error)
+
+
+class TreeSource(OptionGroup, heading="Sphere tree of a file"):
+    """A file in place of a tree that is built."""
+
+    path: Path | None = option(
+        "--from",
+        type=FILE,
+        metavar="FILE",
+        help="Build nothing: take the tree of a .sph file of Bradshaw's toolkit or another program, or of a .h5 file, "
+        "mend and measure it.",
+    )
+    frame: Literal["auto", "mesh", "centred"] | None = option(
+        type=click.Choice(["auto", "mesh", "centred"]),
+        help="What the centres of the .sph file count from. mesh: the mesh's origin; centred: the centre of its "
+        "bounding box, as the toolkit's do; auto: whichever leaves less of the mesh outside the spheres. Default: "
+        "auto.",
+    )
+    from_unit: str | None = option(
+        type=UNITS,
+        help="Length unit of the .sph file. Default: that of the mesh file; m for an object of the catalogue.",
+    )
+
+    def check(self) -> None:
+        """Refuse options of `--from` that have nothing to act on, and options of a build beside it."""
+        if self.path is None:
+            for name, value in (("--frame", self.frame), ("--from-unit", self.from_unit)):
+                if value is not None:
+                    raise click.UsageError(f"{name} is for --from FILE.sph")
+            return
+        context = click.get_current_context()
+        for name in ("level", "leaves", "max_error", "branching", "cover", "threads"):
+            if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+                raise click.UsageError(
+                    f"--{name.replace('_', '-')} is for trees that are built; {self.path} has its own"
+                )
+        if self.path.suffix == ".h5" and (self.frame or self.from_unit):
+            raise click.UsageError(
+                f"--frame and --from-unit are for .sph files; {self.path} is in metres and has its frame"
+            )
+
+
+@click.command(cls=GroupedCommand)
 @click.argument("object_", metavar="OBJECT", shell_complete=complete_object)
-@click.option(
-    "--level",
-    type=click.IntRange(1, 5),
-    metavar="N",
-    help="Level of the leaves. Default: what --leaves or --max-error needs, else 3 or 4, as the catalogue says, 4 for "
-    "a mesh file.",
-)
-@click.option(
-    "--leaves",
-    type=click.IntRange(1),
-    metavar="N",
-    help="So many leaves, or fewer where a mesh has no use for more. Default: --branching to the power of --level.",
-)
-@click.option(
-    "--max-error",
-    callback=read_length,
-    metavar="LENGTH",
-    help="As few leaves as are proved to be off the mesh by no more than this: 0.2mm, 200um; a bare number is in mm.",
-)
-@click.option(
-    "--branching",
-    type=click.IntRange(2, 64),
-    metavar="N",
-    default=8,
-    show_default=True,
-    help="Most children of a sphere.",
-)
-@click.option(
-    "--cover",
-    type=click.Choice(["outer", "balanced"]),
-    default="outer",
-    show_default=True,
-    help="outer: the spheres contain the whole surface; balanced: all radii are less by half the bound, so that the "
-    "spheres are off to both sides, by half as much.",
-)
-@click.option(
-    "--threads",
-    type=click.IntRange(1, 64),
-    metavar="N",
-    help="Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.",
-)
+@BuiltTree.argument("build")
+@TreeSource.argument("source")
+@MeshFile.argument("mesh_file")
+@Output.argument("output")
 @click.option(
     "--plot",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Draw the mesh, its spheres coloured by how far they stick out, and the errors of all levels.",
 )
-@tree_file.source
-@tree_file.frame
-@tree_file.unit
-@options.unit
-@options.size
-@options.thickness
-@options.seed
-@options.out
-@options.json
-@options.quiet
+@seed
 def command(
     object_: str,
-    level: int | None,
-    leaves: int | None,
-    max_error: float | None,
-    branching: int,
-    cover: str,
-    threads: int | None,
+    build: BuiltTree,
+    source: TreeSource,
+    mesh_file: MeshFile,
+    output: Output,
     plot: Path | None,
-    source: Path | None,
-    frame: str | None,
-    source_unit: str | None,
-    unit: str | None,
-    size: float | None,
-    thickness: float | None,
     seed: int,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
 ) -> None:
     """Build the sphere tree of an object and measure its error.
 
@@ -112,38 +141,37 @@ def command(
       hhsim build-tree bowl.stl --unit mm --thickness 2
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
+    from hhsim.mesh.mesh import METRES_PER_UNIT
     from hhsim.render.tree_figure import draw_tree
-    from hhsim.system.output_path import check_output_path, dated_output_path
+    from hhsim.system.output_path import check_output_path
     from hhsim.system.picture_path import check_picture
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.cache import cache_path, kept_sphere_tree
     from hhsim.trees.file import save_tree
-    from hhsim.trees.options import TreeOptions
+    from hhsim.trees.foreign_tree import import_tree
     from hhsim.trees.sph_format import save_sph
 
-    announce_compilation(quiet=quiet)
-    tree_file.check_source(source, frame, source_unit)
-    mesh, usual_level = read_object(object_, unit, size, thickness)
-    if level is None and leaves is None and max_error is None:
-        level = usual_level
-    wanted = TreeOptions(level, branching, leaves, seed, cover, max_error)
-    kind = f"{1e6 * max_error:.0f}um" if max_error else wanted.leaves or wanted.level
-    path = out or dated_output_path(f"{mesh.name}-tree-{source.stem if source else kind}")
+    announce_compilation(quiet=output.quiet)
+    source.check()
+    mesh, usual_level = mesh_file.read(object_)
+    options = build.options(usual_level, seed)
+    kind = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
+    path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else kind}")
     if path.suffix not in (".h5", ".sph"):
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
     check_output_path(path)
     _check_replaceable(path)
     if plot is not None:
         check_picture(plot)
-    cached = source is None and cache_path(mesh, wanted).exists()
+    cached = source.path is None and cache_path(mesh, options).exists()
     found = None
     start = time.perf_counter()
-    with progress(quiet=quiet) as report:
-        if source is None:
-            tree = kept_sphere_tree(mesh, wanted, report, threads or usual_threads())
+    with progress(quiet=output.quiet) as report:
+        if source.path is None:
+            tree = kept_sphere_tree(mesh, options, report, build.threads or usual_threads())
         else:
-            unit_length = tree_file.length_unit(object_, unit, size, source_unit)
-            found = tree_file.imported_tree(source, mesh, frame, unit_length, seed, report)
+            unit = METRES_PER_UNIT[source.from_unit] if source.from_unit else mesh_file.unit_length(object_)
+            found = import_tree(source.path, mesh, unit, source.frame or "auto", seed, report)
             tree = found.tree
     seconds = time.perf_counter() - start
     if path.suffix == ".sph":
@@ -154,7 +182,7 @@ def command(
         draw_tree(plot, mesh, tree)
     faults = tree.check(mesh)
     print_notes(mesh.warnings, prefix="warning")
-    if as_json:
+    if output.as_json:
         print_json(
             {
                 "object": mesh.name,
@@ -176,8 +204,8 @@ def command(
                 "plot": None if plot is None else str(plot),
             }
         )
-    elif not quiet:
-        print_table(COLUMNS, _rows(tree), title=f"{mesh.name}: {len(mesh.faces):,} triangles", numbers=COLUMNS)
+    elif not output.quiet:
+        _print_levels(tree, f"{mesh.name}: {len(mesh.faces):,} triangles")
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
         for note in found.notes if found else ():
@@ -187,42 +215,28 @@ def command(
                 print(f"not proved: {fault}")
         if not faults:
             print(_proved(tree))
-        if max_error is not None:
-            print(f"the fewest spheres that were found within {1e3 * max_error:g} mm")
+        if build.max_error is not None:
+            print(f"the fewest spheres that were found within {1e3 * build.max_error:g} mm")
         how = "read from the cache" if cached else f"built in {seconds:.1f} s"
-        if source is not None:
-            how = f"read from {source}"
+        if source.path is not None:
+            how = f"read from {source.path}"
         print(f"{tree.leaf_count:,} leaves, {how}, written to {path}")
         if plot is not None:
             print(f"the picture is in {plot}")
 
 
-COLUMNS = (
-    "level",
-    "spheres",
-    "protrusion max [mm]",
-    "p99 [mm]",
-    "mean [mm]",
-    "proved bound [mm]",
-    "gap max [mm]",
-    "CPU [s]",
-)
-
-
-def _rows(tree: "SphereTree") -> list[tuple[str, ...]]:
-    rows = []
-    for error in tree.errors:
-        lengths = (error.protrusion_max, error.protrusion_p99, error.protrusion_mean, error.bound, error.gap_max)
-        seconds = _of_level(tree, error.level)["cpu_seconds"]
-        rows.append(
-            (
-                str(error.level),
-                f"{error.spheres:,}",
-                *(f"{1e3 * length:.3f}" for length in lengths),
-                "" if seconds is None else f"{seconds:.2f}",
-            )
-        )
-    return rows
+def _print_levels(tree: "SphereTree", title: str) -> None:
+    cells: dict[str, Callable[[LevelError], str]] = {
+        "level": lambda error: str(error.level),
+        "spheres": lambda error: f"{error.spheres:,}",
+        "protrusion max [mm]": lambda error: f"{1e3 * error.protrusion_max:.3f}",
+        "p99 [mm]": lambda error: f"{1e3 * error.protrusion_p99:.3f}",
+        "mean [mm]": lambda error: f"{1e3 * error.protrusion_mean:.3f}",
+        "proved bound [mm]": lambda error: f"{1e3 * error.bound:.3f}",
+        "gap max [mm]": lambda error: f"{1e3 * error.gap_max:.3f}",
+        "CPU [s]": lambda error: number(_of_level(tree, error.level)["cpu_seconds"], 2, missing=""),
+    }
+    print_rows(cells, tree.errors, words=(), title=title)
 
 
 def _of_level(tree: "SphereTree", level: int) -> dict[str, float | None]:

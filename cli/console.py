@@ -5,7 +5,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
@@ -29,7 +29,7 @@ def prepare_streams() -> None:
 
 
 def print_table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", numbers: Container[str] = ()
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", numbers: Collection[str] = ()
 ) -> None:
     """Print a table to stdout.
 
@@ -58,6 +58,29 @@ def print_table(
     print("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
+def print_rows(
+    cells: Mapping[str, Callable[[Any], str]], rows: Iterable[object], *, words: Collection[str], title: str = ""
+) -> None:
+    """Print a table to stdout, a line for each row.
+
+    Args:
+        cells: Heading of each column, and what it shows of a row.
+        rows: What the table is of.
+        words: Headings of the columns that are aligned left.
+        title: A line above the table.
+    """
+    shown = [[cell(row) for cell in cells.values()] for row in rows]
+    print_table(list(cells), shown, title=title, numbers=cells.keys() - set(words))
+
+
+def number(value: float | None, digits: int, scale: float = 1.0, missing: str = "—") -> str:
+    """A figure as a table shows it, times a scale; what is None or NaN is missing."""
+    if value is None or math.isnan(value):
+        return missing
+    # Rounded first: what rounds to nothing has no sign.
+    return f"{round(scale * float(value), digits) + 0.0:,.{digits}f}"
+
+
 def print_json(document: Mapping[str, Any]) -> None:
     """Print a document to stdout, in ASCII for every encoding; what JSON cannot hold (NaN, infinities) becomes null."""
     print(json.dumps(_plain(document), indent=2, allow_nan=False))
@@ -73,14 +96,15 @@ def announce_compilation(*, quiet: bool) -> None:
     import click
     from numba.core import event
 
-    told: list[str] = []
+    announced = False
 
-    def tell(listener: object, details: object) -> None:
-        if not told:
-            told.append("hhsim: compiling the kernels: this happens once, and again after an upgrade")
-            print(told[0], file=sys.stderr)
+    def announce(listener: object, details: object) -> None:
+        nonlocal announced
+        if not announced:
+            announced = True
+            print("hhsim: compiling the kernels: this happens once, and again after an upgrade", file=sys.stderr)
 
-    listener = type("FirstCompilation", (event.Listener,), {"on_start": tell, "on_end": lambda *_: None})()
+    listener = type("FirstCompilation", (event.Listener,), {"on_start": announce, "on_end": lambda *_: None})()
     event.register("numba:compile", listener)
     click.get_current_context().call_on_close(lambda: event.unregister("numba:compile", listener))
 

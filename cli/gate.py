@@ -10,6 +10,8 @@ from hhsim.errors import InputError
 
 from . import options
 from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .option_group import OptionGroup, option
+from .options import FILE
 from .run_again import names_a_result
 
 if TYPE_CHECKING:
@@ -20,43 +22,40 @@ if TYPE_CHECKING:
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
+class Comparison(OptionGroup):
+    """What a suite is compared with, and how it is timed."""
+
+    baseline: Path | None = option(
+        type=FILE,
+        metavar="FILE",
+        help="What to compare with: a file of --write-baseline; for a RESULT also another result. Default: the file "
+        "that the suite names.",
+    )
+    base_python: Path | None = option(
+        type=FILE,
+        metavar="PYTHON",
+        help="A python that has the base's hhsim, run in turn with this one: the only fair comparison of times.",
+    )
+    write_baseline: Path | None = option(type=FILE, metavar="FILE", help="Record the suite's run in this file.")
+    time: bool = option("--time/--no-time", default=True, help="Judge and record times, or leave them out.")
+    processes: int | None = option(
+        type=click.IntRange(3, 100),
+        metavar="N",
+        help="Timed processes of each side and scene. Default: as the suite says, else 5.",
+    )
+
+
 @click.command()
-@click.argument("target", metavar="[RESULT|SUITE]", required=False, type=click.Path(path_type=Path))
-@click.option(
-    "--baseline",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="What to compare with: a file of --write-baseline; for a RESULT also another result. Default: the file that "
-    "the suite names.",
-)
-@click.option(
-    "--base-python",
-    type=click.Path(path_type=Path),
-    metavar="PYTHON",
-    help="A python that has the base's hhsim, run in turn with this one: the only fair comparison of times.",
-)
-@click.option(
-    "--write-baseline", type=click.Path(path_type=Path), metavar="FILE", help="Record the suite's run in this file."
-)
-@click.option("--time/--no-time", default=True, show_default=True, help="Judge and record times, or leave them out.")
-@click.option(
-    "--processes",
-    type=click.IntRange(3, 100),
-    metavar="N",
-    help="Timed processes of each side and scene. Default: as the suite says, else 5.",
-)
-@click.option("--markdown", type=click.Path(path_type=Path), metavar="FILE", help="Write a summary in Markdown.")
+@click.argument("target", metavar="[RESULT|SUITE]", required=False, type=FILE)
+@Comparison.argument("comparison")
+@click.option("--markdown", type=FILE, metavar="FILE", help="Write a summary in Markdown.")
 @click.option("--step-summary", is_flag=True, help=f"Append the summary to the file that ${STEP_SUMMARY} names.")
-@click.option("--junit", type=click.Path(path_type=Path), metavar="FILE", help="Write JUnit XML.")
+@click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML.")
 @options.json
 @options.quiet
 def command(
     target: Path | None,
-    baseline: Path | None,
-    base_python: Path | None,
-    write_baseline: Path | None,
-    time: bool,
-    processes: int | None,
+    comparison: Comparison,
     markdown: Path | None,
     step_summary: bool,
     junit: Path | None,
@@ -85,16 +84,16 @@ def command(
     from hhsim.system.output_path import check_output_path
 
     summary = _step_summary() if step_summary else None
-    for path in (write_baseline, markdown, junit):
+    for path in (comparison.write_baseline, markdown, junit):
         if path is not None:
             check_output_path(path)
     announce_compilation(quiet=quiet)
     if target is not None and names_a_result(target):
-        if base_python is not None or write_baseline is not None:
+        if comparison.base_python is not None or comparison.write_baseline is not None:
             raise click.UsageError("--base-python and --write-baseline run a suite: a RESULT is judged as it is")
-        report = _judge_result(target, baseline)
+        report = _judge_result(target, comparison.baseline)
     else:
-        report = _judge_suite(target, baseline, base_python, write_baseline, time, processes, quiet)
+        report = _judge_suite(target, comparison, quiet=quiet)
     # The name of a file need be no UTF-8.
     text = as_markdown(report).encode(errors="replace")
     if markdown is not None:
@@ -106,9 +105,9 @@ def command(
         from hhsim.gate.report import junit as as_junit
 
         write_atomically(junit, as_junit(report))
-    if write_baseline is not None and not report.recorded:
-        print_notes([f"not every scene ran, so {write_baseline} is not written"], prefix="gate")
-    _tell(report, write_baseline if report.recorded else None, as_json=as_json, quiet=quiet)
+    if comparison.write_baseline is not None and not report.recorded:
+        print_notes([f"not every scene ran, so {comparison.write_baseline} is not written"], prefix="gate")
+    _print(report, comparison.write_baseline if report.recorded else None, as_json=as_json, quiet=quiet)
     return report.exit_code
 
 
@@ -125,43 +124,35 @@ def _judge_result(path: Path, baseline: Path | None) -> "GateReport":
     return gate_result(load_result(path), suite, base)
 
 
-def _judge_suite(
-    target: Path | None,
-    baseline: Path | None,
-    base_python: Path | None,
-    write_baseline: Path | None,
-    time: bool,
-    processes: int | None,
-    quiet: bool,
-) -> "GateReport":
+def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) -> "GateReport":
     from dataclasses import replace
 
-    from hhsim.gate.baseline import load_baseline
-    from hhsim.gate.baseline import write_baseline as write
+    from hhsim.gate.baseline import load_baseline, write_baseline
     from hhsim.gate.gate import find_suite, gate_suite
     from hhsim.gate.run import find_side, this_python
     from hhsim.gate.suite import SUITE_FILE
     from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 
     suite = find_suite(target, Path(SUITE_FILE))
-    if processes is not None:
-        suite = replace(suite, processes=processes)
-    named = baseline or (suite.baseline if write_baseline is None else None)
-    known = None if named is None else load_baseline(named)
+    if comparison.processes is not None:
+        suite = replace(suite, processes=comparison.processes)
+    written = comparison.write_baseline
+    named = comparison.baseline or (suite.baseline if written is None else None)
+    baseline = None if named is None else load_baseline(named)
     head = find_side("head", this_python())
-    base = None if base_python is None else find_side("base", base_python.absolute())
+    base = None if comparison.base_python is None else find_side("base", comparison.base_python.absolute())
     with progress(quiet=quiet) as report_progress:
         report = gate_suite(
             suite,
             head,
             base=base,
-            baseline=known,
-            timed=time,
-            record_times=time and write_baseline is not None,
+            baseline=baseline,
+            timed=comparison.time,
+            record_times=comparison.time and written is not None,
             progress=report_progress,
         )
-    if write_baseline is not None and report.recorded:
-        write(write_baseline, report.recorded, REFERENCE_VERSION)
+    if written is not None and report.recorded:
+        write_baseline(written, report.recorded, REFERENCE_VERSION)
     return report
 
 
@@ -172,14 +163,14 @@ def _step_summary() -> Path:
     return Path(named)
 
 
-def _tell(report: "GateReport", written: Path | None, *, as_json: bool, quiet: bool) -> None:
+def _print(report: "GateReport", written: Path | None, *, as_json: bool, quiet: bool) -> None:
     from hhsim.gate.report import HEADINGS, NUMBERS, cells, headline, reasons
 
     if as_json:
         print_json({**report.to_json(), "baseline_written": str(written) if written else None})
     elif quiet:
-        said = [row for row in report.rows if not row.passed or row.verdict == "not comparable"]
-        print_notes(reasons(said), prefix="gate")
+        failing = [row for row in report.rows if not row.passed or row.verdict == "not comparable"]
+        print_notes(reasons(failing), prefix="gate")
     else:
         print_table(HEADINGS, [cells(row) for row in report.rows], title=report.source, numbers=NUMBERS)
         for line in (*reasons(report.rows), *report.notes):

@@ -1,18 +1,22 @@
 """`hhsim import`."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import options
+from .comma_list import number_list
 from .console import print_json, print_notes, print_table
-from .number_list import number_list
+from .option_group import GroupedCommand, OptionGroup, option
+from .options import FILE, POSITIVE, SIDES, UNITS, Output, Side, metres
 
 if TYPE_CHECKING:
+    from hhsim.recordings.recording import Recording
     from hhsim.recordings.recording_format import ReadOptions
-    from hhsim.recordings.repair import JointLimits
+    from hhsim.recordings.repair import RepairOptions
+
+POSE = number_list("from [s]", "to [s]")
+HAND_LENGTH = click.FloatRange(50.0, 400.0)
 
 
 class FormatOption(click.Option):
@@ -27,141 +31,171 @@ class FormatOption(click.Option):
         return super().get_help_record(ctx)
 
 
-@click.command()
-@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
-@click.option("--format", "form", cls=FormatOption, metavar="NAME")
-@click.option(
-    "--columns",
-    type=click.Path(path_type=Path),
-    metavar="TOML",
-    help="What the columns of a CSV mean: units, signs, offsets, which joint (hhsim/recordings/column_map.py has an "
-    "example).",
-)
-@click.option(
-    "--calibration",
-    type=click.Path(path_type=Path),
-    metavar="TOML",
-    help="Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example).",
-)
-@click.option(
-    "--open",
-    "open_hand",
-    callback=number_list("from [s]", "to [s]"),
-    metavar="FROM,TO",
-    help="From when to when the hand in a Dexmo was flat [s].",
-)
-@click.option(
-    "--fist",
-    callback=number_list("from [s]", "to [s]"),
-    metavar="FROM,TO",
-    help="From when to when it was a fist [s].",
-)
-@click.option(
-    "--spread",
-    callback=number_list("from [s]", "to [s]"),
-    metavar="FROM,TO",
-    help="From when to when its fingers were spread and the thumb opposed [s].",
-)
-@click.option(
-    "--save-calibration",
-    type=click.Path(path_type=Path),
-    metavar="TOML",
-    help="Write the calibration of --open, --fist and --spread, for other recordings of the same glove.",
-)
-@click.option("--hand", type=click.Choice(["right", "left"]), help="Which hand it is, where the file does not say.")
-@click.option(
-    "--time-unit",
-    type=click.Choice(["s", "ms", "us", "ns"]),
-    help="Unit of the stamps. Default: what the file says, else found from the stamps.",
-)
-@click.option(
-    "--length-unit",
-    type=click.Choice(["m", "cm", "mm", "inch"]),
-    help="Unit of the positions. Default: what the file says, else found from them.",
-)
-@click.option(
-    "--angle-unit",
-    type=click.Choice(["rad", "deg"]),
-    help="Unit of the joint angles. Default: what the file says, else found from them.",
-)
-@click.option(
-    "--palm-axes",
-    metavar="X,Y,Z",
-    help="Axes of the recording's palm that point to the little finger, to the fingers and out of the back of a right "
-    "hand, such as -y,x,z. Default: what the file says, else x,y,z.",
-)
-@click.option(
-    "--world-up",
-    type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
-    help="Axis of the recording's world that points up. Default: what the file says, else z.",
-)
-@click.option("--from", "start", type=float, metavar="S", help="Keep samples from this stamp on [s].")
-@click.option("--to", "end", type=float, metavar="S", help="Keep samples up to this stamp [s].")
-@click.option(
-    "--max-gap",
-    type=click.FloatRange(0.0, min_open=True),
-    default=1.0,
-    show_default=True,
-    metavar="S",
-    help="Longest hole that is interpolated [s].",
-)
-@click.option(
-    "--hand-length",
-    type=click.FloatRange(50.0, 400.0),
-    metavar="MM",
-    help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, if it has any.",
-)
-@click.option(
-    "--scale-to",
-    type=click.FloatRange(50.0, 400.0),
-    metavar="MM",
-    help="Scale the palm's way to a hand of this length [mm]. Default: metres stay metres; angles fit every hand.",
-)
-@click.option("--mirror", is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
-@click.option(
-    "--hand-file",
-    type=click.Path(path_type=Path),
-    metavar="TOML",
-    help="Hand whose joint limits bound the angles (hhsim/hand/model.py has an example). Default: the usual one.",
-)
-@click.option("--keep-angles", is_flag=True, help="Keep joint angles beyond the hand's limits.")
-@click.option("--name", metavar="TEXT", help="Name of the motion. Default: that of the file.")
-@click.option("--source", metavar="TEXT", help="Who or what recorded it, kept in the trajectory.")
-@click.option("--licence", metavar="TEXT", help="Licence that it may be used under, kept in the trajectory.")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE", help="Draw what came in and what went out.")
-@options.out
-@options.json
-@options.quiet
+class FileSettings(OptionGroup, heading="Recording"):
+    """What the numbers in the file mean."""
+
+    form: str | None = option("--format", cls=FormatOption, metavar="NAME")
+    columns: Path | None = option(
+        type=FILE,
+        metavar="TOML",
+        help="What the columns of a CSV mean: units, signs, offsets, which joint (hhsim/recordings/column_map.py has "
+        "an example).",
+    )
+    hand: Side | None = option(type=SIDES, help="Which hand it is, where the file does not say.")
+    time_unit: str | None = option(
+        type=click.Choice(["s", "ms", "us", "ns"]),
+        help="Unit of the stamps. Default: what the file says, else found from the stamps.",
+    )
+    length_unit: str | None = option(
+        type=UNITS, help="Unit of the positions. Default: what the file says, else found from them."
+    )
+    angle_unit: str | None = option(
+        type=click.Choice(["rad", "deg"]),
+        help="Unit of the joint angles. Default: what the file says, else found from them.",
+    )
+    palm_axes: str | None = option(
+        metavar="X,Y,Z",
+        help="Axes of the recording's palm that point to the little finger, to the fingers and out of the back of a "
+        "right hand, such as -y,x,z. Default: what the file says, else x,y,z.",
+    )
+    world_up: str | None = option(
+        type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
+        help="Axis of the recording's world that points up. Default: what the file says, else z.",
+    )
+
+    def options(self, dexmo: dict[str, Any]) -> "ReadOptions":
+        """The same for the library, with what `DexmoCalibration.fields` gives."""
+        from hhsim.recordings.column_map import read_column_map
+        from hhsim.recordings.recording_format import ReadOptions
+
+        return ReadOptions(
+            form=self.form,
+            columns=None if self.columns is None else read_column_map(self.columns),
+            hand=self.hand or "",
+            palm_axes=None if self.palm_axes is None else tuple(part.strip() for part in self.palm_axes.split(",")),
+            world_up=self.world_up,
+            length_unit=self.length_unit,
+            **dexmo,
+        )
+
+
+class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
+    """The calibration of a Dexmo: from a file, or when [s] its hand was in which pose."""
+
+    calibration: Path | None = option(
+        type=FILE,
+        metavar="TOML",
+        help="Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example).",
+    )
+    open_hand: tuple[float, float] | None = option(
+        "--open", callback=POSE, metavar="FROM,TO", help="From when to when the hand in a Dexmo was flat [s]."
+    )
+    fist: tuple[float, float] | None = option(
+        callback=POSE, metavar="FROM,TO", help="From when to when it was a fist [s]."
+    )
+    spread: tuple[float, float] | None = option(
+        callback=POSE, metavar="FROM,TO", help="From when to when its fingers were spread and the thumb opposed [s]."
+    )
+    save_calibration: Path | None = option(
+        type=FILE,
+        metavar="TOML",
+        help="Write the calibration of --open, --fist and --spread, for other recordings of the same glove.",
+    )
+
+    def fields(self) -> dict[str, Any]:
+        """The same as fields of ReadOptions.
+
+        Raises:
+            UsageError: Poses that are no calibration.
+            HhsimError: A file that cannot be read.
+        """
+        from hhsim.recordings.dexmo_regression import Poses, read_calibration
+
+        fields: dict[str, Any] = {}
+        if self.calibration is not None:
+            fields["dexmo"] = read_calibration(self.calibration)
+        if (self.open_hand is None) != (self.fist is None) or (self.spread is not None and self.fist is None):
+            raise click.UsageError("a calibration by poses needs --open and --fist, and may have --spread")
+        if self.open_hand is not None and self.fist is not None:
+            fields["poses"] = Poses(self.open_hand, self.fist, self.spread)
+        elif self.save_calibration is not None:
+            raise click.UsageError("--save-calibration needs the poses: --open and --fist")
+        return fields
+
+
+class RepairSettings(OptionGroup, heading="Selection and repair"):
+    """What is made of the recording; times in [s], lengths in [mm]."""
+
+    start: float | None = option("--from", type=float, metavar="S", help="Keep samples from this stamp on [s].")
+    end: float | None = option("--to", type=float, metavar="S", help="Keep samples up to this stamp [s].")
+    max_gap: float = option(type=POSITIVE, default=1.0, metavar="S", help="Longest hole that is interpolated [s].")
+    hand_length: float | None = option(
+        type=HAND_LENGTH,
+        metavar="MM",
+        help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, if it has "
+        "any.",
+    )
+    scale_to: float | None = option(
+        type=HAND_LENGTH,
+        metavar="MM",
+        help="Scale the palm's way to a hand of this length [mm]. Default: metres stay metres; angles fit every hand.",
+    )
+    mirror: bool = option(is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
+    hand_file: Path | None = option(
+        type=FILE,
+        metavar="TOML",
+        help="Hand whose joint limits bound the angles (hhsim/hand/model.py has an example). Default: the usual one.",
+    )
+    keep_angles: bool = option(is_flag=True, help="Keep joint angles beyond the hand's limits.")
+
+    def options(self, recording: "Recording", file: FileSettings) -> "RepairOptions":
+        """The same for the library; the units of the numbers are those of `file`."""
+        from hhsim.hand.model import HandModel
+        from hhsim.recordings.repair import RepairOptions, limits_of
+
+        limits: dict[str, Any] = {}
+        if self.keep_angles:
+            limits["limits"] = None
+        elif self.hand_file is not None:
+            limits["limits"] = limits_of(HandModel.from_toml(self.hand_file))
+        return RepairOptions(
+            max_gap=self.max_gap,
+            start=self.start,
+            end=self.end,
+            time_unit=file.time_unit,
+            length_unit=None if recording.scaled else file.length_unit,
+            angle_unit=file.angle_unit,
+            mirror=self.mirror,
+            hand_length=metres(self.hand_length),
+            scale_to=metres(self.scale_to),
+            **limits,
+        )
+
+
+class Labels(OptionGroup, heading="Labels"):
+    """What is kept in the trajectory for whoever finds it."""
+
+    name: str | None = option(metavar="TEXT", help="Name of the motion. Default: that of the file.")
+    source: str | None = option(metavar="TEXT", help="Who or what recorded it, kept in the trajectory.")
+    licence: str | None = option(metavar="TEXT", help="Licence that it may be used under, kept in the trajectory.")
+
+
+@click.command(cls=GroupedCommand)
+@click.argument("file", type=FILE, metavar="FILE")
+@FileSettings.argument("reading")
+@DexmoCalibration.argument("dexmo")
+@RepairSettings.argument("repairs")
+@Labels.argument("labels")
+@Output.argument("output")
+@click.option("--plot", type=FILE, metavar="FILE", help="Draw what came in and what went out.")
 def command(
     file: Path,
-    form: str | None,
-    columns: Path | None,
-    calibration: Path | None,
-    open_hand: tuple[float, ...] | None,
-    fist: tuple[float, ...] | None,
-    spread: tuple[float, ...] | None,
-    save_calibration: Path | None,
-    hand: Literal["right", "left"] | None,
-    time_unit: str | None,
-    length_unit: str | None,
-    angle_unit: str | None,
-    palm_axes: str | None,
-    world_up: str | None,
-    start: float | None,
-    end: float | None,
-    max_gap: float,
-    hand_length: float | None,
-    scale_to: float | None,
-    mirror: bool,
-    hand_file: Path | None,
-    keep_angles: bool,
-    name: str | None,
-    source: str | None,
-    licence: str | None,
+    reading: FileSettings,
+    dexmo: DexmoCalibration,
+    repairs: RepairSettings,
+    labels: Labels,
+    output: Output,
     plot: Path | None,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
 ) -> None:
     """Make a trajectory of a recording of a hand.
 
@@ -182,53 +216,41 @@ def command(
     from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.import_report import COLUMNS, make_report
     from hhsim.recordings.registry import read_recording
-    from hhsim.recordings.repair import RepairOptions, repair
+    from hhsim.recordings.repair import repair
     from hhsim.system.atomic_write import write_atomically
-    from hhsim.system.output_path import check_output_path, dated_output_path
+    from hhsim.system.output_path import check_output_path
     from hhsim.system.picture_path import check_picture
 
-    output_path = out or dated_output_path(file.stem or "recording")
+    output_path = output.path(file.stem or "recording")
     if output_path.exists() and output_path.resolve() == file.resolve():
         raise OutputError(f"{output_path} is the recording itself, so it is not replaced: name another file")
     check_trajectory_path(output_path)
     if plot is not None:
         check_picture(plot)
-    if save_calibration is not None:
-        check_output_path(save_calibration)
-    wanted = _read_options(form, columns, hand, palm_axes, world_up, length_unit)
-    wanted = replace(wanted, **_dexmo(calibration, open_hand, fist, spread, save_calibration))
-    recording = read_recording(file, wanted)
-    said = {"name": name, "source": source, "licence": licence}
-    recording = recording.changed(**{key: value for key, value in said.items() if value is not None})
-    asked = RepairOptions(
-        max_gap=max_gap,
-        start=start,
-        end=end,
-        time_unit=time_unit,
-        length_unit=None if recording.scaled else length_unit,
-        angle_unit=angle_unit,
-        mirror=mirror,
-        hand_length=None if hand_length is None else 1e-3 * hand_length,
-        scale_to=None if scale_to is None else 1e-3 * scale_to,
-        **_limits(hand_file, keep_angles),
-    )
+    if dexmo.save_calibration is not None:
+        check_output_path(dexmo.save_calibration)
+    read_options = reading.options(dexmo.fields())
+    recording = read_recording(file, read_options)
+    recording = recording.changed(**labels.given())
+    repair_options = repairs.options(recording, reading)
     try:
-        repaired = repair(recording, asked)
+        repaired = repair(recording, repair_options)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     save_trajectory(repaired.trajectory, output_path)
-    if save_calibration is not None:
-        write_atomically(save_calibration, format_calibration(calibration_of(file, wanted)).encode())
+    if dexmo.save_calibration is not None:
+        calibration = format_calibration(calibration_of(file, read_options))
+        write_atomically(dexmo.save_calibration, calibration.encode())
     report = make_report(recording, repaired)
     if plot is not None:
         from hhsim.render.import_figure import draw_import
 
         draw_import(recording, repaired.trajectory, plot)
-    if as_json:
+    if output.as_json:
         print_json(
             {"file": str(file), **report.to_json(), "path": str(output_path), "plot": str(plot) if plot else None}
         )
-    elif not quiet:
+    elif not output.quiet:
         side = f"{report.hand} hand" if report.hand else "hand of a side that the file does not tell"
         long = f" of {1e3 * report.hand_length:.0f} mm" if report.hand_length is not None else ""
         print_table(COLUMNS, report.rows(), title=f"{file.name}, {report.form}: {side}{long}", numbers=COLUMNS[1:3])
@@ -239,57 +261,3 @@ def command(
         print(f"written to {output_path}" + (f", drawn in {plot}" if plot else ""))
         if output_path.suffix.lower() == ".csv" and repaired.trajectory.raw:
             print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])
-
-
-def _read_options(
-    form: str | None,
-    columns: Path | None,
-    hand: Literal["right", "left"] | None,
-    palm_axes: str | None,
-    up: str | None,
-    length_unit: str | None,
-) -> "ReadOptions":
-    from hhsim.recordings.column_map import read_column_map
-    from hhsim.recordings.recording_format import ReadOptions
-
-    return ReadOptions(
-        form=form,
-        columns=read_column_map(columns) if columns is not None else None,
-        hand=hand or "",
-        palm_axes=None if palm_axes is None else tuple(part.strip() for part in palm_axes.split(",")),
-        world_up=up,
-        length_unit=length_unit,
-    )
-
-
-def _dexmo(
-    calibration: Path | None,
-    open_hand: tuple[float, ...] | None,
-    fist: tuple[float, ...] | None,
-    spread: tuple[float, ...] | None,
-    save: Path | None,
-) -> dict[str, Any]:
-    """The calibration of a Dexmo glove, as fields of ReadOptions."""
-    from hhsim.recordings.dexmo_regression import Poses, read_calibration
-
-    fields: dict[str, Any] = {}
-    if calibration is not None:
-        fields["dexmo"] = read_calibration(calibration)
-    if (open_hand is None) != (fist is None) or (spread is not None and fist is None):
-        raise click.UsageError("a calibration by poses needs --open and --fist, and may have --spread")
-    if open_hand is not None and fist is not None:
-        pairs = [None if span is None else (span[0], span[1]) for span in (open_hand, fist, spread)]
-        fields["poses"] = Poses(*pairs)  # type: ignore[arg-type]
-    elif save is not None:
-        raise click.UsageError("--save-calibration needs the poses: --open and --fist")
-    return fields
-
-
-def _limits(hand_file: Path | None, keep: bool) -> "dict[str, JointLimits | None] | dict[str, Any]":
-    """The joint limits, as an argument of RepairOptions; nothing where the default holds."""
-    from hhsim.hand.model import HandModel
-    from hhsim.recordings.repair import limits_of
-
-    if keep:
-        return {"limits": None}
-    return {} if hand_file is None else {"limits": limits_of(HandModel.from_toml(hand_file))}

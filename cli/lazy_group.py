@@ -16,7 +16,7 @@ class LazyGroup(click.Group):
         name: Of the group.
         lines: Every command with its one line, in the order of the help.
         module: Name of the module, in this package, that holds a command as `command`.
-        kind: What an unknown name is told to be none of.
+        kind: What its commands are called.
         options: As for click.Group.
     """
 

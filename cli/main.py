@@ -1,4 +1,4 @@
-"""The `hhsim` command: a group that imports a command only when it is run, and the one place where errors are told."""
+"""The `hhsim` command: a group that imports a command only when it is run, and the one place that reports errors."""
 
 import json
 import os
@@ -44,7 +44,7 @@ BROKEN_PIPE = 141
     module=lambda name: KEYWORDS.get(name, name.replace("-", "_")),
     invoke_without_command=True,
     subcommand_metavar="[COMMAND] [ARGS]...",
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
 @click.version_option(__version__, message="hhsim %(version)s")
 @click.pass_context
@@ -73,39 +73,39 @@ def main() -> None:
 
         sys.exit(shell_complete(hhsim, {}, "hhsim", COMPLETION_VARIABLE, wanted))
     try:
-        code = _answer()
+        code = _run_and_report()
         sys.stdout.flush()
     except OSError as error:
         # What is still buffered must not raise again when the interpreter closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = BROKEN_PIPE if isinstance(error, BrokenPipeError) else HhsimError.exit_code
-        # A reader that has left wants to hear no more, and one error is told already where this one came of telling it.
+        # A reader that has left wants no more; where this came of reporting an error, that one is on stderr already.
         if code != BROKEN_PIPE and error.__context__ is None:
             print(f"hhsim: error: cannot print the answer: {error.strerror or error}", file=sys.stderr)
     sys.exit(code)
 
 
-def _answer() -> int:
-    """Run the command and tell what went wrong; what is left to raise is a stdout that cannot be written."""
+def _run_and_report() -> int:
+    """Run the command and report what went wrong; what is left to raise is a stdout that cannot be written."""
     try:
         return _run()
     except HhsimError as error:
-        return _told(_with_notes(str(error), error), error.exit_code)
+        return _report(_with_notes(str(error), error), error.exit_code)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "hhsim"
-        return _told(f"{error.format_message().rstrip('.')} (see {command} --help)", error.exit_code)
+        return _report(f"{error.format_message().rstrip('.')} (see {command} --help)", error.exit_code)
     except click.ClickException as error:
-        return _told(error.format_message(), error.exit_code)
+        return _report(error.format_message(), error.exit_code)
     except KeyboardInterrupt as interrupt:
         # A second Ctrl-C, from an impatient hand, must not cut the answer short.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        return _told(_with_notes("interrupted", interrupt), INTERRUPTED)
+        return _report(_with_notes("interrupted", interrupt), INTERRUPTED)
     except BrokenPipeError:
         raise
     except OSError as error:
-        return _told(_with_notes(f"{error.strerror or error}: {_place(error)}", error), HhsimError.exit_code)
+        return _report(_with_notes(f"{error.strerror or error}: {_place(error)}", error), HhsimError.exit_code)
     except MemoryError as error:
-        return _told(_with_notes(f"not enough memory: {error or 'use less'}", error), HhsimError.exit_code)
+        return _report(_with_notes(f"not enough memory: {error or 'use less'}", error), HhsimError.exit_code)
 
 
 def _run() -> int:
@@ -130,8 +130,8 @@ def _with_notes(message: str, error: BaseException) -> str:
     return "; ".join([message, *getattr(error, "__notes__", ())])
 
 
-def _told(message: str, code: int) -> int:
-    """Tell an error: one line on stderr and, for machines, one JSON document on stdout."""
+def _report(message: str, code: int) -> int:
+    """Report an error: one line on stderr and, for machines, one JSON document on stdout."""
     line = " ".join(message.split())
     print(f"hhsim: {line}" if code == INTERRUPTED else f"hhsim: error: {line}", file=sys.stderr)
     if "--json" in sys.argv:

@@ -1,9 +1,13 @@
-"""The OBJECT argument: a name of the catalogue or a mesh file."""
+"""The OBJECT argument, a name of the catalogue or a mesh file, and the options that say how a mesh file is read."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 from click.shell_completion import CompletionItem
+
+from .option_group import OptionGroup, option
+from .options import POSITIVE, UNITS, metres
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
@@ -17,22 +21,48 @@ def complete_object(context: click.Context, parameter: click.Parameter, incomple
     return names or [CompletionItem(incomplete, type="file")]
 
 
-def read_object(text: str, unit: str | None, size: float | None, thickness: float | None = None) -> tuple["Mesh", int]:
-    """Load what OBJECT names, a name of the catalogue or a mesh file.
+class MeshSize(OptionGroup, heading="Mesh file"):
+    """How large the object of a mesh file is: its unit, None for metres, or its longest extent [mm]."""
 
-    Args:
-        text: The argument.
-        unit: Of a mesh file; None is metres.
-        size: Longest extent that a mesh file gets [mm]; replaces `unit`.
-        thickness: Of the sheets that the open parts of a mesh file become [mm]; None closes them.
+    unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
+    size: float | None = option(
+        type=POSITIVE, metavar="MM", help="Scale a mesh file to this longest extent [mm], whatever its unit."
+    )
 
-    Returns:
-        The mesh [m], and the level of tree that suits it.
+    def read(self, object_: str) -> tuple["Mesh", int]:
+        """Load what OBJECT names: the mesh [m], and the level of tree that suits it.
 
-    Raises:
-        HhsimError: As `hhsim.mesh.catalogue.resolve_object`.
-    """
-    from hhsim.mesh.catalogue import resolve_object
+        Raises:
+            HhsimError: As `hhsim.mesh.catalogue.resolve_object`.
+        """
+        from hhsim.mesh.catalogue import resolve_object
 
-    metres = [None if length is None else 1e-3 * length for length in (size, thickness)]
-    return resolve_object(text, unit, *metres)
+        return resolve_object(object_, self.unit, metres(self.size))
+
+
+class MeshFile(MeshSize):
+    """How a mesh file is read; its open parts become sheets of a thickness [mm], or are closed."""
+
+    thickness: float | None = option(
+        type=POSITIVE,
+        metavar="MM",
+        help="Make each open part of a mesh file a sheet this thick [mm], instead of closing it.",
+    )
+
+    def read(self, object_: str) -> tuple["Mesh", int]:
+        """As `MeshSize.read`."""
+        from hhsim.mesh.catalogue import resolve_object
+
+        return resolve_object(object_, self.unit, metres(self.size), metres(self.thickness))
+
+    def unit_length(self, object_: str) -> float:
+        """Length [m] of the unit that the mesh is in, as far as a file of its sphere tree is concerned."""
+        from hhsim.mesh.catalogue import names_a_file
+        from hhsim.mesh.file import read_triangles
+        from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
+
+        if not names_a_file(object_):
+            return 1.0
+        if self.size is None:
+            return METRES_PER_UNIT[self.unit or "m"]
+        return 1e-3 * self.size / float(Mesh(*read_triangles(Path(object_))).extent.max())

@@ -1,9 +1,11 @@
 """`hhsim objects`."""
 
+from collections.abc import Callable
+
 import click
 
 from . import options
-from .console import print_json, print_table
+from .console import print_json, print_rows
 
 
 @click.command()
@@ -19,7 +21,7 @@ def command(as_json: bool) -> None:
       hhsim objects
       hhsim objects --json
     """
-    from hhsim.mesh.catalogue import load_object, object_names
+    from hhsim.mesh.catalogue import CatalogueObject, load_object, object_names
 
     objects = [load_object(name) for name in object_names()]
     if as_json:
@@ -41,17 +43,13 @@ def command(as_json: bool) -> None:
             }
         )
         return
-    rows = [
-        (
-            item.name,
-            item.title,
-            " × ".join(f"{1e3 * length:.0f}" for length in item.mesh.extent),
-            f"{len(item.mesh.faces):,}",
-            str(item.level),
-            item.stresses,
-            item.licence,
-        )
-        for item in objects
-    ]
-    columns = ("name", "what", "size [mm]", "triangles", "level", "stresses", "licence")
-    print_table(columns, rows, numbers=("triangles", "level"))
+    cells: dict[str, Callable[[CatalogueObject], str]] = {
+        "name": lambda item: item.name,
+        "what": lambda item: item.title,
+        "size [mm]": lambda item: " × ".join(f"{1e3 * length:.0f}" for length in item.mesh.extent),
+        "triangles": lambda item: f"{len(item.mesh.faces):,}",
+        "level": lambda item: str(item.level),
+        "stresses": lambda item: item.stresses,
+        "licence": lambda item: item.licence,
+    }
+    print_rows(cells, objects, words=cells.keys() - {"triangles", "level"})

@@ -1,12 +1,26 @@
 """Options that several commands share, so that they are spelled and explained alike."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
 from hhsim.solver.method import METHODS
+
+from .option_group import OptionGroup, option, shared
+
+FILE = click.Path(path_type=Path)
+POSITIVE = click.FloatRange(0.0, min_open=True)
+COUNT = click.IntRange(1)
+SIDES = click.Choice(["right", "left"])
+UNITS = click.Choice(["m", "cm", "mm", "inch"])
+
+Side = Literal["right", "left"]
+
+
+def metres(millimetres: float | None) -> float | None:
+    """The value of an option that takes [mm] in [m]; None if it is not given."""
+    return None if millimetres is None else 1e-3 * millimetres
 
 
 def _read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
@@ -32,103 +46,106 @@ def _check_picture(context: click.Context, parameter: click.Parameter, value: Pa
     return value
 
 
-out = click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Where the output goes. Default: a dated name in results/ under the current folder.",
-)
-seed = click.option(
-    "--seed", type=click.IntRange(0), metavar="N", default=0, show_default=True, help="Seed of everything random."
-)
+seed = click.option("--seed", type=click.IntRange(0), metavar="N", default=0, help="Seed of everything random.")
 json = click.option("--json", "as_json", is_flag=True, help="Print one JSON document, SI units, and nothing else.")
 quiet = click.option("--quiet", "-q", is_flag=True, help="Show no progress and no table; errors still show.")
-method = click.option(
-    "--method",
-    type=click.Choice(METHODS.names()),
-    default="coupled",
-    show_default=True,
-    help="; ".join(f"{name}: {known.summary}" for name, known in METHODS.items()) + ".",
-)
-fingers = click.option(
-    "--fingers",
-    callback=_read_fingers,
-    metavar="NAMES",
-    help="Fingers that the scene uses, such as thumb,index; the others follow the user's through the object. "
-    "Default: all five.",
-)
-budget = click.option(
-    "--budget",
-    type=click.IntRange(1),
-    metavar="UNITS",
-    help="Work after which a tick begins no further linearisation, about 1 ns a unit; what is left is lag. "
-    "Default: no such bound.",
-)
-margin = click.option(
-    "--margin",
-    type=click.FloatRange(0.0, min_open=True),
-    metavar="MM",
-    help="Pairs up to this far from each other enter the program [mm]. Default: 1; 0.5 with --method paper.",
-)
-linearisations = click.option(
-    "--linearisations",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Most linearisations in a tick. Default: 12; 1 with --method paper.",
-)
 rate = click.option(
-    "--rate",
-    type=click.FloatRange(1.0, 100_000.0),
-    default=1000.0,
-    show_default=True,
-    metavar="HZ",
-    help="Ticks a second [Hz].",
-)
-samples = click.option(
-    "--samples",
-    type=click.Choice(["interpolate", "hold"]),
-    default="interpolate",
-    show_default=True,
-    help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
+    "--rate", type=click.FloatRange(1.0, 100_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz]."
 )
 tree_level = click.option(
     "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
 )
 picture = click.option(
     "--plot",
-    type=click.Path(path_type=Path),
+    type=FILE,
     callback=_check_picture,
     metavar="FILE",
     help="Where the picture goes. Default: beside the table, as .png.",
 )
 
 
-def place_object(default: str) -> Callable[[Any], Any]:
+def place_object(default: str) -> Any:
     """The option that says where the object of a recording is, with the default of the command."""
-    return click.option(
+    return option(
         "--place-object",
         type=click.Choice(["recorded", "auto"]),
         default=default,
-        show_default=True,
         help="recorded: the object is where the recording says; auto: where the closing fingers of the recorded hand "
         "meet it.",
     )
 
 
-unit = click.option(
-    "--unit",
-    type=click.Choice(["m", "cm", "mm", "inch"]),
-    help="Length unit of a mesh file, which does not state it. Default: m.",
-)
-size = click.option(
-    "--size",
-    type=click.FloatRange(0.0, min_open=True),
-    metavar="MM",
-    help="Scale a mesh file to this longest extent [mm], whatever its unit.",
-)
-thickness = click.option(
-    "--thickness",
-    type=click.FloatRange(0.0, min_open=True),
-    metavar="MM",
-    help="Make each open part of a mesh file a sheet this thick [mm], instead of closing it.",
-)
+class Output(OptionGroup, heading="Output"):
+    """Where the output goes, and what is printed."""
+
+    out: Path | None = option(
+        type=FILE,
+        metavar="FILE",
+        help="Where the output goes. Default: a dated name in results/ under the current folder.",
+    )
+    as_json: bool = shared(json)
+    quiet: bool = shared(quiet)
+
+    def path(self, stem: str) -> Path:
+        """Where the output goes: as named, or to a dated name with `stem`."""
+        from hhsim.system.output_path import dated_output_path
+
+        return self.out or dated_output_path(stem)
+
+    def table_path(self, suite: str) -> Path:
+        """Where the table of a suite goes.
+
+        Raises:
+            OutputError: It cannot be written there.
+        """
+        from hhsim.bench.table import check_table_path
+
+        path = self.path(f"bench-{suite}")
+        check_table_path(path)
+        return path
+
+
+class SolverChoice(OptionGroup, heading="Solver"):
+    """How the hand is solved for, wherever it is."""
+
+    method: str = option(
+        type=click.Choice(METHODS.names()),
+        default="coupled",
+        help="; ".join(f"{name}: {known.summary}" for name, known in METHODS.items()) + ".",
+    )
+    fingers: tuple[str, ...] | None = option(
+        callback=_read_fingers,
+        metavar="NAMES",
+        help="Fingers that the scene uses, such as thumb,index; the others follow the user's through the object. "
+        "Default: all five.",
+    )
+    budget: int | None = option(
+        type=COUNT,
+        metavar="UNITS",
+        help="Work after which a tick begins no further linearisation, about 1 ns a unit; what is left is lag. "
+        "Default: no such bound.",
+    )
+
+
+class Linearising(OptionGroup, heading="Solver"):
+    """What steers the linearisations of a tick; `margin` in [mm]."""
+
+    margin: float | None = option(
+        type=POSITIVE,
+        metavar="MM",
+        help="Pairs up to this far from each other enter the program [mm]. Default: 1; 0.5 with --method paper.",
+    )
+    linearisations: int | None = option(
+        type=COUNT, metavar="N", help="Most linearisations in a tick. Default: 12; 1 with --method paper."
+    )
+
+
+class Sampling(OptionGroup, heading="Motion"):
+    """How a motion becomes ticks; `rate` in [Hz]."""
+
+    rate: float = shared(rate)
+    samples: Literal["interpolate", "hold"] = option(
+        type=click.Choice(["interpolate", "hold"]),
+        default="interpolate",
+        help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
+    )

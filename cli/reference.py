@@ -10,6 +10,7 @@ import click
 
 from .lazy_group import LazyGroup
 from .main import hhsim
+from .option_group import help_sections
 
 WIDTH = 120
 BEGIN = """\
@@ -87,12 +88,11 @@ def _section(found: CommandHelp) -> str:
     usage = found.command.get_usage(found.context).removeprefix("Usage: ")
     paragraphs = inspect.cleandoc(found.command.help or "").split("\n\n")
     parts = [f"## {found.path}", _block("text", [" ".join(usage.split())]), *map(_paragraph, paragraphs)]
-    parameters = found.command.get_params(found.context)
-    records = (option.get_help_record(found.context) for option in parameters if isinstance(option, click.Option))
-    options = [_item(*record) for record in records if record is not None]
-    # The last one is --help, which all commands share.
-    if options[:-1]:
-        parts += ["Options:", "\n".join(options[:-1])]
+    for heading, records in help_sections(found.command, found.context).items():
+        # Without --help, which all commands share.
+        items = [_item(*record) for record in records if not record[0].endswith("--help")]
+        if items:
+            parts += [f"{heading}:", "\n".join(items)]
     if isinstance(found.command, LazyGroup):
         parts += [f"{found.command.kind.capitalize()}s:", "\n".join(_members(found.command, found.path))]
     return "\n\n".join(parts) + "\n"

@@ -14,10 +14,10 @@ DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")
 
 
 @click.command()
-@click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=options.FILE)
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=options.FILE,
     metavar="DIR|FILE.html",
     help="A folder, which gets report.html and the pictures, or the page itself, with the pictures beside it. "
     "Default: a dated folder in results/ under the current one.",
@@ -46,8 +46,8 @@ def command(results: tuple[Path, ...], out: Path | None, as_json: bool, quiet: b
     announce_compilation(quiet=quiet)
     if out is not None:
         check_report_path(out)
-    with progress(quiet=quiet) as tell:
-        report = make_report(results, progress=tell)
+    with progress(quiet=quiet) as bar:
+        report = make_report(results, progress=bar)
     files = write_report(report, out or dated_output_path(f"{DATE.sub('', results[0].stem)}-report", suffix=""))
     if as_json:
         print_json({**report.to_json(), **files.to_json(), "seconds": time.perf_counter() - begin})

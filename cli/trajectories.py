@@ -1,9 +1,11 @@
 """`hhsim trajectories`."""
 
+from collections.abc import Callable
+
 import click
 
 from . import options
-from .console import print_json, print_table
+from .console import print_json, print_rows
 
 
 @click.command()
@@ -22,25 +24,21 @@ def command(as_json: bool) -> None:
     """
     from dataclasses import asdict
 
-    from hhsim.scene.motion_catalogue import describe, trajectory_names
+    from hhsim.scene.motion_catalogue import TrajectoryDescription, describe, trajectory_names
 
     descriptions = [describe(name) for name in trajectory_names()]
     if as_json:
         print_json({"trajectories": [asdict(item) for item in descriptions]})
         return
-    rows = [
-        (
-            item.name,
-            item.title,
-            ", ".join(item.objects) or "any",
-            f"{item.duration:.1f}",
-            f"{item.rate:,.0f}",
-            ", ".join(item.fingers) or "none",
-            ", ".join(item.phases),
-            ", ".join(item.figures),
-            item.stresses,
-        )
-        for item in descriptions
-    ]
-    columns = ("name", "what", "object", "duration [s]", "rate [Hz]", "fingers", "phases", "paper's figure", "stresses")
-    print_table(columns, rows, numbers=("duration [s]", "rate [Hz]"))
+    cells: dict[str, Callable[[TrajectoryDescription], str]] = {
+        "name": lambda item: item.name,
+        "what": lambda item: item.title,
+        "object": lambda item: ", ".join(item.objects) or "any",
+        "duration [s]": lambda item: f"{item.duration:.1f}",
+        "rate [Hz]": lambda item: f"{item.rate:,.0f}",
+        "fingers": lambda item: ", ".join(item.fingers) or "none",
+        "phases": lambda item: ", ".join(item.phases),
+        "paper's figure": lambda item: ", ".join(item.figures),
+        "stresses": lambda item: item.stresses,
+    }
+    print_rows(cells, descriptions, words=cells.keys() - {"duration [s]", "rate [Hz]"})

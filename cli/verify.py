@@ -2,38 +2,38 @@
 
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from . import options
-from .console import print_json, print_notes, print_table, progress
+from .console import print_json, print_notes, print_rows, progress
 
 if TYPE_CHECKING:
     from hhsim.verify.claim import Claim
     from hhsim.verify.verify import Verification
 
-COLUMNS = (
-    "claim",
-    "verdict",
-    "worst",
-    "let pass",
-    "unit",
-    "at tick",
-    "looked at",
-    "what is claimed; why so much is let pass",
-)
-NUMBERS = ("worst", "let pass", "at tick", "looked at")
+CELLS: dict[str, Callable[["Claim"], str]] = {
+    "claim": lambda claim: claim.name,
+    "verdict": lambda claim: claim.verdict,
+    "worst": lambda claim: _two_digits(claim.worst),
+    "let pass": lambda claim: _two_digits(claim.tolerance),
+    "unit": lambda claim: claim.unit,
+    "at tick": lambda claim: "—" if claim.tick is None else str(claim.tick),
+    "looked at": lambda claim: f"{claim.checked:,}",
+    "what is claimed; why so much is let pass": lambda claim: "; ".join(filter(None, (claim.says, claim.why))),
+}
+NUMBERS = {"worst", "let pass", "at tick", "looked at"}
 
 
 @click.command()
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("result", type=options.FILE)
 @click.option(
     "--every",
-    type=click.IntRange(1),
+    type=options.COUNT,
     default=10,
-    show_default=True,
     metavar="K",
     help="Judge distances and forces at every K-th tick, and where the file says that something is worst.",
 )
@@ -68,7 +68,7 @@ def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
 
 
 def _print(path: Path, found: "Verification") -> None:
-    print_table(COLUMNS, [_cells(claim) for claim in found.claims], title=str(path), numbers=NUMBERS)
+    print_rows(CELLS, found.claims, words=CELLS.keys() - NUMBERS, title=str(path))
     print_notes([f"{claim.name}: {claim.note}" for claim in found.claims if claim.note])
     deep = f"deepest in the spheres {_depth(found.sphere_penetration)}, in the mesh {_depth(found.mesh_penetration)}"
     false = [claim.name for claim in found.claims if claim.failed]
@@ -80,15 +80,5 @@ def _depth(depth: float) -> str:
     return "not judged" if math.isnan(depth) else f"{1e6 * depth:.3f} µm"
 
 
-def _cells(claim: "Claim") -> tuple[str, ...]:
-    nothing = claim.worst != claim.worst
-    return (
-        claim.name,
-        claim.verdict,
-        "—" if nothing else f"{claim.worst:.2g}",
-        "—" if claim.tolerance != claim.tolerance else f"{claim.tolerance:.2g}",
-        claim.unit,
-        "—" if claim.tick is None else str(claim.tick),
-        f"{claim.checked:,}",
-        f"{claim.says}; {claim.why}" if claim.why else claim.says,
-    )
+def _two_digits(value: float) -> str:
+    return "—" if math.isnan(value) else f"{value:.2g}"

@@ -15,21 +15,19 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("result", type=options.FILE)
 @click.option(
     "--rerun",
     "target",
     default="spawn",
-    show_default=True,
     callback=read_target,
     metavar=METAVAR,
     help="Open a viewer, write a file for one, or send to one that is open, at HOST:PORT.",
 )
 @click.option(
     "--every",
-    type=click.IntRange(1),
+    type=options.COUNT,
     default=1,
-    show_default=True,
     metavar="K",
     help="Show only every K-th tick; of those between, the plots keep the worst, but of forces the shown tick's.",
 )

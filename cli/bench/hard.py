@@ -1,6 +1,6 @@
 """`hhsim bench hard`."""
 
-import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,14 +8,12 @@ import click
 from click.shell_completion import CompletionItem
 
 from .. import options
-from ..console import announce_compilation, print_json, print_table, progress
-from ..name_list import names
+from ..comma_list import names
+from ..console import announce_compilation, number, print_json, print_rows, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.bench.robustness.case import Figure
     from hhsim.bench.robustness.hard import CaseResult
-
-SUITE = "hard"
 
 
 def complete_case(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -25,31 +23,26 @@ def complete_case(context: click.Context, parameter: click.Parameter, incomplete
     return [CompletionItem(case.name) for case in hard_cases() if case.name.startswith(incomplete)]
 
 
-@click.command(short_help="Every hard case, for every method: pass or fail, and the figure.")
+@click.command()
 @click.argument("cases", metavar="[CASE]...", nargs=-1, shell_complete=complete_case)
 @names("--method", "methods", "Only these methods. Default: all.")
 @click.option(
     "--ticks",
     type=click.IntRange(8_000, 36_000_000),
     default=20_000,
-    show_default=True,
     metavar="N",
     help="Ticks of the case endurance; 600000 are ten minutes at 1 kHz.",
 )
 @click.option("--list", "only_list", is_flag=True, help="List the cases and run none.")
 @options.seed
-@options.out
-@options.json
-@options.quiet
+@options.Output.argument("output")
 def command(
     cases: tuple[str, ...],
     methods: tuple[str, ...] | None,
     ticks: int,
     only_list: bool,
     seed: int,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
+    output: options.Output,
 ) -> int:
     """Put every method through the scenes that break methods.
 
@@ -68,52 +61,39 @@ def command(
 
     chosen = hard_cases(cases, ticks)
     if only_list:
-        if as_json:
+        if output.as_json:
             print_json({"cases": [{"name": case.name, "description": case.description} for case in chosen]})
         else:
             print_table(("case", "what it is"), [(case.name, case.description) for case in chosen])
         return 0
 
     from hhsim.bench.robustness.hard import COLUMNS, bench_hard, missed, table_rows
-    from hhsim.bench.table import check_table_path, write_table
+    from hhsim.bench.table import write_table
     from hhsim.errors import UnknownNameError
     from hhsim.solver.method import METHODS
-    from hhsim.system.output_path import dated_output_path
 
     for method in methods or ():
         if method not in METHODS:
             raise UnknownNameError("method", method, METHODS)
     named = [method for method in METHODS if not methods or method in methods]
-    output_path = out or dated_output_path(f"bench-{SUITE}")
-    check_table_path(output_path)
-    announce_compilation(quiet=quiet)
-    with progress(quiet=quiet) as report:
+    output_path = output.table_path("hard")
+    announce_compilation(quiet=output.quiet)
+    with progress(quiet=output.quiet) as report:
         results = bench_hard(chosen, named, seed, report)
     rows = table_rows(results)
     settings = {"cases": [case.name for case in chosen], "methods": named, "seed": seed, "ticks": ticks}
-    write_table(output_path, SUITE, COLUMNS, rows, settings)
+    write_table(output_path, "hard", COLUMNS, rows, settings)
     failed = missed(results)
-    if as_json:
+    if output.as_json:
         document = {**settings, "passed": not failed, "path": str(output_path), "rows": rows}
         print_json(document)
-    elif not quiet:
+    elif not output.quiet:
         _print(results, failed, output_path)
     return 1 if failed else 0
 
 
 def _print(results: "list[CaseResult]", failed: "list[CaseResult]", output_path: Path) -> None:
-    columns = (
-        "case",
-        "method",
-        "verdict",
-        "penetration [µm]",
-        "nearest to its bar",
-        "value",
-        "bar",
-        "stuck",
-        "lag [mm]",
-    )
-    print_table(columns, [_row(result) for result in results], numbers=columns[3:4] + columns[5:])
+    print_rows(CELLS, results, words=("case", "method", "verdict", "nearest to its bar"))
     for result in results:
         if result.reason:
             print(f"{result.case}, {result.method}: {result.reason}")
@@ -127,20 +107,8 @@ def _print(results: "list[CaseResult]", failed: "list[CaseResult]", output_path:
     print(f"every figure is in {output_path}")
 
 
-def _row(result: "CaseResult") -> tuple[str, ...]:
-    verdict = ("refuses, as it may" if result.refused else "pass") if result.passed else "FAIL"
-    deciding = result.deciding
-    return (
-        result.case,
-        result.method,
-        verdict,
-        "" if math.isnan(result.penetration) else f"{1e6 * result.penetration:,.3f}",
-        deciding.name if deciding else "",
-        _value(deciding) if deciding else "",
-        _bar(deciding) if deciding else "",
-        f"{result.stuck:,}",
-        f"{1e3 * result.lag:.1f}",
-    )
+def _verdict(result: "CaseResult") -> str:
+    return ("refuses, as it may" if result.refused else "pass") if result.passed else "FAIL"
 
 
 def _value(figure: "Figure") -> str:
@@ -156,3 +124,16 @@ def _shown(value: float, unit: str) -> str:
     if unit == "m" and 0.0 < abs(value) < 1e-5:
         factor, name = 1e6, " µm"
     return f"{factor * value:.3g}{name}"
+
+
+CELLS: dict[str, Callable[["CaseResult"], str]] = {
+    "case": lambda result: result.case,
+    "method": lambda result: result.method,
+    "verdict": _verdict,
+    "penetration [µm]": lambda result: number(result.penetration, 3, 1e6, missing=""),
+    "nearest to its bar": lambda result: result.deciding.name if result.deciding else "",
+    "value": lambda result: _value(result.deciding) if result.deciding else "",
+    "bar": lambda result: _bar(result.deciding) if result.deciding else "",
+    "stuck": lambda result: f"{result.stuck:,}",
+    "lag [mm]": lambda result: f"{1e3 * result.lag:.1f}",
+}

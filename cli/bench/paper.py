@@ -1,6 +1,7 @@
 """`hhsim bench paper`."""
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,45 +9,49 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .. import options
-from ..console import announce_compilation, print_json, print_table, progress
-from ..name_list import names
+from ..comma_list import names
+from ..console import announce_compilation, print_json, print_rows, print_table, progress
+from ..option_group import OptionGroup, option, shared
+from ..options import COUNT
+from .table_document import table_document
 
 if TYPE_CHECKING:
+    from hhsim.bench.paper.bench import PaperOptions
     from hhsim.bench.paper.table import PaperRow
 
 SCALES = {"s": (1e6, "µs"), "m": (1e6, "µm"), "%": (1.0, "%"), "1": (1.0, "")}
 
 
+class PaperSettings(OptionGroup):
+    """What is run by which methods, and how often."""
+
+    methods: tuple[str, ...] | None = shared(
+        names("--method", "methods", "Methods. Default: paper,progressive,coupled.")
+    )
+    objects: tuple[str, ...] | None = shared(names("--object", "objects", "Only these objects. Default: all ten."))
+    quick: bool = option(is_flag=True, help="Every row, from coarse spheres, 3 instances and one repetition.")
+    instances: int | None = option(type=COUNT, metavar="N", help="Instances of each case of Fig. 15. Default: 100.")
+    repetitions: int | None = option(type=COUNT, metavar="N", help="Repetitions of every run. Default: 3.")
+    seed: int = shared(options.seed)
+
+    def options(self) -> "PaperOptions":
+        """The same for the library."""
+        from hhsim.bench.paper.bench import PaperOptions
+
+        named = self.given()
+        return replace(PaperOptions.quick() if named.pop("quick") else PaperOptions(), **named)
+
+
 @click.command()
-@names("--method", "methods", "Methods. Default: paper,progressive,coupled.")
-@names("--object", "objects", "Only these objects. Default: all ten.")
-@click.option("--quick", is_flag=True, help="Every row, from coarse spheres, 3 instances and one repetition.")
-@click.option(
-    "--instances", type=click.IntRange(1), metavar="N", help="Instances of each case of Fig. 15. Default: 100."
-)
-@click.option("--repetitions", type=click.IntRange(1), metavar="N", help="Repetitions of every run. Default: 3.")
+@PaperSettings.argument("settings")
 @click.option(
     "--plot",
-    type=click.Path(path_type=Path),
+    type=options.FILE,
     metavar="FOLDER",
     help="Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 into a folder.",
 )
-@options.seed
-@options.out
-@options.json
-@options.quiet
-def command(
-    methods: tuple[str, ...] | None,
-    objects: tuple[str, ...] | None,
-    quick: bool,
-    instances: int | None,
-    repetitions: int | None,
-    plot: Path | None,
-    seed: int,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
-) -> int:
+@options.Output.argument("output")
+def command(settings: PaperSettings, plot: Path | None, output: options.Output) -> int:
     """Run the paper's whole evaluation, its figures beside ours.
 
     All scenes of Figs. 11 to 15 by every method: one finger, two, five and the palm on five simple objects; fingers
@@ -61,24 +66,20 @@ def command(
       hhsim bench paper --plot figures --out paper.h5
       hhsim bench paper --quick --method coupled
     """
-    from hhsim.bench.paper.bench import PaperOptions, measure
+    from hhsim.bench.paper.bench import measure
     from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows, scene_rows
-    from hhsim.bench.table import check_table_path, csv_path, write_table
-    from hhsim.system.output_path import dated_output_path
+    from hhsim.bench.table import check_table_path, write_table
 
-    named = {"methods": methods, "objects": objects, "instances": instances, "repetitions": repetitions}
-    usual = PaperOptions.quick() if quick else PaperOptions()
-    run = replace(usual, seed=seed, **{name: value for name, value in named.items() if value is not None})  # type: ignore[arg-type]
-    output_path = out or dated_output_path("bench-paper")
+    run = settings.options()
+    output_path = output.table_path("paper")
     scenes = output_path.with_name(f"{output_path.stem}-scenes{output_path.suffix}")
-    for path in (output_path, scenes):
-        check_table_path(path)
+    check_table_path(scenes)
     if plot is not None:
         from hhsim.render.paper_figures import check_folder
 
         check_folder(plot)
-    announce_compilation(quiet=quiet)
-    with progress(quiet=quiet) as report:
+    announce_compilation(quiet=output.quiet)
+    with progress(quiet=output.quiet) as report:
         runs = measure(run, report)
         rows, played = paper_rows(runs, run), scene_rows(runs)
         write_table(output_path, "paper", ROW_COLUMNS, [row.to_json() for row in rows], asdict(run))
@@ -89,22 +90,18 @@ def command(
 
             pictures = draw_all(plot, runs, report)
     failed = missed(rows)
-    if as_json:
+    if output.as_json:
+        written = {"scenes_table": str(scenes), "pictures": [str(picture) for picture in pictures]}
         print_json(
             {
-                "table": str(output_path),
-                "csv": str(csv_path(output_path)),
-                "scenes_table": str(scenes),
-                "pictures": [str(picture) for picture in pictures],
-                "options": asdict(run),
-                "units": {column.name: column.unit for column in SCENE_COLUMNS},
+                **table_document(output_path, SCENE_COLUMNS, asdict(run), **written),
                 "passed": not failed,
                 "missed": [row.to_json() for row in failed],
                 "rows": [row.to_json() for row in rows],
                 "scenes": played,
             }
         )
-    elif not quiet:
+    elif not output.quiet:
         _print_rows(rows, run.methods)
         _print_cases(played)
         for row in failed:
@@ -149,22 +146,21 @@ def _print_rows(rows: "list[PaperRow]", methods: tuple[str, ...]) -> None:
 
 
 def _print_cases(played: list[dict[str, Any]]) -> None:
-    numbers = ("instances", "contacts", "detection [µs]", "response [µs]", "total, CPU [µs]", "p99 [µs]")
-    cells = [
-        (
-            row["object"],
-            row["case"],
-            row["method"],
-            f"{row['instances']}",
-            f"{row['contacts_mean']:,.0f}",
-            *(f"{1e6 * row[name]:.1f}" for name in ("detection", "response", "cpu_mean", "cpu_p99")),
-        )
-        for row in played
-        if row["figure"] == "15"
-    ]
-    if cells:
+    cells: dict[str, Callable[[dict[str, Any]], str]] = {
+        "object": lambda row: row["object"],
+        "case": lambda row: row["case"],
+        "method": lambda row: row["method"],
+        "instances": lambda row: f"{row['instances']}",
+        "contacts": lambda row: f"{row['contacts_mean']:,.0f}",
+        "detection [µs]": lambda row: f"{1e6 * row['detection']:.1f}",
+        "response [µs]": lambda row: f"{1e6 * row['response']:.1f}",
+        "total, CPU [µs]": lambda row: f"{1e6 * row['cpu_mean']:.1f}",
+        "p99 [µs]": lambda row: f"{1e6 * row['cpu_p99']:.1f}",
+    }
+    rows = [row for row in played if row["figure"] == "15"]
+    if rows:
         title = "Fig. 15: a tick in contact, mean; its parts by the clock on the wall, where nothing interrupted it"
-        print_table(("object", "case", "method", *numbers), cells, title=title, numbers=numbers)
+        print_rows(cells, rows, words=("object", "case", "method"), title=title)
         print()
 
 

@@ -6,19 +6,12 @@ from typing import Any
 import click
 
 from .. import options
+from ..comma_list import names
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
-from ..name_list import names
 
 
 @click.command()
-@click.option(
-    "--problems",
-    type=click.IntRange(1),
-    default=100_000,
-    show_default=True,
-    metavar="N",
-    help="Programs of real ticks to take.",
-)
+@click.option("--problems", type=options.COUNT, default=100_000, metavar="N", help="Programs of real ticks to take.")
 @names("--object", "objects", "Objects of the ticks. Default: sphere,cube,rock,cup,teapot,bunny.")
 @names(
     "--motion",
@@ -33,9 +26,7 @@ from ..name_list import names
     help="Write the programs too, as a .parquet file that qpbenchmark reads.",
 )
 @options.seed
-@options.out
-@options.json
-@options.quiet
+@options.Output.argument("output")
 def command(
     problems: int,
     objects: tuple[str, ...] | None,
@@ -43,9 +34,7 @@ def command(
     backends: tuple[str, ...] | None,
     programs: Path | None,
     seed: int,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
+    output: options.Output,
 ) -> int:
     """Solve the programs of real ticks by every solver at hand.
 
@@ -69,22 +58,20 @@ def command(
     )
     from hhsim.bench.qp.problem_file import check_problem_file
     from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS, QpBenchOptions
-    from hhsim.bench.table import check_table_path, write_table
-    from hhsim.system.output_path import dated_output_path
+    from hhsim.bench.table import write_table
 
     chosen = QpBenchOptions(
         problems=problems, objects=objects or OBJECTS, motions=motions or MOTIONS, backends=backends, seed=seed
     )
     if programs is not None:
         check_problem_file(programs)
-    output_path = out or dated_output_path("bench-qp")
-    check_table_path(output_path)
-    announce_compilation(quiet=quiet)
-    with progress(quiet=quiet) as report:
+    output_path = output.table_path("qp")
+    announce_compilation(quiet=output.quiet)
+    with progress(quiet=output.quiet) as report:
         rows = bench_qp(chosen, programs, report)
     write_table(output_path, "qp", COLUMNS, rows, asdict(chosen))
     missed, versions = missed_programs(rows), solver_versions(chosen.solvers())
-    if as_json:
+    if output.as_json:
         print_json(
             {
                 "table": str(output_path),
@@ -96,7 +83,7 @@ def command(
                 "missed": missed,
             }
         )
-    elif not quiet:
+    elif not output.quiet:
         for kind in dict.fromkeys(row["program"] for row in rows):
             _print_kind([row for row in rows if row["program"] == kind])
         print(f"solvers: {', '.join(f'{name} {version}'.strip() for name, version in versions.items())}")

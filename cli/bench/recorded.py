@@ -1,43 +1,48 @@
 """`hhsim bench recorded`."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import click
 
 from .. import options
-from ..console import announce_compilation, print_json, print_table, progress
-from ..name_list import names
-from ..object_argument import complete_object, read_object
+from ..comma_list import names
+from ..console import announce_compilation, number, print_json, print_rows, progress
+from ..object_argument import MeshSize, complete_object
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hhsim.bench.robustness.recorded_metrics import RecordedFigures
 
-HEADINGS = (
-    "recording",
-    "object",
-    "method",
-    "ticks",
-    "tip [mm/tick]",
-    "deepest [µm]",
-    "in touch",
-    "variation, tick [%]",
-    "sample [%]",
-    "p50 [µs]",
-    "p99 [µs]",
-    "lag [ticks]",
-    "lag [mm]",
-    "stuck",
-    "no cause",
-)
+CELLS: dict[str, Callable[["RecordedFigures"], str]] = {
+    "recording": lambda row: row.recording,
+    "object": lambda row: row.object,
+    "method": lambda row: row.method,
+    "ticks": lambda row: f"{row.ticks:,}",
+    "tip [mm/tick]": lambda row: f"{1e3 * row.fastest:.2f}",
+    "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
+    "in touch": lambda row: f"{row.touching:,}",
+    "variation, tick [%]": lambda row: number(row.variation_tick, 3),
+    "sample [%]": lambda row: number(row.variation_sample, 2),
+    "p50 [µs]": lambda row: number(row.cpu_p50, 1, 1e6),
+    "p99 [µs]": lambda row: number(row.cpu_p99, 1, 1e6),
+    "lag [ticks]": lambda row: f"{row.lagging:,}",
+    "lag [mm]": lambda row: f"{1e3 * row.lag:.1f}",
+    "stuck": lambda row: f"{row.stuck:,}",
+    "no cause": lambda row: f"{row.unexplained:,}",
+}
 
 
-@click.command(
-    short_help="Recordings of real hands against any objects: penetration, force variation, time, lag, stuck."
-)
-@click.argument("recordings", metavar="FOLDER|FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+class RecordedMotion(options.Sampling):
+    """How a recording becomes ticks, and where its object is."""
+
+    place_object: Literal["auto", "recorded"] = options.place_object("auto")
+
+
+@click.command()
+@click.argument("recordings", metavar="FOLDER|FILE...", nargs=-1, required=True, type=options.FILE)
 @names(
     "--object",
     "objects",
@@ -45,36 +50,26 @@ HEADINGS = (
     shell_complete=complete_object,
 )
 @names("--method", "methods", "Methods. Default: coupled,progressive.")
-@options.rate
-@options.samples
-@options.place_object("auto")
+@RecordedMotion.argument("motion")
 @options.tree_level
 @click.option(
-    "--ticks", type=click.IntRange(1), metavar="N", help="Run only the N ticks around the grasp of each recording."
+    "--ticks", type=options.COUNT, metavar="N", help="Run only the N ticks around the grasp of each recording."
 )
-@click.option("--limit", type=click.IntRange(1), metavar="N", help="Run only the first N recordings.")
-@options.unit
-@options.size
+@click.option("--limit", type=options.COUNT, metavar="N", help="Run only the first N recordings.")
+@MeshSize.argument("mesh_size")
 @options.seed
-@options.out
-@options.json
-@options.quiet
+@options.Output.argument("output")
 def command(
     recordings: tuple[Path, ...],
     objects: tuple[str, ...] | None,
     methods: tuple[str, ...] | None,
-    rate: float,
-    samples: Literal["interpolate", "hold"],
-    place_object: Literal["auto", "recorded"],
+    motion: RecordedMotion,
     level: int | None,
     ticks: int | None,
     limit: int | None,
-    unit: str | None,
-    size: float | None,
+    mesh_size: MeshSize,
     seed: int,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
+    output: options.Output,
 ) -> int:
     """Run recordings of real hands against objects, by every method, every tick measured.
 
@@ -92,38 +87,36 @@ def command(
     """
     from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
     from hhsim.bench.robustness.recorded_metrics import COLUMNS, table_row, totals
-    from hhsim.bench.table import check_table_path, write_table
-    from hhsim.mesh.catalogue import names_a_file
+    from hhsim.bench.table import write_table
+    from hhsim.mesh.catalogue import names_a_file, resolve_object
     from hhsim.solver.options import SolverOptions
-    from hhsim.system.output_path import dated_output_path
     from hhsim.trees.cache import cached_sphere_tree
     from hhsim.trees.options import TreeOptions
 
     solvers = [SolverOptions(method=method) for method in methods or ("coupled", "progressive")]
     files = recording_files(recordings)[:limit]
-    announce_compilation(quiet=quiet)
+    announce_compilation(quiet=output.quiet)
     chosen = {
-        name: read_object(name, *((unit, size) if names_a_file(name) else (None, None)))
+        name: mesh_size.read(name) if names_a_file(name) else resolve_object(name)
         for name in objects or ("bunny", "cup")
     }
-    output_path = out or dated_output_path("bench-recorded")
-    check_table_path(output_path)
-    asked = RecordedOptions(rate=rate, mode=samples, place=place_object, ticks=ticks, seed=seed)
-    with progress(quiet=quiet) as report:
+    output_path = output.table_path("recorded")
+    run = RecordedOptions(rate=motion.rate, mode=motion.samples, place=motion.place_object, ticks=ticks, seed=seed)
+    with progress(quiet=output.quiet) as report:
         placed = [
             BenchObject(mesh.name, mesh, cached_sphere_tree(mesh, TreeOptions(level=level or usual), report))
             for mesh, usual in chosen.values()
         ]
-        figures = list(bench_recorded(files, placed, solvers, asked, report))
+        figures = list(bench_recorded(files, placed, solvers, run, report))
     described = {
         "recordings": [str(path) for path in recordings],
         "objects": list(chosen),
-        "unit": unit,
-        "size_mm": size,
+        "unit": mesh_size.unit,
+        "size_mm": mesh_size.size,
         "level": [at.tree.depth for at in placed],
-        "rate": rate,
-        "samples": samples,
-        "place_object": place_object,
+        "rate": motion.rate,
+        "samples": motion.samples,
+        "place_object": motion.place_object,
         "ticks": ticks,
         "limit": limit,
         "seed": seed,
@@ -132,11 +125,11 @@ def command(
     rows = [table_row(row) for row in figures]
     write_table(output_path, "recorded", COLUMNS, rows, described)
     missed = any(row.missed for row in figures)
-    if as_json:
+    if output.as_json:
         whole = [table_row(row) for row in totals(figures)]
         document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": described}
         print_json({**document, "path": str(output_path)})
-    elif not quiet:
+    elif not output.quiet:
         _print(figures)
         print(f"every figure is in {output_path}")
     return int(missed)
@@ -148,7 +141,7 @@ def _print(figures: "Sequence[RecordedFigures]") -> None:
     ran = [row for row in figures if not row.reason]
     if ran:
         title = f"recorded hands, {ran[0].rate:g} ticks a second"
-        print_table(HEADINGS, [_cells(row) for row in [*ran, *totals(ran)]], title=title, numbers=HEADINGS[3:])
+        print_rows(CELLS, [*ran, *totals(ran)], words=("recording", "object", "method"), title=title)
     for row in figures:
         if row.reason:
             print(f"NOT RUN: {', '.join(filter(None, (row.recording, row.object, row.method)))}: {row.reason}")
@@ -156,27 +149,3 @@ def _print(figures: "Sequence[RecordedFigures]") -> None:
             print(f"LIMIT MISSED: {row.recording}, {row.object}, {row.method}")
     if not any(row.missed for row in figures):
         print("no limit missed")
-
-
-def _cells(row: "RecordedFigures") -> tuple[str, ...]:
-    return (
-        row.recording,
-        row.object,
-        row.method,
-        f"{row.ticks:,}",
-        f"{1e3 * row.fastest:.2f}",
-        f"{1e6 * row.penetration:,.3f}",
-        f"{row.touching:,}",
-        _number(row.variation_tick, 3),
-        _number(row.variation_sample, 2),
-        _number(1e6 * row.cpu_p50, 1),
-        _number(1e6 * row.cpu_p99, 1),
-        f"{row.lagging:,}",
-        f"{1e3 * row.lag:.1f}",
-        f"{row.stuck:,}",
-        f"{row.unexplained:,}",
-    )
-
-
-def _number(value: float, digits: int) -> str:
-    return "—" if value != value else f"{value:,.{digits}f}"

@@ -1,119 +1,96 @@
 """`hhsim bench stress`."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from .. import options
-from ..console import announce_compilation, print_json, print_table, progress
-from ..name_list import names
-from ..object_argument import complete_object, read_object
+from ..comma_list import names
+from ..console import announce_compilation, print_json, print_rows, progress
+from ..object_argument import MeshSize, complete_object
+from ..option_group import GroupedCommand, OptionGroup, option
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from hhsim.bench.robustness.random_targets import StressOptions
     from hhsim.bench.robustness.stress_metrics import StressFigures
 
-HEADINGS = (
-    "object",
-    "method",
-    "ticks",
-    "deepest [µm]",
-    "palm [µm]",
-    "fingers [µm]",
-    "> 1 µm",
-    "> 10 µm",
-    "not finite",
-    "stuck",
-    "no cause",
-    "lag [%]",
-    "force/coupling",
-    "p50 [µs]",
-    "p99 [µs]",
-    "max [µs]",
-)
+CELLS: dict[str, Callable[["StressFigures"], str]] = {
+    "object": lambda row: row.object,
+    "method": lambda row: row.method,
+    "ticks": lambda row: f"{row.ticks:,}",
+    "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
+    "palm [µm]": lambda row: f"{1e6 * row.penetration_palm:,.3f}",
+    "fingers [µm]": lambda row: f"{1e6 * row.penetration_finger:,.3f}",
+    "> 1 µm": lambda row: f"{row.penetrating:,}",
+    "> 10 µm": lambda row: f"{row.penetrating_deep:,}",
+    "not finite": lambda row: f"{row.not_finite:,}",
+    "stuck": lambda row: f"{row.stuck:,}",
+    "no cause": lambda row: f"{row.unexplained:,}",
+    "lag [%]": lambda row: f"{100.0 * row.lag / row.ticks:.1f}",
+    "force/coupling": lambda row: f"{row.force_ratio:.2f}",
+    "p50 [µs]": lambda row: f"{1e6 * row.cpu_p50:,.0f}",
+    "p99 [µs]": lambda row: f"{1e6 * row.cpu_p99:,.0f}",
+    "max [µs]": lambda row: f"{1e6 * row.cpu_max:,.0f}",
+}
+
+
+class Targets(OptionGroup, heading="Targets"):
+    """How long the hand goes to random targets, and how; `step` in [mm]."""
+
+    ticks: int = option(type=options.COUNT, default=20_000, metavar="N", help="Ticks of each object by each method.")
+    wild: bool = option(
+        is_flag=True,
+        help="Add what broken devices do: jumps, NaN, zero quaternions, late samples, angles beyond every limit.",
+    )
+    hold: int = option(type=options.COUNT, default=60, metavar="N", help="Ticks from one target to the next.")
+    step: float = option(type=options.POSITIVE, default=2.0, metavar="MM", help="How far the hand goes in a tick [mm].")
+    bound: Literal["palm", "hand", "none"] = option(
+        type=click.Choice(["palm", "hand", "none"]),
+        default="palm",
+        help="What --step bounds: the palm's way, that of every point of the hand, or nothing, so that the hand jumps.",
+    )
+
+    def options(self) -> "StressOptions":
+        """The same for the library."""
+        from hhsim.bench.robustness.random_targets import StressOptions
+
+        return StressOptions(hold=self.hold, longest_step=1e-3 * self.step, bound=self.bound, wild=self.wild)
 
 
 @click.command(
-    short_help="Random targets on any object, as long as you like; a failing motion is kept, shrunk to a few ticks."
+    cls=GroupedCommand,
 )
 @click.argument("objects", metavar="[OBJECT]...", nargs=-1, shell_complete=complete_object)
 @names("--method", "methods", "Methods. Default: all.")
-@click.option(
-    "--ticks",
-    type=click.IntRange(1),
-    default=20_000,
-    show_default=True,
-    metavar="N",
-    help="Ticks of each object by each method.",
-)
-@click.option(
-    "--wild",
-    is_flag=True,
-    help="Add what broken devices do: jumps, NaN, zero quaternions, late samples, angles beyond every limit.",
-)
-@click.option(
-    "--hold",
-    type=click.IntRange(1),
-    default=60,
-    show_default=True,
-    metavar="N",
-    help="Ticks from one target to the next.",
-)
-@click.option(
-    "--step",
-    type=click.FloatRange(0.0, min_open=True),
-    default=2.0,
-    show_default=True,
-    metavar="MM",
-    help="How far the hand goes in a tick [mm].",
-)
-@click.option(
-    "--bound",
-    type=click.Choice(["palm", "hand", "none"]),
-    default="palm",
-    show_default=True,
-    help="What --step bounds: the palm's way, that of every point of the hand, or nothing, so that the hand jumps.",
-)
+@Targets.argument("targets")
 @options.tree_level
-@options.linearisations
-@options.margin
-@click.option(
-    "--jobs", type=click.IntRange(1), default=1, show_default=True, metavar="N", help="Processes to share the work."
-)
+@options.Linearising.argument("linearising")
+@click.option("--jobs", type=options.COUNT, default=1, metavar="N", help="Processes to share the work.")
 @click.option(
     "--keep",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="FOLDER",
     help="Keep the failures of every method here, shrunk. Default: those of the safe methods, in results/.",
 )
-@options.unit
-@options.size
+@MeshSize.argument("mesh_size")
 @options.seed
-@options.out
-@options.json
-@options.quiet
+@options.Output.argument("output")
 def command(
     objects: tuple[str, ...],
     methods: tuple[str, ...] | None,
-    ticks: int,
-    wild: bool,
-    hold: int,
-    step: float,
-    bound: Literal["palm", "hand", "none"],
+    targets: Targets,
     level: int | None,
-    linearisations: int | None,
-    margin: float | None,
+    linearising: options.Linearising,
     jobs: int,
     keep: Path | None,
-    unit: str | None,
-    size: float | None,
+    mesh_size: MeshSize,
     seed: int,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
+    output: options.Output,
 ) -> int:
     """Run the hand to random targets around OBJECTs, by every method, and look for penetration at every tick.
 
@@ -127,35 +104,34 @@ def command(
       hhsim bench stress cup --method coupled --ticks 100000 --wild
       hhsim bench stress --method paper --keep failures
     """
-    from hhsim.bench.robustness.random_targets import StressOptions
     from hhsim.bench.robustness.stress import run_stress
     from hhsim.bench.robustness.stress_case import StressCase
     from hhsim.bench.robustness.stress_metrics import COLUMNS, table_row
-    from hhsim.bench.table import check_table_path, write_table
+    from hhsim.bench.table import write_table
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import object_names
     from hhsim.solver.method import METHODS, never_penetrates
     from hhsim.solver.options import SolverOptions
-    from hhsim.system.output_path import RESULTS, dated_output_path
+    from hhsim.system.output_path import RESULTS
     from hhsim.trees.cache import cached_sphere_tree
     from hhsim.trees.options import TreeOptions
 
-    changed: dict[str, Any] = {"linearisations": linearisations, "margin": None if margin is None else 1e-3 * margin}
-    changed = {name: value for name, value in changed.items() if value is not None}
+    changed = linearising.given()
+    if linearising.margin is not None:
+        changed["margin"] = 1e-3 * linearising.margin
     solvers = [SolverOptions(method=method, **changed) for method in methods or METHODS]
-    stress = StressOptions(hold=hold, longest_step=1e-3 * step, bound=bound, wild=wild)
-    announce_compilation(quiet=quiet)
-    by_name = (("--level", level), ("--unit", unit), ("--size", size))
+    stress = targets.options()
+    announce_compilation(quiet=output.quiet)
+    by_name = (("--level", level), ("--unit", mesh_size.unit), ("--size", mesh_size.size))
     described_by = [
         f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
         for name, value in by_name
         if value is not None
     ]
-    meshes = {name: read_object(name, unit, size) for name in objects or object_names()}
-    output_path = out or dated_output_path("bench-stress")
-    check_table_path(output_path)
+    meshes = {name: mesh_size.read(name) for name in objects or object_names()}
+    output_path = output.table_path("stress")
     hand = HandModel.default()
-    with progress(quiet=quiet) as report:
+    with progress(quiet=output.quiet) as report:
         cases = []
         for name, (mesh, usual) in meshes.items():
             tree = cached_sphere_tree(mesh, TreeOptions(level=level or usual), report)
@@ -170,27 +146,27 @@ def command(
                         solver=solver,
                         stress=stress,
                         seed=seed,
-                        ticks=ticks,
+                        ticks=targets.ticks,
                         keep=kept,
                     )
                 )
         figures = list(run_stress(cases, jobs=jobs, progress=report))
     described = {
         "objects": list(meshes),
-        "unit": unit,
-        "size_mm": size,
+        "unit": mesh_size.unit,
+        "size_mm": mesh_size.size,
         "level": level,
-        "ticks": ticks,
+        "ticks": targets.ticks,
         "seed": seed,
         "stress": stress.to_json(),
         "solver": [solver.to_json() for solver in solvers],
     }
     write_table(output_path, "stress", COLUMNS, [table_row(row) for row in figures], described)
     missed = any(row.missed for row in figures)
-    if as_json:
+    if output.as_json:
         rows = [{**table_row(row), "failures": [asdict(failure) for failure in row.failures]} for row in figures]
         print_json({"suite": "stress", "missed": missed, "rows": rows, "options": described, "path": str(output_path)})
-    elif not quiet:
+    elif not output.quiet:
         _print(figures)
         print(f"every figure is in {output_path}")
     return int(missed)
@@ -202,9 +178,8 @@ def _print(figures: "Sequence[StressFigures]") -> None:
 
     methods = list(dict.fromkeys(row.method for row in figures))
     totals = [total([row for row in figures if row.method == method]) for method in methods]
-    rows = [_cells(row) for row in [*figures, *(totals if len(figures) > len(methods) else [])]]
-    title = "stress: a new random hand every few ticks"
-    print_table(HEADINGS, rows, title=title, numbers=HEADINGS[2:])
+    rows = [*figures, *(totals if len(figures) > len(methods) else [])]
+    print_rows(CELLS, rows, words=("object", "method"), title="stress: a new random hand every few ticks")
     for row in figures:
         for failure in row.failures:
             what = f"{failure.kind} at tick {failure.tick:,}, shrunk to {failure.ticks} ticks"
@@ -213,23 +188,3 @@ def _print(figures: "Sequence[StressFigures]") -> None:
     for row in totals:
         if never_penetrates(row.method):
             print(f"{row.method}: {'no limit missed' if row.safe else 'LIMIT MISSED'}")
-
-
-def _cells(row: "StressFigures") -> tuple[str, ...]:
-    micro = (row.penetration, row.penetration_palm, row.penetration_finger)
-    return (
-        row.object,
-        row.method,
-        f"{row.ticks:,}",
-        *(f"{1e6 * value:,.3f}" for value in micro),
-        f"{row.penetrating:,}",
-        f"{row.penetrating_deep:,}",
-        f"{row.not_finite:,}",
-        f"{row.stuck:,}",
-        f"{row.unexplained:,}",
-        f"{100.0 * row.lag / row.ticks:.1f}",
-        f"{row.force_ratio:.2f}",
-        f"{1e6 * row.cpu_p50:,.0f}",
-        f"{1e6 * row.cpu_p99:,.0f}",
-        f"{1e6 * row.cpu_max:,.0f}",
-    )

@@ -1,42 +1,31 @@
 """`hhsim bench threads`."""
 
-from dataclasses import asdict, replace
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import click
 
-from .. import options
-from ..console import announce_compilation, print_json, print_notes, print_table, progress
-from ..name_list import counts, names
+from ..comma_list import counts, names
+from ..console import announce_compilation, print_json, print_notes, print_rows, progress
+from ..option_group import OptionGroup, option, shared
+from ..options import COUNT, Output
+from .table_document import table_document
+
+
+class ThreadsSettings(OptionGroup):
+    """What is replayed, by how many threads, and how often."""
+
+    objects: tuple[str, ...] | None = shared(names("--object", "objects", "Objects. Default: cup,bunny."))
+    threads: tuple[int, ...] | None = shared(counts("--threads", "threads", "Numbers of threads. Default: 1,2."))
+    instances: int = option(type=COUNT, default=100, metavar="N", help="Ticks in contact of each row.")
+    rounds: int = option(type=COUNT, default=9, metavar="N", help="Replays of each row.")
 
 
 @click.command()
-@names("--object", "objects", "Objects. Default: cup,bunny.")
-@counts("--threads", "threads", "Numbers of threads. Default: 1,2.")
-@click.option(
-    "--instances",
-    type=click.IntRange(1),
-    default=100,
-    show_default=True,
-    metavar="N",
-    help="Ticks in contact of each row.",
-)
-@click.option(
-    "--rounds", type=click.IntRange(1), default=9, show_default=True, metavar="N", help="Replays of each row."
-)
-@options.out
-@options.json
-@options.quiet
-def command(
-    objects: tuple[str, ...] | None,
-    threads: tuple[int, ...] | None,
-    instances: int,
-    rounds: int,
-    out: Path | None,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+@ThreadsSettings.argument("settings")
+@Output.argument("output")
+def command(settings: ThreadsSettings, output: Output) -> None:
     """Measure when threads pay: the paper's Fig. 15.
 
     Single finger (SF), two fingers (TF), five fingers (FF) and whole hand (WH), with one thread and with several, in
@@ -49,56 +38,44 @@ def command(
       hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from hhsim.bench.table import check_table_path, csv_path, write_table
+    from hhsim.bench.table import csv_path, write_table
     from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
-    from hhsim.system.output_path import dated_output_path
 
-    named = {"objects": objects, "threads": threads}
-    run = replace(
-        ThreadsOptions(instances=instances, rounds=rounds),
-        **{name: values for name, values in named.items() if values is not None},  # type: ignore[arg-type]
-    )
-    output_path = out or dated_output_path("bench-threads")
-    check_table_path(output_path)
-    announce_compilation(quiet=quiet)
-    with progress(quiet=quiet) as report:
+    run = ThreadsOptions(**settings.given())
+    output_path = output.table_path("threads")
+    announce_compilation(quiet=output.quiet)
+    with progress(quiet=output.quiet) as report:
         rows = measure(run, report)
     write_table(output_path, "threads", COLUMNS, rows, asdict(run))
     sentences, notes = when_threads_pay(rows), remarks(rows)
-    if as_json:
+    if output.as_json:
         print_json(
             {
-                "table": str(output_path),
-                "csv": str(csv_path(output_path)),
-                "options": asdict(run),
-                "units": {column.name: column.unit for column in COLUMNS},
+                **table_document(output_path, COLUMNS, asdict(run)),
                 "rows": rows,
                 "when": sentences,
                 "notes": notes,
             }
         )
-    elif not quiet:
-        _print_rows(rows)
+    elif not output.quiet:
+        title = f"wall time of a tick, mean of {rows[0]['instances']} instances in contact"
+        print_rows(CELLS, rows, words=("object", "case", "method"), title=title)
+        print()
         for sentence in sentences:
             print(sentence)
         print_notes(notes)
         print(f"the table is in {output_path} and {csv_path(output_path)}")
 
 
-def _print_rows(rows: list[dict[str, Any]]) -> None:
-    numbers = ("contacts", "threads", "detection [µs]", "response [µs]", "total [µs]", "all threads' CPU [µs]", "gain")
-    cells = [
-        (
-            row["object"],
-            row["case"],
-            row["method"],
-            f"{row['contacts']:,.0f}",
-            str(row["threads"]),
-            *(f"{1e6 * row[name]:.1f}" for name in ("detection", "response", "total", "total_cpu")),
-            "" if row["threads"] == 1 else f"{row['speedup']:.2f}",
-        )
-        for row in rows
-    ]
-    title = f"wall time of a tick, mean of {rows[0]['instances']} instances in contact"
-    print_table(("object", "case", "method", *numbers), cells, title=title, numbers=numbers)
-    print()
+CELLS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "object": lambda row: row["object"],
+    "case": lambda row: row["case"],
+    "method": lambda row: row["method"],
+    "contacts": lambda row: f"{row['contacts']:,.0f}",
+    "threads": lambda row: str(row["threads"]),
+    "detection [µs]": lambda row: f"{1e6 * row['detection']:.1f}",
+    "response [µs]": lambda row: f"{1e6 * row['response']:.1f}",
+    "total [µs]": lambda row: f"{1e6 * row['total']:.1f}",
+    "all threads' CPU [µs]": lambda row: f"{1e6 * row['total_cpu']:.1f}",
+    "gain": lambda row: "" if row["threads"] == 1 else f"{row['speedup']:.2f}",
+}

@@ -9,35 +9,21 @@ import click
 from hhsim.live.devices.registry import find_glove, glove_names
 from hhsim.live.pose.registry import POSES, USUAL_POSE_PORT, PoseConfig
 
-from .. import options, tree_level
+from .. import options
+from ..comma_list import number_list, one_or_five
 from ..console import announce_compilation, print_json, print_notes, progress
-from ..number_list import number_list
-from ..object_argument import complete_object, read_object
+from ..object_argument import MeshFile, complete_object
+from ..option_group import GroupedCommand, OptionGroup, option, shared
 from ..replay import complete_trajectory
 from ..rerun_option import METAVAR, read_target
-from .glove_settings import given_settings, glove_options
+from ..tree_choice import TreeChoice
+from .glove_settings import GloveChoice, glove_choice
 from .session import run_session
 from .summary import print_summary, summary_json
 
 if TYPE_CHECKING:
-    from hhsim.hand.model import HandModel
     from hhsim.live.devices.registry import GloveConfig, Hand
-    from hhsim.live.ipc.config import LiveSetup
-    from hhsim.live.session.scene import LiveScene
-
-
-def read_stiffness(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-    """Read one number from 0 to 1 for all fingers, or five."""
-    if value is None:
-        return None
-    try:
-        numbers = tuple(float(part) for part in value.split(","))
-    except ValueError:
-        numbers = ()
-    numbers = numbers * 5 if len(numbers) == 1 else numbers
-    if len(numbers) != 5 or not all(0.0 <= number <= 1.0 for number in numbers):
-        raise click.BadParameter(f"'{value}', expected 0 (free) to 1, or five of that", context, parameter)
-    return numbers
+    from hhsim.live.real_time import RealTimeWishes
 
 
 def check_rerun(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -46,120 +32,164 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
     return value
 
 
-@click.command()
+class HandChoice(OptionGroup, heading="Hand"):
+    """Which hand, what it does where nobody moves it, and where its palm is."""
+
+    side: options.Side | None = option(
+        "--hand", type=options.SIDES, help="Which hand's glove. Default: right, or the recording's."
+    )
+    trajectory: str | None = option(
+        metavar="TRAJECTORY",
+        shell_complete=complete_trajectory,
+        help="Motion of --device replay or sim, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
+        "replay takes it. Default: grasp.",
+    )
+    pose: str | None = option(
+        type=click.Choice(list(POSES)),
+        help="Where the palm is, which no glove says. "
+        f"{'; '.join(f'{name}: {pose.about}' for name, pose in POSES.items())}. "
+        "Default: replay where the glove plays a motion; else keyboard in a terminal, and fixed elsewhere.",
+    )
+    palm: tuple[float, ...] | None = option(
+        callback=number_list("x [mm]", "y [mm]", "z [mm]", signed=True),
+        metavar="X,Y,Z",
+        help="Where the palm is or begins [mm]. Default: where it can grasp the object.",
+    )
+    palm_turn: tuple[float, ...] | None = option(
+        callback=number_list("w", "x", "y", "z", signed=True),
+        metavar="W,X,Y,Z",
+        help="How the palm is turned there, a quaternion. Default: as it is, 1,0,0,0.",
+    )
+    pose_host: str = option(metavar="HOST", default="127.0.0.1", help="Where the packets of --pose udp come from.")
+    pose_port: int = option(
+        type=click.IntRange(1, 65535),
+        metavar="PORT",
+        default=USUAL_POSE_PORT,
+        help="Port that these packets arrive at.",
+    )
+
+    def inputs(self, glove: GloveChoice, seed: int) -> "tuple[GloveConfig, PoseConfig, Any]":
+        """The glove, where the palm is, and the motion that either of them makes, or None.
+
+        Raises:
+            click.UsageError: Options that contradict each other.
+        """
+        from hhsim.live.devices.registry import configure
+        from hhsim.scene.motion_catalogue import resolve_trajectory
+
+        settings = glove.settings()
+        plays = find_glove(glove.device).plays
+        pose = self.pose or ("replay" if plays else "keyboard" if sys.stdin.isatty() else "fixed")
+        if not POSES[pose].placed and (self.palm or self.palm_turn):
+            raise click.UsageError(f"--palm and --palm-turn are for --pose fixed and keyboard, not {pose}")
+        if self.palm_turn is not None and self.palm is None:
+            raise click.UsageError("--palm-turn needs --palm, where the palm is")
+        plays = plays or POSES[pose].plays
+        if self.trajectory is not None and not plays:
+            playing = " or ".join(name for name in glove_names() if find_glove(name).plays)
+            raise click.UsageError(f"--trajectory is for --device {playing}, and for --pose replay")
+        motion = resolve_trajectory(self.trajectory or "grasp") if plays else None
+        side: Hand = "left" if (self.side or getattr(motion, "hand", None)) == "left" else "right"
+        x, y, z = [1e-3 * value for value in self.palm] if self.palm else (0.0, 0.0, 0.0)
+        a, b, c, d = self.palm_turn or (1.0, 0.0, 0.0, 0.0)
+        source = PoseConfig(pose, (x, y, z), (a, b, c, d), host=self.pose_host, port=self.pose_port)
+        return configure(glove.device, hand=side, seed=seed, **settings), source, motion
+
+
+class Feedback(OptionGroup, heading="Forces"):
+    """What the fingers are told; `stale` in [ms]."""
+
+    stiffness: tuple[float, ...] | None = option(
+        callback=one_or_five,
+        metavar="K",
+        help="How hard the glove stops a finger that touches, 0 (free) to 1; one number or five. Default: 0.3.",
+    )
+    stale: float = option(
+        type=click.FloatRange(1.0, 1000.0),
+        default=25.0,
+        metavar="MS",
+        help="Input older than this frees the fingers [ms].",
+    )
+    dry_run: bool = option(is_flag=True, help="Read the glove, and send nothing to it.")
+
+
+class SessionSettings(OptionGroup, heading="Session"):
+    """How fast and how long it runs, and where it is shown and recorded; `rate` in [Hz], `duration` in [s]."""
+
+    rate: float = option(type=click.FloatRange(10.0, 4000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz].")
+    duration: float | None = option(
+        type=options.POSITIVE,
+        metavar="S",
+        help="End by itself after so long [s]. Default: when told to; with --device replay, at the end of the motion.",
+    )
+    record: Path | None = option(
+        "--record",
+        "--out",
+        type=options.FILE,
+        metavar="FILE",
+        help="Where the recording goes, some 2 MB a second. Default: a dated name in results/ under the current "
+        "folder.",
+    )
+    no_record: bool = option(is_flag=True, help="Record nothing.")
+    rerun: str | None = option(
+        callback=check_rerun,
+        metavar=METAVAR,
+        help="Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
+        "HOST:PORT.",
+    )
+    cpu: int | None = option(
+        type=click.IntRange(-1), metavar="N", help="Processor that the loop stays on; -1: any. Default: the last one."
+    )
+    no_realtime: bool = option(
+        is_flag=True, help="Ask the system for no real-time scheduling, locked memory or own processor."
+    )
+    seed: int = shared(options.seed)
+
+    def record_path(self, stem: str) -> Path | None:
+        """Where the recording goes, None for nowhere.
+
+        Raises:
+            HhsimError: It cannot be written there.
+        """
+        from hhsim.result.reader import check_result_path
+        from hhsim.system.output_path import dated_output_path
+
+        if self.no_record:
+            return None
+        path = self.record or dated_output_path(stem)
+        check_result_path(path)
+        return path
+
+    def wishes(self) -> "RealTimeWishes":
+        """What the loop asks the system for."""
+        from hhsim.live.real_time import RealTimeWishes
+
+        return RealTimeWishes.none() if self.no_realtime else RealTimeWishes(cpu=self.cpu)
+
+
+@click.command(cls=GroupedCommand)
 @click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
-@glove_options
-@click.option(
-    "--hand", type=click.Choice(["right", "left"]), help="Which hand's glove. Default: right, or the recording's."
-)
-@click.option(
-    "--trajectory",
-    metavar="TRAJECTORY",
-    shell_complete=complete_trajectory,
-    help="Motion of --device replay or sim, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
-    "replay takes it. Default: grasp.",
-)
-@click.option(
-    "--pose",
-    type=click.Choice(list(POSES)),
-    help="Where the palm is, which no glove says. "
-    f"{'; '.join(f'{name}: {pose.about}' for name, pose in POSES.items())}. "
-    "Default: replay where the glove plays a motion; else keyboard in a terminal, and fixed elsewhere.",
-)
-@click.option(
-    "--palm",
-    callback=number_list("x [mm]", "y [mm]", "z [mm]", signed=True),
-    metavar="X,Y,Z",
-    help="Where the palm is or begins [mm]. Default: where it can grasp the object.",
-)
-@click.option(
-    "--palm-turn",
-    callback=number_list("w", "x", "y", "z", signed=True),
-    metavar="W,X,Y,Z",
-    help="How the palm is turned there, a quaternion. Default: as it is, 1,0,0,0.",
-)
-@click.option(
-    "--pose-host",
-    metavar="HOST",
-    default="127.0.0.1",
-    show_default=True,
-    help="Where the packets of --pose udp come from.",
-)
-@click.option(
-    "--pose-port",
-    type=click.IntRange(1, 65535),
-    metavar="PORT",
-    default=USUAL_POSE_PORT,
-    show_default=True,
-    help="Port that these packets arrive at.",
-)
-@click.option(
-    "--stiffness",
-    callback=read_stiffness,
-    metavar="K",
-    help="How hard the glove stops a finger that touches, 0 (free) to 1; one number or five. Default: 0.3.",
-)
-@click.option(
-    "--stale",
-    type=click.FloatRange(1.0, 1000.0),
-    default=25.0,
-    show_default=True,
-    metavar="MS",
-    help="Input older than this frees the fingers [ms].",
-)
-@options.method
-@tree_level.level
-@tree_level.max_error
-@options.fingers
-@options.budget
-@click.option(
-    "--rate",
-    type=click.FloatRange(10.0, 4000.0),
-    default=1000.0,
-    show_default=True,
-    metavar="HZ",
-    help="Ticks a second [Hz].",
-)
-@click.option(
-    "--duration",
-    type=click.FloatRange(0.0, min_open=True),
-    metavar="S",
-    help="End by itself after so long [s]. Default: when told to; with --device replay, at the end of the motion.",
-)
-@click.option(
-    "--record",
-    "--out",
-    "record",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Where the recording goes, some 2 MB a second. Default: a dated name in results/ under the current folder.",
-)
-@click.option("--no-record", is_flag=True, help="Record nothing.")
-@click.option(
-    "--rerun",
-    callback=check_rerun,
-    metavar=METAVAR,
-    help="Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
-    "HOST:PORT.",
-)
-@click.option("--dry-run", is_flag=True, help="Read the glove, and send nothing to it.")
-@click.option(
-    "--cpu",
-    type=click.IntRange(-1),
-    metavar="N",
-    help="Processor that the loop stays on; -1: any. Default: the last one.",
-)
-@click.option(
-    "--no-realtime", is_flag=True, help="Ask the system for no real-time scheduling, locked memory or own processor."
-)
-@options.unit
-@options.size
-@options.thickness
-@options.seed
+@glove_choice().argument("glove")
+@HandChoice.argument("hand")
+@Feedback.argument("feedback")
+@options.SolverChoice.argument("solver")
+@TreeChoice.argument("tree")
+@SessionSettings.argument("session")
+@MeshFile.argument("mesh_file")
 @options.json
 @options.quiet
-@click.pass_context
-def command(context: click.Context, /, object_: str, as_json: bool, quiet: bool, **given: Any) -> int:
+def command(
+    object_: str,
+    glove: GloveChoice,
+    hand: HandChoice,
+    feedback: Feedback,
+    solver: options.SolverChoice,
+    tree: TreeChoice,
+    session: SessionSettings,
+    mesh_file: MeshFile,
+    as_json: bool,
+    quiet: bool,
+) -> int:
     """Put a glove in the loop: its fingers move the hand, and are stopped where the shown hand is.
 
     OBJECT is a name (hhsim objects) or a mesh file. A finger that touches nothing is free. All fingers are freed, at
@@ -180,42 +210,57 @@ def command(context: click.Context, /, object_: str, as_json: bool, quiet: bool,
     """
     from hhsim.hand.model import HandModel
     from hhsim.live.devices.registry import open_device
+    from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
     from hhsim.live.session.scene import make_live_scene
-    from hhsim.result.reader import check_result_path
     from hhsim.solver.compile import warm_up
-    from hhsim.system.output_path import dated_output_path
+    from hhsim.solver.options import SolverOptions
 
-    glove, palm, motion = chosen_input(context, given)
-    record, duration = given["record"], given["duration"]
+    if session.no_record and session.record is not None:
+        raise click.UsageError(f"--no-record and --record {session.record} exclude each other")
+    device, palm, motion = hand.inputs(glove, session.seed)
     announce_compilation(quiet=quiet)
-    mesh, usual_level = read_object(object_, *(given[name] for name in ("unit", "size", "thickness")))
-    if record is None and not given["no_record"]:
-        record = dated_output_path(f"{mesh.name}-live-{glove.kind}")
-    if record is not None:
-        check_result_path(record)
+    mesh, usual_level = mesh_file.read(object_)
+    record = session.record_path(f"{mesh.name}-live-{device.kind}")
     print_notes(mesh.warnings, prefix="warning")
-    model = HandModel.default(glove.hand)
+    model = HandModel.default(device.hand)
     with progress(quiet=quiet) as report:
-        chosen = tree_level.choose_tree(mesh, given["level"], usual_level, given["max_error"], report)
-        placed = given["palm"] is not None
-        scene = make_live_scene(mesh, chosen.tree, model, glove, palm, motion, placed=placed, seed=given["seed"])
+        chosen = tree.choose(mesh, usual_level, report)
+        placed = hand.palm is not None
+        scene = make_live_scene(mesh, chosen.tree, model, device, palm, motion, placed=placed, seed=session.seed)
     print_notes(chosen.notes)
-    if find_glove(glove.kind).ends and duration is None and scene.device.playback is not None:
+    duration = session.duration
+    if find_glove(device.kind).ends and duration is None and scene.device.playback is not None:
         duration = scene.device.playback.duration
     # What the driver cannot use is reported before any process is started.
     open_device(scene.device)
-    description = {
-        **scene.description,
-        "object": object_,
-        "object_mesh": mesh.sha256,
-        "level": chosen.level,
-        "device": glove.kind,
-        "trajectory": None if motion is None else given["trajectory"] or "grasp",
-        "seed": given["seed"],
-    }
-    setup = make_setup(scene, model, given, record=record, duration=duration, description=description)
+    setup = LiveSetup(
+        mesh=scene.mesh,
+        tree=scene.tree,
+        hand=model,
+        options=SolverOptions(period=1.0 / session.rate, **solver.given()),
+        device=scene.device,
+        pose=scene.pose,
+        rate=session.rate,
+        output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
+        safety=SafetyLimits(stale=1e-3 * feedback.stale),
+        real_time=session.wishes(),
+        rerun=session.rerun,
+        dry_run=feedback.dry_run,
+        command=("hhsim", *sys.argv[1:]),
+        record=record,
+        duration=duration,
+        description={
+            **scene.description,
+            "object": object_,
+            "object_mesh": mesh.sha256,
+            "level": chosen.level,
+            "device": device.kind,
+            "trajectory": None if motion is None else hand.trajectory or "grasp",
+            "seed": session.seed,
+        },
+    )
     warm_up(model, setup.options)
-    heading = f"{mesh.name}, {given['method']}, {glove.kind}"
+    heading = f"{mesh.name}, {solver.method}, {device.kind}"
     outcome, error = run_session(setup, heading, quiet=quiet)
     if as_json:
         print_json(summary_json(outcome, error))
@@ -224,61 +269,3 @@ def command(context: click.Context, /, object_: str, as_json: bool, quiet: bool,
     if error:
         print(f"hhsim: error: {error}", file=sys.stderr)
     return 2 if error else 0
-
-
-def chosen_input(context: click.Context, given: dict[str, Any]) -> "tuple[GloveConfig, PoseConfig, Any]":
-    """The glove, where the palm is, and the motion that either of them makes, or None.
-
-    Raises:
-        click.UsageError: Options that contradict each other.
-    """
-    from hhsim.live.devices.registry import configure
-    from hhsim.scene.motion_catalogue import resolve_trajectory
-
-    device, palm, turn = given["device"], given["palm"], given["palm_turn"]
-    if given["no_record"] and given["record"] is not None:
-        raise click.UsageError(f"--no-record and --record {given['record']} exclude each other")
-    settings = given_settings(context, device)
-    plays = find_glove(device).plays
-    pose = given["pose"] or ("replay" if plays else "keyboard" if sys.stdin.isatty() else "fixed")
-    if not POSES[pose].placed and (palm or turn):
-        raise click.UsageError(f"--palm and --palm-turn are for --pose fixed and keyboard, not {pose}")
-    if turn is not None and palm is None:
-        raise click.UsageError("--palm-turn needs --palm, where the palm is")
-    plays = plays or POSES[pose].plays
-    if given["trajectory"] is not None and not plays:
-        playing = " or ".join(name for name in glove_names() if find_glove(name).plays)
-        raise click.UsageError(f"--trajectory is for --device {playing}, and for --pose replay")
-    motion = resolve_trajectory(given["trajectory"] or "grasp") if plays else None
-    hand: Hand = "left" if (given["hand"] or getattr(motion, "hand", "")) == "left" else "right"
-    glove = configure(device, hand=hand, seed=given["seed"], **settings)
-    x, y, z = [1e-3 * value for value in palm] if palm else (0.0, 0.0, 0.0)
-    a, b, c, d = turn or (1.0, 0.0, 0.0, 0.0)
-    source = PoseConfig(pose, (x, y, z), (a, b, c, d), host=given["pose_host"], port=given["pose_port"])
-    return glove, source, motion
-
-
-def make_setup(scene: "LiveScene", hand: "HandModel", given: dict[str, Any], **more: Any) -> "LiveSetup":
-    """The session that the options mean."""
-    from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-    from hhsim.live.real_time import RealTimeWishes
-    from hhsim.solver.options import SolverOptions
-
-    solver = {name: given[name] for name in ("method", "fingers", "budget") if given[name] is not None}
-    stiffness, ordinary = given["stiffness"], given["no_realtime"]
-    return LiveSetup(
-        mesh=scene.mesh,
-        tree=scene.tree,
-        hand=hand,
-        options=SolverOptions(period=1.0 / given["rate"], **solver),
-        device=scene.device,
-        pose=scene.pose,
-        rate=given["rate"],
-        output=OutputLimits() if stiffness is None else OutputLimits(stiffness=stiffness),
-        safety=SafetyLimits(stale=1e-3 * given["stale"]),
-        real_time=RealTimeWishes.none() if ordinary else RealTimeWishes(cpu=given["cpu"]),
-        rerun=given["rerun"],
-        dry_run=given["dry_run"],
-        command=("hhsim", *sys.argv[1:]),
-        **more,
-    )

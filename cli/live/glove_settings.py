@@ -1,50 +1,51 @@
 """Options of `hhsim live glove` that follow from the gloves: which there are, and what each can be set to."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import MISSING, Field, fields
 from types import NoneType
 from typing import Any, get_args
 
 import click
+from click.core import ParameterSource
 
 from hhsim.live.devices.registry import Setting, find_glove, glove_names
 
-Command = Callable[..., Any]
+from ..option_group import OptionGroup, option
 
 
-def glove_options(command: Command) -> Command:
-    """Add --device, then the settings that several gloves have, each once, then each glove's own."""
-    for option in reversed([_device(), *_settings()]):
-        command = option(command)
-    return command
+class GloveChoice(OptionGroup, heading="Glove"):
+    """Which glove, and what it is set to; the settings are fields of the subclass that `glove_choice` makes."""
+
+    device: str
+
+    def settings(self) -> dict[str, Any]:
+        """The settings of the glove that the command line names.
+
+        Raises:
+            click.UsageError: One that only another glove has.
+        """
+        context = click.get_current_context()
+        found = {}
+        for name, gloves in _by_name().items():
+            if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
+                continue
+            if self.device in gloves:
+                found[name] = getattr(self, name)
+            elif len(gloves) == 1:
+                (flag,) = (parameter.opts[0] for parameter in context.command.params if parameter.name == name)
+                raise click.UsageError(f"{flag} is for --device {next(iter(gloves))}, not {self.device}")
+        return found
 
 
-def given_settings(context: click.Context, device: str) -> dict[str, Any]:
-    """The settings of a glove that the command line names.
-
-    Raises:
-        click.UsageError: One that only another glove has.
-    """
-    found = {}
-    for name, gloves in _by_name().items():
-        if context.get_parameter_source(name) is not click.core.ParameterSource.COMMANDLINE:
-            continue
-        if device in gloves:
-            found[name] = context.params[name]
-        elif len(gloves) == 1:
-            (option,) = (parameter.opts[0] for parameter in context.command.params if parameter.name == name)
-            raise click.UsageError(f"{option} is for --device {next(iter(gloves))}, not {device}")
-    return found
-
-
-def _device() -> Command:
+def glove_choice() -> type[GloveChoice]:
+    """Ask for --device, then for the settings that several gloves have, each once, then for each glove's own."""
     about = "; ".join(f"{name}: {find_glove(name).about}" for name in glove_names())
-    return click.option(
-        "--device", type=click.Choice(glove_names()), default="sim", show_default=True, help=f"{about}."
-    )
+    device = option("--device", type=click.Choice(glove_names()), default="sim", help=f"{about}.")
+    options = {"device": device, **dict(_settings())}
+    return type("KnownGloves", (GloveChoice,), {"__annotations__": dict.fromkeys(options, Any), **options})
 
 
-def _settings() -> Iterator[Command]:
+def _settings() -> Iterator[tuple[str, Any]]:
     for name, gloves in sorted(_by_name().items(), key=lambda item: len(item[1]) == 1):
         item = next(iter(gloves.values()))
         setting: Setting = item.metadata["setting"]
@@ -55,14 +56,16 @@ def _settings() -> Iterator[Command]:
         elif len({other.default for other in gloves.values()}) > 1:
             text += f" Default: {', '.join(f'{other.default} for {glove}' for glove, other in gloves.items())}."
             default = None
-        yield click.option(
-            *(setting.flags or (f"--{name.replace('_', '-')}",)),
+        yield (
             name,
-            type=_type(item, setting),
-            default=default,
-            show_default=default not in ("", None),
-            metavar=setting.metavar,
-            help=text,
+            option(
+                *setting.flags,
+                type=_type(item, setting),
+                default=default,
+                show_default=default not in ("", None),
+                metavar=setting.metavar,
+                help=text,
+            ),
         )
 
 

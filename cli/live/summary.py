@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ..console import print_table
+from ..console import number, print_table
 
 if TYPE_CHECKING:
     from hhsim.live.session.supervisor import SessionOutcome
@@ -50,7 +50,7 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
         rows.append(("ticks recorded, lost", f"{outcome.recorded:,}, {outcome.record_lost:,}", ""))
     deepest = _deepest(outcome)
     if deepest is not None:
-        rows.append(("penetration in the recording, max", _number(1e6 * deepest, 3), "µm"))
+        rows.append(("penetration in the recording, max", number(deepest, 3, 1e6), "µm"))
     return rows
 
 
@@ -89,10 +89,6 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "watchdog_releases": outcome.watchdog_releases,
         "events": [{"seconds": at, "level": level, "text": text} for at, level, text in outcome.notices],
     }
-
-
-def _number(value: float, digits: int) -> str:
-    return "—" if math.isnan(value) else f"{value:,.{digits}f}"
 
 
 def _several(counters: Any) -> str:

@@ -2,6 +2,7 @@
 
 import atexit
 import os
+import re
 import select
 import sys
 from collections.abc import Callable, Iterator
@@ -75,15 +76,4 @@ def _keys(descriptor: int) -> str | None:
 
 def _without_sequences(text: str) -> str:
     """Drop what arrow and function keys send (Escape, a bracket, a letter), so that none of them reads as Escape."""
-    kept = ""
-    place = 0
-    while place < len(text):
-        if text[place] == "\x1b" and place + 1 < len(text) and text[place + 1] in "[O":
-            place += 2
-            while place < len(text) and not ("@" <= text[place] <= "~"):
-                place += 1
-            place += 1
-            continue
-        kept += text[place]
-        place += 1
-    return kept
+    return re.sub(r"\x1b[\[O][^@-~]*[@-~]?", "", text)

@@ -182,10 +182,10 @@ def test_a_reader_that_leaves_is_no_error() -> None:
     assert process.stdout is not None
     process.stdout.close()
     assert process.stderr is not None
-    told = process.stderr.read()
+    errors = process.stderr.read()
     process.stderr.close()
     assert process.wait() == 128 + signal.SIGPIPE
-    assert told == b""
+    assert errors == b""
 
 
 @pytest.mark.parametrize(
@@ -217,19 +217,19 @@ def test_a_reader_that_leaves_before_an_error_is_told_is_no_crash() -> None:
     process = subprocess.Popen([*HHSIM, "relpay", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stderr is not None
     process.stdout.close()
-    told = process.stderr.read()
+    errors = process.stderr.read()
     process.stderr.close()
     assert process.wait() == 128 + signal.SIGPIPE
-    assert told == "hhsim: error: unknown command 'relpay': did you mean replay or report?\n"
+    assert errors == "hhsim: error: unknown command 'relpay': did you mean replay or report?\n"
 
 
-def test_an_encoding_without_our_letters_is_no_crash() -> None:
+def test_an_encoding_without_our_letters_is_no_crash(run: Run) -> None:
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     table = subprocess.run([*HHSIM, "objects"], capture_output=True, text=True, env=environment)
     assert (table.returncode, table.stderr) == (0, "")
     assert " ? " in table.stdout
-    document = subprocess.run([*HHSIM, "objects", "--json"], capture_output=True, text=True, env=environment)
-    assert len(json.loads(document.stdout)["objects"]) == 10
+    document = run("objects", "--json").out
+    assert document.isascii() and len(json.loads(document)["objects"]) == 10
 
 
 def test_info_tells_people_and_machines_the_same(run: Run) -> None:
@@ -263,11 +263,12 @@ def test_trajectories_tells_people_and_machines_the_same(run: Run) -> None:
         assert f"{item['duration']:.1f}" in line
 
 
-def test_a_table_in_a_pipe_is_plain_text(run: Run) -> None:
-    answer = subprocess.run([*HHSIM, "objects"], capture_output=True, text=True, env=os.environ | {"COLUMNS": "40"})
-    assert "\x1b" not in answer.stdout
-    assert all(line == line.rstrip() for line in answer.stdout.splitlines())
-    assert len(answer.stdout.splitlines()) == 12
+def test_a_table_in_a_pipe_is_plain_text(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    table = run("objects").out
+    assert "\x1b" not in table
+    assert all(line == line.rstrip() for line in table.splitlines())
+    assert len(table.splitlines()) == 12
 
 
 def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
@@ -327,23 +328,24 @@ def test_a_text_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: P
         assert run("build-tree", "cube", "--level", "1", "--out", "cube.sph", "--quiet") == (0, "", "")
 
 
-def test_compilation_is_announced_where_and_when_it_happens(tmp_path: Path) -> None:
-    script = (
-        "import click, numba, sys\n"
-        "from hhsim.cli.console import announce_compilation\n"
-        "@click.command()\n"
-        "@click.option('--quiet', is_flag=True)\n"
-        "def command(quiet):\n"
-        "    announce_compilation(quiet=quiet)\n"
-        "    print('begun', file=sys.stderr)\n"
-        "    numba.njit(lambda: 1)(), numba.njit(lambda: 2)()\n"
-        "command(standalone_mode=False)\n"
-        "numba.njit(lambda: 3)()\n"
-    )
-    said = "hhsim: compiling the kernels: this happens once, and again after an upgrade"
-    for arguments, lines in (([], ["begun", said]), (["--quiet"], ["begun"])):
-        answer = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True)
-        assert answer.stderr.splitlines() == lines
+def test_compilation_is_announced_where_and_when_it_happens(capsys: pytest.CaptureFixture[str]) -> None:
+    import numba
+
+    announce_compilation = importlib.import_module("hhsim.cli.console").announce_compilation
+
+    @click.command()
+    @click.option("--quiet", is_flag=True)
+    def command(quiet: bool) -> None:
+        announce_compilation(quiet=quiet)
+        print("begun", file=sys.stderr)
+        for number in (1, 2):
+            numba.njit(lambda number=number: number)()
+
+    announcement = "hhsim: compiling the kernels: this happens once, and again after an upgrade"
+    for arguments, lines in (([], ["begun", announcement]), (["--quiet"], ["begun"])):
+        command(arguments, standalone_mode=False)
+        numba.njit(lambda: 3)()
+        assert capsys.readouterr().err.splitlines() == lines
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
@@ -357,11 +359,10 @@ def test_completion_scripts_call_hhsim(run: Run, shell: str) -> None:
     ("words", "offered"),
     [("hhsim repl", "replay"), ("hhsim build-tree te", "teapot"), ("hhsim build-tree cube --bran", "--branching")],
 )
-def test_the_shell_is_offered_commands_names_and_options(words: str, offered: str) -> None:
-    environment = os.environ | {
-        "_HHSIM_COMPLETE": "bash_complete",
-        "COMP_WORDS": words,
-        "COMP_CWORD": str(len(words.split()) - 1),
-    }
-    answer = subprocess.run(HHSIM, capture_output=True, text=True, env=environment)
-    assert answer.stdout.splitlines() == [f"plain,{offered}"]
+def test_the_shell_is_offered_commands_names_and_options(
+    run: Run, monkeypatch: pytest.MonkeyPatch, words: str, offered: str
+) -> None:
+    monkeypatch.setenv("_HHSIM_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    assert run() == (0, f"plain,{offered}\n", "")

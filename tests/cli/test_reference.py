@@ -17,6 +17,7 @@ Run = Callable[..., Any]
 
 reference: Callable[[], str] = importlib.import_module("hhsim.cli.reference").reference
 COMMANDS: dict[str, Any] = {found.path: found for found in importlib.import_module("hhsim.cli.reference").commands()}
+help_sections: Callable[..., Any] = importlib.import_module("hhsim.cli.option_group").help_sections
 HELP_OPTION = r"(-h,)?--helpShowthismessageandexit\."
 """As a command prints it; which names it has is settled by the first context that click makes of it in a process."""
 
@@ -39,7 +40,7 @@ def test_a_section_says_what_help_prints(run: Run, path: str) -> None:
     answer = run(*path.split()[1:], "--help")
     assert (answer.code, answer.err) == (0, "")
     printed = re.sub(HELP_OPTION, "", squashed(answer.out).removeprefix("Usage:"))
-    assert squashed(section(path)) == re.sub(r"Options:(?=$|Commands:|Suites:)", "", printed)
+    assert squashed(section(path)) == re.sub(r"(Options|Otheroptions):(?=$|Commands:|Suites:)", "", printed)
 
 
 def test_the_page_has_a_section_for_every_command_and_links_that_lead_there() -> None:
@@ -72,12 +73,21 @@ def test_the_texts_of_options_are_sentences_without_marks_and_say_what_a_value_i
         text, name = option.help or "", f"{path} {option.opts[0]}"
         assert text.endswith("."), name
         assert not re.search(r"`|\s\s|\[default", text), name
-        said = option.get_help_record(COMMANDS[path].context)
-        assert said is not None
+        record = option.get_help_record(COMMANDS[path].context)
+        assert record is not None
         # INTEGER RANGE, FLOAT or PATH say nothing of what the value means.
-        assert not re.search(r" (INTEGER|FLOAT|PATH|FILENAME)( RANGE)?$", said[0]), name
+        assert not re.search(r" (INTEGER|FLOAT|PATH|FILENAME)( RANGE)?$", record[0]), name
         if isinstance(option.type, click.Choice) and {"auto", "paper", "coupled"} & set(option.type.choices):
             assert all(re.search(rf"\b{choice}\b", text) for choice in option.type.choices), name
+
+
+@pytest.mark.parametrize("path", COMMANDS)
+def test_a_command_takes_few_arguments_and_many_options_stand_under_headings(path: str) -> None:
+    found = COMMANDS[path]
+    assert len(inspect.signature(found.command.callback).parameters) <= 10
+    sections = help_sections(found.command, found.context)
+    assert sum(map(len, sections.values())) == len(options_of(path)) + 1, "with --help, and no argument"
+    assert (len(sections) > 1) == (len(options_of(path)) > 15)
 
 
 ALIKE = (
@@ -161,7 +171,7 @@ def test_the_defaults_that_are_told_are_those_of_the_library() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "message"),
     [
         ("hhsim replya", "did you mean replay"),
         ("hhsim bench papre", "did you mean paper"),
@@ -173,11 +183,11 @@ def test_the_defaults_that_are_told_are_those_of_the_library() -> None:
         ("hhsim verify", "Missing argument"),
     ],
 )
-def test_a_line_that_hhsim_refuses_is_refused_here(line: str, told: str) -> None:
+def test_a_line_that_hhsim_refuses_is_refused_here(line: str, message: str) -> None:
     with pytest.raises((click.ClickException, HhsimError)) as error:
         parse(line)
-    said = error.value.format_message() if isinstance(error.value, click.ClickException) else str(error.value)
-    assert told in said
+    shown = error.value.format_message() if isinstance(error.value, click.ClickException) else str(error.value)
+    assert message in shown
 
 
 def test_lists_take_commas_or_the_option_again() -> None:
@@ -186,6 +196,9 @@ def test_lists_take_commas_or_the_option_again() -> None:
     for words in ("--method paper,coupled", "--method paper --method coupled", "--method 'paper, coupled,paper'"):
         assert parse(f"{suite} {words}")["methods"] == ("paper", "coupled")
     assert parse(f"{suite} --level 4,3 --level 4 --level 5")["levels"] == (4, 3, 5)
-    for words, told in (("--method paper,", "'paper,', expected names with commas"), ("--level 3,x", "expected whole")):
-        with pytest.raises(click.BadParameter, match=told):
+    for words, message in (
+        ("--method paper,", "'paper,', expected names with commas"),
+        ("--level 3,x", "expected whole"),
+    ):
+        with pytest.raises(click.BadParameter, match=message):
             parse(f"{suite} {words}")

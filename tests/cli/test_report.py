@@ -15,7 +15,7 @@ from hhsim.errors import InputError
 from hhsim.report.html import Html
 from hhsim.report.run import report_runs
 from hhsim.report.sections import run_section
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import load_result
 
 Run = Callable[..., Any]
 
@@ -36,7 +36,14 @@ def short(tmp_path: Path) -> str:
     return "short.toml"
 
 
-def no_picture(result: Result) -> NoReturn:
+@pytest.fixture(autouse=True)
+def coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How fine they are is not what is tested here, and takes most of the time."""
+    monkeypatch.setattr("hhsim.report.pictures.RENDER_DPI", 30)
+    monkeypatch.setattr("hhsim.report.figure.DPI", 50)
+
+
+def no_picture(*arguments: object) -> NoReturn:
     raise InputError("none is drawn here")
 
 
@@ -64,9 +71,10 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path, short: str) -> None
 def test_several_results_are_told_to_machines(
     run: Run, tmp_path: Path, short: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # What is drawn is tested elsewhere, and takes most of the time.
+    # What is drawn is tested elsewhere, and takes time.
     monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
-    monkeypatch.setattr("hhsim.report.report.overview_picture", no_picture)
+    for picture in ("overview_picture", "held_picture"):
+        monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
     for method in ("coupled", "paper"):
         answer = run("replay", "cube", short, "--level", "2", "--method", method, "--out", f"{method}.h5", "--quiet")
         assert answer.code == 0, answer.err
@@ -86,7 +94,7 @@ def test_several_results_are_told_to_machines(
 def test_what_cannot_be_reported_is_one_line(run: Run, tmp_path: Path) -> None:
     (tmp_path / "mine.html").write_text("mine")
     (tmp_path / "text.h5").write_text("text")
-    for arguments, says in (
+    for arguments, message in (
         (("none.h5",), "there is no file none.h5"),
         (("text.h5",), "text.h5 is no HDF5 file"),
         (("text.h5", "--out", "mine.html"), "mine.html exists and is no page of hhsim report"),
@@ -96,7 +104,7 @@ def test_what_cannot_be_reported_is_one_line(run: Run, tmp_path: Path) -> None:
         answer = run("report", *arguments)
         assert answer.code == 2, arguments
         assert answer.out == ""
-        assert says in answer.err
+        assert message in answer.err
         assert answer.err.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.html", "text.h5"] or not list(
         (tmp_path / "results").iterdir()
@@ -110,8 +118,8 @@ def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_pa
     result = load_result(tmp_path / "x.h5")
     assert list(result.command) == shlex.split(typed)
     page = read_page(run_section(report_runs([result]), Html("")))
-    told = [line for block in page.all("pre") for line in block.text.splitlines()]
-    assert told == [typed, "hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
+    commands = [line for block in page.all("pre") for line in block.text.splitlines()]
+    assert commands == [typed, "hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
 
 
 def test_a_result_of_the_library_has_no_command(tmp_path: Path) -> None:

@@ -12,11 +12,21 @@ Run = Callable[..., Any]
 SHORT = 'title = "s"\n[[phase]]\nname = "approach"\nduration = 0.03\n[[phase]]\nname = "grasp"\nduration = 0.05\n'
 
 
+@pytest.fixture(scope="module")
+def replayed() -> dict[str, bytes]:
+    """What the one replay of these tests wrote, once there is one."""
+    return {}
+
+
 @pytest.fixture
-def result(run: Run, tmp_path: Path) -> Path:
-    (tmp_path / "short.toml").write_text(SHORT)
-    assert run("replay", "cube", "short.toml", "--out", "run.h5", "--quiet").code == 0
-    return tmp_path / "run.h5"
+def result(run: Run, tmp_path: Path, replayed: dict[str, bytes]) -> Path:
+    path = tmp_path / "run.h5"
+    if not replayed:
+        (tmp_path / "short.toml").write_text(SHORT)
+        assert run("replay", "cube", "short.toml", "--out", path.name, "--quiet").code == 0
+        replayed[path.name] = path.read_bytes()
+    path.write_bytes(replayed[path.name])
+    return path
 
 
 def test_a_result_is_run_again_and_every_array_named(run: Run, result: Path) -> None:
@@ -50,7 +60,7 @@ def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["grasp"], "run.h5 runs again with the motion that it holds: it takes no TRAJECTORY"),
         (["--tree", "other.h5"], "run.h5 runs again as it was, so --tree has no place here"),
@@ -59,10 +69,10 @@ def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
         (["--out", "again.h5"], "run.h5 runs again as it was, so --out has no place here"),
     ],
 )
-def test_what_would_make_it_another_run_is_refused(run: Run, result: Path, arguments: list[str], says: str) -> None:
+def test_what_would_make_it_another_run_is_refused(run: Run, result: Path, arguments: list[str], message: str) -> None:
     answer = run("replay", "run.h5", *arguments)
     assert (answer.code, answer.out) == (2, "")
-    assert says in answer.err
+    assert message in answer.err
     assert len(answer.err.splitlines()) == 1
 
 

@@ -15,7 +15,7 @@ PROGRAM = """
 import os, signal, sys, time
 from hhsim.cli.live.terminal_keys import terminal_keys
 from hhsim.live.session.stop_signals import stop_signals
-with stop_signals() as asked, terminal_keys() as read:
+with stop_signals() as stop_signal, terminal_keys() as read:
     if read is None:
         print("no terminal", flush=True)
         sys.exit()
@@ -30,8 +30,8 @@ with stop_signals() as asked, terminal_keys() as read:
             raise RuntimeError("an error of the program")
         if "e" in keys:
             sys.exit(3)
-        if asked():
-            print("asked:", asked(), flush=True)
+        if stop_signal():
+            print("stopped by", stop_signal(), flush=True)
             break
         time.sleep(0.005)
 """
@@ -101,7 +101,7 @@ def test_the_terminal_is_as_it_was_on_every_way_out(terminal: Terminal, way: str
     assert terminal.process.wait(20.0) == code
     assert termios.tcgetattr(terminal.line) == terminal.before
     if code == 0:
-        terminal.until("asked: ")
+        terminal.until("stopped by ")
 
 
 def test_keys_come_at_once_and_arrows_are_no_escape(terminal: Terminal) -> None:

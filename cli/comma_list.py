@@ -1,0 +1,86 @@
+"""Options that take several names or numbers with commas between."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import click
+
+Decorator = Callable[[Any], Any]
+Reader = Callable[[click.Context, click.Parameter, str | None], tuple[float, ...] | None]
+
+
+def names(option: str, parameter: str, help: str, **more: Any) -> Decorator:
+    """An option such as --object bunny,cube: a tuple of the names, each once, in their order; None if not given.
+
+    The option may be given again instead.
+    """
+    return click.option(option, parameter, callback=_read_names, multiple=True, metavar="NAMES", help=help, **more)
+
+
+def counts(option: str, parameter: str, help: str) -> Decorator:
+    """An option such as --level 3,4: as `names`, of whole numbers from 1 on."""
+    return click.option(option, parameter, callback=_read_counts, multiple=True, metavar="NUMBERS", help=help)
+
+
+def number_list(*meanings: str, positive: bool = False, signed: bool = False) -> Reader:
+    """Make the callback of an option such as --stiffness 1000,5,0.5, which takes a fixed count of numbers.
+
+    Args:
+        meanings: What each number is, with its unit.
+        positive: Refuse 0 too.
+        signed: Take negative numbers, which are refused otherwise.
+    """
+
+    def read(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+        if value is None:
+            return None
+        numbers = _numbers(value)
+        in_range = all(
+            math.isfinite(number) and (signed or number > 0.0 or (number == 0.0 and not positive)) for number in numbers
+        )
+        if len(numbers) != len(meanings) or not in_range:
+            sign = "" if signed else " positive," if positive else " none of them negative,"
+            wanted = f"{len(meanings)} numbers,{sign} with commas between: {', '.join(meanings)}"
+            raise click.BadParameter(f"'{value}', expected {wanted}", context, parameter)
+        return numbers
+
+    return read
+
+
+def one_or_five(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+    """Read one number from 0 to 1 for all fingers, or five: the callback of an option."""
+    if value is None:
+        return None
+    numbers = _numbers(value)
+    numbers = numbers * 5 if len(numbers) == 1 else numbers
+    if len(numbers) != 5 or not all(0.0 <= number <= 1.0 for number in numbers):
+        raise click.BadParameter(f"'{value}', expected 0 (free) to 1, or five of that", context, parameter)
+    return numbers
+
+
+def _numbers(value: str) -> tuple[float, ...]:
+    """None at all where one of them is no number."""
+    try:
+        return tuple(float(part) for part in value.split(","))
+    except ValueError:
+        return ()
+
+
+def _read_names(context: click.Context, parameter: click.Parameter, value: Sequence[str]) -> tuple[str, ...] | None:
+    parts = _parts(value)
+    if not all(parts):
+        raise click.BadParameter(f"'{','.join(value)}', expected names with commas between", context, parameter)
+    return tuple(dict.fromkeys(parts)) or None
+
+
+def _read_counts(context: click.Context, parameter: click.Parameter, value: Sequence[str]) -> tuple[int, ...] | None:
+    parts = _parts(value)
+    if not all(part.isdecimal() and int(part) >= 1 for part in parts):
+        wanted = "expected whole numbers from 1 on with commas between"
+        raise click.BadParameter(f"'{','.join(value)}', {wanted}", context, parameter)
+    return tuple(dict.fromkeys(int(part) for part in parts)) or None
+
+
+def _parts(value: Sequence[str]) -> list[str]:
+    return [part.strip() for given in value for part in given.split(",")]

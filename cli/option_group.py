@@ -1,0 +1,82 @@
+"""Options that belong together: a record of them is one argument of a command, and has a heading in its help."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
+from typing import Any, ClassVar, dataclass_transform
+
+import click
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+OTHERS = "Other options"
+
+
+def option(*flags: str, **settings: Any) -> Any:
+    """Declare an option as a field of a group; takes what click.option takes, and is spelled as the field by itself."""
+    return lambda name: click.option(*(flags or (f"--{name.replace('_', '-')}",)), name, **settings)
+
+
+def shared(decorator: Decorator) -> Any:
+    """Take an option as a field of a group that other commands take by itself."""
+    return lambda name: decorator
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(option, shared))
+class OptionGroup:
+    """Options that belong together.
+
+    A subclass is a frozen dataclass, each of whose fields has an `option` for a default.
+
+    Attributes:
+        heading: Above them in the help of a `GroupedCommand`.
+    """
+
+    heading: ClassVar[str] = OTHERS
+
+    def __init_subclass__(cls, heading: str = "") -> None:
+        cls.heading = heading or cls.heading
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    @classmethod
+    def argument(cls, name: str) -> Decorator:
+        """Give a command these options, which it takes as one argument of a name."""
+        record: Any = cls
+
+        def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+            @wraps(command)
+            def with_record(*arguments: Any, **values: Any) -> Any:
+                values[name] = record(**{field.name: values.pop(field.name) for field in fields(record)})
+                return command(*arguments, **values)
+
+            for field in reversed(fields(record)):
+                field.default(field.name)(with_record)
+                with_record.__dict__["__click_params__"][-1].heading = cls.heading
+            return with_record
+
+        return decorate
+
+    def given(self) -> dict[str, Any]:
+        """The fields that are not None: what the command line names, and what has a default."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+class GroupedCommand(click.Command):
+    """A command of many options, whose help has a heading for each group of them."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options under their headings."""
+        for heading, records in help_sections(self, ctx).items():
+            with formatter.section(heading):
+                formatter.write_dl(records)
+
+
+def help_sections(command: click.Command, context: click.Context) -> dict[str, list[tuple[str, str]]]:
+    """What the help says of each option, by heading; one heading for all where the command is not grouped."""
+    grouped = isinstance(command, GroupedCommand)
+    sections: dict[str, list[tuple[str, str]]] = {}
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context) if isinstance(parameter, click.Option) else None
+        if record is not None:
+            heading = getattr(parameter, "heading", OTHERS) if grouped else "Options"
+            sections.setdefault(heading, []).append(record)
+    return sections

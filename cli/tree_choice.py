@@ -1,0 +1,119 @@
+"""Which sphere tree a replay uses: one of a level, the coarsest within an error, or that of a file."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import click
+
+from .console import Report
+from .option_group import OptionGroup, option
+from .options import FILE
+
+if TYPE_CHECKING:
+    from hhsim.mesh.mesh import Mesh
+    from hhsim.trees.sphere_tree import SphereTree
+
+AUTO = 0
+"""Stands for `--level auto`."""
+METRES = {"": 1e-3, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
+
+
+class ChosenTree(NamedTuple):
+    """A sphere tree, its level, and what to tell of the choice."""
+
+    tree: "SphereTree"
+    level: int
+    notes: tuple[str, ...]
+
+
+def read_level(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
+    """Read 1 to 5, or auto."""
+    if value is None:
+        return None
+    if value == "auto":
+        return AUTO
+    if value not in ("1", "2", "3", "4", "5"):
+        raise click.BadParameter(f"'{value}', expected 1 to 5, or auto", context, parameter)
+    return int(value)
+
+
+def read_length(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
+    """Read a length such as 0.3mm or 300um; a bare number is in mm. Returns metres."""
+    if value is None:
+        return None
+    found = re.fullmatch(r"([0-9.]+(?:e-?[0-9]+)?) ?(|mm|um|µm|m)", value)
+    try:
+        length = float(found[1]) * METRES[found[2]] if found else 0.0
+    except ValueError:
+        length = 0.0
+    if not 0.0 < length < 1.0:
+        raise click.BadParameter(f"'{value}', expected a length such as 0.3mm", context, parameter)
+    return length
+
+
+class TreeChoice(OptionGroup, heading="Sphere tree"):
+    """How fine the tree is: its level, or how far [m] the spheres may reach out of the mesh."""
+
+    level: int | None = option(
+        callback=read_level,
+        metavar="N|auto",
+        help="Level of the sphere tree's leaves, 1 to 5; auto: what --max-error needs. Default: 3 or 4, as the "
+        "catalogue says; 4 for a mesh file.",
+    )
+    max_error: float | None = option(
+        callback=read_length,
+        metavar="LENGTH",
+        help="How far the spheres may reach out of the mesh: 0.3mm, 300um; a bare number is in mm. Takes the "
+        "coarsest level that is proved to be within it.",
+    )
+
+    def choose(self, mesh: "Mesh", usual_level: int, report: Report | None) -> ChosenTree:
+        """Build the tree, or take it from the cache.
+
+        Raises:
+            UsageError: Options that contradict each other.
+        """
+        from hhsim.trees.cache import cached_sphere_tree
+        from hhsim.trees.level_choice import coarsest_sphere_tree
+        from hhsim.trees.options import TreeOptions
+
+        if self.level == AUTO and self.max_error is None:
+            raise click.UsageError("--level auto needs --max-error, such as --max-error 0.3mm")
+        if self.max_error is None:
+            level = self.level or usual_level
+            return ChosenTree(cached_sphere_tree(mesh, TreeOptions(level=level), report), level, ())
+        if self.level not in (None, AUTO):
+            raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
+        choice = coarsest_sphere_tree(mesh, self.max_error, report)
+        note = (
+            f"level {choice.level} is the coarsest within {1e3 * self.max_error:g} mm: {choice.tree.leaf_count:,} "
+            f"spheres, which reach out of the mesh by {1e3 * choice.bound:.3f} mm at most"
+        )
+        return ChosenTree(choice.tree, choice.level, (note,))
+
+
+class TreeOrFile(TreeChoice):
+    """A tree that is built, or that of a file."""
+
+    path: Path | None = option(
+        "--tree",
+        type=FILE,
+        metavar="FILE",
+        help="Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), and build none.",
+    )
+
+    def load(self, mesh: "Mesh", unit_length: float) -> ChosenTree:
+        """Take the tree of the file; `unit_length` [m] is that of a .sph file.
+
+        Raises:
+            UsageError: A level was named too.
+            HhsimError: As `hhsim.trees.foreign_tree.load_tree_for`.
+        """
+        from hhsim.trees.foreign_tree import load_tree_for
+
+        assert self.path is not None
+        if self.level is not None or self.max_error is not None:
+            raise click.UsageError(f"--tree {self.path} has its own level: leave --level and --max-error out")
+        found = load_tree_for(self.path, mesh, unit_length)
+        return ChosenTree(found.tree, found.tree.depth, (f"the sphere tree is that of {self.path}", *found.notes))
