@@ -26,7 +26,7 @@ bridge = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 bridge.bind(("127.0.0.1", samples_to[1] + 1))  # commands arrive here
 for stop in (signal.SIGINT, signal.SIGTERM):  # by kill too, which would else let nobody go
     signal.signal(stop, lambda *_: sys.exit())
-session, seq, told, free = int.from_bytes(os.urandom(4), "little"), 0, 0.0, True
+session, seq, commanded_at, free = int.from_bytes(os.urandom(4), "little"), 0, 0.0, True
 try:
     while True:
         header = struct.pack("<4sBBHIIQIi", b"HHGL", 1, 1, 5, session, seq, time.monotonic_ns(), 2**32 - 1, -1)
@@ -42,8 +42,8 @@ try:
                 numbers = struct.unpack_from("<10f", data, 32)
                 if all(map(math.isfinite, numbers)):
                     tell_fingers(numbers[:5], numbers[5:])
-                    told, free = time.monotonic(), False
-        if not free and time.monotonic() > told + 0.1:  # nobody is there any more: let go
+                    commanded_at, free = time.monotonic(), False
+        if not free and time.monotonic() > commanded_at + 0.1:  # nobody is there any more: let go
             tell_fingers([0] * 5, [0] * 5)
             free = True
 finally:  # the glove's calls failed, or the bridge is stopped: let go too

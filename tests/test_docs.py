@@ -131,8 +131,8 @@ def test_every_command_line_can_be_typed(page: Page) -> None:
         try:
             _check_command(call, complete)
         except (click.ClickException, AssertionError) as error:
-            said = error.format_message() if isinstance(error, click.ClickException) else str(error)
-            pytest.fail(f"{page.path.name}: hhsim {' '.join(call)}: {said}")
+            message = error.format_message() if isinstance(error, click.ClickException) else str(error)
+            pytest.fail(f"{page.path.name}: hhsim {' '.join(call)}: {message}")
 
 
 def test_a_command_line_that_cannot_be_typed_is_found() -> None:

@@ -26,7 +26,7 @@ from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
 from hhsim.solver.method import METHODS, USUAL
 from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
-from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED
+from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
@@ -99,7 +99,7 @@ def test_every_measure_and_dataset_is_documented() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "wanted", "said"),
+    ("value", "wanted", "phrase"),
     [
         (metrics.FORCE_FLOOR, 0.01, "< 0.01"),
         (metrics.RIPPLE_BAND, (50.0, 400.0), "between 50 and 400 Hz"),
@@ -110,7 +110,7 @@ def test_every_measure_and_dataset_is_documented() -> None:
         ((TREMOR.tremor_position, TREMOR.tremor_frequency), (1e-4, 10.0), "tremor of 0.1 mm and 0.2° at 10 Hz"),
         (ONSET, 0.1, "without its first 0.1 s"),
         (REFERENCE_LINEARISATIONS, 400, "up to 400 linearisations"),
-        (REFERENCE_SETTLED, 1e-8, "moves more than 10 nm"),
+        (REFERENCE_STEP_TOLERANCE, 1e-8, "moves more than 10 nm"),
         (tick_state.UNITS_LINEARISATION, 4000, "4,000 a linearisation"),
         (tick_state.UNITS_QP_ITERATION, 1500, "1,500 a QP iteration"),
         (tick_state.UNITS_ROW, 30, "30 a row"),
@@ -118,9 +118,9 @@ def test_every_measure_and_dataset_is_documented() -> None:
         (tick_state.UNITS_PAIR_TEST, 2, "2 a pair test"),
     ],
 )
-def test_constants_of_the_measures_are_those_of_the_code(value: object, wanted: object, said: str) -> None:
+def test_constants_of_the_measures_are_those_of_the_code(value: object, wanted: object, phrase: str) -> None:
     assert value == wanted
-    assert said in " ".join(METRICS.text.split())
+    assert phrase in " ".join(METRICS.text.split())
 
 
 def test_defaults_of_the_options_are_those_of_the_code() -> None:

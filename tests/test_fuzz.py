@@ -19,7 +19,7 @@ from kept_failure import rerun_failure
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball, cloud
 
-from hhsim.bench.robustness.delta_debugging import shrink
+from hhsim.bench.robustness.delta_debugging import delta_debug
 from hhsim.bench.robustness.failure import (
     Provenance,
     Solver,
@@ -99,7 +99,7 @@ def scenes(draw: st.DrawFn) -> Scene:
         linearisations=draw(st.integers(1, 20)),
         margin=margin,
         skin=margin * draw(st.floats(0.5, 5.0)),
-        settled=margin * draw(logarithmic(1e-3, 1.0)),
+        step_tolerance=margin * draw(logarithmic(1e-3, 1.0)),
         stiffness=Stiffness(
             translation=draw(logarithmic(1.0, 1e5)),
             rotation=draw(logarithmic(1e-2, 1e3)),
@@ -145,14 +145,14 @@ def check(scene: Scene, make: type[HandSolver] = HandSolver, folder: Path | None
         tick = int(np.argmax(failed))
         path = free_name((folder or keep_folder()) / f"fuzz-{scene.solver.method}-{kind.replace(' ', '-')}.h5")
         path.parent.mkdir(parents=True, exist_ok=True)
-        said = _kept(scene, kind, tick, path, solver, motion.part(0, tick + 1), record)
-        pytest.fail(f"{kind} at tick {tick} of {scene}: {said}")
+        kept = _kept(scene, kind, tick, path, solver, motion.part(0, tick + 1), record)
+        pytest.fail(f"{kind} at tick {tick} of {scene}: {kept}")
 
 
 def _kept(scene: Scene, kind: str, tick: int, path: Path, solver: Solver, motion: Any, record: TickRecord) -> str:
     hand, tree = HANDS[scene.side], scene.tree()
     trial = make_trial(hand, tree, solver, failure_of(kind, hand, tree, scene.solver))
-    shrunk = shrink(motion, trial, graphic=HandConfiguration.of(record).part(0, tick + 1))
+    shrunk = delta_debug(motion, trial, graphic=HandConfiguration.of(record).part(0, tick + 1))
     in_catalogue = ":" not in scene.object
     tree_path = path.with_name(f"{path.stem}-tree.h5")
     provenance = Provenance(
@@ -201,13 +201,15 @@ class Slipping(HandSolver):
 def test_what_fails_is_saved_with_what_shows_it_again(name: str, tmp_path: Path) -> None:
     scene = Scene(name, 3, "left", SolverOptions(method="progressive", margin=2e-3), StressOptions(hold=30))
     check(scene)
-    with pytest.raises(pytest.fail.Exception, match=r"penetration at tick \d+ of .*shrunk to [23] ticks") as told:
+    with pytest.raises(pytest.fail.Exception, match=r"penetration at tick \d+ of .*shrunk to [23] ticks") as failure:
         check(scene, Slipping, tmp_path)
     path = tmp_path / "fuzz-progressive-penetration.h5"
-    assert str(path) in str(told.value)
+    assert str(path) in str(failure.value)
     hand, tree = HANDS["left"], scene.tree()
     if name == "cube":
-        assert f"hhsim replay cube {path} --method progressive --samples hold --level 2 --hand left" in str(told.value)
+        assert f"hhsim replay cube {path} --method progressive --samples hold --level 2 --hand left" in str(
+            failure.value
+        )
     else:
         tree = load_tree(tmp_path / "fuzz-progressive-penetration-tree.h5")
     failing = rerun_failure(path, hand, tree, lambda: Slipping(hand, tree.arrays(), scene.solver))

@@ -30,7 +30,7 @@ HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotl
 """Packages that are imported where they are used: together they cost more than a second."""
 
 KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "typing", "collections", "functools", "time", "platform"}
-JIT_FACTORY = {"jit", "jit_inline", "jit_vector", "generic", "cache"}
+JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_once", "jit_vector", "generic", "cache"}
 IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)")
 """How a kernel is declared for a type."""
 

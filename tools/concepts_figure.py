@@ -20,7 +20,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.figure import save_figure
-from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, see_balls, shade
+from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, see_spheres, shade
 from hhsim.render.replay_figure import (
     GHOST,
     POSE,
@@ -37,7 +37,7 @@ from hhsim.render.triangle_soup import SKIN, SPHERE, hand_surface, joined, mesh_
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.system.output_path import check_output_path
-from tools.cross_section import Plane, Pose, cut_balls, cut_mesh, finger_plane, round_cone_outline
+from tools.cross_section import Plane, Pose, cut_mesh, cut_spheres, finger_plane, round_cone_outline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -174,7 +174,7 @@ def _draw_hands(panels: "list[Axes]", shown: Shown, view: tuple[float, float]) -
             "1  The haptic hand: where the user's hand is",
             blend([(shade(haptic, camera), 1.0), (shade(body, camera), 0.5)]),
         ),
-        ("2  What collides: round cones and spheres", blend([(hybrid, 1.0), (balls(center, radius, camera), 1.0)])),
+        ("2  What collides: round cones and spheres", blend([(hybrid, 1.0), (spheres(center, radius, camera), 1.0)])),
         ("3  The graphic hand stays out, and is pushed", seen_through(graphic, haptic, body, forces, camera)),
     )
     for axes, (title, picture) in zip(panels, pictures, strict=True):
@@ -192,13 +192,13 @@ def _draw_levels(panels: "list[Axes]", shown: Shown, view: tuple[float, float]) 
         if len(radius) == 0:
             continue
         reach = np.concatenate([center + side * radius[:, None] * rotation[k] for k in (0, 1) for side in (-1.0, 1.0)])
-        axes.imshow(blend([(balls(center, radius, frame(reach, rotation, LEVEL_PANEL)), 1.0)]), interpolation="none")
+        axes.imshow(blend([(spheres(center, radius, frame(reach, rotation, LEVEL_PANEL)), 1.0)]), interpolation="none")
         axes.set_title(f"level {level}: {len(radius):,} spheres", y=-0.2, **{**TEXT, "pad": 0})
 
 
-def balls(center: FloatArray, radius: FloatArray, camera: Camera) -> Layer:
-    """Balls [m] as the camera sees them, all of one colour."""
-    depth, normals, _ = see_balls(center, radius, camera)
+def spheres(center: FloatArray, radius: FloatArray, camera: Camera) -> Layer:
+    """Spheres [m] as the camera sees them, all of one colour."""
+    depth, normals, _ = see_spheres(center, radius, camera)
     return lit(depth, normals, np.tile(SPHERE, (len(normals), 1)), camera)
 
 
@@ -215,7 +215,7 @@ def draw_section(axes: "Axes", shown: Shown) -> None:
     ends = {whose: plane.flat(hand.joints(*shown.pose(whose))[finger]) for whose in ("haptic", "graphic")}
     thickness = static["hand/phalanx_radius"][finger]
     _draw_finger(axes, ends["haptic"], thickness, 0.45 * GHOST + 0.55)
-    center, radius, _ = cut_balls(plane, *shown.leaves())
+    center, radius, _ = cut_spheres(plane, *shown.leaves())
     for middle, size in zip(center, radius, strict=True):
         edge = (*(0.7 * SPHERE), 0.9)
         axes.add_patch(Circle(1e3 * middle, 1e3 * size, facecolor=(*SPHERE, 0.35), edgecolor=edge, lw=0.8))

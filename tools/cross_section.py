@@ -1,4 +1,4 @@
-"""Plane cuts of what collides: balls, a mesh, a finger along its own plane.
+"""Plane cuts of what collides: spheres, a mesh, a finger along its own plane.
 
 All joints of a finger flex about one axis, so that its three round cones have their middle lines in one plane and are
 cut there into the hulls of two circles each: a section shows what the solver sees, at full size.
@@ -61,11 +61,11 @@ def finger_plane(hand: HandModel, pose: Pose, finger: int, up: FloatArray) -> Pl
     return Plane(joints[finger, 3], np.array([np.cross(upward, out), upward, out]))
 
 
-def cut_balls(plane: Plane, center: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Circles in which a plane cuts balls [m], shapes (n, 3) and (n,).
+def cut_spheres(plane: Plane, center: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Circles in which a plane cuts spheres [m], shapes (n, 3) and (n,).
 
     Returns:
-        Centres, shape (k, 2); radii [m], shape (k,); which balls they are of, shape (k,).
+        Centres, shape (k, 2); radii [m], shape (k,); which spheres they are of, shape (k,).
     """
     square = radius**2 - plane.height(center) ** 2
     cut = np.flatnonzero(square > 0.0)

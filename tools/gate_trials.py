@@ -45,7 +45,7 @@ PLANTED_LINES = """\
         for _ in range({rounds}):
             planted = planted * 0.999 + 1e-9
         if planted > 1e12:
-            status |= STATUS_FULL
+            status |= STATUS_CAPACITY_EXCEEDED
 """
 """A chain of multiplications and additions that no compiler may leave out or shorten."""
 CALIBRATION_ROUNDS = 2_000

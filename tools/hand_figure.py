@@ -30,7 +30,7 @@ CURLED_POSE = (
     ((12.0, 22.0, 30.0), (42.0, 48.0, 30.0), (46.0, 52.0, 32.0), (50.0, 55.0, 34.0), (54.0, 56.0, 34.0)),
     (18.0, 2.0, 0.0, -2.0, -4.0),
 )
-"""Flexion and abduction [degrees] of a hand around a ball."""
+"""Flexion and abduction [degrees] of a hand around a sphere."""
 
 PIXELS = 460
 """Width of a panel."""

@@ -24,7 +24,7 @@ from hhsim.motion.trajectory import TickInput
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_SETTLED, reference_excess
+from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE, reference_excess
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -111,7 +111,11 @@ def error_scene(
         seed: Of the tremor.
     """
     converged = replace(
-        options, method="coupled", qp="active-set", linearisations=REFERENCE_LINEARISATIONS, settled=REFERENCE_SETTLED
+        options,
+        method="coupled",
+        qp="active-set",
+        linearisations=REFERENCE_LINEARISATIONS,
+        step_tolerance=REFERENCE_STEP_TOLERANCE,
     )
     best = HandSolver(hand, finest, converged).run(*HandConfiguration.of(haptic))
     placed = forward_kinematics(hand, *HandConfiguration.of(haptic))

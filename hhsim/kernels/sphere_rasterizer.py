@@ -1,4 +1,4 @@
-"""Balls as a viewer far away sees them, pixel by pixel and exact."""
+"""Spheres as a viewer far away sees them, pixel by pixel and exact."""
 
 import math
 
@@ -12,21 +12,21 @@ Indices = NDArray[np.int64]
 
 
 @jit
-def nearest_balls(center: Array, radius: Array, depth_out: Array, owner_out: Indices) -> None:
-    """Find the ball that is nearest to the viewer at each pixel.
+def nearest_spheres(center: Array, radius: Array, depth_out: Array, owner_out: Indices) -> None:
+    """Find the sphere that is nearest to the viewer at each pixel.
 
     Args:
-        center: Column, row and coordinate towards the viewer of each ball, all in pixels, shape (n, 3).
+        center: Column, row and coordinate towards the viewer of each sphere, all in pixels, shape (n, 3).
         radius: [pixels], shape (n,).
-        depth_out: Coordinate of the ball's surface towards the viewer [pixels], minus infinity where there is none,
+        depth_out: Coordinate of the sphere's surface towards the viewer [pixels], minus infinity where there is none,
             shape (rows, columns).
-        owner_out: The ball or −1, shape (rows, columns).
+        owner_out: The sphere or −1, shape (rows, columns).
     """
     rows, columns = depth_out.shape
     depth_out[:] = -np.inf
     owner_out[:] = -1
-    for ball in range(radius.shape[0]):
-        x, y, z, r = center[ball, 0], center[ball, 1], center[ball, 2], radius[ball]
+    for sphere in range(radius.shape[0]):
+        x, y, z, r = center[sphere, 0], center[sphere, 1], center[sphere, 2], radius[sphere]
         for row in range(max(0, math.ceil(y - r)), min(rows - 1, math.floor(y + r)) + 1):
             half2 = r * r - (row - y) * (row - y)
             half = math.sqrt(max(half2, 0.0))
@@ -34,4 +34,4 @@ def nearest_balls(center: Array, radius: Array, depth_out: Array, owner_out: Ind
                 towards = z + math.sqrt(max(half2 - (column - x) * (column - x), 0.0))
                 if towards > depth_out[row, column]:
                     depth_out[row, column] = towards
-                    owner_out[row, column] = ball
+                    owner_out[row, column] = sphere

@@ -49,7 +49,7 @@ THICKNESS = (2e-3, 0.5)
 SLABS = 3000
 """Sheets of no more triangles are made of slabs."""
 
-_LEAST_TOLD = 1e-5
+_LEAST_REPORTED = 1e-5
 
 THICKEN = "pass --thickness to make a sheet of it"
 
@@ -108,7 +108,7 @@ def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float,
         return surface
     if surface.repairs:
         share, distance = _assumed(surface, np.ascontiguousarray(vertices[faces]), TOLERANCE * surface.size)
-        if share > _LEAST_TOLD:
+        if share > _LEAST_REPORTED:
             surface.repairs.append(_assumption(surface, share, distance))
     return surface
 
@@ -187,7 +187,7 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
         field = _field(surface.vertices, surface.faces)
         border = _border(surface, field)
     hidden = border.share(border.turns > 1.0 - LOOSE)
-    if hidden > _LEAST_TOLD:
+    if hidden > _LEAST_REPORTED:
         surface.repairs.append(f"left out {100.0 * hidden:.2g} % of the surface, which lies inside")
     if not len(border.parting):
         raise MeshError(f"{surface.name}: {refusal}; and it has no inside by winding number; {THICKEN}")
@@ -198,7 +198,7 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
         raise MeshError(
             f"{surface.name}: {refusal}; and {100.0 * share:.0f} % of its surface would have to be assumed; {THICKEN}"
         )
-    if share > _LEAST_TOLD:
+    if share > _LEAST_REPORTED:
         surface.repairs.append(_assumption(surface, share, reach))
 
 

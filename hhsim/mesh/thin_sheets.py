@@ -9,7 +9,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 ROUND = 8
-"""Directions around a rim; the ball about a corner is the hull of three such rings and two poles."""
+"""Directions around a rim; the sphere about a corner is the hull of three such rings and two poles."""
 
 
 def slab_union(
@@ -17,7 +17,8 @@ def slab_union(
 ) -> tuple[FloatArray, IntArray] | None:
     """Surface of all that is within a distance of faces, joined with closed parts.
 
-    Along the faces the distance is exact; around rims and creases it is up to 15 % less, for the balls there are hulls.
+    Along the faces the distance is exact; around rims and creases it is up to 15 % less, for the spheres there are
+    hulls.
 
     Args:
         vertices: Shape (V, 3).
@@ -46,8 +47,8 @@ def slab_union(
         x = longest / np.linalg.norm(longest)
         ring = np.outer(np.cos(angle), x) + np.outer(np.sin(angle), np.cross(up, x))
         tilted = [np.cos(tilt) * ring + np.sin(tilt) * up for tilt in (-np.pi / 4.0, 0.0, np.pi / 4.0)]
-        ball = half * np.concatenate([*tilted, up[None], -up[None]])
-        parts.append(Manifold.hull_points((corner[:, None] + ball).reshape(-1, 3)))
+        sphere = half * np.concatenate([*tilted, up[None], -up[None]])
+        parts.append(Manifold.hull_points((corner[:, None] + sphere).reshape(-1, 3)))
     whole = Manifold.batch_boolean(parts, OpType.Add)
     if whole.status() != Error.NoError:
         return None

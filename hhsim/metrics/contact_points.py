@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.forward_kinematics import HandShape, PlacedHand
-from hhsim.kernels.contact.contact_points import touching_pairs
+from hhsim.kernels.contact.contact_points import find_contact_pairs
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.system.thread_pool import Workers, ranges, usual_threads
 
@@ -36,7 +36,7 @@ class ContactPoints(NamedTuple):
     normal: FloatArray
 
 
-def touching_points(
+def find_contact_points(
     tree: TreeArrays,
     shape: HandShape,
     placed: PlacedHand,
@@ -60,14 +60,14 @@ def touching_points(
     threads = usual_threads() if len(ticks) > TICKS_A_THREAD else 1
 
     def found(first: int, end: int) -> ContactPoints:
-        return _touching(tree, shape, placed, touch, np.ascontiguousarray(ticks[first:end]), counted)
+        return _contact_points(tree, shape, placed, touch, np.ascontiguousarray(ticks[first:end]), counted)
 
     with Workers(threads) as workers:
         parts = workers.each(found, ranges(len(ticks), threads))
     return parts[0] if len(parts) == 1 else ContactPoints(*(np.concatenate(columns) for columns in zip(*parts)))
 
 
-def _touching(
+def _contact_points(
     tree: TreeArrays, shape: HandShape, placed: PlacedHand, touch: float, ticks: IntArray, counted: NDArray[np.bool_]
 ) -> ContactPoints:
     room = max(ROOM, 4 * len(ticks))
@@ -76,7 +76,7 @@ def _touching(
         room *= 4
         tick, body = np.empty(room, np.int64), np.empty(room, np.int64)
         point, normal = np.empty((room, 3)), np.empty((room, 3))
-        count = touching_pairs(
+        count = find_contact_pairs(
             *(shape.phalanx_radius, shape.palm_center, shape.palm_radius, tree, ticks),
             *(placed.joints, placed.position, placed.orientation, counted, float(touch)),
             *(tick, body, point, normal),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.forward_kinematics import HandShape, PlacedHand
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.contact.mesh_distance import hand_mesh_distances, touching_points
+from hhsim.kernels.contact.mesh_distance import hand_mesh_distances, mesh_contact_points
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.kernels.sphere_tree import TreeArrays
 
@@ -68,7 +68,7 @@ def contact_points(tree: TreeArrays, shape: HandShape, placed: PlacedHand, touch
     for tick in range(len(rotation)):
         count = -1
         while count < 0:
-            count = touching_points(
+            count = mesh_contact_points(
                 *shape, tree, placed.joints[tick], placed.position[tick], rotation[tick], touch, room
             )
             if count < 0:

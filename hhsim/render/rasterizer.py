@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.kernels.sphere_rasterizer import nearest_balls
+from hhsim.kernels.sphere_rasterizer import nearest_spheres
 from hhsim.render.triangle_soup import Surface
 
 FloatArray = NDArray[np.float64]
@@ -95,8 +95,8 @@ def shade(surface: Surface, camera: Camera) -> Layer:
     return lit(depth, normals, np.einsum("pk,pki->pi", weight, surface.colors[corner]), camera)
 
 
-def see_balls(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Balls as a camera sees them, exact at every pixel.
+def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Spheres as a camera sees them, exact at every pixel.
 
     Args:
         center: [m], shape (n, 3), world.
@@ -111,7 +111,7 @@ def see_balls(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[Flo
     seen = (np.asarray(center, np.float64) - camera.center) @ camera.rotation.T
     screen = np.column_stack([seen[:, 0] * scale + 0.5 * columns, 0.5 * rows - seen[:, 1] * scale, seen[:, 2] * scale])
     depth, owner = np.empty((rows, columns)), np.empty((rows, columns), np.int64)
-    nearest_balls(screen, np.asarray(radius, np.float64) * scale, depth, owner)
+    nearest_spheres(screen, np.asarray(radius, np.float64) * scale, depth, owner)
     row, column = np.nonzero(owner >= 0)
     there = owner[row, column]
     normals = np.column_stack([column, row, depth[row, column]]) - screen[there]

@@ -75,7 +75,7 @@ PEERS: dict[str, tuple[Peer, ...]] = {
         Peer("PyBullet, triangles", 1468.0, 0.13, 0.11, (2.0, -12.0)),
     ),
     "cube": (Peer("MuJoCo, box", 15.0, 0.14, 0.01),),
-    "sphere": (Peer("MuJoCo, ball", 13.0, 0.60, 0.03),),
+    "sphere": (Peer("MuJoCo, sphere", 13.0, 0.60, 0.03),),
 }
 """By object. Ratios carry over to other machines, times do not."""
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from, see_balls, shade
+from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from, see_spheres, shade
 from hhsim.render.triangle_soup import mesh_surface
 from hhsim.system.picture_path import check_picture
 from hhsim.trees.sphere_tree import SphereTree
@@ -64,12 +64,12 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
     )
     camera = frame(reach, VIEW, (PIXELS, PIXELS))
     alone = shade(surface, camera)
-    balls = _balls(mesh, center, radius, scale, highest, camera)
+    spheres = _spheres(mesh, center, radius, scale, highest, camera)
 
     figure = new_figure(19.2, 6.9)
     grey = "; grey: the mesh outside of them" if last.gap_max > _LEAST else ""
     title = f"{mesh.name}: {len(mesh.faces):,} triangles", f"level {last.level}: {last.spheres:,} spheres{grey}"
-    for column, (text, layers) in enumerate(zip(title, ([alone], [alone, balls]), strict=True)):
+    for column, (text, layers) in enumerate(zip(title, ([alone], [alone, spheres]), strict=True)):
         axes = figure.add_axes((0.005 + 0.325 * column, 0.02, 0.32, 0.88))
         axes.imshow(blend([(layer, 1.0) for layer in layers]))
         axes.set_axis_off()
@@ -84,11 +84,11 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
     save_figure(figure, path)
 
 
-def _balls(mesh: Mesh, center: FloatArray, radius: FloatArray, scale: float, highest: float, camera: Camera) -> Layer:
-    """Balls [m], coloured by how far they are outside of the mesh, `scale` times as large for the camera."""
+def _spheres(mesh: Mesh, center: FloatArray, radius: FloatArray, scale: float, highest: float, camera: Camera) -> Layer:
+    """Spheres [m], coloured by how far they are outside of the mesh, `scale` times as large for the camera."""
     from matplotlib import colormaps
 
-    depth, normals, there = see_balls(scale * center, scale * radius, camera)
+    depth, normals, there = see_spheres(scale * center, scale * radius, camera)
     points = center[there] + radius[there, None] * (normals @ camera.rotation)
     height = mesh_signed_distance(build_mesh_bvh(mesh.vertices, mesh.faces), points)
     color = colormaps[COLORS](np.clip(height / highest, 0.0, 1.0))[:, :3]

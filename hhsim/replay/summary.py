@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.tick.state import STATUS_HELD, STATUS_START_INSIDE
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE
 from hhsim.metrics import metrics
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import needed_columns, tick_figures
@@ -129,7 +129,7 @@ def _notes(scene: Scene, options: SolverOptions, status: Array, prepared: WarmUp
     notes = [*scene.mesh.repairs, *scene.mesh.warnings]
     if np.any(status & STATUS_START_INSIDE):
         notes.append("the haptic hand begins inside the object: the graphic hand began at the nearest free place")
-    held = int(np.sum(status & STATUS_HELD > 0))
+    held = int(np.sum(status & STATUS_INPUT_INVALID > 0))
     if held:
         notes.append(f"{held:,} ticks had input that was not finite and used the last good one")
     if options.threads > 1:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.metrics.contact_points import ContactPoints, touching_points
+from hhsim.metrics.contact_points import ContactPoints, find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.hand_meshes import PIECES
@@ -167,7 +167,7 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
         hand_surface(scene.hand, *(values[0] for values in pose)) for pose in (ticks.graphic, ticks.haptic)
     )
     body = _near(mesh_surface(scene.mesh, STONE), np.concatenate([graphic.points, haptic.points]))
-    contacts = touching_points(
+    contacts = find_contact_points(
         scene.tree_arrays,
         scene.shape,
         PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation),

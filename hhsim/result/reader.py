@@ -180,7 +180,7 @@ def load_result(path: str | Path) -> Result:
             schema_version=int(attributes["schema_version"]),
             hhsim_version=str(attributes["hhsim_version"]),
             created_utc=str(attributes["created_utc"]),
-            scene=json.loads(attributes["scene"]),
+            scene=_scene(attributes["scene"]),
             machine=json.loads(attributes["machine"]),
             packages=json.loads(attributes["packages"]),
             phases=tuple(phase for phase in _read_phases(file) if phase.first_tick < ticks),
@@ -191,6 +191,14 @@ def load_result(path: str | Path) -> Result:
             git_revision=str(attributes.get("git_revision", UNKNOWN)),
             git_dirty=_git_dirty(attributes.get("git_dirty", UNKNOWN)),
         )
+
+
+def _scene(written: str) -> dict[str, Any]:
+    scene: dict[str, Any] = json.loads(written)
+    solver = scene.get("solver", {})
+    if "settled" in solver:  # as the option was once called
+        solver["step_tolerance"] = solver.pop("settled")
+    return scene
 
 
 def check_result_path(path: Path) -> None:

@@ -13,7 +13,7 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.catalogue import object_description
-from hhsim.scene.closure_search import OPEN_SHARE, REACH_DEPTH, closing_rates
+from hhsim.scene.closure_search import OPEN_SHARE, REACH_DEPTH, closure_rates
 from hhsim.scene.finger_closure import FingerClosure, body_distances, make_work
 from hhsim.scene.script import Script
 from hhsim.scene.stored_pose import Placement
@@ -91,7 +91,7 @@ class PlacedCloser:
         self.hand: HandArrays = hand.arrays()
         self.tree: TreeArrays = tree.arrays()
         self.work = make_work()
-        self.rates = closing_rates(script.curl)
+        self.rates = closure_rates(script.curl)
         self.fingers = [FINGERS.index(name) for name in script.fingers] if script.contact else []
 
     def opened(self, placement: Placement) -> Array:

@@ -92,7 +92,7 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
     return closure
 
 
-def closing_rates(curl: float) -> Array:
+def closure_rates(curl: float) -> Array:
     """Share of each joint in the closing of each finger, shape (5, 3)."""
     rates = np.tile([1.0, curl, curl * DIP_PER_PIP], (len(FINGERS), 1))
     rates[0] = THUMB_RATE
@@ -147,7 +147,7 @@ class _Search:
         self.bound = float((np.linalg.norm(tree.leaf_center - self.middle, axis=1) + tree.leaf_radius).max())
         finger_reach = float((self.hand.reach + self.hand.radius[:, :3]).max())
         self.reach = max(finger_reach, float(self.hand.palm_reach[0] + self.hand.palm_radius.max()))
-        self.rates = closing_rates(script.curl)
+        self.rates = closure_rates(script.curl)
         self.abduction = np.zeros(len(FINGERS))
         self.open = np.ascontiguousarray(OPEN_SHARE * np.minimum(hand.flexion_min, 0.0))
         self.fist = self.open + FIST_SHARE * (hand.flexion_max - self.open)

@@ -43,9 +43,9 @@ class FingerClosure:
     distance: Array
 
 
-def make_work() -> kernel.ClosingWork:
+def make_work() -> kernel.ClosureWork:
     """Workspace for the kernels of the search."""
-    return kernel.ClosingWork(
+    return kernel.ClosureWork(
         joints=np.zeros((5, 4, 3)),
         direction=np.zeros((5, 3, 3)),
         axis=np.zeros((5, 3)),
@@ -61,7 +61,7 @@ def body_distances(
     rotation: Array,
     flexion: Array,
     abduction: Array,
-    work: kernel.ClosingWork,
+    work: kernel.ClosureWork,
 ) -> Array:
     """Signed distance of the 15 phalanges and the palm to the object's leaf spheres [m], shape (16,).
 

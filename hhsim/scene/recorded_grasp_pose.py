@@ -274,15 +274,15 @@ class _Search:
                     yield _Candidate(turn, here + (travel + approach.push) * direction, 0.0)
 
     def _approaches(self) -> Iterator[_Approach]:
-        g, closing = self.grasp.sample, list(self.grasp.fingers)
+        g, closure = self.grasp.sample, list(self.grasp.fingers)
         palm, rotation = self.motion.position[g], self.rotation[g]
         # The palm of the grasp, with fingers as open as they were: so the palm's own way does not count as closing.
         tips = palm + np.einsum("tfj,ij->tfi", self.tips, rotation)
         earlier = int(np.searchsorted(self.motion.time, self.motion.time[g] - 0.2))
         for k in sorted({self._before(lead) for lead in LEADS}) if self.grasp.closes else [g]:
-            stroke = (tips[g] - tips[k])[closing].mean(axis=0)
+            stroke = (tips[g] - tips[k])[closure].mean(axis=0)
             ways = [-rotation[:, 2], rotation[:, 1], stroke, palm - self.motion.position[earlier]]
-            middle = tips[k, closing].mean(axis=0)
+            middle = tips[k, closure].mean(axis=0)
             aims = [middle, 0.5 * (middle + tips[k, 0]), 0.5 * (middle + palm)]
             for way, aim in product(ways, aims):
                 length = float(np.linalg.norm(way))
@@ -291,8 +291,8 @@ class _Search:
 
     def _before(self, lead: float) -> int:
         """The last sample before the grasp at which the closing tips are still `lead` from where they close."""
-        g, closing = self.grasp.sample, list(self.grasp.fingers)
-        off = np.linalg.norm(self.tips[: g + 1, closing] - self.tips[g, closing], axis=2).mean(axis=1)
+        g, closure = self.grasp.sample, list(self.grasp.fingers)
+        off = np.linalg.norm(self.tips[: g + 1, closure] - self.tips[g, closure], axis=2).mean(axis=1)
         return int(np.flatnonzero(off >= lead).max(initial=0))
 
     def _scored(self, candidate: _Candidate, samples: Indices) -> _Candidate:
@@ -303,8 +303,8 @@ class _Search:
         if finger.max() < IN:
             return candidate._replace(score=-np.inf)
         within = np.minimum(finger / WANTED_DEPTH, 1.0)
-        closing = list(self.grasp.fingers)
-        score = 10.0 * within[closing].mean()
+        closure = list(self.grasp.fingers)
+        score = 10.0 * within[closure].mean()
         # From two sides: a thumb against a finger holds, fingers alone push.
         score += 3.0 * within[0] * within[1:].max()
         score -= 3.0 * float(np.maximum(0.0, depth[here] - MOST_DEPTH).max()) / MOST_DEPTH

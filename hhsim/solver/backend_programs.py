@@ -18,7 +18,7 @@ from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
 from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import STATUS_FULL
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
 from hhsim.kernels.tick.tick import converge, set_haptic
 from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
@@ -70,7 +70,7 @@ def run_block_with_backend(
     state, backend = workspace.states[0], workspace.options.qp
 
     def solve_one() -> bool:
-        if isinstance(method, Coupled) or state.together:
+        if isinstance(method, Coupled) or state.in_one_program:
             return _solve_coupled(state, backend)
         return _solve_progressive(method, state, workspace.qp, backend)
 
@@ -79,7 +79,7 @@ def run_block_with_backend(
         status = set_haptic(workspace.hand, *sample, state) | drive_tick(workspace, method, solve_one)
         wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
         record_tick(state, status, wall, cpu, i, record)
-        if status & STATUS_FULL:
+        if status & STATUS_CAPACITY_EXCEEDED:
             return i + 1
     return len(haptic.position)
 

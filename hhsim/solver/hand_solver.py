@@ -12,7 +12,7 @@ from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
-from hhsim.kernels.tick.state import STATUS_FULL, STATUS_START_INSIDE
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
@@ -65,7 +65,7 @@ class HandSolver:
         record = tick_record(ticks)
         if ticks == 0:
             return record
-        if self._advance(haptic, record) & STATUS_FULL:
+        if self._advance(haptic, record) & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         return record
 
@@ -103,7 +103,7 @@ class HandSolver:
         pose.flexion[:] = flexion
         pose.abduction[:] = abduction
         state.warm.count = 0
-        state.parted = False
+        state.decoupling_latched = False
         self.engine.begin()
         self._started = True
 
@@ -157,7 +157,7 @@ class HandSolver:
         engine.approach(
             START_LINEARISATIONS, HapticBlock(*(np.array(haptic_pose[name])[None] for name in HapticBlock._fields)), way
         )
-        if way.status[0] & STATUS_FULL:
+        if way.status[0] & STATUS_CAPACITY_EXCEEDED:
             raise workspace.full()
         if engine is not self.engine:
             self.engine.begin()

@@ -33,7 +33,7 @@ class LinearisingEngine:
     def _run(self, method: Coupled | Progressive, haptic: HapticBlock, record: TickRecord) -> int:
         workspace = self.workspace
         if workspace.options.qp == "active-set":
-            with workspace.crew.at_work(workspace.hand, workspace.surface, method.options):
+            with workspace.thread_team.at_work(workspace.hand, workspace.surface, method.options):
                 return workspace.run_block(method, haptic, record)
         from hhsim.solver.backend_programs import run_block_with_backend
 

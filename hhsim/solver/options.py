@@ -73,7 +73,7 @@ class SolverOptions:
             this is Δr, 0.5 mm unless told, and no bound on a step.
         skin: Pairs up to this much farther are kept at hand between ticks.
         offset: Clearance that contacts keep, so that second-order errors of small steps do not penetrate.
-        settled: A step shorter than this ends the tick.
+        step_tolerance: A step shorter than this ends the tick.
         tolerance: Largest violation of a program's row that counts as satisfied, as a share of the margin.
         touch: Pairs nearer than this count as touching.
         threads: That share the work of a tick, up to six, one for each finger and the palm: finding contacts, and in
@@ -95,7 +95,7 @@ class SolverOptions:
     margin: float = BY_METHOD
     skin: float = 3e-3
     offset: float = 5e-7
-    settled: float = 1e-4
+    step_tolerance: float = 1e-4
     tolerance: float = 1e-8
     touch: float = TOUCH
     threads: int = 1
@@ -139,7 +139,7 @@ class SolverOptions:
                 raise InputError(f"{name} is {value:g} s: it must be positive and finite")
         if not (math.isfinite(self.contact_response) and self.contact_response >= 0.0):
             raise InputError(f"contact_response is {self.contact_response:g} s: it must be finite and not negative")
-        for name in ("margin", "skin", "offset", "settled", "touch"):
+        for name in ("margin", "skin", "offset", "step_tolerance", "touch"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} is {value:g} m: it must be positive and finite")
@@ -163,7 +163,9 @@ class SolverOptions:
             rotation=self.stiffness.rotation * factor**2,
             flexion=self.stiffness.flexion * factor**2,
         )
-        lengths = {name: getattr(self, name) * factor for name in ("margin", "skin", "offset", "settled", "touch")}
+        lengths = {
+            name: getattr(self, name) * factor for name in ("margin", "skin", "offset", "step_tolerance", "touch")
+        }
         return replace(self, stiffness=stiffness, **lengths)
 
     def modelled(self) -> NDArray[np.bool_]:

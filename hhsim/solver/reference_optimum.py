@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 REFERENCE_LINEARISATIONS = 400
-REFERENCE_SETTLED = 1e-8
+REFERENCE_STEP_TOLERANCE = 1e-8
 """The reference has converged when a linearisation moves no point of the hand further than this [m]."""
 
 
@@ -54,7 +54,7 @@ def reference_excess(
             method="coupled",
             qp="active-set",
             linearisations=REFERENCE_LINEARISATIONS,
-            settled=REFERENCE_SETTLED,
+            step_tolerance=REFERENCE_STEP_TOLERANCE,
         ),
     )
     diagonal = options.stiffness.diagonal()

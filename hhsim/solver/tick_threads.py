@@ -24,7 +24,7 @@ WORTH_SHARING = 2500
 """Distances outside of the largest part from which on sharing costs less than it saves: some two microseconds."""
 
 
-class Crew:
+class ThreadTeam:
     """Helpers of one solver: threads that live while a block of ticks runs, and wait for work in compiled code.
 
     Starting them takes about 0.1 ms a block, outside of the timed ticks.
@@ -54,7 +54,7 @@ class Crew:
         if not self.rooms:
             yield
             return
-        shared = self.states[0].crew
+        shared = self.states[0].thread_team
         word = shared.word[:]
         given = (hand, surface, options, self.states)
         dismiss(word)

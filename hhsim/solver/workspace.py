@@ -19,10 +19,10 @@ from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
-from hhsim.kernels.tick.tick import gather_anew
+from hhsim.kernels.tick.tick import rebuild_candidates
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import surface_of
-from hhsim.solver.tick_threads import Crew
+from hhsim.solver.tick_threads import ThreadTeam
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0
@@ -41,7 +41,7 @@ def tick_options(options: SolverOptions) -> TickOptions:
         margin=options.margin,
         skin=options.skin,
         offset=options.offset,
-        settled=options.settled,
+        step_tolerance=options.step_tolerance,
         tolerance=tolerance,
         relaxation=RELAXATION * options.tolerance * options.margin * math.sqrt(options.stiffness.translation),
         longest_correction=options.margin * math.sqrt(options.stiffness.translation),
@@ -63,7 +63,7 @@ class TickWorkspace:
         tick_options: The options in the kernels' form.
         states: The tick's state, shape (1,).
         qp: Workspace of the active-set solver.
-        crew: Threads that help.
+        thread_team: Threads that help.
     """
 
     def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
@@ -75,7 +75,7 @@ class TickWorkspace:
         self.tick_options = tick_options(options)
         self.states = tick_state(options.stiffness.diagonal(), options.modelled(), surface_of(surface))
         self.qp = new_work(DOF, ROW_CAPACITY)
-        self.crew = Crew(self.states, options.threads if JIT_ENABLED else 1)
+        self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
 
     def gather(self) -> None:
         """Let the tick's lists follow a configuration that was set from outside.
@@ -83,7 +83,7 @@ class TickWorkspace:
         Raises:
             HhsimError: More pairs are near than the arrays hold.
         """
-        if gather_anew(self.hand, self.surface, self.tick_options, self.states) != 0:
+        if rebuild_candidates(self.hand, self.surface, self.tick_options, self.states) != 0:
             raise self.full()
 
     def full(self) -> HhsimError:

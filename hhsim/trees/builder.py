@@ -24,7 +24,7 @@ IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 GROWTH = 1e-6
-"""What balls are grown by, as a share of the mesh's longest extent, where rounding stands in the way of a proof."""
+"""What spheres are grown by, as a share of the mesh's longest extent, where rounding stands in the way of a proof."""
 
 
 def build_sphere_tree(
@@ -33,7 +33,8 @@ def build_sphere_tree(
     """Build and measure a tree.
 
     Each level has a cover of its own that is proved to contain the whole surface, with
-    branching ** level balls; the leaves are that of the last level, and every inner node encloses the leaves below it.
+    branching ** level spheres; the leaves are that of the last level, and every inner node encloses the leaves below
+    it.
 
     Args:
         mesh: Watertight and wound outward.
@@ -105,7 +106,7 @@ class _Builder:
         return replace(tree, covers=tuple(covers), cpu_seconds=tuple(seconds))
 
     def cover(self, size: int) -> LevelCover:
-        """Build and prove a cover of at most `size` balls."""
+        """Build and prove a cover of at most `size` spheres."""
 
         def report(stage: str, done: int, cycles: int) -> None:
             if self.progress is not None:
@@ -130,7 +131,7 @@ def proved_cover(
     balanced: bool = False,
     workers: Workers | None = None,
 ) -> LevelCover:
-    """Prove that balls cover a mesh; where rounding stands in the way, with balls larger by `GROWTH` of its extent.
+    """Prove that spheres cover a mesh; where rounding stands in the way, with spheres larger by `GROWTH` of its extent.
 
     Args:
         vertices: [m], shape (V, 3).
@@ -138,7 +139,7 @@ def proved_cover(
         bvh: Over the mesh.
         center: [m], shape (n, 3).
         radius: [m], shape (n,).
-        balanced: Take half of the bound off all radii, so that the balls miss the surface by as little outside as
+        balanced: Take half of the bound off all radii, so that the spheres miss the surface by as little outside as
             inside: it then lies at most so far out of them, and they at most so far out of it.
         workers: Threads to prove with; None for the calling one.
 

@@ -23,7 +23,7 @@ Progress = Callable[[str, int, int], None]
 SHIPPED_SUFFIX = "-tree.h5"
 
 _SOURCES = (
-    *("trees", "kernels/cover", "kernels/mesh", "kernels/enclosing_ball.py", "kernels/kd_tree.py"),
+    *("trees", "kernels/cover", "kernels/mesh", "kernels/enclosing_sphere.py", "kernels/kd_tree.py"),
     *("kernels/round_cone_distance.py", "kernels/triangle.py", "mesh/canonical_frame.py"),
 )
 """Folders and files of hhsim that a built tree depends on: who changes one must not be given yesterday's tree."""

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from hhsim.kernels.cover.check_certificate import (
     CORNER_OUTSIDE,
     HOLDS,
-    NO_SUCH_BALL,
     NO_SUCH_CODE,
+    NO_SUCH_SPHERE,
     TOO_DEEP,
     TOO_LONG,
     TOO_SHORT,
@@ -26,8 +26,8 @@ _ROOM = 1e-14
 _DEPTH_ROOM = 1e-9
 
 _WRONG = {
-    NO_SUCH_BALL: "names a ball that does not exist",
-    CORNER_OUTSIDE: "puts a corner into a ball that does not contain it",
+    NO_SUCH_SPHERE: "names a sphere that does not exist",
+    CORNER_OUTSIDE: "puts a corner into a sphere that does not contain it",
     NO_SUCH_CODE: "has a code without a meaning",
     TOO_SHORT: "ends too early",
     TOO_LONG: "goes on after the last face",
@@ -54,8 +54,8 @@ def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
         size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
         short = cover.depth + mesh_signed_distance(bvh, cover.center)
         if not short.max() <= _DEPTH_ROOM * size:
-            ball = int(np.argmax(short))
-            found.append(f"level {level}: the centre of ball {ball} is {short[ball]:.3g} m less deep than stated")
+            sphere = int(np.argmax(short))
+            found.append(f"level {level}: the centre of sphere {sphere} is {short[sphere]:.3g} m less deep than stated")
     return tuple(found)
 
 

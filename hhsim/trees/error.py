@@ -69,7 +69,7 @@ def prove_cover(
     radius: FloatArray,
     workers: Workers | None = None,
 ) -> tuple[IntArray, Codes]:
-    """Prove that balls cover a mesh.
+    """Prove that spheres cover a mesh.
 
     Args:
         vertices: [m], shape (V, 3).

@@ -1,11 +1,11 @@
-"""Puts balls as leaves under a tree, so that a walk can refuse many at once."""
+"""Puts spheres as leaves under a tree, so that a walk can refuse many at once."""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.enclosing_ball import enclosing_ball
+from hhsim.kernels.enclosing_sphere import enclosing_sphere
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
@@ -14,23 +14,22 @@ IntArray = NDArray[np.int64]
 
 
 def build_hierarchy(center: FloatArray, radius: FloatArray, level: int, branching: int) -> SphereTree:
-    """Put balls as leaves under a tree: halved along principal axes, each inner node the least ball around its leaves.
+    """Put spheres as leaves under a tree: halved along principal axes, each inner node the least one around its leaves.
 
     Args:
         center: [m], shape (n, 3), 1 ≤ n ≤ branching ** level.
         radius: [m], shape (n,).
-        level: Level of the leaves; 0 for a lone ball.
+        level: Level of the leaves; 0 for a lone sphere.
         branching: Most children of a node.
     """
-    return _grow(np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64), level, branching)[
-        0
-    ]
+    center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
+    return _grow(center, radius, level, branching)[0]
 
 
 def cover_hierarchy(cover: LevelCover, level: int, branching: int) -> tuple[SphereTree, LevelCover]:
-    """Put the balls of a cover as leaves under a tree, as `build_hierarchy`; return the cover in the leaves' order too.
+    """Put the spheres of a cover as leaves under a tree, as `build_hierarchy`; also return the cover in their order.
 
-    The order in which the balls come makes no difference.
+    The order in which the spheres come makes no difference.
     """
     by_place = cover.reordered(np.lexsort((cover.radius, *cover.center.T)))
     tree, leaves = _grow(by_place.center, by_place.radius, level, branching)
@@ -74,24 +73,24 @@ def at_level(tree: SphereTree, level: int) -> SphereTree:
 
 
 def _grow(center: FloatArray, radius: FloatArray, level: int, branching: int) -> tuple[SphereTree, IntArray]:
-    """Return the tree, and which ball became which leaf."""
+    """Return the tree, and which sphere became which leaf."""
     center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
-    nodes, balls, levels, parents = [np.arange(len(radius))], [np.empty((0, 4))], [0], [-1]
-    ball = np.empty(4)
+    nodes, spheres, levels, parents = [np.arange(len(radius))], [np.empty((0, 4))], [0], [-1]
+    sphere = np.empty(4)
     first = 0
     for depth in range(level):
         capacity = branching ** (level - depth - 1)
         last = len(nodes)
         for node in range(first, last):
-            enclosing_ball(center, radius, nodes[node], ball)
-            balls.append(ball.copy()[None])
+            enclosing_sphere(center, radius, nodes[node], sphere)
+            spheres.append(sphere.copy()[None])
             for group in _split(center, nodes[node], min(branching, len(nodes[node])), capacity):
                 nodes.append(group)
                 levels.append(depth + 1)
                 parents.append(node)
         first = last
     leaves = np.concatenate(nodes[first:])
-    inner = np.concatenate(balls)
+    inner = np.concatenate(spheres)
     tree = SphereTree(
         center=np.concatenate([inner[:, :3], center[leaves]]),
         radius=np.concatenate([inner[:, 3], radius[leaves]]),

@@ -1,4 +1,4 @@
-"""The cover of one level: balls that contain the whole surface of a mesh, with the proof that they do."""
+"""The cover of one level: spheres that contain the whole surface of a mesh, with the proof that they do."""
 
 from dataclasses import dataclass
 
@@ -14,15 +14,15 @@ Codes = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class LevelCover:
-    """Balls that stand for a mesh at one level of a sphere tree.
+    """Spheres that stand for a mesh at one level of a sphere tree.
 
     Attributes:
         center: [m], shape (n, 3), frame of the mesh.
         radius: [m], shape (n,).
         depth: How deep each centre lies inside the mesh, negative outside [m], shape (n,).
-        gap: How far the surface may lie outside of the balls [m]: grown by this they cover it. 0 for a full cover.
-        proof: That the grown balls cover each face, as `hhsim.kernels.cover.certify` writes it, shape (m,); empty
-            for balls of which nothing is proved.
+        gap: How far the surface may lie outside of the spheres [m]: grown by this they cover it. 0 for a full cover.
+        proof: That the grown spheres cover each face, as `hhsim.kernels.cover.certify` writes it, shape (m,); empty
+            for spheres of which nothing is proved.
     """
 
     center: FloatArray
@@ -35,7 +35,7 @@ class LevelCover:
         """Normalise the arrays.
 
         Raises:
-            InputError: Wrong shapes, no ball, a value not finite, a negative radius or gap.
+            InputError: Wrong shapes, no sphere, a value not finite, a negative radius or gap.
         """
         for name in ("center", "radius", "depth"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64, order="C"))
@@ -58,11 +58,11 @@ class LevelCover:
 
     @property
     def bound(self) -> float:
-        """Farthest that the balls can reach out of the mesh [m]: the largest of (radius − depth)."""
+        """Farthest that the spheres can reach out of the mesh [m]: the largest of (radius − depth)."""
         return float((self.radius - self.depth).max())
 
     def reordered(self, order: IntArray) -> "LevelCover":
-        """Return the cover with its balls in another order, a permutation of shape (n,); the proof follows."""
+        """Return the cover with its spheres in another order, a permutation of shape (n,); the proof follows."""
         place = np.empty(len(order), np.int32)
         place[order] = np.arange(len(order), dtype=np.int32)
         proof = np.where(self.proof >= 0, place[np.maximum(self.proof, 0)], self.proof)

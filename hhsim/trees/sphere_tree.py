@@ -1,4 +1,4 @@
-"""A sphere tree: balls that cover an object, coarse to fine."""
+"""A sphere tree: spheres that cover an object, coarse to fine."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -68,7 +68,7 @@ class SphereTree:
         errors: Measured error of each level, coarse to fine; empty if it was not measured.
         mesh_sha256: Content hash of the mesh that the tree was built for; empty if unknown.
         options: How it was built.
-        covers: The cover of each level, 0 to the leaves', whose balls are the leaves; empty if there are none.
+        covers: The cover of each level, 0 to the leaves', whose spheres are the leaves; empty if there are none.
         cpu_seconds: CPU time that each cover took to build [s]; empty for a tree that was read from a file: the same
             input gives the same bytes, so they hold no times.
     """

@@ -1,4 +1,4 @@
-"""Covers a mesh by balls that protrude as little as can be."""
+"""Covers a mesh by spheres that protrude as little as can be."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hhsim.errors import MeshError
 from hhsim.kernels.cover.greedy_cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
 from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
-from hhsim.kernels.cover.refine import group_by_owner, move_balls, removal_cost, spare_balls
+from hhsim.kernels.cover.refine import group_by_owner, move_spheres, removal_cost, spare_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
 from hhsim.mesh.canonical_frame import GRID, CanonicalFrame, canonical_frame
@@ -21,50 +21,51 @@ IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 COARSE = 60
-"""Micro-triangles for each ball, to begin with."""
+"""Micro-triangles for each sphere, to begin with."""
 FINE = 220
-"""Micro-triangles for each ball, at most, to end with, or …"""
+"""Micro-triangles for each sphere, at most, to end with, or …"""
 PLENTY = 300_000
 """… as many in all, if that is more."""
 CYCLES = (3, 12)
 """Cycles of refinement on the coarse ones, and on ever finer ones."""
 
 ROUNDING = 1e-12
-"""Relative room for rounding: balls are made this much larger than the arithmetic says."""
+"""Relative room for rounding: spheres are made this much larger than the arithmetic says."""
 
 _REACH = 0.3
 _TRIALS = 6
 _BREATH = (0.2, 0.01)
-"""Balls taken away and placed anew in the first and in the last cycle, as shares of all."""
+"""Spheres taken away and placed anew in the first and in the last cycle, as shares of all."""
 _ROUNDS = (2, 2)
-"""Rounds of moves and assignments after balls were taken away, and after they were placed."""
+"""Rounds of moves and assignments after spheres were taken away, and after they were placed."""
 _HANDICAP = 0.5
-"""Share of what a ball costs less than the worst that it is given as an advantage, to take work from that one …"""
+"""Share of what a sphere costs less than the worst that it is given as an advantage, to take work from that one …"""
 _SLACK = 0.3
 """… but no more than for this share of the worst."""
 _SPLITS = 8
 _SPLIT_FROM = 0.8
 _FINER_FROM = 0.85
 _FINEST = 0.03
-"""Edges shorter than this share of the footprint of their ball are not halved."""
+"""Edges shorter than this share of the footprint of their sphere are not halved."""
 _HIGH = 0.9
-"""Quantile of the costs of the balls that stands for all: a few that are far worse are none of the others' concern."""
+"""Quantile of the costs of the spheres that stands for all: a few that are far worse are none of the others'
+concern."""
 _REPLACEMENTS = 4
-"""Times that balls which turned out to be nobody's best are placed anew."""
+"""Times that spheres which turned out to be nobody's best are placed anew."""
 _TRIMS = 4
 _TRIM_FROM = 0.95
 _THINNEST = 1e-9
 _SUBTREES = 3
 """Depth of the subtrees of micro-triangles that threads share out …"""
 _SHARES = 16
-"""… and number of the ranges of balls."""
+"""… and number of the ranges of spheres."""
 
 
 class _Cover:
-    """Balls and their micro-triangles, while they are being improved."""
+    """Spheres and their micro-triangles, while they are being improved."""
 
-    def __init__(self, bvh: MeshBvh, micro: MicroTriangles, largest: float, balls: int, workers: Workers) -> None:
-        self.bvh, self.micro, self.largest, self.balls, self.workers = bvh, micro, largest, balls, workers
+    def __init__(self, bvh: MeshBvh, micro: MicroTriangles, largest: float, spheres: int, workers: Workers) -> None:
+        self.bvh, self.micro, self.largest, self.spheres, self.workers = bvh, micro, largest, spheres, workers
         self.roots = subtrees(micro.right, _SUBTREES)
         self.center, self.depth, self.step = np.empty((0, 3)), np.empty(0), np.empty(0)
         count = len(micro.corner)
@@ -77,7 +78,7 @@ class _Cover:
         return float(self.cost.max())
 
     def assign(self, depth: FloatArray | None = None) -> None:
-        """Give every micro-triangle to its best ball, by their depths or by other ones."""
+        """Give every micro-triangle to its best sphere, by their depths or by other ones."""
         depth = self.depth if depth is None else depth
         self.workers.each(
             lambda root: assign(
@@ -87,27 +88,27 @@ class _Cover:
         )
 
     def fill(self) -> None:
-        """Place balls, where the cover is worst, until all are there, or another one would gain nothing."""
+        """Place spheres, where the cover is worst, until all are there, or another one would gain nothing."""
         for split in range(_SPLITS + 1):
             here = len(self.depth)
-            center, depth = np.empty((self.balls, 3)), np.empty(self.balls)
+            center, depth = np.empty((self.spheres, 3)), np.empty(self.spheres)
             center[:here], depth[:here] = self.center, self.depth
             count = greedy_cover(
                 self.bvh, self.micro, self.largest, _REACH, 0.0, 2 * _TRIALS, here, center, depth, self.owner, self.cost
             )
             self.center, self.depth = center[:count].copy(), depth[:count].copy()
             self.step = np.concatenate([self.step, np.zeros(count - here)])
-            if count == self.balls or split == _SPLITS:
+            if count == self.spheres or split == _SPLITS:
                 break
-            # No ball alone could cover one of the worst micro-triangles for less.
+            # No sphere alone could cover one of the worst micro-triangles for less.
             chosen = self.cost > _SPLIT_FROM * self.worst
-            if len(chosen) + int(chosen.sum()) > max(FINE * self.balls, PLENTY):
+            if len(chosen) + int(chosen.sum()) > max(FINE * self.spheres, PLENTY):
                 # Where all cost about the same, as around a cylinder, halves of halves would fill the memory.
                 break
             self.halve(chosen)
 
     def halve(self, chosen: NDArray[np.bool_]) -> None:
-        """Halve micro-triangles; the halves stay with the balls that were the best two."""
+        """Halve micro-triangles; the halves stay with the spheres that were the best two."""
         self.micro, source = halve(self.micro, chosen)
         self.owner, self.second_owner = self.owner[source], self.second_owner[source]
         self.cost, self.second_cost = np.empty((2, len(source)))
@@ -115,25 +116,25 @@ class _Cover:
         owner_cost(self.micro, self.center, self.depth, self.second_owner, self.second_cost)
 
     def refine(self, share: float) -> None:
-        """Halve the micro-triangles that cost more than `share` of the worst: they decide the cost of their balls."""
+        """Halve the micro-triangles that cost more than `share` of the worst: they decide the cost of their spheres."""
         longest, own = np.empty(len(self.owner)), np.empty(len(self.depth))
         longest_edges(self.micro.corner, longest)
         removal_cost(self.owner, self.cost, own)
         high = float(np.quantile(own, _HIGH))
         footprint = np.sqrt(high * (2.0 * np.maximum(self.depth, 0.0) + high))
         chosen = (self.cost > share * high) & (longest > _FINEST * footprint[self.owner])
-        if len(chosen) + int(chosen.sum()) <= max(FINE * self.balls, PLENTY):
+        if len(chosen) + int(chosen.sum()) <= max(FINE * self.spheres, PLENTY):
             self.halve(chosen)
 
     def move(self, afresh: bool) -> None:
-        """Move each ball towards less cost, with steps as long as those of the last time or afresh."""
+        """Move each sphere towards less cost, with steps as long as those of the last time or afresh."""
         first, order = self._groups()
         if afresh:
             self.step[:] = 0.0
 
         def move(begin: int, end: int) -> None:
             center, depth, step = self.center[begin:end], self.depth[begin:end], self.step[begin:end]
-            move_balls(self.bvh, self.micro, first[begin : end + 1], order, _TRIALS, center, depth, step)
+            move_spheres(self.bvh, self.micro, first[begin : end + 1], order, _TRIALS, center, depth, step)
 
         self.workers.each(move, ranges(len(self.depth), _SHARES))
 
@@ -142,25 +143,25 @@ class _Cover:
         group_by_owner(self.owner, first, order)
         return first, order
 
-    def shed(self, balls: int) -> None:
-        """Take away those balls that are missed least, until there are `balls`."""
-        while len(self.depth) > balls:
+    def shed(self, spheres: int) -> None:
+        """Take away those spheres that are missed least, until there are `spheres`."""
+        while len(self.depth) > spheres:
             first, order = self._groups()
             cost = np.empty(len(self.depth))
             removal_cost(self.owner, self.second_cost, cost)
             spared = np.empty(len(self.depth), np.bool_)
-            spare_balls(
-                np.argsort(cost, kind="stable"), first, order, self.second_owner, len(self.depth) - balls, spared
+            spare_spheres(
+                np.argsort(cost, kind="stable"), first, order, self.second_owner, len(self.depth) - spheres, spared
             )
             lost, stays = spared[self.owner], ~spared
             self.owner[lost], self.cost[lost] = self.second_owner[lost], self.second_cost[lost]
             self.owner = (np.cumsum(stays) - 1)[self.owner]
             self.center, self.depth, self.step = self.center[stays].copy(), self.depth[stays], self.step[stays]
-            if len(self.depth) > balls:
+            if len(self.depth) > spheres:
                 self.assign()
 
     def drop_unused(self) -> int:
-        """Take away the balls that are nobody's best; return how many there are then."""
+        """Take away the spheres that are nobody's best; return how many there are then."""
         used = np.bincount(self.owner, minlength=len(self.depth)) > 0
         if not used.all():
             self.owner = (np.cumsum(used) - 1)[self.owner]
@@ -168,7 +169,7 @@ class _Cover:
         return len(self.depth)
 
     def handicap(self) -> None:
-        """Assign so that the balls that cost much have less to cover, and those that cost little more."""
+        """Assign so that the spheres that cost much have less to cover, and those that cost little more."""
         own = np.empty(len(self.depth))
         removal_cost(self.owner, self.cost, own)
         most = float(own.max())
@@ -181,9 +182,9 @@ class _Cover:
             self.move(afresh=turn == 0)
             self.assign()
 
-    def breathe(self, balls: int) -> None:
-        """Take away `balls` where they are missed least, and place as many where the cover is then worst."""
-        self.shed(self.balls - balls)
+    def breathe(self, spheres: int) -> None:
+        """Take away `spheres` where they are missed least, and place as many where the cover is then worst."""
+        self.shed(self.spheres - spheres)
         self.relax(_ROUNDS[0])
         self.fill()
         self.handicap()
@@ -191,7 +192,7 @@ class _Cover:
 
 
 class MeshInFrame(NamedTuple):
-    """A mesh made ready for covers of any number of balls: in its own frame.
+    """A mesh made ready for covers of any number of spheres: in its own frame.
 
     vertices: (V, 3) in the frame; faces: (F, 3); bvh: over both; frame: back to where the mesh is; reach: largest
     coordinate of the mesh [m].
@@ -222,22 +223,22 @@ def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
 
 
 def cover_of(
-    mesh: MeshInFrame, balls: int, progress: Progress | None = None, workers: Workers | None = None
+    mesh: MeshInFrame, spheres: int, progress: Progress | None = None, workers: Workers | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Cover a mesh with at most `balls` balls.
+    """Cover a mesh with at most `spheres` spheres.
 
     Where the mesh lies, how it is turned and how large it is make no difference: the cover is found in its own frame.
 
     Args:
         mesh: The mesh.
-        balls: Most balls.
+        spheres: Most spheres.
         progress: Called with ("cover", cycles done, cycles).
         workers: Threads to build with; None for the calling one. The same bytes with any number.
 
     Returns:
         Centres [m], shape (n, 3), and radii [m], shape (n,).
     """
-    center, radius = _cover_in_frame(mesh, balls, progress, workers or Workers())
+    center, radius = _cover_in_frame(mesh, spheres, progress, workers or Workers())
     center, radius = mesh.frame.out_of(center), radius * mesh.frame.size
     size = max(mesh.reach, float(np.abs(center).max()))
     # A vertex was moved by at most half a step of the grid along each axis.
@@ -245,12 +246,12 @@ def cover_of(
 
 
 def _cover_in_frame(
-    mesh: MeshInFrame, balls: int, progress: Progress | None, workers: Workers
+    mesh: MeshInFrame, spheres: int, progress: Progress | None, workers: Workers
 ) -> tuple[FloatArray, FloatArray]:
     corner = np.ascontiguousarray(mesh.vertices[mesh.faces]).reshape(-1, 9)
-    edge = edges_for(corner, np.ones(len(corner)), COARSE * balls)
+    edge = edges_for(corner, np.ones(len(corner)), COARSE * spheres)
     micro = cut_mesh(corner, face_normals(mesh.vertices, mesh.faces), edge)
-    cover = _Cover(mesh.bvh, micro, 1.0, balls, workers)
+    cover = _Cover(mesh.bvh, micro, 1.0, spheres, workers)
     cover.fill()
     cover.assign()
     least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
@@ -259,7 +260,7 @@ def _cover_in_frame(
         if turn >= CYCLES[0]:
             cover.refine(_FINER_FROM)
         share = _BREATH[0] * (_BREATH[1] / _BREATH[0]) ** (turn / max(cycles - 1, 1))
-        cover.breathe(min(max(1, math.floor(share * balls)), balls // 2))
+        cover.breathe(min(max(1, math.floor(share * spheres)), spheres // 2))
         if cover.worst < least:
             least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
         if progress is not None:
@@ -270,7 +271,7 @@ def _cover_in_frame(
         cover.refine(_TRIM_FROM)
         cover.assign()
     for _ in range(_REPLACEMENTS):
-        if cover.drop_unused() == balls:
+        if cover.drop_unused() == spheres:
             break
         cover.fill()
         cover.assign()

@@ -1,6 +1,6 @@
 """The referee's distances to leaf spheres, held against an established collision library, coal.
 
-Coal knows no round cones, but segments: the union of balls along an axis is min over s of d(x(s)) − r(s) away, and
+Coal knows no round cones, but segments: the union of spheres along an axis is min over s of d(x(s)) − r(s) away, and
 coal's d over a piece of the axis bounds that from below. The piece with the lowest bound is halved until the bounds
 meet, as in `hhsim.verify.mesh_distance` for the mesh.
 """
@@ -21,17 +21,17 @@ _MOST_PIECES = 200
 def coal_distance(
     a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, center: FloatArray, radius: float
 ) -> float:
-    """Signed distance [m] of the hull of two balls to a sphere, at most `EXACT` too large.
+    """Signed distance [m] of the hull of two spheres to a sphere, at most `EXACT` too large.
 
     Args:
-        a, b: Centres of the balls [m], shape (3,).
+        a, b: Centres of the spheres [m], shape (3,).
         radius_a, radius_b: Theirs [m].
         center: Of the sphere [m], shape (3,).
         radius: Its radius [m].
     """
     import coal
 
-    ball, place = coal.Sphere(radius), coal.Transform3s(np.eye(3), np.array(center))
+    sphere, place = coal.Sphere(radius), coal.Transform3s(np.eye(3), np.array(center))
     request, answer = coal.DistanceRequest(), coal.DistanceResult()
 
     def apart(low: float, high: float) -> float:
@@ -39,7 +39,7 @@ def coal_distance(
         answer.clear()
         piece: Any = coal.Capsule(0.0, float(np.linalg.norm(last - first)))
         there = coal.Transform3s(frame_along(b - a), 0.5 * (first + last))
-        return float(coal.distance(ball, place, piece, there, request, answer))
+        return float(coal.distance(sphere, place, piece, there, request, answer))
 
     def size(share: float) -> float:
         return radius_a + share * (radius_b - radius_a)

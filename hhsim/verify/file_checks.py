@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.tick.state import (
-    STATUS_HELD,
+    STATUS_INPUT_INVALID,
     UNITS_LINEARISATION,
     UNITS_NODE_TEST,
     UNITS_PAIR_TEST,
@@ -103,7 +103,7 @@ def _input(result: Result) -> Claim:
     for name in ("position", "orientation", "flexion", "abduction"):
         finite &= np.isfinite(result[f"haptic/{name}"]).reshape(result.ticks, -1).all(axis=1)
     back = np.concatenate([[result["input_seq"][0] < 0], np.diff(result["input_seq"]) < 0])
-    wrong = back | (~finite & (result["status"] & STATUS_HELD == 0))
+    wrong = back | (~finite & (result["status"] & STATUS_INPUT_INVALID == 0))
     return all_true(
         "input", "samples are used in their order, and none that is not finite", wrong, ticks=np.arange(result.ticks)
     )

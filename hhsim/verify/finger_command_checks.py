@@ -15,7 +15,7 @@ STALE, NOT_FINITE, SOLVER_FAILED, OVERRUN, DEVICE_LOST, STOPPING, NO_WATCHDOG, D
     1 << bit for bit in range(9)
 )
 """Why the fingers are free: bits of `safety`."""
-HELD, FULL = 4, 16
+INPUT_INVALID, CAPACITY_EXCEEDED = 4, 16
 """Flags of a tick's status: an input that is not finite, and more contacts than the solver holds."""
 ROUNDING = 1e-9
 """Commands that differ by this are the same; a glove has a few thousand steps."""
@@ -37,8 +37,8 @@ def _reasons(rows: SessionRows) -> Claim:
         "dry run": (bits & DRY_RUN > 0) != rows.dry_run,
         # Ticks before the first input are not in the file.
         "no input yet": bits & NO_INPUT > 0,
-        "not finite": (status & HELD > 0) & (bits & NOT_FINITE == 0),
-        "solver failed": (status & FULL > 0) & (bits & SOLVER_FAILED == 0),
+        "not finite": (status & INPUT_INVALID > 0) & (bits & NOT_FINITE == 0),
+        "solver failed": (status & CAPACITY_EXCEEDED > 0) & (bits & SOLVER_FAILED == 0),
         "overrun streak": _overrun(rows, int(safety["overruns"])) & (bits & OVERRUN == 0),
         "stopping": _stopping(rows),
     }
@@ -49,7 +49,7 @@ def _reasons(rows: SessionRows) -> Claim:
     clear = rows.clear
     if clear.any():
         bad = ~rows.usable[np.maximum(rows.newest, 0)]
-        wrong["not finite"] |= clear & (bad != (bits & NOT_FINITE > 0)) & (status & HELD == 0)
+        wrong["not finite"] |= clear & (bad != (bits & NOT_FINITE > 0)) & (status & INPUT_INVALID == 0)
     if rows.dry_run or not safety["watchdog"]:
         wrong["no watchdog"] = bits & NO_WATCHDOG > 0
     found = [f"{name} at {int(ticks.argmax()):,}" for name, ticks in wrong.items() if ticks.any()]

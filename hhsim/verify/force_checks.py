@@ -8,7 +8,7 @@ from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
 from hhsim.verify.forces import Moment, balance, explained, fingertip_normals, moment, on_its_way, proxy_forces
 from hhsim.verify.kinematics import Posed, turn_between
-from hhsim.verify.tick_data import FULL, LAG, LENGTH, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -55,14 +55,14 @@ def _fingertips(judge: JudgedTicks) -> Claim:
 
 def _slack(judge: JudgedTicks, size: FloatArray) -> FloatArray:
     """Tolerance [N] at the chosen ticks of forces of a size (n,): multipliers are of the program a step before."""
-    step = np.minimum(judge.moved[judge.chosen], float(judge.options["settled"]))
+    step = np.minimum(judge.moved[judge.chosen], float(judge.options["step_tolerance"]))
     rolling = float(leaves(judge.result)[1].min() + min(judge.hand.radius.min(), judge.hand.palm_radius.min()))
     return FORCE * (1.0 + size) + TURN * size * step / rolling
 
 
 def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
     """Of the chosen ticks, those without some status flags; places in `chosen`."""
-    return np.flatnonzero(judge.status[judge.chosen] & (without | FULL) == 0)
+    return np.flatnonzero(judge.status[judge.chosen] & (without | CAPACITY_EXCEEDED) == 0)
 
 
 def _moment(judge: JudgedTicks, i: int) -> Moment:
@@ -127,7 +127,7 @@ def _eq_14(judge: JudgedTicks) -> Claim:
     unclear = np.isin(np.arange(len(judge.chosen)), judge.pairs.tick[close])
     if judge.options["method"] == "paper":
         unclear |= judge.miscounted
-    chosen = np.flatnonzero(~unclear & (judge.status[judge.chosen] & FULL == 0))
+    chosen = np.flatnonzero(~unclear & (judge.status[judge.chosen] & CAPACITY_EXCEEDED == 0))
     wanted = Posed(*(values[judge.chosen] for values in judge.wanted_posed))
     there = judge.wanted.at(judge.chosen).orientation
     turn = Rotation.from_rotvec(turn_between(judge.chosen_shown.orientation, there)).as_matrix()

@@ -5,8 +5,8 @@ import numpy as np
 from hhsim.verify.claim import Claim, judged
 from hhsim.verify.tick_data import (
     ABDUCTION_HELD,
-    FULL,
-    HELD,
+    CAPACITY_EXCEEDED,
+    INPUT_INVALID,
     LAG,
     LENGTH,
     START_INSIDE,
@@ -41,7 +41,7 @@ def posture_claims(judge: JudgedTicks) -> list[Claim]:
 
 
 def _abduction(judge: JudgedTicks) -> Claim:
-    settled = judge.status & (STUCK | LAG | HELD | START_INSIDE | FULL | ABDUCTION_HELD) == 0
+    settled = judge.status & (STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED | ABDUCTION_HELD) == 0
     spread = np.abs(judge.shown.abduction - judge.wanted.abduction).max(axis=1)[settled]
     says = "settled ticks show the user's abduction"
     return judged("abduction", says, spread, ANGLE, "rad", WHY_ANGLE, ticks=judge.numbers[settled])

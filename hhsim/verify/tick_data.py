@@ -17,7 +17,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
-STUCK, LAG, HELD, START_INSIDE, FULL, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32
+STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32
 """Flags of a tick's status."""
 LENGTH = 1e-9
 """Lengths that differ by this [m] are the same: a thousandth of the smallest that any table shows."""

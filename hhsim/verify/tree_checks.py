@@ -90,13 +90,13 @@ def referee(
     verdicts = []
     for level in chosen:
         rng = np.random.default_rng([seed, level])
-        balls = _Balls(*tree.spheres(level))
-        slack, seen = _least_slack(mesh, balls, mesh_points, rng)
-        protrusion, mean, looked = _protrusion(surface, balls, sphere_points, rng)
+        spheres = _Spheres(*tree.spheres(level))
+        slack, seen = _least_slack(mesh, spheres, mesh_points, rng)
+        protrusion, mean, looked = _protrusion(surface, spheres, sphere_points, rng)
         verdicts.append(
             Verdict(
                 level=level,
-                spheres=len(balls.radius),
+                spheres=len(spheres.radius),
                 gap=max(0.0, -slack),
                 slack=slack,
                 protrusion=protrusion,
@@ -211,7 +211,7 @@ def coal_model(mesh: Mesh) -> Any:
     return model
 
 
-class _Balls:
+class _Spheres:
     """The spheres of one level, and which of them are near a point."""
 
     def __init__(self, center: FloatArray, radius: FloatArray) -> None:
@@ -219,7 +219,7 @@ class _Balls:
 
         self.center, self.radius = center, radius
         self.nearest = cKDTree(center)
-        # Per ball, the balls that it meets.
+        # Per sphere, the spheres that it meets.
         reach = self.nearest.query_ball_point(center, radius + radius.max())
         self.meets = []
         for i, near in enumerate(reach):
@@ -254,7 +254,7 @@ class _Balls:
         return free
 
 
-def _least_slack(mesh: Mesh, balls: _Balls, count: int, rng: np.random.Generator) -> tuple[float, int]:
+def _least_slack(mesh: Mesh, spheres: _Spheres, count: int, rng: np.random.Generator) -> tuple[float, int]:
     """Least depth of the mesh inside the spheres [m], and the points that were looked at."""
     triangles = mesh.triangles
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
@@ -270,7 +270,7 @@ def _least_slack(mesh: Mesh, balls: _Balls, count: int, rng: np.random.Generator
     weight = np.concatenate([weight, on_edge, np.tile(np.eye(3), (len(triangles), 1))])
 
     def depth(face: IntArray, weight: FloatArray) -> FloatArray:
-        return -balls.slack((weight[:, :, None] * triangles[face]).sum(axis=1))
+        return -spheres.slack((weight[:, :, None] * triangles[face]).sum(axis=1))
 
     def moved(weight: FloatArray, step: float) -> FloatArray:
         there = np.maximum(weight + step * rng.normal(size=weight.shape), 0.0)
@@ -282,18 +282,20 @@ def _least_slack(mesh: Mesh, balls: _Balls, count: int, rng: np.random.Generator
     return -worst, seen
 
 
-def _protrusion(surface: TrueSurface, balls: _Balls, count: int, rng: np.random.Generator) -> tuple[float, float, int]:
+def _protrusion(
+    surface: TrueSurface, spheres: _Spheres, count: int, rng: np.random.Generator
+) -> tuple[float, float, int]:
     """Farthest and mean way of the spheres' union outside the mesh [m], and the points that were looked at."""
-    area = balls.radius**2
+    area = spheres.radius**2
     each = np.maximum(LEAST_EACH, np.floor(count * area / area.sum())).astype(np.int64)
     owner = np.repeat(np.arange(len(each)), each)
     direction = rng.normal(size=(len(owner), 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
 
     def height(owner: IntArray, direction: FloatArray) -> FloatArray:
-        points = balls.center[owner] + balls.radius[owner, None] * direction
+        points = spheres.center[owner] + spheres.radius[owner, None] * direction
         found = np.full(len(owner), -np.inf)
-        free = balls.exposed(points, owner)
+        free = spheres.exposed(points, owner)
         found[free] = surface.signed_distance(points[free])
         return found
 

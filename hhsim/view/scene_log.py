@@ -30,7 +30,7 @@ from hhsim.hand.forward_kinematics import HandShape, PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.contact_points import ContactPoints, touching_points
+from hhsim.metrics.contact_points import ContactPoints, find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.render.triangle_soup import Surface, mesh_surface
@@ -209,7 +209,7 @@ class RerunScene:
 
         scene = self.scene
         placed = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation)
-        contacts = touching_points(
+        contacts = find_contact_points(
             scene.tree_arrays,
             scene.shape,
             PlacedHand(*(np.ascontiguousarray(values, np.float64) for values in placed)),

@@ -2,8 +2,8 @@
 
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
-    STATUS_FULL,
-    STATUS_HELD,
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_INPUT_INVALID,
     STATUS_LAG,
     STATUS_START_INSIDE,
     STATUS_STUCK,
@@ -11,10 +11,10 @@ from hhsim.kernels.tick.state import (
 
 SETTLED = "settled"
 WORDS = (
-    (STATUS_FULL, "full"),
+    (STATUS_CAPACITY_EXCEEDED, "full"),
     (STATUS_STUCK, "stuck"),
     (STATUS_LAG, "lag"),
-    (STATUS_HELD, "input held"),
+    (STATUS_INPUT_INVALID, "input held"),
     (STATUS_ABDUCTION_HELD, "abduction held"),
     (STATUS_START_INSIDE, "began inside"),
 )

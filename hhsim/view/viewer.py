@@ -17,7 +17,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.contact_points import touching_points
+from hhsim.metrics.contact_points import find_contact_points
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
@@ -123,7 +123,7 @@ def get_ready() -> None:
     none, sphere = np.zeros(1, np.int64), np.zeros(1)
     tree = TreeArrays(sphere, sphere, sphere, sphere, none, none, 0)
     nowhere = PlacedHand(np.zeros((0, 5, 4, 3)), np.zeros((0, 3)), np.zeros((0, 4)))
-    touching_points(tree, hand_shape(HandModel.default()), nowhere, TOUCH)
+    find_contact_points(tree, hand_shape(HandModel.default()), nowhere, TOUCH)
 
 
 def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:

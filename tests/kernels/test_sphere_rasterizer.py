@@ -1,11 +1,11 @@
-"""The nearest ball at each pixel, against every ball at every pixel."""
+"""The nearest sphere at each pixel, against every sphere at every pixel."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.kernels.sphere_rasterizer import nearest_balls
+from hhsim.kernels.sphere_rasterizer import nearest_spheres
 
 
 @settings(max_examples=40, deadline=None)
@@ -16,7 +16,7 @@ def test_nearest_balls(seed: int, count: int) -> None:
     center = rng.uniform(-8.0, 30.0, (count, 3))
     radius = rng.uniform(0.0, 9.0, count)
     depth, owner = np.empty((18, 25)), np.empty((18, 25), np.int64)
-    nearest_balls(center, radius, depth, owner)
+    nearest_spheres(center, radius, depth, owner)
     column, row = np.meshgrid(np.arange(25), np.arange(18))
     away2 = (column[..., None] - center[:, 0]) ** 2 + (row[..., None] - center[:, 1]) ** 2
     inside = away2 <= radius**2

@@ -7,7 +7,7 @@ from sphere_scenes import bumpy_ball
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
-from hhsim.metrics.contact_points import ContactPoints, touching_points
+from hhsim.metrics.contact_points import ContactPoints, find_contact_points
 from hhsim.metrics.mesh_penetration import contact_points
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -36,7 +36,7 @@ def placed(hand: HandModel) -> PlacedHand:
 
 @pytest.fixture(scope="module")
 def found(hand: HandModel, tree: SphereTree, placed: PlacedHand) -> ContactPoints:
-    return touching_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
+    return find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
 
 
 def test_the_points_are_those_of_each_tick(
@@ -61,8 +61,10 @@ def test_a_body_that_was_away_is_seen_again_when_it_comes(hand: HandModel, tree:
     orientation /= np.linalg.norm(orientation, axis=1)[:, None]
     flexion = 0.4 + 20.0 * step * np.sin(np.arange(ticks)[:, None, None] / np.linspace(5.0, 15.0, 15).reshape(5, 3))
     placed = forward_kinematics(hand, position, orientation, flexion, np.zeros((ticks, 5)))
-    together = touching_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
-    alone = [touching_points(tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[tick]) for tick in range(ticks)]
+    together = find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
+    alone = [
+        find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[tick]) for tick in range(ticks)
+    ]
     for ours, expected in zip(together, zip(*alone)):
         np.testing.assert_array_equal(ours, np.concatenate(expected))
     counts = [len(points.tick) for points in alone]
@@ -79,7 +81,7 @@ def test_threads_change_nothing(
 ) -> None:
     monkeypatch.setattr("hhsim.metrics.contact_points.TICKS_A_THREAD", 1)
     monkeypatch.setattr("hhsim.metrics.contact_points.usual_threads", lambda: 5)
-    for ours, expected in zip(touching_points(tree.arrays(), hand_shape(hand), placed, TOUCH), found):
+    for ours, expected in zip(find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH), found):
         np.testing.assert_array_equal(ours, expected)
 
 
@@ -108,7 +110,7 @@ def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
 def test_fingers_and_ticks_can_be_left_out(
     hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
 ) -> None:
-    some = touching_points(
+    some = find_contact_points(
         tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[3, 9], fingers=[False, False, True, False, False]
     )
     kept = np.isin(found.tick, [3, 9]) & np.isin(found.body, [6, 7, 8, 15])
@@ -119,4 +121,4 @@ def test_fingers_and_ticks_can_be_left_out(
 
 def test_nothing_touches_where_the_hand_is_away(hand: HandModel, tree: SphereTree) -> None:
     away = forward_kinematics(hand, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0, 0.0]], np.zeros((1, 5, 3)), np.zeros((1, 5)))
-    assert len(touching_points(tree.arrays(), hand_shape(hand), away, TOUCH).tick) == 0
+    assert len(find_contact_points(tree.arrays(), hand_shape(hand), away, TOUCH).tick) == 0

@@ -47,8 +47,8 @@ def test_a_frame_holds_all_points(shape: tuple[int, int]) -> None:
 
 
 def test_a_sphere_is_a_disc_of_its_size() -> None:
-    ball = round_cone_surface(np.zeros(3), np.zeros(3), 0.01, 0.01, SKIN)
-    layer = shade(ball, Camera(look_from((1.0, 0.0, 0.0)), np.zeros(3), 0.04, (100, 120)))
+    sphere = round_cone_surface(np.zeros(3), np.zeros(3), 0.01, 0.01, SKIN)
+    layer = shade(sphere, Camera(look_from((1.0, 0.0, 0.0)), np.zeros(3), 0.04, (100, 120)))
     assert layer.color.shape == (100 * OVERSAMPLING, 120 * OVERSAMPLING, 3)
     area = layer.seen().mean() * 0.04 * 0.048
     assert area == pytest.approx(np.pi * 0.01**2, rel=0.01)

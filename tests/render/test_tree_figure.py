@@ -8,7 +8,7 @@ import pytest
 
 from hhsim.errors import InputError
 from hhsim.render.rasterizer import OVERSAMPLING, Camera
-from hhsim.render.tree_figure import COLORS, _balls, draw_tree
+from hhsim.render.tree_figure import COLORS, _spheres, draw_tree
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -56,9 +56,9 @@ def test_the_size_of_the_object_makes_no_difference(tmp_path: Path, tree: Sphere
 def test_a_ball_is_coloured_by_its_height_over_the_mesh() -> None:
     from matplotlib import colormaps
 
-    # A ball around the middle of the cube sticks out of the middle of a face by 10 mm, in the middle of the picture.
+    # A sphere around the middle of the cube sticks out of the middle of a face by 10 mm, in the middle of the picture.
     camera = Camera(np.eye(3), np.zeros(3), 0.2, (40, 40))
-    layer = _balls(cube(0.1), np.zeros((1, 3)), np.array([0.06]), 1.0, 0.02, camera)
+    layer = _spheres(cube(0.1), np.zeros((1, 3)), np.array([0.06]), 1.0, 0.02, camera)
     middle = 20 * OVERSAMPLING
     assert layer.depth[middle, middle] == pytest.approx(0.06)
     assert layer.facing[middle, middle] == pytest.approx(1.0)

@@ -15,7 +15,7 @@ import pytest
 from sphere_scenes import brute_clearance
 
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.state import STATUS_FULL, STATUS_STUCK
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.metrics import frozen_decay
 from hhsim.replay.replay import replay
@@ -94,7 +94,7 @@ def test_every_replay_is_free_of_penetration_and_comes_to_rest(
             if not column.name.startswith("force_variation"):
                 assert np.isfinite(result[column.name]).all(), (method, column.name)
         assert all_pairs(result, every) >= -DEEPEST, method
-        assert not (result["status"] & (STATUS_STUCK | STATUS_FULL)).any(), method
+        assert not (result["status"] & (STATUS_STUCK | STATUS_CAPACITY_EXCEEDED)).any(), method
         assert result["contacts/touching"].max() > 0, "the hand never touches"
         settled = rest(result)
         assert settled

@@ -14,7 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.scene.closure_search import MARGIN, REACH_DEPTH, closing_rates, plan_finger_closure
+from hhsim.scene.closure_search import MARGIN, REACH_DEPTH, closure_rates, plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
@@ -161,7 +161,7 @@ def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: i
     hand = RIGHT.arrays()
     # A heap below the fingers, wherever it happens to be; starts that touch already are of no interest.
     tree = cluster(seed).transformed(np.eye(3), np.array([0.0, 0.06, -0.08]) + rng.uniform(-0.03, 0.03, size=3))
-    rate = closing_rates(rng.uniform(0.2, 1.5))[finger]
+    rate = closure_rates(rng.uniform(0.2, 1.5))[finger]
     start = body_distances(hand, tree.arrays(), np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5), make_work())
     own = slice(3 * finger, 3 * finger + 3)
     if start[own].min() <= kernel.CONTACT:
@@ -182,7 +182,7 @@ def test_a_closing_finger_does_not_step_over_a_hair() -> None:
     hand = RIGHT.arrays()
     joints = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.tile([0.8, 0.8, 0.5], (5, 1)), np.zeros(5))
     hair = ball(1e-4, tuple(joints[1, 3]))
-    flexion, touching = close(hand, hair, 1, np.zeros(3), np.eye(3), closing_rates(1.0)[1])
+    flexion, touching = close(hand, hair, 1, np.zeros(3), np.eye(3), closure_rates(1.0)[1])
     assert touching[2] == 1.0
     assert flexion[1, 0] < 0.8
 
@@ -191,7 +191,7 @@ def test_a_frozen_phalanx_lets_those_beyond_go_on() -> None:
     hand = RIGHT.arrays()
     # A post under the middle of the index's first phalanx only.
     at = hand.base[1] + 0.5 * hand.length[1, 0] * hand.distal[1] - 0.03 * hand.dorsal[1]
-    flexion, touching = close(hand, ball(0.015, tuple(at)), 1, np.zeros(3), np.eye(3), closing_rates(1.0)[1])
+    flexion, touching = close(hand, ball(0.015, tuple(at)), 1, np.zeros(3), np.eye(3), closure_rates(1.0)[1])
     assert touching[0] == 1.0
     assert flexion[1, 0] < 0.5
     assert flexion[1, 1] > 1.0
@@ -203,7 +203,7 @@ def test_deepening_moves_the_tip_by_the_depth_or_to_the_limits(finger: int, dept
     hand = RIGHT.arrays()
     before = np.tile([start, start, 0.5 * start], (5, 1))
     after = before.copy()
-    rate = closing_rates(1.0)[finger]
+    rate = closure_rates(1.0)[finger]
     moved = kernel.deepen_finger(hand, finger, rate, np.zeros(5), depth, after, make_work())
     at_limit = after[finger] >= np.maximum(hand.flexion_max[finger], before[finger]) - 1e-12
     upright = [1.0, 0.0, 0.0, 0.0]

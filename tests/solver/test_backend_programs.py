@@ -8,7 +8,7 @@ from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, 
 from hhsim.errors import UnknownNameError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_HELD
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import available_backends
@@ -62,7 +62,7 @@ def test_bad_input_is_held_here_too() -> None:
     motion = still(4, [0.0, 0.0, 0.3])
     motion.position[2] = np.nan
     record = run(motion, "coupled", "quadprog")
-    np.testing.assert_array_equal(record.status & STATUS_HELD > 0, [False, False, True, False])
+    np.testing.assert_array_equal(record.status & STATUS_INPUT_INVALID > 0, [False, False, True, False])
     np.testing.assert_array_equal(record.position[2], record.position[1])
 
 

@@ -246,7 +246,7 @@ def test_place_puts_the_graphic_hand_where_it_is_told() -> None:
         {"margin": np.nan},
         {"skin": -1e-3},
         {"offset": 2e-4},
-        {"settled": np.inf},
+        {"step_tolerance": np.inf},
     ],
 )
 def test_impossible_options_are_refused(wrong: dict[str, float]) -> None:

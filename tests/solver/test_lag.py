@@ -7,7 +7,7 @@ import pytest
 from sphere_scenes import bumpy_ball, random_targets, record_clearance, still
 
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.state import STATUS_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -73,7 +73,7 @@ def test_absurd_input_is_held(value: float) -> None:
     motion = still(10, np.array([0.0, 0.0, 0.3]))
     motion[0][4:6, 1] = value
     record = HandSolver(HAND, tree.arrays(), SolverOptions()).run(*motion)
-    assert (record.status[4:6] & STATUS_HELD > 0).all()
+    assert (record.status[4:6] & STATUS_INPUT_INVALID > 0).all()
     assert np.isfinite(record.joints).all()
     np.testing.assert_array_equal(record.joints[5], record.joints[3])
 
@@ -84,7 +84,7 @@ def test_a_hand_waits_for_its_first_sound_sample_where_that_is(value: float) -> 
     motion = still(6, np.array([0.0, 0.0, 0.3]))
     motion[0][:2] = value
     record = HandSolver(HAND, tree.arrays(), SolverOptions()).run(*motion)
-    assert (record.status[:2] & STATUS_HELD > 0).all()
+    assert (record.status[:2] & STATUS_INPUT_INVALID > 0).all()
     assert not (record.status & STATUS_START_INSIDE).any()
     np.testing.assert_allclose(record.position, np.tile([0.0, 0.0, 0.3], (6, 1)), atol=1e-12)
     assert record_clearance(HAND, tree, record).min() > 0.0

@@ -52,14 +52,14 @@ def helpers() -> list[threading.Thread]:
 
 
 def posted(solver: HandSolver) -> int:
-    """How many tasks the crew of a solver has been given."""
-    return int(solver.workspace.states[0].crew.word[TICKET]) >> NUMBER_SHIFT
+    """How many tasks the thread team of a solver has been given."""
+    return int(solver.workspace.states[0].thread_team.word[TICKET]) >> NUMBER_SHIFT
 
 
 def run(hand: HandModel, tree: SphereTree, motion: Motion, worth: int = 0, **options: Any) -> tuple[TickRecord, int]:
     """A motion in two blocks, everything that can be shared shared, and how many tasks were posted."""
     solver = HandSolver(hand, tree.arrays(), SolverOptions(**options))
-    solver.workspace.crew.worth = worth
+    solver.workspace.thread_team.worth = worth
     half = len(motion.position) // 2
     first = solver.run(*motion.part(0, half))
     second = solver.run(*motion.part(half, len(motion.position)))
@@ -136,13 +136,13 @@ def test_no_helper_outlives_an_error_of_its_own(hand: HandModel, monkeypatch: py
     def fail(*_: Any) -> None:
         raise MemoryError("no room")
 
-    solver.workspace.crew._compiled = True
+    solver.workspace.thread_team._compiled = True
     monkeypatch.setattr(hhsim.solver.tick_threads, "help_out", fail)
     with pytest.raises(MemoryError, match="no room"):
         solver.run(*motion)
     assert helpers() == []
     monkeypatch.undo()
-    assert expected.status.shape == solver.run(*motion).status.shape, "the crew is of use again"
+    assert expected.status.shape == solver.run(*motion).status.shape, "the thread team is of use again"
 
 
 def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
@@ -152,7 +152,7 @@ def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
     try:
         with (
             pytest.raises(KeyboardInterrupt),
-            solver.workspace.crew.at_work(
+            solver.workspace.thread_team.at_work(
                 solver.workspace.hand, solver.workspace.surface, solver.workspace.tick_options
             ),
         ):
@@ -162,7 +162,7 @@ def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
     finally:
         signal.signal(signal.SIGINT, before)
     assert helpers() == []
-    assert solver.workspace.states[0].crew.members == 1
+    assert solver.workspace.states[0].thread_team.members == 1
 
 
 def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> None:

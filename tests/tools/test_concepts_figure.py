@@ -12,7 +12,7 @@ from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.scene.script import parse_script
 from tools.concepts_figure import coil, draw_concepts, show
-from tools.cross_section import cut_balls
+from tools.cross_section import cut_spheres
 
 MOTION = """
 title = "short"
@@ -47,7 +47,7 @@ def test_the_section_is_of_the_finger_that_presses_in_its_plane(result: Result) 
 
 def test_in_the_section_the_graphic_finger_is_outside_and_the_haptic_one_inside(result: Result) -> None:
     shown = show(result)
-    center, radius, _ = cut_balls(shown.plane, *shown.leaves())
+    center, radius, _ = cut_spheres(shown.plane, *shown.leaves())
     thickness = result.static["hand/phalanx_radius"][shown.finger]
     gap = {}
     for whose in ("graphic", "haptic"):

@@ -45,9 +45,9 @@ def test_a_small_scene_is_measured_and_drawn(tmp_path: Path) -> None:
     import matplotlib.image
 
     options = CostOptions("cube", (1,), ("touch",), margins=(1e-3, 4e-3), rounds=2)
-    said: list[str] = []
-    costs = measure(options, said.append)
-    assert said == ["round 1 of 2: 4 replays", "round 2 of 2: 4 replays"]
+    reports: list[str] = []
+    costs = measure(options, reports.append)
+    assert reports == ["round 1 of 2: 4 replays", "round 2 of 2: 4 replays"]
     assert sorted(costs) == ["coupled", "progressive"]
     for ticks in costs.values():
         assert ticks.pairs.shape == ticks.cost.shape

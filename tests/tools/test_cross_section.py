@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
-from tools.cross_section import Plane, cut_balls, cut_mesh, finger_plane, round_cone_outline
+from tools.cross_section import Plane, cut_mesh, cut_spheres, finger_plane, round_cone_outline
 from tools.shapes.generators import cube, sphere
 
 FLAT = Plane(np.zeros(3), np.eye(3))
@@ -29,7 +29,7 @@ def turned(seed: int) -> np.ndarray:
 
 def test_a_ball_is_cut_into_a_circle_or_not_at_all() -> None:
     center = np.array([[0.1, 0.2, 0.03], [0.0, 0.0, -0.06], [0.0, 0.0, 0.0]])
-    flat, radius, which = cut_balls(FLAT, center, np.array([0.05, 0.05, 0.02]))
+    flat, radius, which = cut_spheres(FLAT, center, np.array([0.05, 0.05, 0.02]))
     assert which.tolist() == [0, 2]
     np.testing.assert_allclose(flat, [[0.1, 0.2], [0.0, 0.0]])
     np.testing.assert_allclose(radius, [0.04, 0.02], rtol=1e-12)

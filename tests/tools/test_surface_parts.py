@@ -39,8 +39,8 @@ def test_finished_mesh_has_one_order_and_a_centred_box() -> None:
     order = np.random.default_rng(3).permutation(len(vertices))
     extra = np.array([[0.1, 0.2, 0.3]])
     shuffled = np.concatenate([vertices[order], extra]) + 7.0
-    first = finished_mesh(vertices, faces, "ball", "test")
-    second = finished_mesh(shuffled, [np.argsort(order)[faces[::-1]]], "ball", "test")
+    first = finished_mesh(vertices, faces, "sphere", "test")
+    second = finished_mesh(shuffled, [np.argsort(order)[faces[::-1]]], "sphere", "test")
     # Adding 7 rounds the last bits, which the grid of a nanometre hides.
     assert first.sha256 == second.sha256
     np.testing.assert_allclose(first.bounds.mean(axis=0), 0.0, atol=1e-9)

@@ -102,14 +102,14 @@ def test_random_convex_meshes(points: int, seed: int, level: int, branching: int
 def test_hierarchy_of_any_balls(count: int, seed: int, shape: tuple[int, int], values: int) -> None:
     level, branching = shape
     rng = np.random.default_rng(seed)
-    # Few distinct centres and radii: coinciding, collinear and nested balls.
+    # Few distinct centres and radii: coinciding, collinear and nested spheres.
     center, radius = rng.integers(0, values, size=(count, 3)).astype(float), rng.integers(0, values, size=count) / 2.0
     tree = build_hierarchy(center, radius, level, branching)
     assert (tree.depth, tree.leaf_count) == (level, count)
     assert np.bincount(tree.parent[1:]).max() <= branching
-    balls = np.column_stack([center, radius])
+    spheres = np.column_stack([center, radius])
     leaves = np.column_stack([tree.leaf_center, tree.leaf_radius])
-    assert np.array_equal(balls[np.lexsort(balls.T)], leaves[np.lexsort(leaves.T)])
+    assert np.array_equal(spheres[np.lexsort(spheres.T)], leaves[np.lexsort(leaves.T)])
 
 
 @pytest.mark.parametrize("name", ["box", "torus"])

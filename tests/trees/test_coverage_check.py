@@ -64,8 +64,8 @@ def test_a_proof_says_what_its_format_says() -> None:
     codes = cover.proof.tolist()
     area = 0.0
     for triangle in MESH.triangles:
-        for ball, piece in pieces(triangle, codes):
-            assert (np.linalg.norm(piece - cover.center[ball], axis=1) <= cover.radius[ball]).all()
+        for sphere, piece in pieces(triangle, codes):
+            assert (np.linalg.norm(piece - cover.center[sphere], axis=1) <= cover.radius[sphere]).all()
             area += 0.5 * float(np.linalg.norm(np.cross(piece[1] - piece[0], piece[2] - piece[0])))
     assert codes == []
     a, b, c = MESH.triangles.transpose(1, 0, 2)
@@ -76,8 +76,8 @@ def test_a_wrong_owner_is_found() -> None:
     cover = TREE.covers[-1]
     ends = np.flatnonzero(cover.proof >= 0)
     for place in ends[:: len(ends) // 40]:
-        ball = cover.proof[place]
-        far = int(np.argmax(np.linalg.norm(cover.center - cover.center[ball], axis=1)))
+        sphere = cover.proof[place]
+        far = int(np.argmax(np.linalg.norm(cover.center - cover.center[sphere], axis=1)))
         assert "does not contain it" in faults_of(changed(cover, place, far))[0]
 
 
@@ -86,14 +86,14 @@ def test_a_ball_taken_away_is_found() -> None:
     last = len(cover.radius) - 1
     assert last in cover.proof
     fewer = LevelCover(cover.center[:last], cover.radius[:last], cover.depth[:last], 0.0, cover.proof)
-    assert "ball that does not exist" in faults_of(fewer)[0]
+    assert "sphere that does not exist" in faults_of(fewer)[0]
 
 
 def test_a_smaller_ball_is_found() -> None:
     cover = TREE.covers[-1]
-    for ball in np.unique(cover.proof[cover.proof >= 0])[::7]:
+    for sphere in np.unique(cover.proof[cover.proof >= 0])[::7]:
         radius = cover.radius.copy()
-        radius[ball] *= 0.7
+        radius[sphere] *= 0.7
         assert "does not contain it" in faults_of(replace(cover, radius=radius))[0]
     # Each of them is as small as it can be: less by a thousandth of the bound, no proof whatever would do.
     radius = cover.radius - 1e-3 * cover.bound
@@ -114,18 +114,20 @@ def test_a_centre_less_deep_than_stated_is_found() -> None:
     cover = TREE.covers[-1]
     depth = cover.depth.copy()
     depth[3] += 1e-5
-    assert faults_of(replace(cover, depth=depth)) == ("level 0: the centre of ball 3 is 1e-05 m less deep than stated",)
+    assert faults_of(replace(cover, depth=depth)) == (
+        "level 0: the centre of sphere 3 is 1e-05 m less deep than stated",
+    )
 
 
 def test_broken_codes_are_found_and_nothing_is_read_beyond_them() -> None:
     cover = TREE.covers[-1]
-    balls = len(cover.radius)
+    spheres = len(cover.radius)
     halved = int(np.flatnonzero(cover.proof < 0)[0])
     for place, code, message in [
         (halved, -4, "a code without a meaning"),
         (halved, -(2**31), "a code without a meaning"),
-        (halved, balls, "a ball that does not exist"),
-        (halved, 2**31 - 1, "a ball that does not exist"),
+        (halved, spheres, "a sphere that does not exist"),
+        (halved, 2**31 - 1, "a sphere that does not exist"),
     ]:
         assert message in faults_of(changed(cover, place, code))[0]
     assert "ends too early" in faults_of(replace(cover, proof=cover.proof[:-1]))[0]
@@ -149,9 +151,9 @@ def test_no_change_of_a_code_goes_unseen_unless_it_is_as_true(data: st.DataObjec
     try:
         ends = [end for triangle in MESH.triangles for end in pieces(triangle, codes)]
         true = not codes and all(
-            ball < len(cover.radius)
-            and (np.linalg.norm(piece - cover.center[ball], axis=1) <= cover.radius[ball] - 1e-14).all()
-            for ball, piece in ends
+            sphere < len(cover.radius)
+            and (np.linalg.norm(piece - cover.center[sphere], axis=1) <= cover.radius[sphere] - 1e-14).all()
+            for sphere, piece in ends
         )
     except (IndexError, RecursionError):
         true = False

@@ -1,4 +1,4 @@
-"""The search for the fewest balls, on errors by formula: it ends where it says, after few tries."""
+"""The search for the fewest spheres, on errors by formula: it ends where it says, after few tries."""
 
 import math
 
@@ -13,7 +13,7 @@ from hhsim.trees.sphere_count_search import NEAR, PROBED, PROBES, find_fewest
 
 
 class Builder:
-    """Makes covers of one ball that stands for many, off by scale · n ** −slope and some noise."""
+    """Makes covers of one sphere that stands for many, off by scale · n ** −slope and some noise."""
 
     def __init__(self, scale: float, slope: float, noise: float = 0.0, gap: float = 0.0) -> None:
         self.scale, self.slope, self.noise, self.gap = scale, slope, noise, gap

@@ -1,4 +1,4 @@
-"""The cover of a mesh: complete, within its number of balls, and better than the greedy start."""
+"""The cover of a mesh: complete, within its number of spheres, and better than the greedy start."""
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ def arrays(shape: trimesh.Trimesh) -> tuple[Array, Indices]:
     return np.array(shape.vertices, dtype=np.float64), np.array(shape.faces, dtype=np.int64)
 
 
-def build_cover(vertices: Array, faces: Indices, balls: int, progress: Progress | None = None) -> tuple[Array, Array]:
-    return cover_of(in_own_frame(vertices, faces), balls, progress)
+def build_cover(vertices: Array, faces: Indices, spheres: int, progress: Progress | None = None) -> tuple[Array, Array]:
+    return cover_of(in_own_frame(vertices, faces), spheres, progress)
 
 
 TETRAHEDRON = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -34,12 +34,12 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("balls", [1, 3, 100])
+@pytest.mark.parametrize("spheres", [1, 3, 100])
 @pytest.mark.parametrize("name", SHAPES)
-def test_covers_with_the_balls_it_may_have(name: str, balls: int) -> None:
+def test_covers_with_the_balls_it_may_have(name: str, spheres: int) -> None:
     vertices, faces = arrays(SHAPES[name])
-    center, radius = build_cover(vertices, faces, balls)
-    assert 1 <= len(radius) <= balls
+    center, radius = build_cover(vertices, faces, spheres)
+    assert 1 <= len(radius) <= spheres
     assert (radius > 0.0).all()
     assert prove_cover(vertices, faces, center, radius)[0].size == 0
 
@@ -56,7 +56,7 @@ def test_refinement_beats_the_greedy_start(monkeypatch: pytest.MonkeyPatch) -> N
 def test_micro_triangles_stay_within_their_number_where_all_cost_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     # Around a cylinder most micro-triangles are among the worst, and all of them would be halved, over and over.
     vertices, faces = arrays(trimesh.creation.cylinder(0.03, 0.1, sections=256))
-    most, balls = 6, 500
+    most, spheres = 6, 500
     monkeypatch.setattr(mesh_cover, "COARSE", 2)
     monkeypatch.setattr(mesh_cover, "FINE", most)
     monkeypatch.setattr(mesh_cover, "PLENTY", 0)
@@ -68,10 +68,10 @@ def test_micro_triangles_stay_within_their_number_where_all_cost_the_same(monkey
         seen.append(len(cover.owner))
 
     monkeypatch.setattr(mesh_cover._Cover, "halve", counted)
-    center, radius = build_cover(vertices, faces, balls)
+    center, radius = build_cover(vertices, faces, spheres)
     assert prove_cover(vertices, faces, center, radius)[0].size == 0
     assert seen, "nothing was halved, so that nothing is shown"
-    assert max(seen) <= most * balls
+    assert max(seen) <= most * spheres
 
 
 def test_one_ball_for_a_box_is_its_circumscribed_ball() -> None:
@@ -129,7 +129,7 @@ MOST_PROTRUSION = {
     "hexagonal-prism": 1.25e-3,
     "cylinder": 0.70e-3,
 }
-"""Of 512 balls on objects of 100 mm [m]; proved, not only measured."""
+"""Of 512 spheres on objects of 100 mm [m]; proved, not only measured."""
 
 
 @pytest.mark.parametrize("name", MOST_PROTRUSION)

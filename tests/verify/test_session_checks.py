@@ -16,7 +16,7 @@ from live_rings import FACTS, ended
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
 from verify_document import documented_faults
 
-from hhsim.kernels.tick.state import STATUS_FULL, STATUS_HELD
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop import loop as live_loop
@@ -411,7 +411,10 @@ def test_the_referee_and_the_loop_mean_the_same_bits_and_words() -> None:
     assert own == (Safety.STALE_INPUT, Safety.NOT_FINITE, Safety.OVERRUN_STREAK, Safety.STOPPING)
     assert (verify_command.NO_INPUT, verify_command.DRY_RUN) == (Safety.NO_INPUT_YET, Safety.DRY_RUN)
     assert verify_command.DEVICE_LOST == Safety.DEVICE_LOST
-    assert (verify_command.HELD, verify_command.FULL) == (STATUS_HELD, STATUS_FULL)
+    assert (verify_command.INPUT_INVALID, verify_command.CAPACITY_EXCEEDED) == (
+        STATUS_INPUT_INVALID,
+        STATUS_CAPACITY_EXCEEDED,
+    )
     assert WORDS[Safety.SOLVER_FAILED][1] == verify_rows.SOLVER_FAILED
     assert (recorder.LOOP_DIED, QUIET_NS) == (verify_rows.LOOP_DIED, verify_rows.QUIET)
     assert (live_loop.MOST_SAMPLES, glove_watch.MOST_ANGLE) == (verify_rows.MOST_READ, verify_rows.MOST_ANGLE)

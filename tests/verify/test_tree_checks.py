@@ -72,7 +72,7 @@ def test_a_hole_between_the_samples_is_found() -> None:
     built = build_sphere_tree(MESH, TreeOptions(level=2))
     (whole,) = judged(MESH, built, [2])
     assert whole.gap == 0.0
-    assert 0.0 <= whole.slack < 1e-6, "balls are no larger than they must be"
+    assert 0.0 <= whole.slack < 1e-6, "spheres are no larger than they must be"
     # So little that hardly a random point lies in it: the search has to find it.
     shrunk = build_hierarchy(built.leaf_center, built.leaf_radius - 1e-6, 2, 8)
     (holed,) = judged(MESH, shrunk, [2])

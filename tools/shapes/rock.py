@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 def rock(size: float = 0.1, seed: int = 7, subdivisions: int = 4) -> Mesh:
     """Boulder with broad facets, worn edges and an uneven surface.
 
-    A unit ball is cut by random planes whose edges a power mean rounds off, then displaced along the radius by random
+    A unit sphere is cut by random planes whose edges a power mean rounds off, then displaced along the radius by random
     waves of falling amplitude. The radius is one positive number a direction, so the surface cannot cross itself.
 
     Args:

@@ -150,7 +150,7 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
     programs = _TickPrograms(state, options, source)
 
     def solve_program() -> bool:
-        if kind is Coupled or state.together:
+        if kind is Coupled or state.in_one_program:
             taken.append(programs.coupled())
             return bool(solve_coupled(Coupled(options), state, workspace.qp) == OPTIMAL)
         status = solve_progressive(Progressive(options), state, workspace.qp)

@@ -17,7 +17,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_HELD, STATUS_STUCK
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_STUCK
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.options import SolverOptions
@@ -139,5 +139,5 @@ def sound_samples(motion: HandConfiguration) -> NDArray[np.bool_]:
 
 def held(record: TickRecord) -> NDArray[np.bool_]:
     """Ticks that say that their input was unusable, shape (T,)."""
-    flags: NDArray[np.bool_] = (record.status & STATUS_HELD) > 0
+    flags: NDArray[np.bool_] = (record.status & STATUS_INPUT_INVALID) > 0
     return flags

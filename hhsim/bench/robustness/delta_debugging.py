@@ -59,7 +59,7 @@ class Shrunk:
         return int(np.argmax(self.trace.failed))
 
 
-def shrink(
+def delta_debug(
     motion: HandConfiguration,
     trial: Trial,
     *,

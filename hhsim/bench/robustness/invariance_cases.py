@@ -190,7 +190,7 @@ def _to_convergence(options: SolverOptions) -> SolverOptions:
     # Until nothing moves: what then differs is due to the rows, and not to when a tick has had enough.
     if options.method not in ("coupled", "progressive"):
         return options
-    return replace(options, settled=1e-7, linearisations=60)
+    return replace(options, step_tolerance=1e-7, linearisations=60)
 
 
 def _doubled(seed: int) -> Sequence[Variant]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hhsim.bench.robustness.delta_debugging import Shrunk, shrink
+from hhsim.bench.robustness.delta_debugging import Shrunk, delta_debug
 from hhsim.bench.robustness.failure import (
     Provenance,
     failure_of,
@@ -127,7 +127,7 @@ def _keep(
     )
     reproduced = True
     try:
-        shrunk = shrink(motion.part(0, end), trial, graphic=graphic.part(0, end))
+        shrunk = delta_debug(motion.part(0, end), trial, graphic=graphic.part(0, end))
     except InputError:
         # The solver's memory of what came before the stretch decides: keep the whole way there.
         whole = replayed(case.targets().take(tick + 1))

@@ -10,7 +10,7 @@ from hhsim.bench.robustness.stress_metrics import KeptFailure, StressFigures
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_HELD, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.metrics.metrics import Penetration, hand_clearance
 from hhsim.motion.tick_motion import hold_readings
@@ -81,7 +81,7 @@ class StressMeasure:
         counts["penetrating"] += int(penetrating.sum())
         counts["penetrating_deep"] += int((~(depth.depth <= DEEP)).sum())
         counts["not_finite"] += int(lost.sum())
-        for name, bit in (("stuck", STATUS_STUCK), ("lag", STATUS_LAG), ("held", STATUS_HELD)):
+        for name, bit in (("stuck", STATUS_STUCK), ("lag", STATUS_LAG), ("held", STATUS_INPUT_INVALID)):
             counts[name] += int(((record.status & bit) > 0).sum())
         counts["touching"] += int((record.work[:, WORK_TOUCHING] > 0).sum())
         self._candidates = max(self._candidates, int(record.work[:, WORK_CANDIDATES].max()))

@@ -22,7 +22,7 @@ Indices = NDArray[np.int64]
 
 
 @jit_allocating
-def touching_pairs(
+def find_contact_pairs(
     phalanx_radius: Array,
     palm_center: Array,
     palm_radius: Array,

@@ -153,7 +153,7 @@ def hand_mesh_distances(
 
 
 @jit_allocating
-def touching_points(
+def mesh_contact_points(
     phalanx_radius: Array,
     palm_center: Array,
     palm_radius: Array,

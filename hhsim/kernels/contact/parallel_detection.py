@@ -1,4 +1,4 @@
-"""Detection by the whole crew: as `kernels.contact.evaluate`, each finger and the palm by whoever is free."""
+"""Detection by the whole thread team: as `kernels.contact.evaluate`, each finger and the palm by whoever is free."""
 
 from typing import Any
 
@@ -24,39 +24,39 @@ Indices = NDArray[np.int64]
 
 
 @jit_once
-def worth_sharing(margin: float, skin: float, candidates: Record, crew: Record) -> bool:
+def worth_sharing(margin: float, skin: float, candidates: Record, thread_team: Record) -> bool:
     """Whether the coming evaluation is long enough to be shared; if so, its parts are put in order."""
-    crew.parts = 0
+    thread_team.parts = 0
     total = 0
     for part in range(PARTS):
         cost = part_cost(margin, skin, part, candidates)
         # Without a pair and with slack to spare there is nothing to compute: `nearest` stays infinite.
         if cost > 0:
-            crew.part[crew.parts] = part
-            crew.cost[crew.parts] = cost
-            crew.parts += 1
+            thread_team.part[thread_team.parts] = part
+            thread_team.cost[thread_team.parts] = cost
+            thread_team.parts += 1
             total += cost
-    sort_parts(crew, crew.parts)
-    return total > 0 and total - crew.cost[0] >= crew.worth
+    sort_parts(thread_team, thread_team.parts)
+    return total > 0 and total - thread_team.cost[0] >= thread_team.worth
 
 
 @jit_once
-def evaluate_together(
+def evaluate_in_parallel(
     hand: HandArrays,
     pose: Record,
     surface: Any,
     margin: float,
     skin: float,
     candidates: Record,
-    crew: Record,
+    thread_team: Record,
     work: Indices,
 ) -> int:
     """As `kernels.contact.evaluate`, the same to the bit, of the parts that `worth_sharing` found."""
-    for i in range(crew.parts):
-        crew.status[i] = 0
-        crew.work[i, :] = 0
-    word = crew.word[:]
-    post(word, as_int64(TASK_DISTANCES), crew.parts)
+    for i in range(thread_team.parts):
+        thread_team.status[i] = 0
+        thread_team.work[i, :] = 0
+    word = thread_team.word[:]
+    post(word, as_int64(TASK_DISTANCES), thread_team.parts)
     evaluate_items(
         hand,
         pose,
@@ -64,16 +64,16 @@ def evaluate_together(
         margin,
         skin,
         candidates,
-        crew,
+        thread_team,
         Walk(candidates.stack[:], candidates.scratch[:]),
-        crew.work[:],
+        thread_team.work[:],
     )
-    await_done(word, crew.parts)
+    await_done(word, thread_team.parts)
     status = 0
-    for i in range(crew.parts):
-        status |= crew.status[i]
-        for j in range(crew.work.shape[1]):
-            work[j] += crew.work[i, j]
+    for i in range(thread_team.parts):
+        status |= thread_team.status[i]
+        for j in range(thread_team.work.shape[1]):
+            work[j] += thread_team.work[i, j]
     return status
 
 
@@ -85,20 +85,20 @@ def evaluate_items(
     margin: float,
     skin: float,
     candidates: Record,
-    crew: Record,
+    thread_team: Record,
     walk: Walk,
     counted: Indices,
 ) -> None:
     """Do items of the task TASK_DISTANCES until none is left; `walk` is the thread's own."""
-    word = crew.word[:]
+    word = thread_team.word[:]
     while True:
         item = take_item(word, as_int64(TASK_DISTANCES))
         if item == NOTHING:
             return
-        part = crew.part[item]
+        part = thread_team.part[item]
         first = PHALANX_COUNT * part
         last = first + PHALANX_COUNT if part < FINGER_COUNT else first + 1
-        crew.status[item] = evaluate_range(
+        thread_team.status[item] = evaluate_range(
             hand, pose, surface, margin, skin, first, last, candidates, walk, counted[item]
         )
         item_done(word)

@@ -120,7 +120,7 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
 
 
 @jit_once
-def drop_dominated(hand: HandArrays, reach: float, contacts: Record, excess: Array) -> None:
+def drop_redundant_contacts(hand: HandArrays, reach: float, contacts: Record, excess: Array) -> None:
     """Leave only the contacts that do not follow from others of their body.
 
     Args:

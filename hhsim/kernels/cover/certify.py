@@ -1,7 +1,7 @@
-"""Proof that balls cover a mesh, made from nothing but the mesh and the balls.
+"""Proof that spheres cover a mesh, made from nothing but the mesh and the spheres.
 
 The proof is a row of codes, face after face. Each face is a binary tree of triangles in preorder. A code j ≥ 0 ends a
-branch: the three corners of that triangle lie in ball j. A code −1 − k halves it at the middle m of the edge from its
+branch: the three corners of that triangle lie in sphere j. A code −1 − k halves it at the middle m of the edge from its
 corner k to the next one. With the corners turned so that this is the edge a b, the halves follow: (a, m, c), whole,
 then (m, b, c).
 """
@@ -24,16 +24,16 @@ Codes = NDArray[np.int32]
 def certify_cover(
     corner: Array, center: Array, radius: Array, slack: float, finest: float, uncovered_out: Indices, proof_out: Codes
 ) -> tuple[int, int]:
-    """Prove for each face that it lies in the union of the balls.
+    """Prove for each face that it lies in the union of the spheres.
 
-    A triangle whose three corners lie in one ball lies in it, since balls are convex. Any other is halved across its
-    longest edge and both halves are proved. Only balls that reach the triangle are handed down to its halves.
+    A triangle whose three corners lie in one sphere lies in it, since spheres are convex. Any other is halved across
+    its longest edge and both halves are proved. Only spheres that reach the triangle are handed down to its halves.
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).
-        center: Ball centres [m], shape (balls, 3).
-        radius: [m], shape (balls,).
-        slack: How far inside a ball a corner must lie to count [m]; covers the rounding.
+        center: Sphere centres [m], shape (spheres, 3).
+        radius: [m], shape (spheres,).
+        slack: How far inside a sphere a corner must lie to count [m]; covers the rounding.
         finest: Edge length [m] below which an unproved triangle is given up, and its face counts as uncovered.
         uncovered_out: Faces without a proof, shape (F,); only the first of them, up to the returned number, are set.
         proof_out: Codes of the proof, shape (room,); those beyond the room are counted but not stored. Not a proof
@@ -42,15 +42,15 @@ def certify_cover(
     Returns:
         (faces without a proof, codes of the proof).
     """
-    balls = radius.shape[0]
+    spheres = radius.shape[0]
     triangle = np.empty((CUT_STACK, 9))
     level = np.empty(CUT_STACK, np.int64)
-    # lists[l] holds the balls that reach the triangle at depth l of the path that is being walked.
-    lists = np.empty((CUT_STACK, balls), np.int64)
+    # lists[l] holds the spheres that reach the triangle at depth l of the path that is being walked.
+    lists = np.empty((CUT_STACK, spheres), np.int64)
     length = np.empty(CUT_STACK, np.int64)
-    for j in range(balls):
+    for j in range(spheres):
         lists[0, j] = j
-    length[0] = balls
+    length[0] = spheres
     unproved = codes = 0
     for face in range(corner.shape[0]):
         for k in range(9):

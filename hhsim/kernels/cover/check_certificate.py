@@ -1,4 +1,4 @@
-"""Checks the proof that balls cover a mesh: once along its codes, nothing is searched.
+"""Checks the proof that spheres cover a mesh: once along its codes, nothing is searched.
 
 Apart from the builder and from what made the proof: it shares no code with them.
 """
@@ -11,7 +11,7 @@ from hhsim.kernels.jit import jit_allocating
 Array = NDArray[np.float64]
 Codes = NDArray[np.int32]
 
-HOLDS, NO_SUCH_BALL, CORNER_OUTSIDE, NO_SUCH_CODE, TOO_SHORT, TOO_LONG, TOO_DEEP = range(7)
+HOLDS, NO_SUCH_SPHERE, CORNER_OUTSIDE, NO_SUCH_CODE, TOO_SHORT, TOO_LONG, TOO_DEEP = range(7)
 """What a check finds: the proof holds, or what is wrong with it first."""
 
 _DEEPEST = 512
@@ -23,9 +23,9 @@ def check_proof(corner: Array, center: Array, radius: Array, room: float, proof:
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).
-        center: Ball centres [m], shape (balls, 3).
-        radius: [m], shape (balls,).
-        room: How far inside its ball a corner must lie [m]: what the arithmetic of the check may be wrong by.
+        center: Sphere centres [m], shape (spheres, 3).
+        radius: [m], shape (spheres,).
+        room: How far inside its sphere a corner must lie [m]: what the arithmetic of the check may be wrong by.
         proof: The codes, shape (n,).
 
     Returns:
@@ -47,7 +47,7 @@ def check_proof(corner: Array, center: Array, radius: Array, room: float, proof:
             last = waiting[count - 1]
             if code >= 0:
                 if code >= radius.shape[0]:
-                    return NO_SUCH_BALL, face, place
+                    return NO_SUCH_SPHERE, face, place
                 reach = radius[code] - room
                 for v in range(3):
                     square = 0.0

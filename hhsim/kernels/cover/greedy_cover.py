@@ -1,9 +1,9 @@
-"""A cover of a mesh by few balls that protrude little: greedy inner balls, assignment, radii.
+"""A cover of a mesh by few spheres that protrude little: greedy inner spheres, assignment, radii.
 
-A ball with its centre c at the depth d inside the solid and the radius r protrudes at most r − d (triangle inequality).
-Each micro-triangle goes whole to one ball that contains its three corners; balls are convex, so it lies in that ball.
-So the cost of a micro-triangle under a ball is (distance of its farthest corner from c) − d, and the largest cost over
-the micro-triangles, each under its best ball, bounds the protrusion of the whole cover.
+A sphere with its centre c at the depth d inside the solid and the radius r protrudes at most r − d (triangle
+inequality). Each micro-triangle goes whole to one sphere that contains its three corners; spheres are convex, so it
+lies in that sphere. So the cost of a micro-triangle under a sphere is (distance of its farthest corner from c) − d, and
+the largest cost over the micro-triangles, each under its best sphere, bounds the protrusion of the whole cover.
 """
 
 import math
@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.cover.inscribed_sphere import far_corner2, place_ball
+from hhsim.kernels.cover.inscribed_sphere import far_corner2, place_sphere
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
-from hhsim.kernels.cover.sphere_descent import WORK, descend_ball
+from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere
 from hhsim.kernels.jit import jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
@@ -27,15 +27,15 @@ _GAIN = 1e-3
 
 @jit_inline
 def _gap(micro: MicroTriangles, node: int, x: float, y: float, z: float) -> float:
-    """Distance [m] from (x, y, z) to the centre of a node's ball."""
+    """Distance [m] from (x, y, z) to the centre of a node's sphere."""
     dx, dy, dz = micro.center[node, 0] - x, micro.center[node, 1] - y, micro.center[node, 2] - z
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @jit
-def _offer_ball(
+def _offer_sphere(
     micro: MicroTriangles,
-    ball: int,
+    sphere: int,
     x: float,
     y: float,
     z: float,
@@ -46,7 +46,7 @@ def _offer_ball(
     stack: Indices,
     touched: Indices,
 ) -> None:
-    """Give the ball every micro-triangle that costs less under it, and keep the nodes' largest costs right."""
+    """Give the sphere every micro-triangle that costs less under it, and keep the nodes' largest costs right."""
     stack[0] = 0
     top, count = 1, 0
     while top > 0:
@@ -63,7 +63,7 @@ def _offer_ball(
                     far2 = far_corner2(micro.corner, i, x, y, z)
                     if far2 < limit * limit:
                         cost[i] = math.sqrt(far2) - depth
-                        owner[i] = ball
+                        owner[i] = sphere
         else:
             stack[top], stack[top + 1] = micro.right[node], node + 1
             top += 2
@@ -93,23 +93,23 @@ def greedy_cover(
     owner_out: Indices,
     cost_out: Array,
 ) -> int:
-    """Place balls one after another where the cover costs most (k-centre).
+    """Place spheres one after another where the cover costs most (k-centre).
 
     Args:
         bvh: Over the mesh.
         micro: Micro-triangles of the same mesh.
-        largest: Radius [m] from which inner balls shrink.
-        reach: Share [-] of the largest cost that a new ball may cost its own micro-triangle.
+        largest: Radius [m] from which inner spheres shrink.
+        reach: Share [-] of the largest cost that a new sphere may cost its own micro-triangle.
         tolerance: Stop when no cost is larger [m].
-        trials: Steps of descent for a ball that an inner ball cannot replace.
-        begin: Number of balls to place now; the call goes on from ball `begin`, 0 for a new cover.
-        center_out: Centres [m], shape (balls, 3).
-        depth_out: Their depths [m], shape (balls,); negative for a centre outside.
-        owner_out: Ball of each micro-triangle, shape (M,).
+        trials: Steps of descent for a sphere that an inner sphere cannot replace.
+        begin: Number of spheres to place now; the call goes on from sphere `begin`, 0 for a new cover.
+        center_out: Centres [m], shape (spheres, 3).
+        depth_out: Their depths [m], shape (spheres,); negative for a centre outside.
+        owner_out: Sphere of each micro-triangle, shape (M,).
         cost_out: Cost of each micro-triangle [m], shape (M,).
 
     Returns:
-        Number of balls placed in all; less than there is room for, when another one would gain nothing.
+        Number of spheres placed in all; less than there is room for, when another one would gain nothing.
     """
     stack = np.empty(2 * STACK, np.int64)
     stack_distance2 = np.empty(2 * STACK)
@@ -128,7 +128,7 @@ def greedy_cover(
         else:
             worst[node] = max(worst[node + 1], worst[micro.right[node]])
 
-    for ball in range(begin, depth_out.shape[0]):
+    for sphere in range(begin, depth_out.shape[0]):
         node = 0
         while micro.right[node] >= 0:
             node = node + 1 if worst[node + 1] >= worst[micro.right[node]] else micro.right[node]
@@ -138,35 +138,35 @@ def greedy_cover(
                 chosen = i
         before = cost_out[chosen]
         if before <= tolerance:
-            return ball
+            return sphere
         allowed = reach * before if before < np.inf else 0.0
         for attempt in range(3):
             if attempt < 2:
-                depth = place_ball(bvh, micro, chosen, largest, allowed, stack, stack_distance2, center_out[ball])
-                x, y, z = center_out[ball, 0], center_out[ball, 1], center_out[ball, 2]
+                depth = place_sphere(bvh, micro, chosen, largest, allowed, stack, stack_distance2, center_out[sphere])
+                x, y, z = center_out[sphere, 0], center_out[sphere, 1], center_out[sphere, 2]
                 after = math.sqrt(far_corner2(micro.corner, chosen, x, y, z)) - depth
                 allowed = 0.0
             else:
-                # At a sharp edge an inner ball may be too small to help: start from the ball that is there.
+                # At a sharp edge an inner sphere may be too small to help: start from the sphere that is there.
                 one[0] = chosen
                 for k in range(3):
-                    center_out[ball, k] = center_out[owner_out[chosen], k]
-                after, depth, _, _ = descend_ball(
-                    bvh, micro, one, trials, 0.0, center_out[ball], work, stack, stack_distance2
+                    center_out[sphere, k] = center_out[owner_out[chosen], k]
+                after, depth, _, _ = descend_sphere(
+                    bvh, micro, one, trials, 0.0, center_out[sphere], work, stack, stack_distance2
                 )
             if after < before * (1.0 - _GAIN):
                 break
         if not after < before * (1.0 - _GAIN):
-            return ball
-        x, y, z = center_out[ball, 0], center_out[ball, 1], center_out[ball, 2]
-        depth_out[ball] = depth
-        _offer_ball(micro, ball, x, y, z, depth, owner_out, cost_out, worst, stack, touched)
+            return sphere
+        x, y, z = center_out[sphere, 0], center_out[sphere, 1], center_out[sphere, 2]
+        depth_out[sphere] = depth
+        _offer_sphere(micro, sphere, x, y, z, depth, owner_out, cost_out, worst, stack, touched)
     return int(depth_out.shape[0])
 
 
 @jit_inline
 def _stays_behind(dx: float, dy: float, dz: float, lag: float, far: float, radius: float) -> bool:
-    """Whether a ball costs more than another within `radius` [m] of a point, as it does there.
+    """Whether a sphere costs more than another within `radius` [m] of a point, as it does there.
 
     The gradient of the difference of the distances to both is the difference of two unit vectors, at most
     2 |c₁ − c₂| / (sum of the distances) long (Dunkl and Williams, 1964), and never longer than 2. Without branches:
@@ -195,30 +195,30 @@ def assign(
     second_owner_out: Indices,
     second_cost_out: Array,
 ) -> None:
-    """Find for every micro-triangle the two balls under which it costs least: exact, by bounds on the nodes.
+    """Find for every micro-triangle the two spheres under which it costs least: exact, by bounds on the nodes.
 
     Args:
         micro: The micro-triangles.
         root: Node below which to assign; 0 for all.
-        center: Ball centres [m], shape (balls, 3).
-        depth: Their depths [m], shape (balls,).
-        owner_out, cost_out: Best ball and its cost [m], shape (M,).
-        second_owner_out, second_cost_out: The next best, shape (M,); −1 and infinity if there is only one ball.
+        center: Sphere centres [m], shape (spheres, 3).
+        depth: Their depths [m], shape (spheres,).
+        owner_out, cost_out: Best sphere and its cost [m], shape (M,).
+        second_owner_out, second_cost_out: The next best, shape (M,); −1 and infinity if there is only one sphere.
     """
-    balls = depth.shape[0]
+    spheres = depth.shape[0]
     levels = 4
     while (1 << levels) < 4 * micro.start.shape[0]:
         levels += 1
-    # Along the path to a node: the balls that can still be first or second below, a list for each level, one after
+    # Along the path to a node: the spheres that can still be first or second below, a list for each level, one after
     # another. In columns, so that the loops over distances use the vector unit.
-    room = levels * balls + 1
-    ball = np.empty(room, np.int64)
+    room = levels * spheres + 1
+    sphere = np.empty(room, np.int64)
     cx, cy, cz, deep = np.empty(room), np.empty(room), np.empty(room), np.empty(room)
-    distance, keep = np.empty(balls), np.empty(balls, np.bool_)
+    distance, keep = np.empty(spheres), np.empty(spheres, np.bool_)
     stack = np.empty((STACK, 3), np.int64)
-    for j in range(balls):
-        ball[j], cx[j], cy[j], cz[j], deep[j] = j, center[j, 0], center[j, 1], center[j, 2], depth[j]
-    stack[0, 0], stack[0, 1], stack[0, 2] = root, 0, balls
+    for j in range(spheres):
+        sphere[j], cx[j], cy[j], cz[j], deep[j] = j, center[j, 0], center[j, 1], center[j, 2], depth[j]
+    stack[0, 0], stack[0, 1], stack[0, 2] = root, 0, spheres
     top = 1
     while top > 0:
         top -= 1
@@ -250,8 +250,8 @@ def assign(
         last = end
         for front in (first_of, second_of):
             if keep[front - begin]:
-                ball[last], cx[last], cy[last], cz[last], deep[last] = (
-                    ball[front],
+                sphere[last], cx[last], cy[last], cz[last], deep[last] = (
+                    sphere[front],
                     cx[front],
                     cy[front],
                     cz[front],
@@ -260,7 +260,7 @@ def assign(
                 keep[front - begin] = False
                 last += 1
         for k in range(begin, end):
-            ball[last], cx[last], cy[last], cz[last], deep[last] = ball[k], cx[k], cy[k], cz[k], deep[k]
+            sphere[last], cx[last], cy[last], cz[last], deep[last] = sphere[k], cx[k], cy[k], cz[k], deep[k]
             last += keep[k - begin]
         if micro.right[node] >= 0:
             stack[top, 0], stack[top, 1], stack[top, 2] = micro.right[node], end, last
@@ -281,7 +281,7 @@ def assign(
                 far2 = max(far2, (qx - x) * (qx - x) + (qy - y) * (qy - y) + (qz - z) * (qz - z))
                 far2 = max(far2, (rx - x) * (rx - x) + (ry - y) * (ry - y) + (rz - z) * (rz - z))
                 if far2 < limit * limit and limit > 0.0:
-                    next_least, next_owner = math.sqrt(far2) - deep[k], ball[k]
+                    next_least, next_owner = math.sqrt(far2) - deep[k], sphere[k]
                     if next_least < least:
                         least, next_least = next_least, least
                         owner, next_owner = next_owner, owner
@@ -291,7 +291,7 @@ def assign(
 
 @jit
 def covering_radius(micro: MicroTriangles, center: Array, owner: Indices, radius_out: Array) -> None:
-    """Least radius [m] of each ball, shape (balls,), that reaches all its micro-triangles; −1 for a ball with none."""
+    """Least radius [m] of each sphere, shape (spheres,), that reaches all its micro-triangles; −1 where it has none."""
     radius_out[:] = -1.0
     for i in range(owner.shape[0]):
         j = owner[i]

@@ -1,4 +1,4 @@
-"""Balls inside a mesh: the depth of a centre, the largest ball that touches a point, a good one to cover a place."""
+"""Spheres inside a mesh: the depth of a centre, the largest one that touches a point, a good one to cover a place."""
 
 import math
 
@@ -41,7 +41,7 @@ def depth_at(
 
 
 @jit
-def inner_ball(
+def inscribed_sphere(
     bvh: MeshBvh,
     px: float,
     py: float,
@@ -53,7 +53,7 @@ def inner_ball(
     stack: Indices,
     stack_distance2: Array,
 ) -> tuple[float, float, float, float]:
-    """Largest ball inside the solid that touches the surface at p with outward normal n.
+    """Largest sphere inside the solid that touches the surface at p with outward normal n.
 
     Shrinks from `radius` [m] until no surface point lies inside (Ma, Bae and Choi, 2012).
 
@@ -80,7 +80,7 @@ def inner_ball(
 
 
 @jit
-def place_ball(
+def place_sphere(
     bvh: MeshBvh,
     micro: MicroTriangles,
     i: int,
@@ -90,15 +90,15 @@ def place_ball(
     stack_distance2: Array,
     center_out: Array,
 ) -> float:
-    """Place a ball for micro-triangle i; return its depth.
+    """Place a sphere for micro-triangle i; return its depth.
 
-    It starts as the largest inner ball that touches there, and then goes deeper along the medial axis, away from both
-    points that it touches, while its cost for i stays within `allowed` [m]: a deeper ball covers more around i.
+    It starts as the largest inner sphere that touches there, and then goes deeper along the medial axis, away from both
+    points that it touches, while its cost for i stays within `allowed` [m]: a deeper sphere covers more around i.
     """
     t = micro.corner[i]
     px, py, pz = (t[0] + t[3] + t[6]) / 3.0, (t[1] + t[4] + t[7]) / 3.0, (t[2] + t[5] + t[8]) / 3.0
     nx, ny, nz = micro.normal[i, 0], micro.normal[i, 1], micro.normal[i, 2]
-    radius, sx, sy, sz = inner_ball(bvh, px, py, pz, nx, ny, nz, largest, stack, stack_distance2)
+    radius, sx, sy, sz = inscribed_sphere(bvh, px, py, pz, nx, ny, nz, largest, stack, stack_distance2)
     x, y, z = px - radius * nx, py - radius * ny, pz - radius * nz
     depth, _, _, _ = depth_at(bvh, x, y, z, np.inf, stack, stack_distance2)
 

@@ -1,4 +1,4 @@
-"""Micro-triangles: the faces of a mesh cut fine enough to be assigned whole to one ball of a cover each."""
+"""Micro-triangles: the faces of a mesh cut fine enough to be assigned whole to one sphere of a cover each."""
 
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ class MicroTriangles(NamedTuple):
     """Micro-triangles in spatial order, and a median tree over them whose leaves are blocks of at most 8.
 
     corner: (M, 9) a, b, c [m]; normal: (M, 3) outward unit normal of the face (zero without area);
-    start, end, right: (N,) as in `MedianTree`; center: (N, 3) and radius: (N,) balls around the nodes [m].
+    start, end, right: (N,) as in `MedianTree`; center: (N, 3) and radius: (N,) spheres around the nodes [m].
     """
 
     corner: Array
@@ -84,10 +84,10 @@ def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) 
 
 
 @jit_allocating
-def _node_balls(
+def _node_spheres(
     corner: Array, start: Indices, end: Indices, right: Indices, center_out: Array, radius_out: Array
 ) -> None:
-    """Balls around the corners of each node, about the centre of their bounds."""
+    """Spheres around the corners of each node, about the centre of their bounds."""
     low, high = np.empty((start.shape[0], 3)), np.empty((start.shape[0], 3))
     for node in range(start.shape[0] - 1, -1, -1):
         for k in range(3):
@@ -147,7 +147,7 @@ def cut_mesh(corner: Array, normal: Array, edge: Array) -> MicroTriangles:
     tree = build_median_tree(micro.reshape(-1, 3, 3).mean(axis=1), _BLOCK)
     micro = np.ascontiguousarray(micro[tree.order])
     center, radius = np.empty((len(tree.start), 3)), np.empty(len(tree.start))
-    _node_balls(micro, tree.start, tree.end, tree.right, center, radius)
+    _node_spheres(micro, tree.start, tree.end, tree.right, center, radius)
     return MicroTriangles(
         micro, np.ascontiguousarray(normal[face[tree.order]]), tree.start, tree.end, tree.right, center, radius
     )

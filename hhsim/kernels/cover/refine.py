@@ -1,10 +1,10 @@
-"""Improvement of a cover: balls move to where their micro-triangles cost less; those hardly missed are found."""
+"""Improvement of a cover: spheres move to where their micro-triangles cost less; those hardly missed are found."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
-from hhsim.kernels.cover.sphere_descent import WORK, descend_ball
+from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere
 from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
@@ -16,11 +16,11 @@ Flags = NDArray[np.bool_]
 
 @jit
 def group_by_owner(owner: Indices, first_out: Indices, order_out: Indices) -> None:
-    """Sort micro-triangles by ball: those of ball j are order_out[first_out[j]:first_out[j + 1]].
+    """Sort micro-triangles by sphere: those of sphere j are order_out[first_out[j]:first_out[j + 1]].
 
     Args:
-        owner: Ball of each micro-triangle, shape (M,).
-        first_out: Shape (balls + 1,).
+        owner: Sphere of each micro-triangle, shape (M,).
+        first_out: Shape (spheres + 1,).
         order_out: Shape (M,).
     """
     first_out[:] = 0
@@ -38,7 +38,7 @@ def group_by_owner(owner: Indices, first_out: Indices, order_out: Indices) -> No
 
 
 @jit_allocating
-def move_balls(
+def move_spheres(
     bvh: MeshBvh,
     micro: MicroTriangles,
     first: Indices,
@@ -48,16 +48,16 @@ def move_balls(
     depth: Array,
     step: Array,
 ) -> int:
-    """Move every ball that has micro-triangles, by at most `trials` steps; in place.
+    """Move every sphere that has micro-triangles, by at most `trials` steps; in place.
 
     Args:
         bvh: Over the mesh.
         micro: The micro-triangles.
         first, order: Which are whose, as `group_by_owner` gives.
-        trials: Steps tried for each ball.
-        center: Ball centres [m], shape (balls, 3).
-        depth: Their depths [m], shape (balls,).
-        step: Step lengths [m], shape (balls,); not positive for a ball that is new.
+        trials: Steps tried for each sphere.
+        center: Sphere centres [m], shape (spheres, 3).
+        depth: Their depths [m], shape (spheres,).
+        step: Step lengths [m], shape (spheres,); not positive for a sphere that is new.
 
     Returns:
         Number of steps that were good.
@@ -69,7 +69,7 @@ def move_balls(
     for j in range(depth.shape[0]):
         begin, end = first[j], first[j + 1]
         if begin < end:
-            _, depth[j], step[j], good = descend_ball(
+            _, depth[j], step[j], good = descend_sphere(
                 bvh, micro, order[begin:end], trials, step[j], center[j], work, stack, stack_distance2
             )
             total += good
@@ -78,12 +78,12 @@ def move_balls(
 
 @jit
 def removal_cost(owner: Indices, second_cost: Array, cost_out: Array) -> None:
-    """What the cover costs without each ball [m]: the largest cost of its micro-triangles under their next best.
+    """What the cover costs without each sphere [m]: the largest cost of its micro-triangles under their next best.
 
     Args:
-        owner: Ball of each micro-triangle, shape (M,).
-        second_cost: Cost of each under its next best ball [m], shape (M,).
-        cost_out: Shape (balls,); −inf for a ball without micro-triangles.
+        owner: Sphere of each micro-triangle, shape (M,).
+        second_cost: Cost of each under its next best sphere [m], shape (M,).
+        cost_out: Shape (spheres,); −inf for a sphere without micro-triangles.
     """
     cost_out[:] = -np.inf
     for i in range(owner.shape[0]):
@@ -91,17 +91,17 @@ def removal_cost(owner: Indices, second_cost: Array, cost_out: Array) -> None:
 
 
 @jit_allocating
-def spare_balls(
+def spare_spheres(
     candidates: Indices, first: Indices, order: Indices, second_owner: Indices, most: int, spared_out: Flags
 ) -> int:
-    """Choose balls to take away, such that no micro-triangle loses both its best and its second.
+    """Choose spheres to take away, such that no micro-triangle loses both its best and its second.
 
     Args:
-        candidates: Balls, those to be taken first in front, shape (n,).
+        candidates: Spheres, those to be taken first in front, shape (n,).
         first, order: Which micro-triangles are whose, as `group_by_owner` gives.
-        second_owner: Next best ball of each micro-triangle, shape (M,).
-        most: How many balls to choose at most.
-        spared_out: Whether each ball was chosen, shape (balls,).
+        second_owner: Next best sphere of each micro-triangle, shape (M,).
+        most: How many spheres to choose at most.
+        spared_out: Whether each sphere was chosen, shape (spheres,).
 
     Returns:
         How many were chosen.

@@ -1,7 +1,7 @@
-"""Descent of one ball: it moves to where the micro-triangles that it has to cover cost it less.
+"""Descent of one sphere: it moves to where the micro-triangles that it has to cover cost it less.
 
 Its cost as a function of its centre c is (distance of the farthest corner) − depth(c). Both terms have kinks where good
-balls lie: several corners equally far, several places of the surface equally near (the medial axis). So both are
+spheres lie: several corners equally far, several places of the surface equally near (the medial axis). So both are
 modelled by cuts, planes that touch them: the corners and the nearest places that were met on the way. Each step goes to
 the minimum of the model plus a proximal term (a bundle method: Lemaréchal, 1975; Kiwiel, 1990), found in its dual,
 whose variables are the weights of the corners and those of the places, each with the sum 1. A step that is worth much
@@ -36,7 +36,7 @@ _LONGEST = 0.9
 """Longest step, as a share of the depth: the centre stays inside."""
 
 WORK = _FAR + _NEAR
-"""Rows of workspace, of 8 columns, that `descend_ball` needs."""
+"""Rows of workspace, of 8 columns, that `descend_sphere` needs."""
 
 
 @jit
@@ -95,7 +95,7 @@ def _aim(work: Array, begin: int, count: int, value: int, weight: int, sign: flo
 
 
 @jit_allocating
-def descend_ball(
+def descend_sphere(
     bvh: MeshBvh,
     micro: MicroTriangles,
     members: Indices,
@@ -106,15 +106,15 @@ def descend_ball(
     stack: Indices,
     stack_distance2: Array,
 ) -> tuple[float, float, float, int]:
-    """Move a ball by at most `trials` steps.
+    """Move a sphere by at most `trials` steps.
 
     Args:
         bvh: Over the mesh.
         micro: The micro-triangles.
-        members: Those that the ball has to cover, at least one.
+        members: Those that the sphere has to cover, at least one.
         trials: Steps to try.
         step: Proximal length of the first [m]; not positive for a guess.
-        center: Of the ball [m], shape (3,); moved in place, never out of the solid.
+        center: Of the sphere [m], shape (3,); moved in place, never out of the solid.
         work: Workspace, shape (WORK, 8).
         stack, stack_distance2: Workspace, shape (STACK,).
 

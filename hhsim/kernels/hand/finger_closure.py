@@ -24,7 +24,7 @@ STEP_LIMIT = 400
 """A search that creeps along a surface ends after so many steps, short of contact and therefore clear."""
 
 
-class ClosingWork(NamedTuple):
+class ClosureWork(NamedTuple):
     """Workspace of the search.
 
     | field | meaning | shape |
@@ -44,7 +44,7 @@ class ClosingWork(NamedTuple):
 
 @jit
 def phalanx_distance(
-    hand: HandArrays, tree: TreeArrays, finger: int, phalanx: int, limit: float, work: ClosingWork
+    hand: HandArrays, tree: TreeArrays, finger: int, phalanx: int, limit: float, work: ClosureWork
 ) -> tuple[float, int]:
     """Least signed distance [m] of a phalanx to the leaves, and that leaf's node; (limit, -1) where none is nearer."""
     a, u = work.joints[finger, phalanx], work.direction[finger, phalanx]
@@ -65,7 +65,7 @@ def phalanx_distance(
 
 
 @jit
-def sphere_distance(tree: TreeArrays, center: Array, radius: float, limit: float, work: ClosingWork) -> float:
+def sphere_distance(tree: TreeArrays, center: Array, radius: float, limit: float, work: ClosureWork) -> float:
     """Least signed distance [m] of a sphere to the leaves; `limit` where none is nearer."""
     cone = RoundCone(center[0], center[1], center[2], 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, radius, 0.0)
     distance, _ = nearest_leaf_round_cone(tree, cone, limit, work.stack)
@@ -74,7 +74,7 @@ def sphere_distance(tree: TreeArrays, center: Array, radius: float, limit: float
 
 @jit_allocating
 def palm_distance(
-    hand: HandArrays, tree: TreeArrays, position: Array, rotation: Array, limit: float, work: ClosingWork
+    hand: HandArrays, tree: TreeArrays, position: Array, rotation: Array, limit: float, work: ClosureWork
 ) -> float:
     """Least signed distance [m] of the palm's leaf spheres to the tree's; `limit` where none is below it."""
     best = limit
@@ -96,7 +96,7 @@ def body_distances(
     flexion: Array,
     abduction: Array,
     limit: float,
-    work: ClosingWork,
+    work: ClosureWork,
     distance_out: Array,
 ) -> None:
     """Signed distance [m] of every body of the hand to the tree's leaves, `limit` where it is farther; shape (16,)."""
@@ -119,7 +119,7 @@ def advance_hand(
     direction: Array,
     gap: Array,
     travel_limit: float,
-    work: ClosingWork,
+    work: ClosureWork,
 ) -> tuple[float, int]:
     """How far [m] the rigid hand can move along the unit `direction` until a body comes within its gap of the object.
 
@@ -175,7 +175,7 @@ def close_finger(
     rate: Array,
     abduction: Array,
     flexion: Array,
-    work: ClosingWork,
+    work: ClosureWork,
     touching_out: Array,
 ) -> None:
     """Close a finger as one that is driven by a tendon: a phalanx that touches stops, those beyond it go on.
@@ -230,7 +230,7 @@ def close_finger(
 
 @jit_allocating
 def deepen_finger(
-    hand: HandArrays, finger: int, rate: Array, abduction: Array, depth: float, flexion: Array, work: ClosingWork
+    hand: HandArrays, finger: int, rate: Array, abduction: Array, depth: float, flexion: Array, work: ClosureWork
 ) -> float:
     """Flex a finger on until its tip is `depth` [m] from where it was, or the joint limits end it.
 
@@ -282,7 +282,7 @@ def deepen_finger(
 
 @jit
 def contact_normal(
-    hand: HandArrays, tree: TreeArrays, finger: int, phalanx: int, work: ClosingWork, normal_out: Array
+    hand: HandArrays, tree: TreeArrays, finger: int, phalanx: int, work: ClosureWork, normal_out: Array
 ) -> float:
     """Signed distance [m] of a phalanx to the nearest leaf, and the unit normal from that leaf to the phalanx, world.
 

@@ -125,8 +125,8 @@ def _bound(corner: Array, start: Indices, end: Indices, right: Indices, bound_ou
 def _least_distance2(bound: Array, node: int, px: float, py: float, pz: float) -> float:
     """Squared distance [m²] of p from a node's box or slab, the larger of them: nothing in the node is nearer.
 
-    A face across the way out of a ball reaches into the ball by its slab's thickness, which shrinks with the square of
-    its size, but its box by its size: on fine meshes the slab refuses what the box lets through.
+    A face across the way out of a sphere reaches into the sphere by its slab's thickness, which shrinks with the square
+    of its size, but its box by its size: on fine meshes the slab refuses what the box lets through.
     """
     b = bound[node]
     dx = max(max(b[0] - px, px - b[3]), 0.0)

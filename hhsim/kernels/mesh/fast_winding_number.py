@@ -26,7 +26,7 @@ FAR = 2.5
 class WindingMoments(NamedTuple):
     """Moments of the triangles under each node of a `MeshBvh`.
 
-    center: (N, 3) mean of the triangles by area [m]; radius: (N,) of the ball around it [m];
+    center: (N, 3) mean of the triangles by area [m]; radius: (N,) of the sphere around it [m];
     moment: (N, 12) sum of area vectors n [m²], and of the products (centroid − center) n [m³] row by row.
     """
 

@@ -1,4 +1,4 @@
-"""A crew: threads that share the work of one tick, item by item.
+"""A thread team: threads that share the work of one tick, item by item.
 
 The tick's own thread posts a task of a few items; it and its helpers, which wait in `kernels.helper.help_out` for as
 long as a block of ticks lasts, take one item after another until none is left. A tick takes some ten microseconds, so
@@ -52,7 +52,7 @@ NOTHING = -1
 PATIENCE = 1000
 """Looks at a word, some 60 µs, before a thread that waits lets others have its processor between two looks."""
 
-CREW = np.dtype(
+THREAD_TEAM = np.dtype(
     [
         ("members", np.int64),
         ("worth", np.int64),
@@ -69,7 +69,7 @@ CREW = np.dtype(
     ],
     align=True,
 )
-"""What a crew shares.
+"""What a thread team shares.
 
 | field | meaning |
 |---|---|
@@ -85,9 +85,9 @@ CREW = np.dtype(
 
 
 @jit
-def sort_parts(crew: Record, count: int) -> None:
+def sort_parts(thread_team: Record, count: int) -> None:
     """Put the first `count` parts in order of their cost, longest first: the last to end then ends soonest."""
-    part, cost = crew.part, crew.cost
+    part, cost = thread_team.part, thread_team.cost
     for i in range(1, count):
         p, c = part[i], cost[i]
         j = i
@@ -99,7 +99,7 @@ def sort_parts(crew: Record, count: int) -> None:
 
 @jit
 def post(word: Indices, task: int, items: int) -> None:
-    """Let the crew begin with a task; the one before has been completed."""
+    """Let the thread team begin with a task; the one before has been completed."""
     number = (word[TICKET] >> NUMBER_SHIFT) + 1
     word[DONE] = 0
     store_release(word, as_int64(TICKET), (number << NUMBER_SHIFT) | (task << 2 * ITEM_BITS) | (items << ITEM_BITS))
@@ -113,13 +113,13 @@ def dismiss(word: Indices) -> None:
 
 @jit
 def assemble(word: Indices) -> None:
-    """Take back what sent an earlier crew home."""
+    """Take back what sent an earlier thread team home."""
     post(word, as_int64(TASK_DISTANCES), as_int64(0))
 
 
 @jit
 def waiting_task(word: Indices) -> int:
-    """The task that has an item left, TASK_STOP where the crew is dismissed, or NOTHING."""
+    """The task that has an item left, TASK_STOP where the thread team is dismissed, or NOTHING."""
     ticket = load_acquire(word, as_int64(TICKET))
     task = (ticket >> 2 * ITEM_BITS) & TASK_MASK
     if task == TASK_STOP or ticket & ITEM_MASK < (ticket >> ITEM_BITS) & ITEM_MASK:
@@ -164,12 +164,12 @@ def await_done(word: Indices, items: int) -> None:
 
 
 @jit
-def crew_cpu_ns(crew: Record) -> int:
+def thread_team_cpu_ns(thread_team: Record) -> int:
     """CPU time of all members [ns], waiting for work included.
 
     Each thread's own clock is read: the process's lags behind, by up to some milliseconds, what other threads take.
     """
     total = thread_cpu_ns()
-    for i in range(crew.clocks):
-        total += cpu_ns(crew.clock[i])
+    for i in range(thread_team.clocks):
+        total += cpu_ns(thread_team.clock[i])
     return total

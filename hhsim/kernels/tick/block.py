@@ -9,10 +9,10 @@ from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.jit import Record, jit, jit_once
-from hhsim.kernels.parallel.thread_team import crew_cpu_ns
+from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.method import tick
-from hhsim.kernels.tick.state import STATUS_FULL
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.tick import set_haptic
 
 Array = NDArray[np.float64]
@@ -81,22 +81,23 @@ def run_block(
 ) -> int:
     """Run one tick of a method for each row of the haptic input; returns the ticks done.
 
-    Fewer than all only where the pairs did not fit (STATUS_FULL in the last row). What is timed is all that a haptic
-    loop would do with a sample: taking the input, detection, programs and forces; copying to the record is not part of
-    a tick. The CPU time is that of all threads that the tick keeps busy, with what they spend on waiting for work.
+    Fewer than all only where the pairs did not fit (STATUS_CAPACITY_EXCEEDED in the last row). What is timed is all
+    that a haptic loop would do with a sample: taking the input, detection, programs and forces; copying to the record
+    is not part of a tick. The CPU time is that of all threads that the tick keeps busy, with what they spend on waiting
+    for work.
     """
     state = states[0]
     for i in range(haptic.position.shape[0]):
-        cpu = crew_cpu_ns(state.crew)
+        cpu = thread_team_cpu_ns(state.thread_team)
         wall = monotonic_ns()
         status = set_haptic(
             hand, haptic.position[i], haptic.orientation[i], haptic.flexion[i], haptic.abduction[i], state
         )
         status |= tick(method, hand, surface, state, qp)
         wall = monotonic_ns() - wall
-        cpu = crew_cpu_ns(state.crew) - cpu
+        cpu = thread_team_cpu_ns(state.thread_team) - cpu
         record_tick(state, status, wall, cpu, i, record)
-        if status & STATUS_FULL:
+        if status & STATUS_CAPACITY_EXCEEDED:
             # Not by leaving the loop for something behind it: compiled, that costs every tick 0.4 µs.
             return i + 1
     return haptic.position.shape[0]

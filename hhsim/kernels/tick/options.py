@@ -14,7 +14,7 @@ class TickOptions(NamedTuple):
     | margin | pairs up to this far enter the program; the longest step near the object |
     | skin | pairs up to this much farther are kept at hand between ticks |
     | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
-    | settled | a step shorter than this ends the tick |
+    | step_tolerance | a step shorter than this ends the tick |
     | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
     | longest_correction | for curvature, in units of √G δ, see `kernels.second_order` |
     | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
@@ -27,7 +27,7 @@ class TickOptions(NamedTuple):
     margin: float
     skin: float
     offset: float
-    settled: float
+    step_tolerance: float
     tolerance: float
     relaxation: float
     longest_correction: float

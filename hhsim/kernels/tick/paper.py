@@ -291,7 +291,7 @@ class Paper(NamedTuple):
 
 
 @jit_once
-def _touching(touch: float, state: Record, paper: Record) -> None:
+def _count_touching(touch: float, state: Record, paper: Record) -> None:
     # What Eq. 14 sums over: the pairs of this tick that are in contact at its end.
     pose, candidates, contacts = state.pose, state.candidates, state.contacts
     contacts.start[0] = 0
@@ -348,7 +348,7 @@ def _tick(method: Paper, hand: HandArrays, tree: TreeArrays, state: Record, qp: 
         state.step.duration[DURATION_PALM] += solved - detected
         state.step.duration[DURATION_FINGERS] += finished - solved
     began = monotonic_ns()
-    _touching(options.touch, state, paper)
+    _count_touching(options.touch, state, paper)
     hand_forces(
         hand,
         pose,

@@ -79,7 +79,7 @@ from hhsim.kernels.tick.force import FORCE_PAPER, clear_forces, fingertip_normal
 from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
-    STATUS_FULL,
+    STATUS_CAPACITY_EXCEEDED,
     UNITS_LINEARISATION,
     UNITS_QP_ITERATION,
     UNITS_ROW,
@@ -424,7 +424,7 @@ def _tick(method: Penalty, hand: HandArrays, surface: Any, state: Record, qp: Qp
     began = monotonic_ns()
     begin_tick(options, state)
     problem, contacts, duration = state.problem, state.contacts, state.step.duration
-    status = 0 if _find(hand, surface, options, state) else STATUS_FULL
+    status = 0 if _find(hand, surface, options, state) else STATUS_CAPACITY_EXCEEDED
     _aim(hand, penalty, state, work)
     build_rows(hand, state.pose, contacts, 0.0, state.relaxed, problem)
     _springs(penalty, contacts, problem.rhs, work)
@@ -458,7 +458,7 @@ def _tick(method: Penalty, hand: HandArrays, surface: Any, state: Record, qp: Qp
     move(state.pose, state.step.delta, problem.abduction_step, 1.0)
     update_kinematics(hand, state.pose)
     if not _evaluate(hand, surface, options, state):
-        status |= STATUS_FULL
+        status |= STATUS_CAPACITY_EXCEEDED
     _, state.work[WORK_TOUCHING] = pairs_near(surface, state.candidates, options.touch)
     state.work[WORK_UNITS] = spent_units(state)
     moved = monotonic_ns()

@@ -36,7 +36,7 @@ YIELD_WEIGHT = 1e-4
 """Share of its stiffness that a joint keeps in the palm's program."""
 YIELD_SCALE = 100.0
 """1 / √YIELD_WEIGHT: what its columns are multiplied by there."""
-ROUND_TRIP = 3.0
+OSCILLATION_RATIO = 3.0
 """A tick that has moved the hand this many times as far as it got solves palm and fingers together."""
 PALM_GROUPS = 1 + 2 * FINGER_COUNT
 
@@ -292,42 +292,42 @@ def _take_finger(finger: int, work: Record, step: Record) -> int:
 @jit
 def solve_items(options: TickOptions, state: Record, qp: QpWork) -> None:
     """Do items of the task TASK_FINGERS until none is left; `qp` is the thread's own."""
-    crew = state.crew
-    word = crew.word[:]
+    thread_team = state.thread_team
+    word = thread_team.word[:]
     while True:
         item = take_item(word, as_int64(TASK_FINGERS))
         if item == NOTHING:
             return
-        solve_finger(options, state, crew.part[item], qp)
+        solve_finger(options, state, thread_team.part[item], qp)
         item_done(word)
 
 
 @jit_once
 def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
-    # The program of every finger that has a contact, by whoever of the crew is free.
-    problem, contacts, crew, step = state.problem, state.contacts, state.crew, state.step
+    # The program of every finger that has a contact, by whoever of the thread team is free.
+    problem, contacts, thread_team, step = state.problem, state.contacts, state.thread_team, state.step
     touched = as_int64(0)
     for f in range(FINGER_COUNT):
         contact_count = contacts.start[f + 2] - contacts.start[f + 1]
         if contact_count > 0:
-            crew.part[touched] = f
-            crew.cost[touched] = contact_count
+            thread_team.part[touched] = f
+            thread_team.cost[touched] = contact_count
             touched += 1
         else:
             # Nothing but its limits binds it, and to those its target has been clamped, see `kernels.tick.prepare`.
             offset = 6 + PHALANX_COUNT * f
             for j in range(offset, offset + PHALANX_COUNT):
                 step.delta[j] = problem.target[j] * problem.inverse_root[j]
-    crew.parts = touched
-    if crew.members > 1 and touched > 1:
-        word = crew.word[:]
-        sort_parts(crew, touched)
+    thread_team.parts = touched
+    if thread_team.members > 1 and touched > 1:
+        word = thread_team.word[:]
+        sort_parts(thread_team, touched)
         post(word, as_int64(TASK_FINGERS), touched)
         solve_items(options, state, qp)
         await_done(word, touched)
     else:
         for i in range(touched):
-            solve_finger(options, state, crew.part[i], qp)
+            solve_finger(options, state, thread_team.part[i], qp)
 
 
 @solve_program.of(Progressive)
@@ -338,7 +338,7 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
     In a tick in which they found no step apart, all at once.
     """
     options = method.options
-    if state.together:
+    if state.in_one_program:
         return solve_coupled(Coupled(options), state, qp)
     problem, contacts, work, step = state.problem, state.contacts, state.progressive, state.step
     work.variables = 6
@@ -380,9 +380,9 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
 def _is_oscillating(method: Progressive, state: Record, done: int) -> bool:
     # A palm that yields to a finger and is pulled back by the next program can do so until the tick ends, without one
     # step that fails. A long way that leads nowhere is known by its ends.
-    if state.together or 2 * done < method.options.linearisations:
+    if state.in_one_program or 2 * done < method.options.linearisations:
         return False
-    return state.moved > ROUND_TRIP * farthest_joint(state.pose.joints, state.start_joints)
+    return state.moved > OSCILLATION_RATIO * farthest_joint(state.pose.joints, state.start_joints)
 
 
 @is_strained.of(Progressive)

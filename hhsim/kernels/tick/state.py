@@ -9,7 +9,7 @@ from hhsim.kernels.contact.detection import CONTACT_ROWS, CONTACTS
 from hhsim.kernels.contact.linearise import PROBLEM
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import HAND_POSE
-from hhsim.kernels.parallel.thread_team import CREW
+from hhsim.kernels.parallel.thread_team import THREAD_TEAM
 from hhsim.kernels.tick.coupled import COUPLED_WORK
 from hhsim.kernels.tick.force import FORCES
 from hhsim.kernels.tick.progressive import PROGRESSIVE_WORK
@@ -20,11 +20,11 @@ STATUS_STUCK = 1
 """The tick kept the last feasible configuration although the haptic hand asked for a motion."""
 STATUS_LAG = 2
 """The work budget ended with a shortened step: there is distance still to go."""
-STATUS_HELD = 4
+STATUS_INPUT_INVALID = 4
 """The input was not finite; the last good one was used."""
 STATUS_START_INSIDE = 8
 """The haptic hand began inside the object; the graphic hand began at a free place nearby."""
-STATUS_FULL = 16
+STATUS_CAPACITY_EXCEEDED = 16
 """More pairs were near than the arrays hold."""
 STATUS_ABDUCTION_HELD = 32
 """The abduction of the haptic hand was not followed, since that left no feasible step."""
@@ -66,7 +66,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | active | contacts active at the last accepted step: they carry the forces |
     | unclipped_motion | how far the step of the program with the true target would go [m] |
     | clipped | the program at hand has a nearer target, see `clip_target` |
-    | crew | threads that share the work of a tick |
+    | thread_team | threads that share the work of a tick |
     | coupled, progressive, correction | workspaces of the methods |
     | forces | of this tick |
     | motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
@@ -75,8 +75,8 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | reach | pairs up to this far enter the program, and no step near the object is longer [m]; at most the margin |
     | moved | how far the farthest point of the hand can have moved in this tick [m] |
     | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
-    | together | this tick solves palm and fingers in one program whatever the method, since apart they found no step |
-    | parted, parted_joints | palm and fingers apart came to nothing near here: the haptic hand's joints there [m] |
+    | in_one_program | whatever the method, this tick solves palm and fingers in one: apart they found no step |
+    | decoupling_latched, latch_joints | palm and fingers apart led nowhere near the haptic joints there [m] |
     | start_joints | joints of the graphic hand where this tick began [m] |
     | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
     | full | this tick met more pairs than the arrays hold |
@@ -101,7 +101,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("active", ACTIVE_CONTACTS),
             ("unclipped_motion", np.float64),
             ("clipped", np.bool_),
-            ("crew", CREW),
+            ("thread_team", THREAD_TEAM),
             ("coupled", COUPLED_WORK),
             ("progressive", PROGRESSIVE_WORK),
             ("correction", CORRECTION_WORK),
@@ -115,9 +115,9 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("lag", np.float64),
             ("relaxed", np.bool_),
             ("hold_abduction", np.bool_),
-            ("together", np.bool_),
-            ("parted", np.bool_),
-            ("parted_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+            ("in_one_program", np.bool_),
+            ("decoupling_latched", np.bool_),
+            ("latch_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
             ("start_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
             ("accepted", np.bool_),
             ("full", np.bool_),

@@ -1,4 +1,4 @@
-"""What the helpers of a crew do while a block of ticks runs in another thread."""
+"""What the helpers of a thread team do while a block of ticks runs in another thread."""
 
 from typing import Any
 
@@ -26,15 +26,15 @@ def help_out(
     qp: QpWork,
     walk: Walk,
 ) -> None:
-    """Do items of the tick's tasks until the crew is dismissed.
+    """Do items of the tick's tasks until the thread team is dismissed.
 
     Args:
-        hand, surface, options, states: Those of the block that runs in the crew's first thread.
+        hand, surface, options, states: Those of the block that runs in the thread team's first thread.
         qp: A workspace of this thread's own.
         walk: This thread's own.
     """
     state = states[0]
-    word = state.crew.word[:]
+    word = state.thread_team.word[:]
     looks = as_int64(0)
     while True:
         task = waiting_task(word)
@@ -53,9 +53,9 @@ def help_out(
                 options.margin,
                 options.skin,
                 state.candidates,
-                state.crew,
+                state.thread_team,
                 walk,
-                state.crew.work[:],
+                state.thread_team.work[:],
             )
         else:
             solve_items(options, state, qp)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, evaluate, find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
-from hhsim.kernels.contact.parallel_detection import evaluate_together, worth_sharing
-from hhsim.kernels.contact.redundant_contacts import drop_dominated
+from hhsim.kernels.contact.parallel_detection import evaluate_in_parallel, worth_sharing
+from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
@@ -40,8 +40,8 @@ from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_s
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
-    STATUS_FULL,
-    STATUS_HELD,
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_INPUT_INVALID,
     STATUS_LAG,
     STATUS_STUCK,
     UNITS_LINEARISATION,
@@ -76,7 +76,7 @@ REACH_GROWTH = 4.0
 
 A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin.
 """
-PARTED_MARGINS = 10.0
+LATCH_MARGINS = 10.0
 """How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
 
@@ -84,9 +84,9 @@ PARTED_MARGINS = 10.0
 def set_haptic(
     hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: Record
 ) -> int:
-    """Take the new haptic configuration; returns STATUS_HELD and keeps the old one where it is not finite, else 0."""
+    """Take the new haptic configuration; returns 0, or STATUS_INPUT_INVALID and keeps the old one: it is not finite."""
     if not is_finite_configuration(position, orientation, flexion, abduction):
-        return STATUS_HELD
+        return STATUS_INPUT_INVALID
     haptic = state.haptic
     square = 0.0
     for i in range(4):
@@ -109,8 +109,8 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
     pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
-    if state.crew.members > 1 and worth_sharing(margin, skin, candidates, state.crew):
-        return evaluate_together(hand, pose, surface, margin, skin, candidates, state.crew, state.work)
+    if state.thread_team.members > 1 and worth_sharing(margin, skin, candidates, state.thread_team):
+        return evaluate_in_parallel(hand, pose, surface, margin, skin, candidates, state.thread_team, state.work)
     return evaluate(hand, pose, surface, margin, skin, candidates, state.work)
 
 
@@ -124,20 +124,20 @@ def least_distance(candidates: Record) -> float:
 
 
 @jit_once
-def _still_parted(options: TickOptions, state: Record) -> bool:
+def _stays_latched(options: TickOptions, state: Record) -> bool:
     # Palm and fingers that came to nothing apart do so again from where solving them together has led: the hand would
     # be pulled to and fro for ever. They stay together until the user's hand has left that place.
-    if not state.parted:
+    if not state.decoupling_latched:
         return False
-    return farthest_joint(state.parted_joints, state.haptic.joints) <= PARTED_MARGINS * options.margin
+    return farthest_joint(state.latch_joints, state.haptic.joints) <= LATCH_MARGINS * options.margin
 
 
 @jit
-def solve_together(state: Record) -> None:
+def switch_to_coupled(state: Record) -> None:
     """Let palm and fingers share a program in this tick, and as long as the user's hand stays near."""
-    state.together = True
-    state.parted = True
-    copy_values(state.haptic.joints[:], state.parted_joints[:])
+    state.in_one_program = True
+    state.decoupling_latched = True
+    copy_values(state.haptic.joints[:], state.latch_joints[:])
 
 
 @jit_once
@@ -148,8 +148,8 @@ def begin_tick(options: TickOptions, state: Record) -> None:
         state.since_safe[body] = 0.0
     state.relaxed = False
     state.hold_abduction = False
-    state.parted = _still_parted(options, state)
-    state.together = state.parted
+    state.decoupling_latched = _stays_latched(options, state)
+    state.in_one_program = state.decoupling_latched
     state.progressive.variables = 6
     state.accepted = False
     state.full = False
@@ -159,7 +159,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.step.iterations = 0
     state.trust = options.margin
     # What moves as fast as in the last tick, or stands still, needs no more; what does not, gains reach as it goes.
-    state.reach = min(options.margin, max(REACH_FLOOR * options.settled, REACH_PACE * state.moved))
+    state.reach = min(options.margin, max(REACH_FLOOR * options.step_tolerance, REACH_PACE * state.moved))
     state.moved = 0.0
     state.lag = 0.0
     copy_values(state.pose.joints[:], state.start_joints[:])
@@ -196,7 +196,7 @@ def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     status = find_contacts(surface, hand, state.pose, candidates, reach, state.contacts)
     if status != 0:
         return -1
-    drop_dominated(hand, reach, state.contacts, state.excess[:])
+    drop_redundant_contacts(hand, reach, state.contacts, state.excess[:])
     _aim(state)
     state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]
@@ -237,7 +237,7 @@ def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     """After a program without solution: make the next one easier. False where nothing is left to try."""
     if not state.relaxed:
         state.relaxed = True
-        state.together = True
+        state.in_one_program = True
         return True
     moved = 0.0
     for body in range(BODY_COUNT):
@@ -338,7 +338,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
         state.accepted = True
         state.bad_steps = 0
         unhindered = state.contacts.start[FINGER_COUNT + 1] == 0
-        done = fraction == 1.0 and not state.clipped and (unhindered or longest <= options.settled)
+        done = fraction == 1.0 and not state.clipped and (unhindered or longest <= options.step_tolerance)
         if not done and state.lag == 0.0:
             # A whole step, but not a short one: were this the budget's last, up to as much could still be to go.
             state.lag = longest
@@ -347,8 +347,8 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     else:
         state.bad_steps += 1
         if state.bad_steps > 3:
-            if not state.together:
-                solve_together(state)
+            if not state.in_one_program:
+                switch_to_coupled(state)
             _take_back(state)
             state.lag = wanted
             state.trust *= 0.25
@@ -403,9 +403,9 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     if unsafe > 0.0:
         _take_back(state)
         if evaluate_pose(hand, surface, options, state) != 0:
-            status |= STATUS_FULL
+            status |= STATUS_CAPACITY_EXCEEDED
     if state.full:
-        status |= STATUS_FULL
+        status |= STATUS_CAPACITY_EXCEEDED
     if not state.accepted:
         status |= STATUS_STUCK
         state.lag = np.inf
@@ -458,10 +458,10 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
         if i > 0 and spent_units(state) >= options.budget:
             break
         if is_oscillating(method, state, i):
-            solve_together(state)
+            switch_to_coupled(state)
         contacts = prepare(hand, surface, options, state)
         if contacts < 0:
-            status |= STATUS_FULL
+            status |= STATUS_CAPACITY_EXCEEDED
             break
         solved = OPTIMAL
         while contacts > 0:
@@ -478,7 +478,7 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
 
 
 @jit
-def gather_anew(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> int:
+def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> int:
     """Take the graphic hand's configuration as it now stands: kinematics, near pairs, distances; returns 0 or FULL."""
     state = states[0]
     for body in range(BODY_COUNT):

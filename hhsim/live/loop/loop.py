@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.kernels.tick.state import STATUS_FULL, STATUS_HELD, WORK_TOUCHING
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, WORK_TOUCHING
 from hhsim.live.device import COUNTERS, GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FAULT, LIVE_TICK, SessionMemory
@@ -253,10 +253,10 @@ class LiveLoop:
         except Exception as error:  # whatever it is, the fingers are freed and the loop goes on
             self._safety_log.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
             return False, safety | _SOLVER_FAILED
-        if status & STATUS_FULL:
+        if status & STATUS_CAPACITY_EXCEEDED:
             self._safety_log.detail[Safety.SOLVER_FAILED] = "more contacts than the solver holds"
             safety |= _SOLVER_FAILED
-        if status & STATUS_HELD:
+        if status & STATUS_INPUT_INVALID:
             safety |= _NOT_FINITE
         return True, self.commander.update(self._graphic, self._phalanx, safety, self.watch.free)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
 from stress_motion import random_targets
 
-from hhsim.bench.robustness.delta_debugging import Trace, Trial, shrink
+from hhsim.bench.robustness.delta_debugging import Trace, Trial, delta_debug
 from hhsim.bench.robustness.failure import (
     KINDS,
     Provenance,
@@ -74,9 +74,9 @@ def test_only_the_samples_that_matter_are_left(seed: int, heights: list[float]) 
     motion = random_targets(HAND, 200, seed, JUMPS)
     if not trial(motion).failed.any():
         with pytest.raises(InputError, match="200 ticks does not fail"):
-            shrink(motion, trial)
+            delta_debug(motion, trial)
         return
-    shrunk = shrink(motion, trial)
+    shrunk = delta_debug(motion, trial)
     assert shrunk.motion.ticks == 1 + len(heights)
     assert shrunk.tick == len(heights)
     assert shrunk.ticks_before == 200
@@ -87,7 +87,7 @@ def test_only_the_samples_that_matter_are_left(seed: int, heights: list[float]) 
 
 def test_what_does_not_matter_is_held_still_and_rounded() -> None:
     motion = random_targets(HAND, 300, 2, JUMPS)
-    shrunk = shrink(motion, in_order(lambda p, q, f, a: f[3, 1] > 1.2345678))
+    shrunk = delta_debug(motion, in_order(lambda p, q, f, a: f[3, 1] > 1.2345678))
     start, end = (tuple(values[tick] for values in shrunk.motion) for tick in (0, 1))
     np.testing.assert_array_equal(start[1], end[1])
     np.testing.assert_allclose(start[0], end[0], atol=5e-3)
@@ -110,7 +110,7 @@ def test_the_start_is_brought_up_to_the_failure() -> None:
     motion.position[:, 0] = 0.25
     motion.position[0] = [0.0, 0.0, 0.25]
     assert np.argmax(walk(motion).failed) > 200
-    assert shrink(motion, walk).motion.ticks == 2
+    assert delta_debug(motion, walk).motion.ticks == 2
 
 
 def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
@@ -124,7 +124,7 @@ def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
         motion.part(failing - 40, failing + 1),
         HandConfiguration.of(record).part(failing - 40, failing + 1),
     )
-    assert shrink(stretch, trial, graphic=graphic).motion.ticks <= 3
+    assert delta_debug(stretch, trial, graphic=graphic).motion.ticks <= 3
 
 
 def test_a_budget_ends_the_search_with_what_fails() -> None:
@@ -136,11 +136,11 @@ def test_a_budget_ends_the_search_with_what_fails() -> None:
         return inner(motion)
 
     motion = random_targets(HAND, 400, 6, JUMPS)
-    shrunk = shrink(motion, counted, most_runs=5)
+    shrunk = delta_debug(motion, counted, most_runs=5)
     assert len(calls) == shrunk.runs == 5
     assert inner(shrunk.motion).failed.any()
     calls.clear()
-    shrunk = shrink(motion, counted, most_ticks=500)
+    shrunk = delta_debug(motion, counted, most_ticks=500)
     assert sum(calls[:-1]) < 500
     assert inner(shrunk.motion).failed.any()
 
@@ -174,7 +174,7 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
 
     trial = make_trial(HAND, tree, faulty, penetrates())
     motion = random_targets(HAND, 2500, 3)
-    shrunk = shrink(motion, trial)
+    shrunk = delta_debug(motion, trial)
     assert shrunk.motion.ticks <= 3
     path = tmp_path / "failing.h5"
     command = keep_failure(path, shrunk, provenance(options, failing_tick=shrunk.tick))
@@ -197,7 +197,7 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
 
 
 def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:
-    shrunk = shrink(random_targets(HAND, 50, 1, JUMPS), in_order(lambda p, q, f, a: p[0] > 0.0))
+    shrunk = delta_debug(random_targets(HAND, 50, 1, JUMPS), in_order(lambda p, q, f, a: p[0] > 0.0))
     options = SolverOptions(stiffness=Stiffness(2000.0, 3.0, 0.4), force="paper")
     made = provenance(options, kind="stuck", hand="left", stress=JUMPS.to_json())
     command = keep_failure(tmp_path / "kept.h5", shrunk, made)

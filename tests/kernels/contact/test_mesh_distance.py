@@ -12,8 +12,8 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.mesh_distance import (
     DEEPEST_INTERVAL,
     hand_mesh_distances,
+    mesh_contact_points,
     round_cone_mesh_distance,
-    touching_points,
 )
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
@@ -168,7 +168,7 @@ def test_contact_points_are_those_of_every_touching_pair() -> None:
     touch = 1e-3
     room = np.empty((5000, 3))
     arrays = tree.arrays()
-    count = touching_points(radius, center, palm_radius, arrays, joints[0], position[0], rotation[0], touch, room)
+    count = mesh_contact_points(radius, center, palm_radius, arrays, joints[0], position[0], rotation[0], touch, room)
     expected = []
     balls = [(c + position[0], r) for c, r in zip(center, palm_radius)]
     for leaf, leaf_radius in zip(tree.leaf_center, tree.leaf_radius):
@@ -192,4 +192,7 @@ def test_contact_points_are_those_of_every_touching_pair() -> None:
     assert nearest.min(axis=1).max() < 2e-5
     assert nearest.min(axis=0).max() < 2e-5
     small = np.empty((count - 1, 3))
-    assert touching_points(radius, center, palm_radius, arrays, joints[0], position[0], rotation[0], touch, small) == -1
+    assert (
+        mesh_contact_points(radius, center, palm_radius, arrays, joints[0], position[0], rotation[0], touch, small)
+        == -1
+    )

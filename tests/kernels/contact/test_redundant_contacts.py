@@ -12,7 +12,7 @@ from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, set_pose, spher
 
 from hhsim.kernels.contact.detection import CONTACT_ROWS, evaluate, find_contacts
 from hhsim.kernels.contact.linearise import build_rows
-from hhsim.kernels.contact.redundant_contacts import FEWEST, drop_dominated
+from hhsim.kernels.contact.redundant_contacts import FEWEST, drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import motion_bounds
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
@@ -70,7 +70,7 @@ def test_every_dropped_row_follows_from_the_kept_ones(seed: int, leaves: int, re
     tree, at = on_a_patch(seed, leaves)
     state = in_contact(tree, at, reach)
     matrix, rhs, keys = rows(state)
-    drop_dominated(RIGHT.arrays(), reach, state.contacts, np.zeros(CONTACT_ROWS))
+    drop_redundant_contacts(RIGHT.arrays(), reach, state.contacts, np.zeros(CONTACT_ROWS))
     _, _, kept = rows(state)
     keeps = np.isin(keys, kept)
     assert set(kept) <= set(keys)
@@ -97,7 +97,7 @@ def test_patches_of_many_spheres_lose_most_of_their_rows_and_keep_their_nearest(
         before = int(state.contacts.start[-1])
         records = {name: np.array(state.contacts[name][:before]) for name in FIELDS}
         points, normals = np.array(state.contacts.point[:, :before]), np.array(state.contacts.normal[:, :before])
-        drop_dominated(RIGHT.arrays(), REACH, state.contacts, np.zeros(CONTACT_ROWS))
+        drop_redundant_contacts(RIGHT.arrays(), REACH, state.contacts, np.zeros(CONTACT_ROWS))
         after = int(state.contacts.start[-1])
         place = {key: i for i, key in enumerate(records["key"])}
         chosen = [place[key] for key in state.contacts.key[:after]]
@@ -132,5 +132,5 @@ def test_of_duplicates_one_is_left(copies: int) -> None:
     state = in_contact(tree, at, REACH)
     tips = state.contacts.body[: state.contacts.start[-1]] == 5
     assert tips.sum() == copies
-    drop_dominated(RIGHT.arrays(), REACH, state.contacts, np.zeros(CONTACT_ROWS))
+    drop_redundant_contacts(RIGHT.arrays(), REACH, state.contacts, np.zeros(CONTACT_ROWS))
     assert (state.contacts.body[: state.contacts.start[-1]] == 5).sum() == 1

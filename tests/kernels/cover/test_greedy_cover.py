@@ -21,11 +21,11 @@ SHAPES = {
     "box": trimesh.creation.box((0.1, 0.06, 0.02)),
     "torus": trimesh.creation.torus(0.04, 0.012, major_sections=24, minor_sections=12),
 }
-BALLS = 40
+SPHERES = 40
 
 
 def far_corner(corner: Array, center: Array) -> Array:
-    """Distances of the farthest corners, shape (micro-triangles, balls)."""
+    """Distances of the farthest corners, shape (micro-triangles, spheres)."""
     points = corner.reshape(-1, 3, 1, 3)
     return np.asarray(np.linalg.norm(points - center, axis=3).max(axis=1))
 
@@ -37,11 +37,11 @@ class Case:
         self.vertices, self.faces = np.array(shape.vertices, float), np.array(shape.faces, np.int64)
         self.corner = self.vertices[self.faces].reshape(-1, 9)
         self.bvh = build_mesh_bvh(self.vertices, self.faces)
-        edge = edges_for(self.corner, np.ones(len(self.corner)), 24 * BALLS)
+        edge = edges_for(self.corner, np.ones(len(self.corner)), 24 * SPHERES)
         self.micro = cut_mesh(self.corner, face_normals(self.vertices, self.faces), edge)
-        self.center, self.depth = np.empty((BALLS, 3)), np.empty(BALLS)
+        self.center, self.depth = np.empty((SPHERES, 3)), np.empty(SPHERES)
         self.owner, self.cost = np.empty(len(self.micro.corner), np.int64), np.empty(len(self.micro.corner))
-        count = self.place(0, BALLS)
+        count = self.place(0, SPHERES)
         self.center, self.depth = self.center[:count], self.depth[:count]
         self.radius = np.empty(count)
         covering_radius(self.micro, self.center, self.owner, self.radius)
@@ -132,9 +132,9 @@ def test_a_lone_ball_has_no_second(case: Case) -> None:
 
 def test_each_ball_reaches_its_micro_triangles_and_no_farther(case: Case) -> None:
     far = far_corner(case.micro.corner, case.center)
-    for ball, radius in enumerate(case.radius):
-        mine = case.owner == ball
-        assert radius == pytest.approx(far[mine, ball].max() if mine.any() else -1.0, abs=1e-15)
+    for sphere, radius in enumerate(case.radius):
+        mine = case.owner == sphere
+        assert radius == pytest.approx(far[mine, sphere].max() if mine.any() else -1.0, abs=1e-15)
 
 
 def test_going_on_gives_what_one_call_gives(case: Case) -> None:
@@ -172,7 +172,7 @@ def test_certificate_agrees_with_dense_sampling(case: Case) -> None:
     assert certify(case, center, radius).size == 0
     assert distance_to_union(points, center, radius).max() == 0.0
 
-    # Take one ball away: what sampling finds bare has no proof, and the proof fails nowhere else but there.
+    # Take one sphere away: what sampling finds bare has no proof, and the proof fails nowhere else but there.
     for lost in range(0, len(radius), 7):
         rest = np.arange(len(radius)) != lost
         unproved = certify(case, np.ascontiguousarray(center[rest]), radius[rest])

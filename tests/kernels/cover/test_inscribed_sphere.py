@@ -1,4 +1,4 @@
-"""Inner balls and depths against closed forms in a box."""
+"""Inner spheres and depths against closed forms in a box."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.kernels.cover.inscribed_sphere import depth_at, far_corner2, inner_ball, place_ball
+from hhsim.kernels.cover.inscribed_sphere import depth_at, far_corner2, inscribed_sphere, place_sphere
 from hhsim.kernels.cover.micro_triangle import cut_mesh
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals
@@ -38,27 +38,27 @@ def test_depth(u: float, v: float, w: float) -> None:
 def test_largest_ball_under_a_face(u: float, v: float) -> None:
     p = np.array([HALF[0] * u, HALF[1] * v, HALF[2]])
     stack, distance2 = WORK
-    radius, *stop = inner_ball(BVH, p[0], p[1], p[2], 0.0, 0.0, 1.0, 1.0, stack, distance2)
+    radius, *stop = inscribed_sphere(BVH, p[0], p[1], p[2], 0.0, 0.0, 1.0, 1.0, stack, distance2)
     room = (HALF - np.abs(p))[:2].min()
     assert radius == pytest.approx(min(HALF[2], room), rel=1e-6)
     center = p - [0.0, 0.0, radius]
     assert np.linalg.norm(center - stop) == pytest.approx(radius, rel=1e-6)
-    assert inner_ball(BVH, p[0], p[1], p[2], 0.0, 0.0, 1.0, 1e-4, stack, distance2)[0] <= 1e-4
+    assert inscribed_sphere(BVH, p[0], p[1], p[2], 0.0, 0.0, 1.0, 1e-4, stack, distance2)[0] <= 1e-4
 
 
 @pytest.mark.parametrize("allowed", [0.0, 1e-3, 4e-3])
 def test_placed_balls_reach_deep_and_keep_the_promise(allowed: float) -> None:
     center = np.empty(3)
     for i in range(0, len(MICRO.corner), 5):
-        depth = place_ball(BVH, MICRO, i, 1.0, allowed, *WORK, center)
+        depth = place_sphere(BVH, MICRO, i, 1.0, allowed, *WORK, center)
         assert depth == pytest.approx((HALF - np.abs(center)).min(), abs=1e-15)
         touching = MICRO.corner[i].reshape(3, 3).mean(axis=0)
         room = np.sort(HALF - np.abs(touching))
-        # No less deep than the largest ball that touches there.
+        # No less deep than the largest sphere that touches there.
         assert depth >= min(room[1], HALF[2]) * (1.0 - 1e-6)
         far = np.sqrt(far_corner2(MICRO.corner, i, *center))
         assert far == pytest.approx(np.linalg.norm(MICRO.corner[i].reshape(3, 3) - center, axis=1).max())
-        plain = place_ball(BVH, MICRO, i, 1.0, 0.0, *WORK, np.empty(3))
+        plain = place_sphere(BVH, MICRO, i, 1.0, 0.0, *WORK, np.empty(3))
         assert depth >= plain
         if depth > plain:
             assert far - depth <= allowed

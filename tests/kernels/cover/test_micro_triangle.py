@@ -1,4 +1,4 @@
-"""Micro-triangles tile their faces, are as small as asked, and lie in the balls of their nodes."""
+"""Micro-triangles tile their faces, are as small as asked, and lie in the spheres of their nodes."""
 
 import numpy as np
 import pytest

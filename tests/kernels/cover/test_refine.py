@@ -1,4 +1,4 @@
-"""Grouping, moving and sparing of balls against brute force."""
+"""Grouping, moving and sparing of spheres against brute force."""
 
 from itertools import pairwise
 
@@ -10,19 +10,19 @@ from hypothesis import strategies as st
 
 from hhsim.kernels.cover.greedy_cover import assign, greedy_cover
 from hhsim.kernels.cover.micro_triangle import cut_mesh, edges_for
-from hhsim.kernels.cover.refine import group_by_owner, move_balls, removal_cost, spare_balls
+from hhsim.kernels.cover.refine import group_by_owner, move_spheres, removal_cost, spare_spheres
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 
 
 @settings(max_examples=60)
 @given(st.integers(1, 20), st.integers(0, 100), st.integers(0, 2**31))
-def test_groups(balls: int, count: int, seed: int) -> None:
-    owner = np.random.default_rng(seed).integers(balls, size=count)
-    first, order = np.empty(balls + 1, np.int64), np.empty(count, np.int64)
+def test_groups(spheres: int, count: int, seed: int) -> None:
+    owner = np.random.default_rng(seed).integers(spheres, size=count)
+    first, order = np.empty(spheres + 1, np.int64), np.empty(count, np.int64)
     group_by_owner(owner, first, order)
     assert (first[0], first[-1]) == (0, count)
-    for ball in range(balls):
-        assert np.array_equal(order[first[ball] : first[ball + 1]], np.flatnonzero(owner == ball))
+    for sphere in range(spheres):
+        assert np.array_equal(order[first[sphere] : first[sphere + 1]], np.flatnonzero(owner == sphere))
 
 
 def test_moved_balls_cost_less() -> None:
@@ -31,16 +31,16 @@ def test_moved_balls_cost_less() -> None:
     corner = vertices[faces].reshape(-1, 9)
     bvh = build_mesh_bvh(vertices, faces)
     micro = cut_mesh(corner, face_normals(vertices, faces), edges_for(corner, np.ones(len(corner)), 3000))
-    balls = 30
-    center, depth, step = np.empty((balls, 3)), np.empty(balls), np.zeros(balls)
+    spheres = 30
+    center, depth, step = np.empty((spheres, 3)), np.empty(spheres), np.zeros(spheres)
     owner, second = np.empty((2, len(micro.corner)), np.int64)
     cost, second_cost = np.empty((2, len(micro.corner)))
-    assert greedy_cover(bvh, micro, 0.05, 0.3, 0.0, 12, 0, center, depth, owner, cost) == balls
+    assert greedy_cover(bvh, micro, 0.05, 0.3, 0.0, 12, 0, center, depth, owner, cost) == spheres
     worst = [cost.max()]
-    first, order = np.empty(balls + 1, np.int64), np.empty(len(owner), np.int64)
+    first, order = np.empty(spheres + 1, np.int64), np.empty(len(owner), np.int64)
     for _ in range(10):
         group_by_owner(owner, first, order)
-        assert move_balls(bvh, micro, first, order, 6, center, depth, step) > 0
+        assert move_spheres(bvh, micro, first, order, 6, center, depth, step) > 0
         assert depth == pytest.approx(-mesh_signed_distance(bvh, center), abs=1e-15)
         assert (depth > 0.0).all() and (step[first[1:] > first[:-1]] > 0.0).all()
         assign(micro, 0, center, depth, owner, cost, second, second_cost)
@@ -51,14 +51,14 @@ def test_moved_balls_cost_less() -> None:
 
 @settings(max_examples=80)
 @given(st.integers(2, 12), st.integers(1, 60), st.integers(0, 2**31), st.integers(1, 12))
-def test_spared_balls_are_not_missed(balls: int, count: int, seed: int, most: int) -> None:
+def test_spared_balls_are_not_missed(spheres: int, count: int, seed: int, most: int) -> None:
     rng = np.random.default_rng(seed)
-    owner = rng.integers(balls, size=count)
-    second = (owner + rng.integers(1, balls, size=count)) % balls
-    first, order, spared = np.empty(balls + 1, np.int64), np.empty(count, np.int64), np.empty(balls, np.bool_)
+    owner = rng.integers(spheres, size=count)
+    second = (owner + rng.integers(1, spheres, size=count)) % spheres
+    first, order, spared = np.empty(spheres + 1, np.int64), np.empty(count, np.int64), np.empty(spheres, np.bool_)
     group_by_owner(owner, first, order)
-    candidates = rng.permutation(balls)[: rng.integers(balls + 1)]
-    chosen = spare_balls(candidates, first, order, second, most, spared)
+    candidates = rng.permutation(spheres)[: rng.integers(spheres + 1)]
+    chosen = spare_spheres(candidates, first, order, second, most, spared)
     assert spared.sum() == chosen <= most
     assert set(np.flatnonzero(spared)) <= set(candidates.tolist())
     lost = spared[owner]

@@ -1,4 +1,4 @@
-"""Descent of a ball against scipy, and against the optimum that symmetry gives."""
+"""Descent of a sphere against scipy, and against the optimum that symmetry gives."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from hhsim.kernels.cover.micro_triangle import cut_mesh
-from hhsim.kernels.cover.sphere_descent import WORK, descend_ball
+from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 
@@ -23,7 +23,7 @@ MICRO = cut_mesh(VERTICES[FACES].reshape(-1, 9), face_normals(VERTICES, FACES), 
 
 def descend(order: NDArray[np.int64], center: Array, trials: int = 12) -> tuple[float, float, int]:
     work, stack, distance2 = np.empty((WORK, 8)), np.empty(STACK, np.int64), np.empty(STACK)
-    cost, depth, step, good = descend_ball(BVH, MICRO, order, trials, 0.0, center, work, stack, distance2)
+    cost, depth, step, good = descend_sphere(BVH, MICRO, order, trials, 0.0, center, work, stack, distance2)
     assert step > 0.0
     return cost, depth, good
 

@@ -1,4 +1,4 @@
-"""The crew's tickets: every item is taken once, by anybody, and a task is over when all of its items are."""
+"""The thread team's tickets: every item is taken once, by anybody, and a task is over when all of its items are."""
 
 import threading
 import time
@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.clock import cpu_ns, thread_cpu_ns
 from hhsim.kernels.parallel.thread_team import (
-    CREW,
     DONE,
     NOTHING,
     PARTS,
     TASK_DISTANCES,
     TASK_FINGERS,
     TASK_STOP,
+    THREAD_TEAM,
     TICKET,
     WORDS,
     assemble,
     await_done,
-    crew_cpu_ns,
     dismiss,
     item_done,
     post,
     rest,
     sort_parts,
     take_item,
+    thread_team_cpu_ns,
     waiting_task,
 )
 
@@ -38,7 +38,7 @@ Indices = NDArray[np.int64]
 
 
 def fresh() -> Any:
-    return np.zeros(1, CREW).view(np.recarray)[0]
+    return np.zeros(1, THREAD_TEAM).view(np.recarray)[0]
 
 
 @numba.njit(nogil=True)  # type: ignore[untyped-decorator]
@@ -136,23 +136,23 @@ def test_a_ticket_of_a_task_gone_by_is_not_the_next_ones() -> None:
 
 @given(st.lists(st.integers(0, 10_000), min_size=0, max_size=PARTS))
 def test_parts_are_put_in_order_longest_first(costs: list[int]) -> None:
-    crew = fresh()
-    crew.part[: len(costs)] = np.arange(len(costs))
-    crew.cost[: len(costs)] = costs
-    sort_parts(crew, len(costs))
-    assert crew.cost[: len(costs)].tolist() == sorted(costs, reverse=True)
-    assert [costs[part] for part in crew.part[: len(costs)]] == sorted(costs, reverse=True)
-    assert sorted(crew.part[: len(costs)].tolist()) == list(range(len(costs)))
+    thread_team = fresh()
+    thread_team.part[: len(costs)] = np.arange(len(costs))
+    thread_team.cost[: len(costs)] = costs
+    sort_parts(thread_team, len(costs))
+    assert thread_team.cost[: len(costs)].tolist() == sorted(costs, reverse=True)
+    assert [costs[part] for part in thread_team.part[: len(costs)]] == sorted(costs, reverse=True)
+    assert sorted(thread_team.part[: len(costs)].tolist()) == list(range(len(costs)))
 
 
 def test_cpu_time_counts_every_member() -> None:
-    crew = fresh()
-    alone = crew_cpu_ns(crew)
+    thread_team = fresh()
+    alone = thread_team_cpu_ns(thread_team)
     assert alone <= thread_cpu_ns()
     own = time.pthread_getcpuclockid(threading.get_ident())
-    crew.clocks = 2
-    crew.clock[:2] = own
+    thread_team.clocks = 2
+    thread_team.clock[:2] = own
     before = thread_cpu_ns()
-    counted = crew_cpu_ns(crew)
+    counted = thread_team_cpu_ns(thread_team)
     assert 3 * before <= counted <= 3 * thread_cpu_ns()
     assert before <= cpu_ns(own) <= thread_cpu_ns()

@@ -22,7 +22,7 @@ from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import (
-    STATUS_HELD,
+    STATUS_INPUT_INVALID,
     STATUS_START_INSIDE,
     STATUS_STUCK,
     WORK_CANDIDATES,
@@ -230,7 +230,7 @@ def test_it_begins_where_the_other_methods_do() -> None:
     assert record.status[0] & STATUS_START_INSIDE
     assert record_clearance(RIGHT, BALL, record).min() > -1e-4
     nowhere = motion._replace(position=np.where(np.arange(3)[:, None] == 1, np.nan, motion.position))
-    assert paper(RIGHT, BALL, nowhere).status[1] & STATUS_HELD
+    assert paper(RIGHT, BALL, nowhere).status[1] & STATUS_INPUT_INVALID
 
 
 def test_place_takes_any_configuration_and_its_euler_angles() -> None:

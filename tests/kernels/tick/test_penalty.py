@@ -16,7 +16,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.penalty import LIMIT_WEIGHT
 from hhsim.kernels.tick.state import (
-    STATUS_HELD,
+    STATUS_INPUT_INVALID,
     STATUS_START_INSIDE,
     WORK_CANDIDATES,
     WORK_QP_ITERATIONS,
@@ -267,7 +267,7 @@ def test_input_that_is_not_finite_is_held() -> None:
     bad = motion._replace(position=motion.position.copy())
     bad.position[205:208, 1] = np.nan
     fine, found = (solver_of(BALL).run(*values) for values in (motion, bad))
-    np.testing.assert_array_equal(np.flatnonzero(found.status & STATUS_HELD), [205, 206, 207])
+    np.testing.assert_array_equal(np.flatnonzero(found.status & STATUS_INPUT_INVALID), [205, 206, 207])
     np.testing.assert_array_equal(found.joints, fine.joints)
 
 

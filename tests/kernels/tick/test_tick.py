@@ -15,8 +15,8 @@ from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import (
-    STATUS_FULL,
-    STATUS_HELD,
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_INPUT_INVALID,
     STATUS_LAG,
     STATUS_START_INSIDE,
     STATUS_STUCK,
@@ -106,7 +106,9 @@ def test_input_that_is_not_finite_is_held(name: str, method: str) -> None:
     bad = motion._replace(**{channel: getattr(motion, channel).copy()})
     getattr(bad, channel)[(slice(2, 4), *index)] = value
     fine, found = (HandSolver(HAND, BALL.arrays(), SolverOptions(method=method)).run(*moved) for moved in (motion, bad))
-    np.testing.assert_array_equal(found.status & STATUS_HELD > 0, [False, False, True, True, False, False, False])
+    np.testing.assert_array_equal(
+        found.status & STATUS_INPUT_INVALID > 0, [False, False, True, True, False, False, False]
+    )
     for kept in ("position", "orientation", "flexion", "abduction", "joints", "total"):
         np.testing.assert_array_equal(getattr(found, kept), getattr(fine, kept))
 
@@ -115,7 +117,7 @@ def test_a_first_input_that_is_not_finite_is_held_too() -> None:
     # The graphic hand is then where hands begin, at the origin.
     solver = HandSolver(HAND, BALL.transformed(np.eye(3), [0.0, 0.0, 0.4]).arrays(), SolverOptions())
     record = solver.run(*still(1, [np.nan, 0.0, 0.0]).then(still(1, [0.0, 0.0, -0.1])))
-    assert record.status[0] & STATUS_HELD
+    assert record.status[0] & STATUS_INPUT_INVALID
     assert np.isfinite(record.joints).all()
     np.testing.assert_allclose(record.position[1], [0.0, 0.0, -0.1], atol=1e-12)
 
@@ -127,7 +129,7 @@ def test_set_haptic_reports_what_it_refuses() -> None:
     assert set_haptic(solver.workspace.hand, position, orientation, flexion, abduction, solver.workspace.states[0]) == 0
     assert (
         set_haptic(solver.workspace.hand, nowhere, orientation, flexion, abduction, solver.workspace.states[0])
-        == STATUS_HELD
+        == STATUS_INPUT_INVALID
     )
     np.testing.assert_array_equal(solver.workspace.states[0].haptic.position, FREE)
 
@@ -220,8 +222,8 @@ def test_more_contacts_than_there_is_room_for_end_the_block() -> None:
     record = tick_record(60)
     done = solver.workspace.run_block(Coupled(solver.workspace.tick_options), HapticBlock(*motion), record)
     assert done < 60
-    assert record.status[done - 1] & STATUS_FULL
-    assert not (record.status[: done - 1] & STATUS_FULL).any()
+    assert record.status[done - 1] & STATUS_CAPACITY_EXCEEDED
+    assert not (record.status[: done - 1] & STATUS_CAPACITY_EXCEEDED).any()
 
 
 def test_a_hand_that_is_where_it_should_be_is_not_stuck() -> None:

@@ -1,8 +1,8 @@
-"""The smallest ball that encloses a set of balls.
+"""The smallest sphere that encloses a set of spheres.
 
-The problem is LP-type with at most four balls in its basis (Fischer and Gärtner, 2003). The ball that sticks out
+The problem is LP-type with at most four spheres in its basis (Fischer and Gärtner, 2003). The sphere that sticks out
 farthest joins the basis, and the basis of those at most five is found by trying every subset, so that the radius grows
-with each step. The last line of defence is the returned radius, which is measured against every ball.
+with each step. The last line of defence is the returned radius, which is measured against every sphere.
 """
 
 import math
@@ -20,11 +20,12 @@ _STEPS = 100
 
 
 @jit_allocating
-def _tangent_ball(center: Array, radius: Array, chosen: Indices, ball_out: Array) -> bool:
-    """Smallest ball (x, y, z, r) that the chosen balls touch from inside, its centre in the affine hull of theirs.
+def _tangent_sphere(center: Array, radius: Array, chosen: Indices, sphere_out: Array) -> bool:
+    """Smallest sphere (x, y, z, r) that the chosen spheres touch from inside, its centre in the affine hull of theirs.
 
-    With p the way from the first centre and s = R − r₁, each other ball gives u·p = (|u|² − δ²)/2 − s δ, δ = r₁ − r; so
-    p = a + s b, and |p| = s leaves a quadratic. Returns False where the centres span no simplex or no such ball exists.
+    With p the way from the first centre and s = R − r₁, each other sphere gives u·p = (|u|² − δ²)/2 − s δ, δ = r₁ − r;
+    so p = a + s b, and |p| = s leaves a quadratic. Returns False where the centres span no simplex or no such sphere
+    exists.
     """
     first = chosen[0]
     r1 = radius[first]
@@ -66,7 +67,7 @@ def _tangent_ball(center: Array, radius: Array, chosen: Indices, ball_out: Array
         aa += a[k] * a[k]
         ab += a[k] * b[k]
         bb += b[k] * b[k]
-    # |a + s b|² = s²; both roots may be true balls, the smaller R is wanted.
+    # |a + s b|² = s²; both roots may be true spheres, the smaller R is wanted.
     least = 0.0
     for i in range(n):
         least = max(least, -delta[i])
@@ -87,26 +88,27 @@ def _tangent_ball(center: Array, radius: Array, chosen: Indices, ball_out: Array
     if not s >= least * (1.0 - _TOLERANCE):
         return False
     for k in range(3):
-        ball_out[k] = center[first, k] + a[k] + s * b[k]
-    ball_out[3] = s + r1
+        sphere_out[k] = center[first, k] + a[k] + s * b[k]
+    sphere_out[3] = s + r1
     return True
 
 
 @jit
-def _reach(center: Array, radius: Array, i: int, ball: Array) -> float:
-    dx, dy, dz = center[i, 0] - ball[0], center[i, 1] - ball[1], center[i, 2] - ball[2]
+def _reach(center: Array, radius: Array, i: int, sphere: Array) -> float:
+    dx, dy, dz = center[i, 0] - sphere[0], center[i, 1] - sphere[1], center[i, 2] - sphere[2]
     return float(math.sqrt(dx * dx + dy * dy + dz * dz) + radius[i])
 
 
 @jit_allocating
-def enclosing_ball(center: Array, radius: Array, members: Indices, ball_out: Array) -> None:
-    """Smallest ball around the balls `members`.
+def enclosing_sphere(center: Array, radius: Array, members: Indices, sphere_out: Array) -> None:
+    """Smallest sphere around the spheres `members`.
 
     Args:
         center: [m], shape (n, 3).
         radius: [m], shape (n,).
         members: Indices, shape (m,), m ≥ 1.
-        ball_out: x, y, z, r [m], shape (4,). It encloses every member whatever the rounding: 1e-12 is added (relative).
+        sphere_out: x, y, z, r [m], shape (4,). It encloses every member whatever the rounding: 1e-12 is added
+        (relative).
     """
     basis = np.empty(5, np.int64)
     chosen = np.empty(4, np.int64)
@@ -120,13 +122,13 @@ def enclosing_ball(center: Array, radius: Array, members: Indices, ball_out: Arr
     basis[0] = largest
     size = 1
     for k in range(3):
-        ball_out[k] = center[largest, k]
-    ball_out[3] = radius[largest]
+        sphere_out[k] = center[largest, k]
+    sphere_out[3] = radius[largest]
 
     for _ in range(_STEPS):
-        farthest, reach = -1, ball_out[3] * (1.0 + _TOLERANCE)
+        farthest, reach = -1, sphere_out[3] * (1.0 + _TOLERANCE)
         for i in members:
-            r = _reach(center, radius, i, ball_out)
+            r = _reach(center, radius, i, sphere_out)
             if r > reach:
                 farthest, reach = i, r
         if farthest < 0:
@@ -134,7 +136,7 @@ def enclosing_ball(center: Array, radius: Array, members: Indices, ball_out: Arr
         basis[size] = farthest
         best[3] = np.inf
         best_size = 0
-        # The new ball is in every basis of the larger set; bit i of `subset` says whether old member i is too.
+        # The new sphere is in every basis of the larger set; bit i of `subset` says whether old member i is too.
         for subset in range(1 << size):
             count = 1
             chosen[0] = farthest
@@ -143,7 +145,7 @@ def enclosing_ball(center: Array, radius: Array, members: Indices, ball_out: Arr
                     if count < 4:
                         chosen[count] = basis[i]
                     count += 1
-            if count > 4 or not _tangent_ball(center, radius, chosen[:count], trial) or trial[3] >= best[3]:
+            if count > 4 or not _tangent_sphere(center, radius, chosen[:count], trial) or trial[3] >= best[3]:
                 continue
             encloses = True
             for i in range(size + 1):
@@ -156,15 +158,15 @@ def enclosing_ball(center: Array, radius: Array, members: Indices, ball_out: Arr
                 for i in range(count):
                     best_basis[i] = chosen[i]
                 best_size = count
-        if best_size == 0 or best[3] <= ball_out[3]:
+        if best_size == 0 or best[3] <= sphere_out[3]:
             break
         for k in range(4):
-            ball_out[k] = best[k]
+            sphere_out[k] = best[k]
         size = best_size
         for i in range(size):
             basis[i] = best_basis[i]
 
     needed = 0.0
     for i in members:
-        needed = max(needed, _reach(center, radius, i, ball_out))
-    ball_out[3] = needed * (1.0 + _TOLERANCE)
+        needed = max(needed, _reach(center, radius, i, sphere_out))
+    sphere_out[3] = needed * (1.0 + _TOLERANCE)

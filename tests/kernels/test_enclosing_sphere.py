@@ -1,4 +1,4 @@
-"""The smallest enclosing ball of balls against scipy, and its guarantee against anything."""
+"""The smallest enclosing sphere of spheres against scipy, and its guarantee against anything."""
 
 import numpy as np
 import pytest
@@ -7,19 +7,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import NonlinearConstraint, minimize
 
-from hhsim.kernels.enclosing_ball import enclosing_ball
+from hhsim.kernels.enclosing_sphere import enclosing_sphere
 
 Array = NDArray[np.float64]
 
 
-def ball_around(center: Array, radius: Array) -> Array:
+def sphere_around(center: Array, radius: Array) -> Array:
     out = np.empty(4)
-    enclosing_ball(np.asarray(center, float), np.asarray(radius, float), np.arange(len(radius)), out)
+    enclosing_sphere(np.asarray(center, float), np.asarray(radius, float), np.arange(len(radius)), out)
     return out
 
 
-def reach(center: Array, radius: Array, ball: Array) -> float:
-    return float((np.linalg.norm(center - ball[:3], axis=1) + radius).max())
+def reach(center: Array, radius: Array, sphere: Array) -> float:
+    return float((np.linalg.norm(center - sphere[:3], axis=1) + radius).max())
 
 
 @settings(max_examples=40)
@@ -27,8 +27,8 @@ def reach(center: Array, radius: Array, ball: Array) -> float:
 def test_is_the_smallest(count: int, seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
     center, radius = rng.normal(size=(count, 3)), spread * rng.random(count)
-    ball = ball_around(center, radius)
-    assert reach(center, radius, ball) <= ball[3]
+    sphere = sphere_around(center, radius)
+    assert reach(center, radius, sphere) <= sphere[3]
 
     def constraints(v: Array) -> Array:
         return np.asarray(v[3] - np.sqrt(((center - v[:3]) ** 2).sum(axis=1) + 1e-16) - radius)
@@ -42,7 +42,7 @@ def test_is_the_smallest(count: int, seed: int, spread: float) -> None:
         method="SLSQP",
         tol=1e-12,
     )
-    assert ball[3] <= reach(center, radius, best.x) * (1.0 + 1e-9)
+    assert sphere[3] <= reach(center, radius, best.x) * (1.0 + 1e-9)
 
 
 @settings(max_examples=60)
@@ -52,23 +52,23 @@ def test_encloses_whatever_is_degenerate(count: int, seed: int, values: int, sca
     rng = np.random.default_rng(seed)
     center = scale * rng.integers(0, values, size=(count, 3)).astype(float)
     radius = scale * rng.integers(0, values, size=count).astype(float)
-    ball = ball_around(center, radius)
-    assert reach(center, radius, ball) <= ball[3]
+    sphere = sphere_around(center, radius)
+    assert reach(center, radius, sphere) <= sphere[3]
     around_mean = reach(center, radius, np.append(center.mean(axis=0), 0.0))
-    assert ball[3] <= around_mean * (1.0 + 1e-9)
+    assert sphere[3] <= around_mean * (1.0 + 1e-9)
 
 
 def test_known_balls() -> None:
-    assert ball_around(np.array([[1.0, 2.0, 3.0]]), np.array([0.5])) == pytest.approx([1.0, 2.0, 3.0, 0.5])
-    two = ball_around(np.array([[-1.0, 0.0, 0.0], [3.0, 0.0, 0.0]]), np.array([1.0, 2.0]))
+    assert sphere_around(np.array([[1.0, 2.0, 3.0]]), np.array([0.5])) == pytest.approx([1.0, 2.0, 3.0, 0.5])
+    two = sphere_around(np.array([[-1.0, 0.0, 0.0], [3.0, 0.0, 0.0]]), np.array([1.0, 2.0]))
     assert two == pytest.approx([1.5, 0.0, 0.0, 3.5])
-    one_inside = ball_around(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), np.array([1.0, 0.2]))
+    one_inside = sphere_around(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), np.array([1.0, 0.2]))
     assert one_inside == pytest.approx([0.0, 0.0, 0.0, 1.0])
     cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    assert ball_around(cube, np.zeros(8)) == pytest.approx([0.0, 0.0, 0.0, np.sqrt(3.0)], abs=1e-9)
+    assert sphere_around(cube, np.zeros(8)) == pytest.approx([0.0, 0.0, 0.0, np.sqrt(3.0)], abs=1e-9)
 
 
 def test_only_members_count() -> None:
     center, radius, out = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]]), np.array([1.0, 1.0]), np.empty(4)
-    enclosing_ball(center, radius, np.array([0]), out)
+    enclosing_sphere(center, radius, np.array([0]), out)
     assert out == pytest.approx([0.0, 0.0, 0.0, 1.0])
