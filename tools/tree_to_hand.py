@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from hhsim.bench.run_errors import placed_of
 from hhsim.errors import HhsimError, InputError
-from hhsim.hand.forward_kinematics import HandShape, PlacedHand, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import contact_points

@@ -9,16 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import kinematics
+from hhsim.kernels.hand.hand_shape import HandShape
 
 FloatArray = NDArray[np.float64]
-
-
-class HandShape(NamedTuple):
-    """Sizes of a hand [m]: phalanx_radius (5, 4); palm_center (P, 3), palm frame, and palm_radius (P,)."""
-
-    phalanx_radius: FloatArray
-    palm_center: FloatArray
-    palm_radius: FloatArray
 
 
 class PlacedHand(NamedTuple):

@@ -97,22 +97,25 @@ def sphere_round_cone_distance(
     return distance, s
 
 
+class Spheres(NamedTuple):
+    """Centres and radii [m], structure of arrays, each of shape (n,)."""
+
+    x: Array
+    y: Array
+    z: Array
+    radius: Array
+
+
 @jit_vector
 def round_cone_distances(
-    x: Array,
-    y: Array,
-    z: Array,
-    radius: Array,
-    count: int,
-    cone: RoundCone,
-    distance_out: Array,
-    parameter_out: Array,
+    spheres: Spheres, count: int, cone: RoundCone, distance_out: Array, parameter_out: Array
 ) -> None:
-    """Signed distances [m] and axis parameters of `count` spheres against one round cone, structure of arrays.
+    """Signed distances [m] and axis parameters of `count` spheres against one round cone.
 
     Branch-free, so that it runs on the vector unit.
     """
     ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
+    x, y, z, radius = spheres
     for i in range(count):
         dx = x[i] - ax
         dy = y[i] - ay
@@ -132,23 +135,14 @@ def round_cone_distances(
 
 @jit_vector
 def sphere_pair_distances(
-    hand_x: Array,
-    hand_y: Array,
-    hand_z: Array,
-    hand_radius: Array,
-    object_x: Array,
-    object_y: Array,
-    object_z: Array,
-    object_radius: Array,
-    count: int,
-    position: Array,
-    rotation: Array,
-    distance_out: Array,
+    hand: Spheres, others: Spheres, count: int, position: Array, rotation: Array, distance_out: Array
 ) -> None:
     """Signed distances [m] of sphere pairs.
 
-    Hand centres in the palm frame (position (3,), rotation (3, 3)), object centres in the world.
+    The hand's centres in the palm frame (position (3,), rotation (3, 3)), the others' in the world.
     """
+    hand_x, hand_y, hand_z, hand_radius = hand
+    object_x, object_y, object_z, object_radius = others
     px, py, pz = position[0], position[1], position[2]
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]

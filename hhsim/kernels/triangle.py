@@ -1,5 +1,7 @@
 """Closest point of a triangle, with the feature it lies on; and the cut of a triangle across its longest edge."""
 
+from typing import NamedTuple
+
 from hhsim.kernels.jit import jit_inline
 
 FEATURE_FACE = 0
@@ -14,6 +16,20 @@ _SLIVER = 1e-12
 
 _EQUAL = 1.0 - 1e-6
 """Ratio of squared lengths from which on edges count as equal: a turned triangle is halved like the triangle."""
+
+
+class Triangle(NamedTuple):
+    """Corners a, b and c [m]."""
+
+    ax: float
+    ay: float
+    az: float
+    bx: float
+    by: float
+    bz: float
+    cx: float
+    cy: float
+    cz: float
 
 
 @jit_inline
@@ -36,21 +52,9 @@ def _closest_on_segment(
 
 
 @jit_inline
-def _closest_on_edges(
-    px: float,
-    py: float,
-    pz: float,
-    ax: float,
-    ay: float,
-    az: float,
-    bx: float,
-    by: float,
-    bz: float,
-    cx: float,
-    cy: float,
-    cz: float,
-) -> tuple[float, float, float, float, int]:
+def _closest_on_edges(px: float, py: float, pz: float, triangle: Triangle) -> tuple[float, float, float, float, int]:
     """The same as `closest_on_triangle` for a triangle without area."""
+    ax, ay, az, bx, by, bz, cx, cy, cz = triangle
     x, y, z, best, end = _closest_on_segment(px, py, pz, ax, ay, az, bx, by, bz)
     feature = 4 if end == 2 else 1 + end
     x2, y2, z2, d2, end = _closest_on_segment(px, py, pz, bx, by, bz, cx, cy, cz)
@@ -65,21 +69,8 @@ def _closest_on_edges(
 
 
 @jit_inline
-def closest_on_triangle(
-    px: float,
-    py: float,
-    pz: float,
-    ax: float,
-    ay: float,
-    az: float,
-    bx: float,
-    by: float,
-    bz: float,
-    cx: float,
-    cy: float,
-    cz: float,
-) -> tuple[float, float, float, float, int]:
-    """Closest point of the triangle abc to the point p.
+def closest_on_triangle(px: float, py: float, pz: float, triangle: Triangle) -> tuple[float, float, float, float, int]:
+    """Closest point of a triangle to the point p.
 
     By Voronoi regions (Ericson, Real-Time Collision Detection, 5.1.5); the returned point always lies on the triangle,
     so that a distance is never too small. Slivers and triangles without area are treated as their three edges.
@@ -87,6 +78,7 @@ def closest_on_triangle(
     Returns:
         (x, y, z, distance², feature), feature as `FEATURE_FACE`, `FEATURE_VERTEX` + corner, `FEATURE_EDGE` + edge.
     """
+    ax, ay, az, bx, by, bz, cx, cy, cz = triangle
     abx, aby, abz = bx - ax, by - ay, bz - az
     acx, acy, acz = cx - ax, cy - ay, cz - az
     apx, apy, apz = px - ax, py - ay, pz - az
@@ -109,7 +101,7 @@ def closest_on_triangle(
     area2 = nx * nx + ny * ny + nz * nz
     longest2 = max(abx * abx + aby * aby + abz * abz, acx * acx + acy * acy + acz * acz)
     if not area2 > _SLIVER * longest2 * longest2:
-        return _closest_on_edges(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz)
+        return _closest_on_edges(px, py, pz, triangle)
 
     vc = d1 * d4 - d3 * d2
     vb = d5 * d2 - d1 * d6

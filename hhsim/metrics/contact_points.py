@@ -1,12 +1,11 @@
 """Where a stored hand touches the object, tick by tick: contact points, normals, and the body of the hand."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand.forward_kinematics import HandShape, PlacedHand
-from hhsim.kernels.contact.contact_points import find_contact_pairs
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.contact.contact_points import ContactPoints, find_contact_pairs
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.system.thread_pool import Workers, ranges, usual_threads
 
@@ -18,22 +17,6 @@ ROOM = 64
 
 TICKS_A_THREAD = 500
 """Fewer are done before a second thread has begun."""
-
-
-class ContactPoints(NamedTuple):
-    """The touching pairs of all ticks, in the order of the ticks.
-
-    Attributes:
-        tick: Of each pair, from 0, shape (N,).
-        body: 0 to 14 the phalanges, finger by finger, proximal first; 15 the palm; shape (N,).
-        point: Of the hand's surface [m], world, shape (N, 3).
-        normal: Unit, from the object to the hand, shape (N, 3).
-    """
-
-    tick: IntArray
-    body: IntArray
-    point: FloatArray
-    normal: FloatArray
 
 
 def find_contact_points(
@@ -74,11 +57,10 @@ def _contact_points(
     count = -1
     while count < 0:
         room *= 4
-        tick, body = np.empty(room, np.int64), np.empty(room, np.int64)
-        point, normal = np.empty((room, 3)), np.empty((room, 3))
-        count = find_contact_pairs(
-            *(shape.phalanx_radius, shape.palm_center, shape.palm_radius, tree, ticks),
-            *(placed.joints, placed.position, placed.orientation, counted, float(touch)),
-            *(tick, body, point, normal),
+        pairs = ContactPoints(
+            np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 3))
         )
-    return ContactPoints(tick[:count], body[:count], point[:count], normal[:count])
+        count = find_contact_pairs(
+            shape, tree, ticks, placed.joints, placed.position, placed.orientation, counted, float(touch), pairs
+        )
+    return ContactPoints(pairs.tick[:count], pairs.body[:count], pairs.point[:count], pairs.normal[:count])

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand.forward_kinematics import HandShape, PlacedHand
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.mesh_distance import hand_mesh_distances, mesh_contact_points
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.kernels.sphere_tree import TreeArrays
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.metrics.contact_points import ContactPoints, find_contact_points
+from hhsim.kernels.contact.contact_points import ContactPoints
+from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.hand_meshes import PIECES

@@ -94,7 +94,7 @@ class _Cover:
             center, depth = np.empty((self.spheres, 3)), np.empty(self.spheres)
             center[:here], depth[:here] = self.center, self.depth
             count = greedy_cover(
-                self.bvh, self.micro, self.largest, _REACH, 0.0, 2 * _TRIALS, here, center, depth, self.owner, self.cost
+                self.bvh, self.micro, self.largest, _REACH, 2 * _TRIALS, here, center, depth, self.owner, self.cost
             )
             self.center, self.depth = center[:count].copy(), depth[:count].copy()
             self.step = np.concatenate([self.step, np.zeros(count - here)])

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.hand.forward_kinematics import HandShape, PlacedHand
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.verify.coal_distance import frame_along
 from hhsim.verify.tree_checks import TrueSurface

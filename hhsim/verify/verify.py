@@ -136,7 +136,8 @@ def chosen_ticks(result: Result, every: int) -> IntArray:
 
 def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tuple[Claim, float]:
     """The graphic hand against the true mesh, by coal: a claim where the spheres cover it and nothing is in them."""
-    from hhsim.hand.forward_kinematics import HandShape, PlacedHand
+    from hhsim.hand.forward_kinematics import PlacedHand
+    from hhsim.kernels.hand.hand_shape import HandShape
     from hhsim.verify.mesh_distance import HandReferee
 
     name, says = "mesh", "the graphic hand stays out of the true mesh"

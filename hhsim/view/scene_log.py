@@ -26,11 +26,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand.forward_kinematics import HandShape, PlacedHand, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.contact_points import ContactPoints
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.contact_points import ContactPoints, find_contact_points
+from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.render.triangle_soup import Surface, mesh_surface

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.round_cone_distance import (
     RoundCone,
+    Spheres,
     cone_slope,
     round_cone_distances,
     sphere_pair_distances,
@@ -223,7 +224,7 @@ def test_vector_kernel_is_the_scalar_kernel(seed: int, kind: str) -> None:
     distance_out, parameter_out = np.full(count + 3, np.nan), np.full(count + 3, np.nan)
     x, y, z = (np.ascontiguousarray(center[:, i]) for i in range(3))
     cone = RoundCone._make(map(float, (*a, *direction, length, tangent, inverse, radius_a, radius_a - radius_b)))
-    round_cone_distances(x, y, z, radius, count, cone, distance_out, parameter_out)
+    round_cone_distances(Spheres(x, y, z, radius), count, cone, distance_out, parameter_out)
     for i in range(count):
         distance, s = kernel(center[i], float(radius[i]), a, b, radius_a, radius_b)
         assert distance_out[i] == pytest.approx(distance, abs=1e-14)
@@ -243,9 +244,8 @@ def test_sphere_pairs_are_numpys(seed: int) -> None:
     out = np.full(count + 2, np.nan)
     hx, hy, hz = (np.ascontiguousarray(hand[:, i]) for i in range(3))
     tx, ty, tz = (np.ascontiguousarray(thing[:, i]) for i in range(3))
-    sphere_pair_distances(
-        hx, hy, hz, hand_radius, tx, ty, tz, thing_radius, count, position, rotation, out
-    )  # fmt: skip
+    ours, others = Spheres(hx, hy, hz, hand_radius), Spheres(tx, ty, tz, thing_radius)
+    sphere_pair_distances(ours, others, count, position, rotation, out)
     expected = np.linalg.norm(position + hand @ rotation.T - thing, axis=1) - hand_radius - thing_radius
     np.testing.assert_allclose(out[:count], expected[:count], atol=1e-14)
     assert np.isnan(out[count:]).all()

@@ -8,16 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.triangle import closest_on_triangle, longest_edge
+from hhsim.kernels.triangle import Triangle, closest_on_triangle, longest_edge
 
 Array = NDArray[np.float64]
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def _closest(p: Array, t: Array, out: Array) -> int:
-    x, y, z, d2, feature = closest_on_triangle(
-        p[0], p[1], p[2], t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2]
-    )
+    corners = Triangle(t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2])
+    x, y, z, d2, feature = closest_on_triangle(p[0], p[1], p[2], corners)
     out[0], out[1], out[2], out[3] = x, y, z, d2
     return feature
 

@@ -6,8 +6,9 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.contact_points import ContactPoints
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
-from hhsim.metrics.contact_points import ContactPoints, find_contact_points
+from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import contact_points
 from hhsim.trees.sphere_tree import SphereTree
 

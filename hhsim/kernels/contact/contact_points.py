@@ -4,10 +4,12 @@ Many ticks in one call; from the stored poses alone, nothing is taken from the s
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.rotation import quaternion_to_matrix
@@ -21,11 +23,26 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+class ContactPoints(NamedTuple):
+    """Touching pairs of a hand body and a leaf, in the order of the ticks.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | tick | of each pair, from 0 | (N,) |
+    | body | 0 to 14 the phalanges, finger by finger, proximal first; 15 the palm | (N,) |
+    | point | the body's nearest point to the leaf [m], world | (N, 3) |
+    | normal | unit, from the object to the hand; zero where it has no direction | (N, 3) |
+    """
+
+    tick: Indices
+    body: Indices
+    point: Array
+    normal: Array
+
+
 @jit_allocating
 def find_contact_pairs(
-    phalanx_radius: Array,
-    palm_center: Array,
-    palm_radius: Array,
+    shape: HandShape,
     tree: TreeArrays,
     chosen: Indices,
     joints: Array,
@@ -33,10 +50,7 @@ def find_contact_pairs(
     orientation: Array,
     fingers: NDArray[np.bool_],
     touch: float,
-    tick_out: Indices,
-    body_out: Indices,
-    point_out: Array,
-    normal_out: Array,
+    pairs_out: ContactPoints,
 ) -> int:
     """Pairs of a hand body and a leaf sphere no more than `touch` [m] apart, or inside each other.
 
@@ -44,9 +58,7 @@ def find_contact_pairs(
     again before its ends have moved by what it was away more: nothing of the hull of two spheres moves further.
 
     Args:
-        phalanx_radius: [m], shape (5, 4).
-        palm_center: Of the palm's spheres [m], palm frame, shape (P, 3).
-        palm_radius: [m], shape (P,).
+        shape: Of the hand.
         tree: The object, world.
         chosen: The ticks to look at, in order.
         joints: [m], world, shape (T, 5, 4, 3).
@@ -54,14 +66,12 @@ def find_contact_pairs(
         orientation: Palm to world, unit (w, x, y, z), shape (T, 4).
         fingers: Which fingers count, shape (5,); the palm always does.
         touch: [m].
-        tick_out: The tick of each pair, shape (capacity,).
-        body_out: Its body: 0 to 14 the phalanges, finger by finger, 15 the palm; shape (capacity,).
-        point_out: The body's nearest point to the leaf [m], world, shape (capacity, 3).
-        normal_out: Unit, from the leaf to the body, shape (capacity, 3); zero where it has no direction.
+        pairs_out: Written.
 
     Returns:
         The number of pairs; -1 where there is no room for them.
     """
+    phalanx_radius, palm_center, palm_radius = shape
     stack = np.empty(STACK_SIZE, np.int64)
     index = np.empty(tree.x.shape[0], np.int64)
     rotation = np.empty((3, 3))
@@ -103,7 +113,7 @@ def find_contact_pairs(
             free[part] = clearance - touch if found == 0 else -1.0
             for i in range(6):
                 seen[part, i] = ends[i]
-            if count + found > tick_out.shape[0]:
+            if count + found > pairs_out.tick.shape[0]:
                 return -1
             for i in range(found):
                 leaf = index[i]
@@ -114,14 +124,14 @@ def find_contact_pairs(
                 # A leaf that is centred on the axis has no nearest point; any is as good.
                 inverse = 1.0 / away if away > 0.0 else 0.0
                 share = (radius - s * drop) * inverse
-                tick_out[count] = tick
-                body_out[count] = min(part, PALM_BODY)
-                point_out[count, 0] = tree.x[leaf] - qx + share * qx
-                point_out[count, 1] = tree.y[leaf] - qy + share * qy
-                point_out[count, 2] = tree.z[leaf] - qz + share * qz
-                normal_out[count, 0] = -inverse * qx
-                normal_out[count, 1] = -inverse * qy
-                normal_out[count, 2] = -inverse * qz
+                pairs_out.tick[count] = tick
+                pairs_out.body[count] = min(part, PALM_BODY)
+                pairs_out.point[count, 0] = tree.x[leaf] - qx + share * qx
+                pairs_out.point[count, 1] = tree.y[leaf] - qy + share * qy
+                pairs_out.point[count, 2] = tree.z[leaf] - qz + share * qz
+                pairs_out.normal[count, 0] = -inverse * qx
+                pairs_out.normal[count, 1] = -inverse * qy
+                pairs_out.normal[count, 2] = -inverse * qz
                 count += 1
     return count
 

@@ -36,9 +36,7 @@ def _gap(micro: MicroTriangles, node: int, x: float, y: float, z: float) -> floa
 def _offer_sphere(
     micro: MicroTriangles,
     sphere: int,
-    x: float,
-    y: float,
-    z: float,
+    center: Array,
     depth: float,
     owner: Indices,
     cost: Array,
@@ -47,6 +45,7 @@ def _offer_sphere(
     touched: Indices,
 ) -> None:
     """Give the sphere every micro-triangle that costs less under it, and keep the nodes' largest costs right."""
+    x, y, z = center[0], center[1], center[2]
     stack[0] = 0
     top, count = 1, 0
     while top > 0:
@@ -85,7 +84,6 @@ def greedy_cover(
     micro: MicroTriangles,
     largest: float,
     reach: float,
-    tolerance: float,
     trials: int,
     begin: int,
     center_out: Array,
@@ -100,7 +98,6 @@ def greedy_cover(
         micro: Micro-triangles of the same mesh.
         largest: Radius [m] from which inner spheres shrink.
         reach: Share [-] of the largest cost that a new sphere may cost its own micro-triangle.
-        tolerance: Stop when no cost is larger [m].
         trials: Steps of descent for a sphere that an inner sphere cannot replace.
         begin: Number of spheres to place now; the call goes on from sphere `begin`, 0 for a new cover.
         center_out: Centres [m], shape (spheres, 3).
@@ -137,7 +134,7 @@ def greedy_cover(
             if cost_out[i] > cost_out[chosen]:
                 chosen = i
         before = cost_out[chosen]
-        if before <= tolerance:
+        if before <= 0.0:
             return sphere
         allowed = reach * before if before < np.inf else 0.0
         for attempt in range(3):
@@ -158,9 +155,8 @@ def greedy_cover(
                 break
         if not after < before * (1.0 - _GAIN):
             return sphere
-        x, y, z = center_out[sphere, 0], center_out[sphere, 1], center_out[sphere, 2]
         depth_out[sphere] = depth
-        _offer_sphere(micro, sphere, x, y, z, depth, owner_out, cost_out, worst, stack, touched)
+        _offer_sphere(micro, sphere, center_out[sphere], depth, owner_out, cost_out, worst, stack, touched)
     return int(depth_out.shape[0])
 
 

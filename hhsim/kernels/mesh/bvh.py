@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.jit import jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK, build_median_tree
-from hhsim.kernels.triangle import closest_on_triangle
+from hhsim.kernels.triangle import Triangle, closest_on_triangle
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -167,9 +167,8 @@ def closest_on_mesh(
         if right < 0:
             for i in range(bvh.start[node], bvh.end[node]):
                 t = bvh.corner[i]
-                qx, qy, qz, d2, f = closest_on_triangle(
-                    px, py, pz, t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8]
-                )
+                corners = Triangle(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
+                qx, qy, qz, d2, f = closest_on_triangle(px, py, pz, corners)
                 if d2 < best:
                     best = d2
                     x, y, z, triangle, feature = qx, qy, qz, i, f

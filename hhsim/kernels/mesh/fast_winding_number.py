@@ -15,6 +15,7 @@ from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.mesh.winding_number import turned_by
+from hhsim.kernels.triangle import Triangle
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -122,20 +123,8 @@ def winding_at(bvh: MeshBvh, moments: WindingMoments, x: float, y: float, z: flo
         elif bvh.right[node] < 0:
             for i in range(bvh.start[node], bvh.end[node]):
                 t = bvh.corner[i]
-                real, imaginary, turns = turned_by(
-                    t[0] - x,
-                    t[1] - y,
-                    t[2] - z,
-                    t[3] - x,
-                    t[4] - y,
-                    t[5] - z,
-                    t[6] - x,
-                    t[7] - y,
-                    t[8] - z,
-                    real,
-                    imaginary,
-                    turns,
-                )
+                corners = Triangle(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
+                real, imaginary, turns = turned_by(x, y, z, corners, real, imaginary, turns)
         else:
             stack[top], stack[top + 1] = bvh.right[node], node + 1
             top += 2

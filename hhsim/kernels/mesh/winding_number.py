@@ -11,26 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.jit import jit, jit_inline
+from hhsim.kernels.triangle import Triangle
 
 SMALL = 1.0e-100
 
 
 @jit_inline
 def turned_by(
-    ax: float,
-    ay: float,
-    az: float,
-    bx: float,
-    by: float,
-    bz: float,
-    cx: float,
-    cy: float,
-    cz: float,
-    real: float,
-    imaginary: float,
-    turns: int,
+    x: float, y: float, z: float, triangle: Triangle, real: float, imaginary: float, turns: int
 ) -> tuple[float, float, int]:
-    """Multiply a product of arguments by that of one triangle, given relative to the point; see `winding_numbers`."""
+    """Multiply a product of arguments by that of one triangle, seen from a point; see `winding_numbers`."""
+    ax, ay, az = triangle.ax - x, triangle.ay - y, triangle.az - z
+    bx, by, bz = triangle.bx - x, triangle.by - y, triangle.bz - z
+    cx, cy, cz = triangle.cx - x, triangle.cy - y, triangle.cz - z
     n = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
     a = math.sqrt(ax * ax + ay * ay + az * az)
     b = math.sqrt(bx * bx + by * by + bz * bz)
@@ -81,18 +74,6 @@ def winding_numbers(
         turns = 0
         for k in range(triangles.shape[0]):
             t = triangles[k]
-            real, imaginary, turns = turned_by(
-                t[0, 0] - px,
-                t[0, 1] - py,
-                t[0, 2] - pz,
-                t[1, 0] - px,
-                t[1, 1] - py,
-                t[1, 2] - pz,
-                t[2, 0] - px,
-                t[2, 1] - py,
-                t[2, 2] - pz,
-                real,
-                imaginary,
-                turns,
-            )
+            corners = Triangle(t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2])
+            real, imaginary, turns = turned_by(px, py, pz, corners, real, imaginary, turns)
         winding_out[i] = (math.atan2(imaginary, real) + 2.0 * math.pi * turns) / (2.0 * math.pi)

@@ -18,7 +18,13 @@ from hhsim.kernels.contact.surface import (
 )
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Record, jit, jit_inline, jit_once, jit_vector
-from hhsim.kernels.round_cone_distance import RoundCone, round_cone_distances, sphere_cone, sphere_pair_distances
+from hhsim.kernels.round_cone_distance import (
+    RoundCone,
+    Spheres,
+    round_cone_distances,
+    sphere_cone,
+    sphere_pair_distances,
+)
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
 
 Array = NDArray[np.float64]
@@ -192,31 +198,15 @@ def _count_within(distance: Array, count: int, limit: float) -> int:
 def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
     count = candidates.count[body]
     if body < PALM_BODY:
-        round_cone_distances(
-            candidates.x[body],
-            candidates.y[body],
-            candidates.z[body],
-            candidates.radius[body],
-            count,
-            _phalanx(hand, pose, body // PHALANX_COUNT, body % PHALANX_COUNT),
-            candidates.distance[body],
-            candidates.parameter[body],
-        )
+        near = Spheres(candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body])
+        cone = _phalanx(hand, pose, body // PHALANX_COUNT, body % PHALANX_COUNT)
+        round_cone_distances(near, count, cone, candidates.distance[body], candidates.parameter[body])
         return _least(candidates.distance[body], count)
-    sphere_pair_distances(
-        candidates.hand_x,
-        candidates.hand_y,
-        candidates.hand_z,
-        candidates.hand_radius,
-        candidates.object_x,
-        candidates.object_y,
-        candidates.object_z,
-        candidates.object_radius,
-        count,
-        pose.position,
-        pose.rotation,
-        candidates.palm_distance,
+    palm = Spheres(candidates.hand_x[:], candidates.hand_y[:], candidates.hand_z[:], candidates.hand_radius[:])
+    leaves = Spheres(
+        candidates.object_x[:], candidates.object_y[:], candidates.object_z[:], candidates.object_radius[:]
     )
+    sphere_pair_distances(palm, leaves, count, pose.position[:], pose.rotation[:], candidates.palm_distance[:])
     return _least(candidates.palm_distance[:], count)
 
 

@@ -17,9 +17,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Record, jit, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.kernels.tick.options import TickOptions
 
 Array = NDArray[np.float64]
 
@@ -177,24 +178,13 @@ def palm_wrench(pose: Record, haptic: Record, stiffness: Array, scratch: Array, 
 
 
 @jit
-def hand_forces(
-    hand: HandArrays,
-    pose: Record,
-    haptic: Record,
-    active: Record,
-    contacts: Record,
-    model: int,
-    touch: float,
-    contact_stiffness: float,
-    stiffness: Array,
-    scratch: Array,
-    forces: Record,
-) -> None:
-    """All forces of a tick; for FORCE_PAPER `contacts` must be those of the final configuration."""
+def hand_forces(options: TickOptions, state: Record) -> None:
+    """All forces of a tick; for FORCE_PAPER the state's contacts must be those of the final configuration."""
+    pose, haptic, forces, contact_stiffness = state.pose, state.haptic, state.forces, options.contact_stiffness
     clear_forces(forces)
-    if model == FORCE_PAPER:
-        proxy_forces(pose, haptic, contacts, touch, contact_stiffness, scratch, forces)
+    if options.force_model == FORCE_PAPER:
+        proxy_forces(pose, haptic, state.contacts, options.touch, contact_stiffness, state.scratch, forces)
     else:
-        multiplier_forces(active, forces)
+        multiplier_forces(state.active, forces)
     fingertip_normal_forces(pose, haptic, contact_stiffness, forces)
-    palm_wrench(pose, haptic, stiffness, scratch, forces)
+    palm_wrench(pose, haptic, state.stiffness, state.scratch, forces)

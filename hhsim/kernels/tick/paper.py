@@ -215,20 +215,7 @@ def finger_program(finger: int, state: Record, paper: Record) -> int:
         if row < 0 or state.candidates.count[body] == 0:
             continue
         place_frustum(paper.shapes, pose, finger, k, paper.frustum)
-        row = phalanx_rows(
-            state.candidates,
-            paper.kind,
-            body,
-            paper.frustum,
-            pose.joints[finger],
-            pose.axis[finger],
-            weight,
-            row,
-            problem.block,
-            problem.rhs,
-            paper.normal,
-            paper.body,
-        )
+        row = phalanx_rows(state.candidates, body, pose.joints[finger], pose.axis[finger], weight, row, problem, paper)
     if row > 0:
         limit_rows(
             pose.flexion[finger],
@@ -349,19 +336,7 @@ def _tick(method: Paper, hand: HandArrays, tree: TreeArrays, state: Record, qp: 
         state.step.duration[DURATION_FINGERS] += finished - solved
     began = monotonic_ns()
     _count_touching(options.touch, state, paper)
-    hand_forces(
-        hand,
-        pose,
-        haptic,
-        state.active,
-        state.contacts,
-        options.force_model,
-        options.touch,
-        options.contact_stiffness,
-        state.stiffness,
-        state.scratch,
-        state.forces,
-    )
+    hand_forces(options, state)
     state.step.duration[DURATION_FORCE] += monotonic_ns() - began
     state.work[WORK_CANDIDATES] = most
     state.work[WORK_ROWS] = most

@@ -72,35 +72,22 @@ def palm_rows(
 
 @jit_once
 def phalanx_rows(
-    candidates: Record,
-    kind: NDArray[np.int8],
-    body: int,
-    frustum: Record,
-    joints: Array,
-    axis: Array,
-    weight: Array,
-    row: int,
-    block_out: Array,
-    rhs_out: Array,
-    normal_out: Array,
-    body_out: Indices,
+    candidates: Record, body: int, joints: Array, axis: Array, weight: Array, row: int, problem: Record, paper: Record
 ) -> int:
     """Append the rows of one phalanx's pairs; returns the next free row, -1 where there is no room.
 
     Args:
         candidates: The pairs, of row `body`.
-        kind: Which parts of the phalanx each is paired with.
         body: 3 finger + phalanx.
-        frustum: The phalanx at the palm of t and the joint angles of t - 1.
         joints: The finger's joints [m], world, shape (4, 3).
         axis: Its flexion axis, world.
         weight: 1 / √k_θ of its three joints.
         row: First row to write.
-        block_out: Columns, shape (3, rows).
-        rhs_out: Shape (rows,).
-        normal_out: From object to hand, shape (3, rows).
-        body_out: Shape (rows,).
+        problem: Its block and right-hand sides are written.
+        paper: Which part of the phalanx each pair is with, and the phalanx at the palm of t and the joint angles of
+            t - 1; the rows' normals and bodies are written.
     """
+    kind, frustum = paper.kind, paper.frustum
     phalanx = body % PHALANX_COUNT
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]
@@ -130,16 +117,16 @@ def phalanx_rows(
                 scale = 0.5 / total if total > 0.0 else 1.0
                 value = scale * (vx * vx + vy * vy + vz * vz - total * total)
                 nx, ny, nz = 2.0 * scale * vx, 2.0 * scale * vy, 2.0 * scale * vz
-            rhs_out[row] = -value
-            normal_out[0, row], normal_out[1, row], normal_out[2, row] = nx, ny, nz
-            body_out[row] = body
+            problem.rhs[row] = -value
+            paper.normal[0, row], paper.normal[1, row], paper.normal[2, row] = nx, ny, nz
+            paper.body[row] = body
             # n · (axis × r) = r · (n × axis), r from the joint to the sphere's centre.
             mx, my, mz = ny * axis[2] - nz * axis[1], nz * axis[0] - nx * axis[2], nx * axis[1] - ny * axis[0]
             for j in range(PHALANX_COUNT):
                 lever = 0.0
                 if j <= phalanx:
                     lever = mx * (x - joints[j, 0]) + my * (y - joints[j, 1]) + mz * (z - joints[j, 2])
-                block_out[j, row] = lever * weight[j]
+                problem.block[j, row] = lever * weight[j]
             row += 1
     return row
 
@@ -166,17 +153,14 @@ def limit_rows(
 def _add_contact(
     body: int,
     key: int,
-    x: float,
-    y: float,
-    z: float,
+    center: tuple[float, float, float],
     radius: float,
-    nx: float,
-    ny: float,
-    nz: float,
+    normal: tuple[float, float, float],
     distance: float,
     row: int,
     contacts: Record,
 ) -> int:
+    (x, y, z), (nx, ny, nz) = center, normal
     reach = radius + distance
     contacts.body[row] = body
     contacts.key[row] = key
@@ -204,7 +188,7 @@ def palm_contacts(candidates: Record, position: Array, rotation: Array, touch: f
         if distance > touch or length == 0.0 or row >= CONTACT_ROWS:
             continue
         nx, ny, nz = vx / length, vy / length, vz / length
-        row = _add_contact(as_int64(PALM_BODY), i, x, y, z, radius, nx, ny, nz, distance, row, contacts)
+        row = _add_contact(as_int64(PALM_BODY), i, (x, y, z), radius, (nx, ny, nz), distance, row, contacts)
     return row
 
 
@@ -249,5 +233,5 @@ def phalanx_contacts(
                 distance, nx, ny, nz = gap, vx / length, vy / length, vz / length
         if distance > touch or row >= CONTACT_ROWS:
             continue
-        row = _add_contact(body, i, x, y, z, radius, nx, ny, nz, distance, row, contacts)
+        row = _add_contact(body, i, (x, y, z), radius, (nx, ny, nz), distance, row, contacts)
     return row

@@ -426,19 +426,7 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
         state.step.duration[DURATION_FINGERS] = fingers
     if options.force_model == FORCE_PAPER:
         find_contacts(surface, hand, state.pose, candidates, options.touch, state.contacts)
-    hand_forces(
-        hand,
-        state.pose,
-        state.haptic,
-        state.active,
-        state.contacts,
-        options.force_model,
-        options.touch,
-        options.contact_stiffness,
-        state.stiffness,
-        state.scratch,
-        state.forces,
-    )
+    hand_forces(options, state)
     state.step.duration[DURATION_DETECT] += detected - began
     state.work[WORK_UNITS] = spent_units(state)
     state.work[WORK_QP_ITERATIONS] = state.step.iterations

@@ -48,7 +48,7 @@ class Case:
 
     def place(self, begin: int, end: int) -> int:
         return greedy_cover(
-            self.bvh, self.micro, 0.05, 0.3, 0.0, 12, begin, self.center[:end], self.depth[:end], self.owner, self.cost
+            self.bvh, self.micro, 0.05, 0.3, 12, begin, self.center[:end], self.depth[:end], self.owner, self.cost
         )
 
 

@@ -35,7 +35,7 @@ def test_moved_balls_cost_less() -> None:
     center, depth, step = np.empty((spheres, 3)), np.empty(spheres), np.zeros(spheres)
     owner, second = np.empty((2, len(micro.corner)), np.int64)
     cost, second_cost = np.empty((2, len(micro.corner)))
-    assert greedy_cover(bvh, micro, 0.05, 0.3, 0.0, 12, 0, center, depth, owner, cost) == spheres
+    assert greedy_cover(bvh, micro, 0.05, 0.3, 12, 0, center, depth, owner, cost) == spheres
     worst = [cost.max()]
     first, order = np.empty(spheres + 1, np.int64), np.empty(len(owner), np.int64)
     for _ in range(10):
