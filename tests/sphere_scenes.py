@@ -154,7 +154,7 @@ def solve_prepared(solver: HandSolver) -> int:
     """Solve the prepared program by the solver's method; the step is in the state. Returns the kernel's status."""
     workspace = solver.workspace
     kind = Coupled if solver.options.method == "coupled" else Progressive
-    workspace.states[0].together = False  # as harvested, a tick may have given up on palm and fingers apart
+    workspace.states[0].in_one_program = False  # as harvested, a tick may have given up on palm and fingers apart
     return int(solve_program(kind(workspace.tick_options), workspace.states[0], workspace.qp))
 
 

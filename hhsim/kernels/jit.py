@@ -148,7 +148,7 @@ def module_digest(module: str) -> str:
 def _machine_digest() -> "hashlib._Hash":
     digest = hashlib.sha256(numba.__version__.encode())
     digest.update(str(numba.config.CPU_NAME or _host_cpu()).encode())
-    digest.update(str(numba.config.BOUNDSCHECK).encode())
+    digest.update(str(bool(numba.config.BOUNDSCHECK)).encode())
     return digest
 
 

@@ -232,8 +232,8 @@ def test_planted_work_stands_between_the_readings_of_the_clock(repository: Path)
     changed = plant_work(123)(source)
     compile(changed, "block.py", "exec")
     planted = changed.index(PLANTED_LINES.format(rounds=123))
-    assert changed.index("cpu = thread_team_cpu_ns(state.crew)") < changed.index(TIMED_LINE) < planted
-    assert planted < changed.index("cpu = thread_team_cpu_ns(state.crew) - cpu")
+    assert changed.index("cpu = thread_team_cpu_ns(state.thread_team)") < changed.index(TIMED_LINE) < planted
+    assert planted < changed.index("cpu = thread_team_cpu_ns(state.thread_team) - cpu")
     with pytest.raises(InputError, match="TIMED_LINE"):
         plant_work(1)("nothing")
 

@@ -54,13 +54,12 @@ SCRIPT = textwrap.dedent(
     motion = np.load(folder / "motion.npz")
     hand, tree = HandModel.default(), load_tree(folder / "tree.h5")
     results = {{}}
-    for method in ("coupled", "progressive", "paper"):
-        for force in ("kkt", "paper"):
-            solver = HandSolver(hand, tree.arrays(), SolverOptions(method=method, force=force))
-            record = solver.run(*(motion[n] for n in ("position", "orientation", "flexion", "abduction")))
-            for name, values in record._asdict().items():
-                if not name.startswith("duration"):
-                    results[f"{{method}} {{force}} {{name}}"] = values
+    for method, force in (("coupled", "kkt"), ("progressive", "paper"), ("paper", "kkt")):
+        solver = HandSolver(hand, tree.arrays(), SolverOptions(method=method, force=force))
+        record = solver.run(*(motion[n] for n in ("position", "orientation", "flexion", "abduction")))
+        for name, values in record._asdict().items():
+            if not name.startswith("duration"):
+                results[f"{{method}} {{force}} {{name}}"] = values
     palm = hand.palm_tree
     depth = penetration(tree.arrays(), hand.radius, palm.leaf_center, palm.leaf_radius,
                         record.joints, record.position, record.orientation)
@@ -128,9 +127,8 @@ def test_the_run_exercises_contact(folder: Path) -> None:
     compiled = computed(folder, "compiled")
     assert not (compiled["coupled kkt status"] & STATUS_START_INSIDE).any()
     assert np.linalg.norm(compiled["coupled kkt total"][-1]) > 1.0
-    assert np.linalg.norm(compiled["coupled paper total"][-1]) > 1.0
-    assert np.linalg.norm(compiled["progressive kkt total"][-1]) > 0.5
-    assert np.linalg.norm(compiled["paper paper total"][-1]) > 0.5
+    assert np.linalg.norm(compiled["progressive paper total"][-1]) > 0.5
+    assert np.linalg.norm(compiled["paper kkt total"][-1]) > 0.5
     assert not compiled["coupled kkt total"][0].any()
 
 
@@ -139,7 +137,7 @@ def test_the_run_exercises_contact(folder: Path) -> None:
 def test_results_are_equal_to_rounding(folder: Path, mode: str) -> None:
     compiled, other = computed(folder, "compiled"), computed(folder, mode)
     assert compiled.keys() == other.keys()
-    assert len(compiled) > 40
+    assert len(compiled) > 35
     for name, values in compiled.items():
         if values.dtype == np.int64:
             np.testing.assert_array_equal(other[name], values, err_msg=name)

@@ -176,7 +176,7 @@ def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> Non
         from hhsim.solver.options import SolverOptions
 
         solver = HandSolver(HandModel.default(), bumpy_ball(20).arrays(), SolverOptions(threads=3))
-        assert solver.workspace.crew.rooms == []
+        assert solver.workspace.thread_team.rooms == []
         record = solver.run(*still(2, [0.0, 0.0, 0.2]))
         print(record.position.tolist() == still(2, [0.0, 0.0, 0.2]).position.tolist())
         """
@@ -194,7 +194,7 @@ def test_impossible_numbers_are_refused() -> None:
         SolverOptions(threads=2, qp="daqp")
 
 
-def test_a_scene_without_contacts_needs_no_crew(hand: HandModel) -> None:
+def test_a_scene_without_contacts_needs_no_thread_team(hand: HandModel) -> None:
     record, _ = run(hand, bumpy_ball(300), still(10, [0.0, 0.0, 0.5]), threads=2, method="progressive")
     alone, _ = run(hand, bumpy_ball(300), still(10, [0.0, 0.0, 0.5]), method="progressive")
     assert_same_bytes(alone, record)
