@@ -29,7 +29,7 @@ QUIET = 1_000_000_000
 """For so long [ns] the log does not tell the same again."""
 LOOP_DIED = "the loop failed or was killed"
 """Why a session ended that was not brought to its end."""
-OLD_NAME = ("watchdog", "watchdog")
+OLD_NAME = ("guardian", "watchdog")
 """What the first sessions call the watchdog, and what all later ones do: as for `str.replace`."""
 
 

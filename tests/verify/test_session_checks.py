@@ -140,6 +140,25 @@ def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
     assert "summary" not in claims
 
 
+def test_a_session_in_the_names_of_the_first_ones_holds(session: Result, tmp_path: Path) -> None:
+    path = tmp_path / "first.h5"
+    shutil.copy(session.path, path)
+    with h5py.File(path, "r+") as file:
+        limits = str(file["live"].attrs["limits"])
+        file["live"].attrs["limits"] = limits.replace("watchdog", "guardian")
+        summary = file["summary"].attrs
+        renamed = [name for name in summary if "watchdog" in name]
+        for name in renamed:
+            summary[name.replace("watchdog", "guardian")] = summary[name]
+            del summary[name]
+        assert "watchdog" in limits and renamed
+        scene = str(file.attrs["scene"])
+        assert "step_tolerance" in scene
+        file.attrs["scene"] = scene.replace("step_tolerance", "settled")
+    found = verify(load_result(path), every=50)
+    assert failing(found) == set()
+
+
 # Each fault: what is done to the file, and the claim that finds it.
 
 
