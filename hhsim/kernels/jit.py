@@ -176,6 +176,7 @@ class _Folder(_CacheLocator):  # type: ignore[misc]
     def __init__(self, folder: Path, function: Callable[..., Any]) -> None:
         self._folder = folder
         self._line = function.__code__.co_firstlineno
+        self._py_file = function.__code__.co_filename  # for numba's warning of what cannot be cached
 
     def get_cache_path(self) -> str:
         return str(self._folder)
