@@ -1,6 +1,7 @@
 """Recordings that touch any object: the shipped one on every object of the catalogue, and TOML of one's own."""
 
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -29,8 +30,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()
 POSE = ("position", "orientation", "flexion", "abduction")
-TAP = resolve_trajectory("finger-tap")
-assert isinstance(TAP, Demonstration)
+TAP = cast(Demonstration, resolve_trajectory("finger-tap"))
 
 
 def object_tree(name: str) -> SphereTree:
