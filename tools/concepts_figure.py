@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.figure import save_figure
-from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, see_spheres, shade
+from hhsim.render.rasterizer import Camera, Layer, blend, frame, lit, look_from, see_spheres, shade
 from hhsim.render.replay_figure import (
     GHOST,
-    POSE,
     RED,
     STONE,
     draw_from_arguments,
@@ -31,9 +31,9 @@ from hhsim.render.replay_figure import (
     phalanx_forces,
     seen_through,
     shown_tick,
-    view_rotation,
 )
 from hhsim.render.triangle_soup import SKIN, SPHERE, hand_surface, joined, mesh_surface, painted
+from hhsim.render.viewpoint import View
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.system.output_path import check_output_path
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-VIEW = (288.0, 16.0)
+VIEW = View(288.0, 16.0)
 """Azimuth from x to y, and elevation [degrees], of the viewer."""
 PANEL = (430, 460)
 """Rows and columns of a panel of the upper row [pixels]."""
@@ -95,7 +95,7 @@ class Shown:
         return static["object/tree/center"][chosen], static["object/tree/radius"][chosen]
 
 
-def draw_concepts(result: Result, path: Path, view: tuple[float, float] = VIEW) -> None:
+def draw_concepts(result: Result, path: Path, view: View = VIEW) -> None:
     """Draw the last tick of the hold.
 
     Args:
@@ -155,18 +155,20 @@ def show(result: Result) -> Shown:
 
 
 def _pose(result: Result, tick: int, whose: str) -> Pose:
-    position, orientation, flexion, abduction = (np.asarray(result[f"{whose}/{name}"][tick]) for name in POSE)
+    position, orientation, flexion, abduction = (
+        np.asarray(result[f"{whose}/{name}"][tick]) for name in HandConfiguration._fields
+    )
     return position, orientation, flexion, abduction
 
 
-def _draw_hands(panels: "list[Axes]", shown: Shown, view: tuple[float, float]) -> None:
+def _draw_hands(panels: "list[Axes]", shown: Shown, view: View) -> None:
     result, hand = shown.result, stored_hand(shown.result)
     mesh = Mesh(result.static["object/vertices"], result.static["object/faces"], "object", str(result.path))
     body = mesh_surface(mesh, STONE)
     graphic = hand_surface(hand, *shown.pose("graphic"))
     haptic = painted(hand_surface(hand, *shown.pose("haptic")), GHOST)
     center, radius = shown.leaves()
-    camera = frame(joined([graphic, haptic, body]).points, view_rotation(view), PANEL)
+    camera = frame(joined([graphic, haptic, body]).points, look_from(view.towards), PANEL)
     forces = phalanx_forces(result, shown.tick)
     hybrid = shade(hand_surface(hand, *shown.pose("graphic"), True), camera)
     pictures = (
@@ -184,8 +186,8 @@ def _draw_hands(panels: "list[Axes]", shown: Shown, view: tuple[float, float]) -
     label(panels[2], forces, camera)
 
 
-def _draw_levels(panels: "list[Axes]", shown: Shown, view: tuple[float, float]) -> None:
-    rotation = view_rotation(view)
+def _draw_levels(panels: "list[Axes]", shown: Shown, view: View) -> None:
+    rotation = look_from(view.towards)
     for axes, level in zip(panels, LEVELS, strict=True):
         axes.set_axis_off()
         center, radius = shown.spheres(level)

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from hhsim.errors import OutputError, TrajectoryError
-from hhsim.motion.csv_file import CSV_SUFFIX, format_csv, parse_csv
+from hhsim.motion.csv_file import CSV_SUFFIX, TEXTS, format_csv, parse_csv
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
 from hhsim.system.atomic_write import hdf5_image, write_atomically
@@ -29,7 +29,6 @@ HDF5_SUFFIXES = (".h5", ".hdf5")
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """What h5py raises on a file with wrong bytes in it."""
 
-TEXTS = ("name", "source", "licence", "device", "hand")
 SAMPLES = {
     "time": ("s", "time stamp of the sample"),
     "position": ("m", "palm origin, world"),
@@ -148,9 +147,7 @@ def read_fields(path: Path) -> dict[str, Any]:
         raise TrajectoryError("a damaged file: its bytes are not those that its checksum is of")
     try:
         return _read(path)
-    except TrajectoryError:
-        raise
-    except PermissionError:
+    except (TrajectoryError, PermissionError):
         raise
     except DAMAGE as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__

@@ -1,5 +1,6 @@
 """A matplotlib figure that is drawn without a screen, the look that its axes share, and its file."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,6 +9,7 @@ from hhsim.errors import InputError, OutputError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 
 def new_figure(width: float, height: float, **options: Any) -> "Figure":
@@ -26,6 +28,36 @@ def tidy(axes: "Axes") -> None:
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def legend_mark(label: str, marker: str, color: str, face: str | None = None, size: float = 8.0) -> "Line2D":
+    """A marker alone, for a legend; filled with `face`, or else with its own colour."""
+    from matplotlib.lines import Line2D
+
+    return Line2D(
+        [], [], marker=marker, color=color, markerfacecolor=face or color, linestyle="none", markersize=size,
+        label=label,
+    )  # fmt: skip
+
+
+def logarithmic(
+    axes: "Axes",
+    across: tuple[float, float],
+    up: tuple[float, float],
+    ticks: Sequence[float],
+    heights: Sequence[float],
+) -> None:
+    """Logarithmic axes with these limits, marked at what of `ticks` and `heights` lies within them."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlim(*across)
+    axes.set_ylim(*up)
+    inside = [tick for tick in ticks if across[0] <= tick <= across[1]]
+    axes.set_xticks(inside, [f"{tick:,g}" for tick in inside])
+    inside = [height for height in heights if up[0] <= height <= up[1]]
+    axes.set_yticks(inside, [f"{height:g}" for height in inside])
+    axes.minorticks_off()
+    tidy(axes)
 
 
 def save_figure(figure: "Figure", path: Path) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
+from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product, rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.render.triangle_soup import SKIN, Surface, mesh_surface, round_cone_surface, with_nail
 
@@ -67,9 +67,9 @@ def piece_poses(
     sign = 1.0 if hand.side == "right" else -1.0
     half_spread, half_bend = 0.5 * sign * np.asarray(abduction, np.float64).T, -0.5 * bend
     frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)
-    base = quaternion_from_matrix(frames).T[:, :, None]
+    fingers_base = quaternion_product(palm.T, quaternion_from_matrix(frames)[:, None])
     # A turn about the finger's back, then one about the axis that it flexes about.
-    w, x, y, z = (part[:, None] for part in _about_z(_product(palm[:, None], base), half_spread))
+    w, x, y, z = (part[:, None] for part in _about_z(np.moveaxis(fingers_base, -1, 0), half_spread))
     cos, sin = np.cos(half_bend), np.sin(half_bend)
     w, x, y, z = w * cos - x * sin, x * cos + w * sin, y * cos + z * sin, z * cos - y * sin
     ticks = origin.shape[1]
@@ -90,18 +90,7 @@ def piece_poses(
     return PiecePoses(translation.transpose(1, 0, 2), quaternion.transpose(1, 0, 2))
 
 
-def _product(a: FloatArray, b: FloatArray) -> tuple[FloatArray, ...]:
-    """Hamilton product of quaternions (w, x, y, z), each component an array; with numpy's broadcasting."""
-    (aw, ax, ay, az), (bw, bx, by, bz) = a, b
-    return (
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
-
-
-def _about_z(quaternion: tuple[FloatArray, ...], half: FloatArray) -> tuple[FloatArray, ...]:
+def _about_z(quaternion: FloatArray, half: FloatArray) -> tuple[FloatArray, ...]:
     """The product of quaternions and turns about z, given by half of their angles."""
     (w, x, y, z), cos, sin = quaternion, np.cos(half), np.sin(half)
     return w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin

@@ -61,11 +61,11 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress | None = None) ->
         scenes = runs.of(shown, figure)
         if scenes:
             jobs.append((f"fig{figure}.png", partial(_gallery, scenes=scenes, columns=columns)))
-    for figure, draw in (("12", _forces_of_fingers), ("14", _force_of_index)):
+    for figure in ("12", "14"):
         for name in object_names():
             same = [run for method in methods for run in runs.of(method, figure, object_name=name)]
             if same:
-                jobs.append((f"fig{figure}-{name}.png", partial(draw, runs=same)))
+                jobs.append((f"fig{figure}-{name}.png", partial(_forces_over_time, number=figure, runs=same)))
     if any(run.scenario.figure == "15" for run in runs.scenes):
         jobs.append(("fig15.png", partial(_cases, runs=runs, methods=methods)))
     for number, (name, job) in enumerate(jobs):
@@ -91,29 +91,24 @@ def _gallery(path: Path, scenes: Sequence[SceneRun], columns: int) -> None:
     save_figure(figure, path)
 
 
-def _forces_of_fingers(path: Path, runs: Sequence[SceneRun]) -> None:
-    """Fig. 12: normal forces of the five fingers, and the time of a tick, with the hand in each hold."""
+def _forces_over_time(path: Path, number: str, runs: Sequence[SceneRun]) -> None:
+    """Forces and the time of a tick, with the hand in each hold.
+
+    Fig. 12: normal forces of the five fingers; Fig. 14: the index finger's contact force with its components.
+    """
     figure, forces, times = _curves_figure(runs)
     for axes, run in zip(forces, runs):
         assert run.curves is not None
-        for f, finger in enumerate(FINGERS):
-            axes.plot(run.curves.fingertip[:, f], color=FINGER_COLORS[f], linewidth=1.4, label=finger)
-    forces[0].set_ylabel("normal force at the fingertip [N]")
-    _legend(figure, forces[0])
-    _draw_times(times, runs)
-    save_figure(figure, path)
-
-
-def _force_of_index(path: Path, runs: Sequence[SceneRun]) -> None:
-    """Fig. 14: the index finger's contact force with its components, and the time of a tick."""
-    figure, forces, times = _curves_figure(runs)
-    for axes, run in zip(forces, runs):
-        assert run.curves is not None
-        size = np.linalg.norm(run.curves.index_finger, axis=1)
-        for label, values in zip(PART_COLORS, (size, *run.curves.index_finger.T)):
-            width = 2.0 if label == "total" else 1.2
-            axes.plot(values, color=PART_COLORS[label], linewidth=width, label=label)
-    forces[0].set_ylabel("contact force on the index finger [N]")
+        if number == "12":
+            for f, finger in enumerate(FINGERS):
+                axes.plot(run.curves.fingertip[:, f], color=FINGER_COLORS[f], linewidth=1.4, label=finger)
+        else:
+            size = np.linalg.norm(run.curves.index_finger, axis=1)
+            for label, values in zip(PART_COLORS, (size, *run.curves.index_finger.T)):
+                width = 2.0 if label == "total" else 1.2
+                axes.plot(values, color=PART_COLORS[label], linewidth=width, label=label)
+    force = "normal force at the fingertip" if number == "12" else "contact force on the index finger"
+    forces[0].set_ylabel(f"{force} [N]")
     _legend(figure, forces[0])
     _draw_times(times, runs)
     save_figure(figure, path)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, OutputError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FORCE_FLOOR
@@ -22,6 +23,7 @@ from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.rasterizer import Camera, Layer, blend, frame, look_from, shade
 from hhsim.render.triangle_soup import Surface, arrow_surface, hand_surface, joined, mesh_surface, painted
+from hhsim.render.viewpoint import View
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result, load_result
 from hhsim.system.output_path import check_output_path
@@ -31,11 +33,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-POSE = ("position", "orientation", "flexion", "abduction")
-"""Datasets of a hand's configuration."""
-
-VIEW = (125.0, 12.0)
-"""Azimuth from x to y, and elevation [degrees], of the viewer."""
+VIEW = View(125.0, 12.0)
 PANEL = (580, 620)
 """Rows and columns of a panel [pixels]."""
 
@@ -67,13 +65,13 @@ class PhalanxForce:
     force: FloatArray
 
 
-def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) -> None:
+def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
     """Draw the last tick of the hold, or of the replay where nothing is held.
 
     Args:
         result: A replay.
         path: Picture file; matplotlib chooses the format by its ending.
-        view: Azimuth and elevation of the viewer [degrees].
+        view: Of the viewer.
 
     Raises:
         InputError: The result holds no tick, or its hand file has changed; matplotlib has no such picture format.
@@ -83,13 +81,14 @@ def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) ->
     tick = shown_tick(result)
     hand = stored_hand(result)
     surfaces = [
-        hand_surface(hand, *(result[f"{whose}/{name}"][tick] for name in POSE)) for whose in ("graphic", "haptic")
+        hand_surface(hand, *(result[f"{whose}/{name}"][tick] for name in HandConfiguration._fields))
+        for whose in ("graphic", "haptic")
     ]
     graphic, haptic = surfaces[0], painted(surfaces[1], GHOST)
     mesh = Mesh(result.static["object/vertices"], result.static["object/faces"], "object", str(result.path))
     body = mesh_surface(mesh, STONE)
     forces = phalanx_forces(result, tick)
-    camera = frame(joined([graphic, haptic, body]).points, view_rotation(view), PANEL)
+    camera = frame(joined([graphic, haptic, body]).points, look_from(view.towards), PANEL)
 
     rows, columns = PANEL
     figure = new_figure(2 * columns / 100, (rows + 60) / 100)
@@ -109,12 +108,6 @@ def draw_replay(result: Result, path: Path, view: tuple[float, float] = VIEW) ->
         if column == 1:
             label(axes, forces, camera)
     save_figure(figure, path)
-
-
-def view_rotation(view: tuple[float, float]) -> FloatArray:
-    """A camera's rotation for a viewer at azimuth and elevation [degrees]."""
-    azimuth, elevation = np.radians(view)
-    return look_from((np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)))
 
 
 def shown_tick(result: Result) -> int:
@@ -164,8 +157,7 @@ def seen_through(
 ) -> FloatArray:
     """The picture with a see-through object, the haptic hand in and around it, and the forces over everything."""
     hand, ghost = shade(graphic, camera), shade(haptic, camera)
-    # The haptic hand is drawn behind the graphic one: where both are, the skin stays clean.
-    ghost = replace(ghost, depth=np.where(hand.seen(), np.minimum(ghost.depth, hand.depth - 1e-6), ghost.depth))
+    ghost = behind(ghost, hand)
     # Glass is clearest where one looks straight at it.
     glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
     layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (shade(body, camera), 0.5), (ghost, glass)]
@@ -174,6 +166,11 @@ def seen_through(
         layer = shade(joined(arrows), camera)
         layers.append((replace(layer, depth=layer.depth + 10.0), 1.0))
     return blend(layers)
+
+
+def behind(ghost: Layer, hand: Layer) -> Layer:
+    """The haptic hand drawn behind the graphic one: where both are, the skin stays clean."""
+    return replace(ghost, depth=np.where(hand.seen(), np.minimum(ghost.depth, hand.depth - 1e-6), ghost.depth))
 
 
 def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: float = 11.0, pixel: float = 1.0) -> None:
@@ -226,17 +223,17 @@ def main(arguments: list[str]) -> None:
 
 def draw_from_arguments(
     arguments: list[str],
-    draw: Callable[[Result, Path, tuple[float, float]], None],
+    draw: Callable[[Result, Path, View], None],
     module: str,
-    view: tuple[float, float],
+    view: View,
 ) -> None:
     """Draw a result as the arguments RESULT PICTURE [AZIMUTH,ELEVATION] of a command say.
 
     Args:
         arguments: Of the command.
-        draw: Draws a result from azimuth and elevation [degrees].
+        draw: Draws a result.
         module: Of hhsim that the command runs.
-        view: Azimuth and elevation unless the arguments name others [degrees].
+        view: Of the viewer unless the arguments name another.
 
     Raises:
         SystemExit: With one line that says what is wrong.
@@ -248,7 +245,7 @@ def draw_from_arguments(
     except ValueError:
         raise SystemExit(f"'{arguments[2]}': expected AZIMUTH,ELEVATION in degrees, such as 125,12") from None
     try:
-        draw(load_result(Path(arguments[0])), Path(arguments[1]), (azimuth, elevation))
+        draw(load_result(Path(arguments[0])), Path(arguments[1]), View(azimuth, elevation))
     except (InputError, OutputError) as error:
         raise SystemExit(str(error)) from error
 

@@ -1,18 +1,17 @@
 """Small pictures of a hand on an object: skin for the graphic hand, blue for the haptic one, as in the paper."""
 
-from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.paper.run import SceneRun
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
-from hhsim.render.replay_figure import GHOST, STONE
-from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted, round_cone_surface
+from hhsim.render.rasterizer import blend, frame, look_from, shade
+from hhsim.render.replay_figure import GHOST, STONE, behind
+from hhsim.render.triangle_soup import hand_surface, joined, mesh_surface, painted, round_cone_surface
+from hhsim.render.viewpoint import View
 
 FloatArray = NDArray[np.float64]
 
@@ -40,14 +39,12 @@ def scene_picture(
         The picture, shape (rows, columns, 3), 0 to 1.
     """
     shown = run.shown[moment]
-    graphic, haptic = (_surface(run.stage.hand, pose) for pose in (shown.graphic, shown.haptic))
+    graphic, haptic = (hand_surface(run.stage.hand, *pose) for pose in (shown.graphic, shown.haptic))
     body = mesh_surface(mesh, STONE)
     towards = best_view(run, mesh, moment) if view is None else view
     camera = frame(joined([graphic, body]).points, look_from(towards), shape)
     hand, ghost = shade(graphic, camera), shade(painted(haptic, GHOST), camera)
-    # The haptic hand is drawn behind the graphic one: where both are, the skin stays clean.
-    ghost = replace(ghost, depth=np.where(hand.seen(), np.minimum(ghost.depth, hand.depth - 1e-6), ghost.depth))
-    return blend([(hand, 1.0), (shade(body, camera), 1.0), (ghost, GLASS)])
+    return blend([(hand, 1.0), (shade(body, camera), 1.0), (behind(ghost, hand), GLASS)])
 
 
 def best_view(run: SceneRun, mesh: Mesh, moment: int = 0) -> FloatArray:
@@ -65,22 +62,15 @@ def best_view(run: SceneRun, mesh: Mesh, moment: int = 0) -> FloatArray:
             if finger in named
         ]
     )
-    whole, body = _surface(hand, pose), mesh_surface(mesh, STONE)
+    whole, body = hand_surface(hand, *pose), mesh_surface(mesh, STONE)
     both = joined([whole, body])
     best, most = np.array([1.0, 0.0, 0.0]), -1.0
-    for elevation in np.radians(ELEVATIONS):
-        for azimuth in np.radians(AZIMUTHS):
-            towards = np.array(
-                [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-            )
-            camera: Camera = frame(both.points, look_from(towards), TRIAL)
-            skin, stone, tip = (shade(surface, camera).depth for surface in (whole, body, tips))
-            pads = float((tip > np.maximum(skin - 1e-3, stone)).sum()) if named else 0.0
-            seen = pads + 0.2 * min(float((skin > stone).sum()), 1.5 * float((stone > skin).sum()))
-            if seen > most:
-                best, most = towards, seen
+    for elevation, azimuth in product(ELEVATIONS, AZIMUTHS):
+        towards = View(azimuth, elevation).towards
+        camera = frame(both.points, look_from(towards), TRIAL)
+        skin, stone, tip = (shade(surface, camera).depth for surface in (whole, body, tips))
+        pads = float((tip > np.maximum(skin - 1e-3, stone)).sum()) if named else 0.0
+        seen = pads + 0.2 * min(float((skin > stone).sum()), 1.5 * float((stone > skin).sum()))
+        if seen > most:
+            best, most = towards, seen
     return best
-
-
-def _surface(hand: HandModel, pose: HandConfiguration) -> Surface:
-    return hand_surface(hand, *pose)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.bench.speed_error_table import ALL, chosen
-from hhsim.render.figure import new_figure, save_figure, tidy
+from hhsim.render.figure import legend_mark, logarithmic, new_figure, save_figure
 from hhsim.system.picture_path import check_picture
 
 if TYPE_CHECKING:
@@ -146,20 +146,12 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str) -> Non
         times = [best[0][0], *(time for time, _ in best), 1e5]
         heights = [1e3, *(off for _, off in best), best[-1][1]]
         axes.plot(times, heights, color="0.15", linewidth=1.4, drawstyle="steps-post", zorder=2)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
     axes.set_xlabel("CPU time of a tick in contact, median [µs]", fontsize=13)
-    tidy(axes)
     axes.tick_params(labelsize=12)
     errors = [max(FLOOR, 1e3 * row[error]) for row in rows if not np.isnan(row[error])]
     low = min(0.55 * min(errors, default=0.05), 0.02)
     high = 1.6 * max([*errors, 2.0])
-    axes.set_xlim(4.0, 16000.0)
-    axes.set_ylim(low, high)
-    axes.set_xticks(TIMES, [f"{value:,}" for value in TIMES])
-    axes.set_yticks([value for value in ERRORS if low <= value <= high])
-    axes.set_yticklabels([f"{value:g}" for value in ERRORS if low <= value <= high])
-    axes.minorticks_off()
+    logarithmic(axes, (4.0, 16000.0), (low, high), TIMES, ERRORS)
 
 
 def _draw_peers(axes: "Axes", peers: Sequence[Peer]) -> None:
@@ -190,25 +182,13 @@ def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
     methods = list(dict.fromkeys(row["method"] for row in rows))
     levels = sorted({row["level"] for row in rows})
 
-    def mark(label: str, marker: str, color: str, face: str | None = None, size: float = 8.0) -> Line2D:
-        return Line2D(
-            [],
-            [],
-            marker=marker,
-            color=color,
-            markerfacecolor=face or color,
-            linestyle="none",
-            markersize=size,
-            label=label,
-        )
-
-    handles: list[Any] = [mark(method, "o", COLORS.get(method, OTHER_COLOR)) for method in methods]
-    handles += [mark(f"tree level {n}", MARKERS[n], "0.2", size=11.0 if n == 5 else 7.0) for n in levels]
+    handles: list[Any] = [legend_mark(method, "o", COLORS.get(method, OTHER_COLOR)) for method in methods]
+    handles += [legend_mark(f"tree level {n}", MARKERS[n], "0.2", size=11.0 if n == 5 else 7.0) for n in levels]
     handles += [
-        mark("one linearisation", "o", "0.2", "white"),
+        legend_mark("one linearisation", "o", "0.2", "white"),
         Line2D([], [], color="0.15", linewidth=1.4, label="frontier"),
         Line2D([], [], color="#b00020", linewidth=1.5, label="1 ms: the budget at 1 kHz"),
-        mark("other engines", "x", GREY),
+        legend_mark("other engines", "x", GREY),
         Line2D([], [], color=GREY, linewidth=1.0, linestyle=":", label=f"{CORNER:g} mm"),
         Patch(color=GREY, alpha=0.15, label="the paper's times; error not given"),
     ]

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hhsim.bench.trees import largest_error
-from hhsim.render.figure import new_figure, save_figure, tidy
+from hhsim.render.figure import legend_mark, logarithmic, new_figure, save_figure
 from hhsim.system.picture_path import check_picture
 from hhsim.trees.published_results import BARS, EXTENT, TOOLKIT
 
@@ -51,8 +51,14 @@ def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
         _draw(top, mine, "spheres", name, size)
         _draw(bottom, mine, "cpu", name, size)
         top.set_title(name, fontsize=15, loc="left")
-        _dress(top, counts, heights, column == 0, "spheres", SPHERES)
-        _dress(bottom, times, heights, column == 0, "CPU time of the builder [s]", SECONDS)
+        logarithmic(top, counts, heights, SPHERES, ERRORS)
+        logarithmic(bottom, times, heights, SECONDS, ERRORS)
+        top.set_xlabel("spheres", fontsize=12)
+        bottom.set_xlabel("CPU time of the builder [s]", fontsize=12)
+        for axes in (top, bottom):
+            axes.tick_params(labelsize=11, labelleft=column == 0)
+            if column == 0:
+                axes.set_ylabel("largest error [mm]", fontsize=13)
     _draw_legend(figure, shown)
     figure.text(
         0.012,
@@ -118,46 +124,16 @@ def _range(values: Sequence[float | None]) -> tuple[float, float]:
     return 0.6 * min(known), 1.7 * max(known)
 
 
-def _dress(
-    axes: "Axes",
-    across: tuple[float, float],
-    up: tuple[float, float],
-    first: bool,
-    label: str,
-    ticks: Sequence[float],
-) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlim(*across)
-    axes.set_ylim(*up)
-    inside = [tick for tick in ticks if across[0] <= tick <= across[1]]
-    axes.set_xticks(inside, [f"{tick:,g}" for tick in inside])
-    heights = [height for height in ERRORS if up[0] <= height <= up[1]]
-    axes.set_yticks(heights, [f"{height:g}" for height in heights] if first else [""] * len(heights))
-    axes.minorticks_off()
-    axes.set_xlabel(label, fontsize=12)
-    if first:
-        axes.set_ylabel("largest error [mm]", fontsize=13)
-    tidy(axes)
-    axes.tick_params(labelsize=11)
-
-
 def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], color=COLOR, marker="o", linewidth=1.6, markersize=8.0, label="certified: proved covers")]
     if any(row["is_reference"] and row["method"] == TOOLKIT for row in rows):
-        handles.append(
-            Line2D(
-                [], [], marker="X", color="0.25", linestyle="none", markersize=9.0, label="Bradshaw's toolkit, medial"
-            )
-        )
+        handles.append(legend_mark("Bradshaw's toolkit, medial", "X", "0.25", size=9.0))
     if any(row["is_reference"] and row["method"] != TOOLKIT and row["spheres"] is not None for row in rows):
-        handles.append(Line2D([], [], marker="x", color=GREY, linestyle="none", markersize=7.0, label="other programs"))
+        handles.append(legend_mark("other programs", "x", GREY, size=7.0))
     if any(row["protrusion_limit"] is not None for row in rows):
-        handles.append(
-            Line2D([], [], marker="_", color=BAR_COLOR, linestyle="none", markersize=16, label="limit for certified")
-        )
+        handles.append(legend_mark("limit for certified", "_", BAR_COLOR, size=16.0))
     figure.legend(
         handles=handles,
         loc="upper left",

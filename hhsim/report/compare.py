@@ -98,14 +98,10 @@ def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> Comp
 
 def _around(base: Result, head: Result) -> list[str]:
     found = [
-        f"{name}: {_in_words(base.machine.get(name))} and {_in_words(head.machine.get(name))}"
-        for name in sorted(base.machine.keys() | head.machine.keys())
-        if base.machine.get(name) != head.machine.get(name)
-    ]
-    found += [
-        f"{name}: {_in_words(base.packages.get(name))} and {_in_words(head.packages.get(name))}"
-        for name in sorted(base.packages.keys() | head.packages.keys())
-        if base.packages.get(name) != head.packages.get(name)
+        f"{name}: {_in_words(one.get(name))} and {_in_words(other.get(name))}"
+        for one, other in ((base.machine, head.machine), (base.packages, head.packages))
+        for name in sorted(one.keys() | other.keys())
+        if one.get(name) != other.get(name)
     ]
     if base.hhsim_version != head.hhsim_version:
         found.append(f"hhsim: {base.hhsim_version} and {head.hhsim_version}")

@@ -6,18 +6,18 @@ has fine text, it is drawn a second time for a phone. Colours are told apart by 
 """
 
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from hhsim.result.reader import Result
+from hhsim.report import html
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
+ORANGE, SKY, GREEN = "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 
 INK = "#24292f"
@@ -74,9 +74,22 @@ class ReportFigure:
     phone_png: bytes | None = None
 
 
-def run_labels(results: Sequence[Result], labels: Sequence[str] = ()) -> tuple[str, ...]:
-    """A name for each result: those given, or else the files' stems."""
-    return tuple(labels) if labels else tuple(result.path.stem for result in results)
+class Album:
+    """The figures of a page: keeps what it shows, for the files beside it."""
+
+    pictures: dict[str, bytes]
+    """PNGs by name, in the order of the page."""
+
+    def __init__(self) -> None:
+        """Nothing is shown yet."""
+        self.pictures = {}
+
+    def shown(self, what: ReportFigure, prefix: str = "", label: str = "") -> html.Html:
+        """A figure of the page; `prefix` goes before its name, `label` before its title."""
+        name = prefix + what.name
+        self.pictures[name] = what.png
+        image = html.picture(what.png, what.alt, what.width_px, what.height_px, what.phone_png)
+        return html.figure(f"figure-{name}", image, f"{label}: {what.title}" if label else what.title, what.caption)
 
 
 def run_style(number: int) -> tuple[str, str]:
@@ -157,9 +170,9 @@ def png_bytes(figure: "Figure") -> bytes:
     return buffer.getvalue()
 
 
-def gridded(axes: "Axes", *, x: bool = False) -> None:
-    """Faint lines at the ticks of the y axis, and of the x axis where asked for."""
-    axes.grid(axis="both" if x else "y")
+def gridded(axes: "Axes") -> None:
+    """Faint lines at the ticks of the y axis."""
+    axes.grid(axis="y")
     axes.tick_params(length=3.0)
 
 

@@ -1,6 +1,6 @@
 """The report's histogram of tick times."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,6 @@ from hhsim.report.figure import (
     drawn_figure,
     gridded,
     panel_title,
-    run_labels,
     run_style,
     time_text,
 )
@@ -58,17 +57,16 @@ class TickTimes:
     contact: bool
 
 
-def histogram_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> ReportFigure:
+def histogram_figure(results: Mapping[str, Result]) -> ReportFigure:
     """How long ticks took, CPU and wall, on a logarithmic axis with the line of 1 ms; p50 and p99 are marked.
 
     Args:
-        results: One or more; any may hold no tick.
-        labels: Names of the results; the files' stems where none are given.
+        results: One or more by their labels; any may hold no tick.
 
     Raises:
         InputError: A file cannot be read.
     """
-    runs = [_times(label, result) for label, result in zip(run_labels(results, labels), results, strict=True)]
+    runs = [_times(label, result) for label, result in results.items()]
     edges = _edges(runs)
 
     def draw(figure: "Figure", narrow: bool) -> None:

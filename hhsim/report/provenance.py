@@ -14,8 +14,6 @@ from hhsim.result.reader import Result
 
 NONE = "—"
 """Where a result does not say."""
-READ_AT_ONCE = 1 << 20
-"""Bytes."""
 
 
 def run_facts(result: Result) -> dict[str, str]:
@@ -107,14 +105,11 @@ def file_digest(path: Path) -> str:
     Raises:
         InputError: It cannot be read.
     """
-    digest = hashlib.sha256()
     try:
         with path.open("rb") as file:
-            while block := file.read(READ_AT_ONCE):
-                digest.update(block)
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
-    return digest.hexdigest()
 
 
 def _hand(hand: Mapping[str, Any]) -> str:

@@ -15,16 +15,17 @@ from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
 from hhsim.report.bench_section import bench_section
 from hhsim.report.compare import Comparison, compare
+from hhsim.report.figure import Album
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.html import Html, element, paragraph, section
-from hhsim.report.image_files import Album
 from hhsim.report.page import GENERATOR, report_page, title_of
 from hhsim.report.pictures import held_picture, overview_picture, overview_view
+from hhsim.report.provenance import machine_facts
 from hhsim.report.run import ReportRun, report_runs
 from hhsim.report.sections import (
     difference_section,
+    facts_table,
     figures_section,
-    machine_section,
     origin_section,
     phase_section,
     run_section,
@@ -205,23 +206,21 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
 def _result_sections(
     runs: Sequence[ReportRun], comparisons: Sequence[Comparison], album: Album, steps: "_Steps"
 ) -> Sections:
-    results = [run.result for run in runs]
     steps("the hand")
     overviews = element("div", *_overviews(runs, album), class_=None if len(runs) == 1 else "pair")
     sections = [_part("run", "What was run", run_section(runs, overviews))]
     sections.append(_part("figures", "Figures", figures_section(runs, comparisons)))
     if comparisons:
         sections.append(_part("differences", "What differs", difference_section(runs, comparisons)))
-    if any(result.live is not None for result in results):
+    if any(run.result.live is not None for run in runs):
         sections.append(_part("session", "The session", session_section(runs)))
     for name, heading, make in FIGURES:
         steps(heading.lower())
-        shown = make(results, [run.label for run in runs])
-        sections.append(_part(name, heading, album.shown(shown)))
+        sections.append(_part(name, heading, album.shown(make({run.label: run.result for run in runs}))))
     sections.append(_part("phases", "Phases", phase_section(runs)))
     steps("worst ticks")
     sections.append(_part("worst", "Worst ticks", worst_section(runs, album)))
-    sections.append(_part("machine", "What it ran on", machine_section(runs)))
+    sections.append(_part("machine", "What it ran on", facts_table("Machine and versions", runs, machine_facts)))
     sections.append(_part("origin", "Where it comes from", origin_section(runs)))
     return sections
 

@@ -13,7 +13,7 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.report.compare import Comparison, compared
 from hhsim.report.html import Html, commands, element, joined, listed, number, paragraph, table
-from hhsim.report.provenance import NONE, machine_facts, option_facts, origin_facts, run_facts
+from hhsim.report.provenance import NONE, option_facts, origin_facts, run_facts
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
 
@@ -92,7 +92,8 @@ def difference_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparis
     """What differs between each result and the first one, and which figures that makes better or worse."""
     parts: list[str] = []
     for run, comparison in zip(runs[1:], comparisons):
-        words = _words(runs[0], run, comparison)
+        pairs = ((row, _row(runs[0], row.name)) for row in run.rows)
+        words = {row.label: compared(base, row, comparison).word for row, base in pairs if base is not None}
         items = [comparison.sentence()]
         items += [f"Run otherwise: {text}." for text in comparison.how] or ["Run in the same way."]
         items += [f"Around it: {text}." for text in comparison.around]
@@ -145,11 +146,6 @@ def session_section(runs: Sequence[ReportRun]) -> Html:
     return joined(parts)
 
 
-def machine_section(runs: Sequence[ReportRun]) -> Html:
-    """What it ran on."""
-    return facts_table("Machine and versions", runs, machine_facts)
-
-
 def origin_section(runs: Sequence[ReportRun]) -> Html:
     """Files, checksums, and every option of the solver."""
     return joined(
@@ -192,15 +188,6 @@ def _against(base: SummaryRow | None, head: SummaryRow | None, comparison: Compa
     found = compared(base, head, comparison)
     ratio = "" if math.isnan(found.ratio) or found.word == SAME else f"{found.ratio:.3g} ×"
     return " ".join(part for part in (ratio, found.word) if part)
-
-
-def _words(base: ReportRun, head: ReportRun, comparison: Comparison) -> dict[str, str]:
-    found = {}
-    for row in head.rows:
-        other = _row(base, row.name)
-        if other is not None:
-            found[row.label] = compared(other, row, comparison).word
-    return found
 
 
 def _log(result: Result) -> Html:

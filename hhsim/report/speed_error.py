@@ -1,6 +1,6 @@
 """The report's picture of speed against error: each result a point, by what its file says."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,6 @@ from hhsim.report.figure import (
     drawn_figure,
     gridded,
     panel_title,
-    run_labels,
     run_style,
     time_text,
 )
@@ -86,17 +85,16 @@ AXES = (
 )
 
 
-def speed_error_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> ReportFigure:
+def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
     """Each result as a point: CPU time of a tick in contact, p50 to p99, against what replay knows of the error.
 
     Args:
-        results: One or more; any may hold no tick, or no tick in contact.
-        labels: Names of the results; the files' stems where none are given.
+        results: One or more by their labels; any may hold no tick, or no tick in contact.
 
     Raises:
         InputError: A file cannot be read.
     """
-    points = [_measured(label, result) for label, result in zip(run_labels(results, labels), results, strict=True)]
+    points = [_measured(label, result) for label, result in results.items()]
 
     def draw(figure: "Figure", narrow: bool) -> None:
         width, height = (float(size) for size in figure.get_size_inches())

@@ -1,7 +1,6 @@
 """What the curves of a report are drawn from: one number a tick, in the units of the page, of results of any length."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ class ReportColumns:
 
     Attributes:
         time: Since the start of the motion [s], in double precision.
-        cpu, wall: Of the whole tick [s].
+        cpu: CPU time of the whole tick [s].
         candidates, touching: Pairs.
         depth: Deepest in the leaf spheres [m].
         variation: One-tick change of the total force's size [%]; NaN where it is undefined.
@@ -36,17 +35,11 @@ class ReportColumns:
 
     time: FloatArray
     cpu: SingleArray
-    wall: SingleArray
     candidates: SingleArray
     touching: SingleArray
     depth: SingleArray
     variation: SingleArray
     force: SingleArray
-
-    @cached_property
-    def contact(self) -> NDArray[np.bool_]:
-        """Ticks in contact, as the table counts them: those with candidate pairs."""
-        return np.asarray(self.candidates > 0.0)
 
     @property
     def ticks(self) -> int:
@@ -56,7 +49,6 @@ class ReportColumns:
 
 SCALES = {
     "cpu": ("duration/total_cpu", 1e-9),
-    "wall": ("duration/total", 1e-9),
     "candidates": ("contacts/candidates", 1.0),
     "touching": ("contacts/touching", 1.0),
     "depth": ("penetration_depth", 1.0),

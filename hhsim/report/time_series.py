@@ -1,6 +1,6 @@
 """The report's curves over time, in the manner of the paper's Figs. 12 and 14."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from hhsim.metrics.run_metric import PAPER_RATE
 from hhsim.metrics.run_ticks import HOLD
-from hhsim.motion.trajectory import TickPhase
 from hhsim.report.figure import (
     BUDGET,
     FINGER_COLORS,
@@ -23,7 +22,6 @@ from hhsim.report.figure import (
     drawn_figure,
     gridded,
     panel_title,
-    run_labels,
     run_style,
     time_text,
 )
@@ -58,17 +56,15 @@ class Run:
 
     Attributes:
         label: In the legend.
+        result: The file.
         columns: Its ticks.
-        phases: Of its motion.
-        rate: Ticks a second; NaN where the file does not say.
         worst: Of a single result its worst ticks, which are marked.
     """
 
     label: str
+    result: Result
     columns: ReportColumns
-    phases: tuple[TickPhase, ...]
-    rate: float
-    worst: tuple[WorstTick, ...] = ()
+    worst: Sequence[WorstTick]
 
 
 @dataclass(frozen=True)
@@ -86,28 +82,21 @@ class Panel:
     legend: tuple[int, int] = (0, 0)
 
 
-def series_figure(results: Sequence[Result], labels: Sequence[str] = ()) -> ReportFigure:
+def series_figure(results: Mapping[str, Result]) -> ReportFigure:
     """Forces, CPU time of the tick, contacts, depth and force variation over time, phases shaded.
 
     Of one result the forces are drawn finger by finger; of several, each result is one colour in every panel. Long
     runs are drawn as the band from the least to the largest value.
 
     Args:
-        results: One or more; any may hold no tick.
-        labels: Names of the results in the legend; the files' stems where none are given.
+        results: One or more by their labels in the legend; any may hold no tick.
 
     Raises:
         InputError: A file cannot be read.
     """
     runs = [
-        Run(
-            label,
-            report_columns(result),
-            result.phases,
-            float(result.scene.get("rate", np.nan)),
-            tuple(worst_ticks(result)) if len(results) == 1 else (),
-        )
-        for label, result in zip(run_labels(results, labels), results, strict=True)
+        Run(label, result, report_columns(result), worst_ticks(result) if len(results) == 1 else [])
+        for label, result in results.items()
     ]
     depth_unit, depth_scale = _length_unit(runs)
     rows = -(-len(runs) // 3)
@@ -279,7 +268,7 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
     axes.minorticks_off()
     largest = max((float(np.nanmax(run.columns.variation, initial=1.0)) for run in runs), default=1.0)
     axes.set_ylim(0.0, max(3.0, 2.0 * min(largest, 1e6)))
-    if any(run.rate == PAPER_RATE for run in runs):
+    if any(run.result.scene.get("rate") == PAPER_RATE for run in runs):
         axes.axhline(PAPER_VARIATION, color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
         axes.annotate(
             f"the paper's holds: {PAPER_VARIATION} %", (0.0, PAPER_VARIATION), (3.0, 2.0),
@@ -311,7 +300,7 @@ def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
         return
     across = max(float(at[-1] - at[0]), 1e-9)
     inches = axes[0].get_position().width * axes[0].figure.get_figwidth()  # type: ignore[union-attr]
-    for phase in run.phases:
+    for phase in run.result.phases:
         first, last = float(at[phase.first_tick]), float(at[min(phase.last_tick, len(at) - 1)])
         for place in axes:
             if phase.name in PHASE_COLORS:
@@ -342,7 +331,7 @@ def _caption(runs: Sequence[Run]) -> str:
         parts.append("Sizes of the contact forces on the whole hand, each finger and the palm.")
     else:
         parts.append("Size of the total contact force. Dotted in the third panel: pairs that touch.")
-        if any(run.phases != runs[0].phases for run in runs):
+        if any(run.result.phases != runs[0].result.phases for run in runs):
             parts.append(f"Phases are those of {runs[0].label}.")
     parts.append("Shaded: holds, and slides in another shade. Penetration is measured after each tick.")
     parts.append("The change of the force is not defined below 0.01 N.")

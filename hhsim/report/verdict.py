@@ -20,13 +20,11 @@ class Verdict:
         word: One of the words.
         sentences: What it rests on, the limits that were missed last.
         missed: Names of the figures that are over their limits.
-        judged: How many have a limit, and a value here.
     """
 
     word: str
     sentences: tuple[str, ...]
     missed: tuple[str, ...] = ()
-    judged: int = 0
 
 
 def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
@@ -57,7 +55,7 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
             f"All {len(limits)} figures that hhsim gate has a default limit for, and that are defined here, hold it."
         )
     word = MISSED if missed else SHORT if not result.complete else LATE if late else OK
-    return Verdict(word, tuple(part for part in parts if part), missed, len(limits))
+    return Verdict(word, tuple(part for part in parts if part), missed)
 
 
 def _contact(figures: dict[str, SummaryRow]) -> str:

@@ -20,15 +20,11 @@ class WorstTick:
     Attributes:
         kind: Why it was chosen.
         tick: Its number, from 0; of several equal ones the first.
-        value: Of what it was chosen for, SI.
-        unit: Of `value`: s, m or N.
         sentence: What happened, for people.
     """
 
     kind: WorstKind
     tick: int
-    value: float
-    unit: str
     sentence: str
 
 
@@ -40,11 +36,12 @@ def worst_ticks(result: Result) -> list[WorstTick]:
     """
     if result.ticks == 0:
         return []
-    cpu = 1e-9 * result["duration/total_cpu"]
-    found = [_worst(result, "slowest", cpu, "s")]
-    found.append(_worst(result, "deepest", result["penetration_depth"], "m"))
-    found.append(_worst(result, "force-step", _force_steps(result), "N"))
-    found.append(_worst(result, "lag", result["lag"], "m"))
+    found = [
+        _worst(result, "slowest", 1e-9 * result["duration/total_cpu"]),
+        _worst(result, "deepest", result["penetration_depth"]),
+        _worst(result, "force-step", _force_steps(result)),
+        _worst(result, "lag", result["lag"]),
+    ]
     return [worst for worst in found if worst is not None]
 
 
@@ -65,13 +62,13 @@ def _force_steps(result: Result) -> np.ndarray:
     return np.where(moving, steps, 0.0)
 
 
-def _worst(result: Result, kind: WorstKind, values: np.ndarray, unit: str) -> WorstTick | None:
+def _worst(result: Result, kind: WorstKind, values: np.ndarray) -> WorstTick | None:
     known = np.where(np.isfinite(values), values, 0.0)
     tick = int(np.argmax(known))
     value = float(known[tick])
     if value <= 0.0:
         return None
-    return WorstTick(kind, tick, value, unit, _sentence(result, kind, tick, value, known))
+    return WorstTick(kind, tick, _sentence(result, kind, tick, value, known))
 
 
 def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: np.ndarray) -> str:

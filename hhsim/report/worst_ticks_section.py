@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhsim.errors import InputError
+from hhsim.report.figure import Album
 from hhsim.report.html import Html, code, element, joined, number, paragraph, table
-from hhsim.report.image_files import Album
 from hhsim.report.pictures import hand_picture
 from hhsim.report.run import ReportRun
 from hhsim.report.worst_ticks import WorstTick, worst_ticks

@@ -6,15 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
-from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.catalogue import object_description
-from hhsim.scene.closure_search import OPEN_SHARE, REACH_DEPTH, closure_rates
-from hhsim.scene.finger_closure import FingerClosure, body_distances, make_work
+from hhsim.scene.closure_search import OPEN_SHARE
+from hhsim.scene.finger_closure import Closer, FingerClosure
 from hhsim.scene.script import Script
 from hhsim.scene.stored_pose import Placement
 from hhsim.trees.sphere_tree import SphereTree
@@ -76,23 +74,8 @@ def close_placed(
     return closure
 
 
-class PlacedCloser:
-    """Closes one script's hand on one object, at any number of places.
-
-    Args:
-        script: Which fingers close, and how deep they are commanded.
-        hand: The hand.
-        tree: The object, world frame.
-    """
-
-    def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
-        """Nothing is closed yet."""
-        self.script = script
-        self.hand: HandArrays = hand.arrays()
-        self.tree: TreeArrays = tree.arrays()
-        self.work = make_work()
-        self.rates = closure_rates(script.curl)
-        self.fingers = [FINGERS.index(name) for name in script.fingers] if script.contact else []
+class PlacedCloser(Closer):
+    """Closes one script's hand on one object, at any number of places."""
 
     def opened(self, placement: Placement) -> Array:
         """Flexion of the open hand at a place [rad], shape (5, 3)."""
@@ -111,7 +94,6 @@ class PlacedCloser:
         `clear`, called with position, rotation and open flexion, may refuse a place before the fingers close: they then
         stay open.
         """
-        script, work = self.script, self.work
         turn = np.eye(3) if object_rotation is None else object_rotation
         rotation = np.empty((3, 3))
         quaternion_to_matrix(placement.orientation.copy(), rotation)
@@ -119,36 +101,12 @@ class PlacedCloser:
         back = np.ascontiguousarray(turn @ placement.back)
         position = turn @ placement.position + (0.0 if object_position is None else object_position)
         opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
-        if script.palm_depth > 0.0:
+        if self.script.palm_depth > 0.0:
             start = position + PALM_WAY * back
             travel, _ = kernel.advance_hand(
                 *(self.hand, self.tree, start, rotation, opened, abduction, -back),
-                *(np.zeros(BODY_COUNT), 2.0 * PALM_WAY, work),
+                *(np.zeros(BODY_COUNT), 2.0 * PALM_WAY, self.work),
             )
             position = start - travel * back
-        contact, touching = opened.copy(), np.zeros((len(FINGERS), 3))
         fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
-        for f in fingers:
-            kernel.close_finger(
-                self.hand, self.tree, position, rotation, f, self.rates[f], abduction, contact, work, touching
-            )
-        command = contact.copy()
-        for f in fingers:
-            if touching[f].any():
-                kernel.deepen_finger(self.hand, f, self.rates[f], abduction, script.depth, command, work)
-        pressed = position - script.palm_depth * back
-        distances = body_distances(self.hand, self.tree, pressed, rotation, command, abduction, work)
-        reached = [f for f in self.fingers if distances[3 * f : 3 * f + 3].min() < -REACH_DEPTH]
-        return FingerClosure(
-            rotation=rotation,
-            back=back,
-            position=position,
-            open=opened,
-            contact=contact,
-            command=command,
-            abduction=abduction,
-            reached=tuple(FINGERS[f] for f in reached),
-            missed=tuple(FINGERS[f] for f in self.fingers if f not in reached),
-            slide=turn @ placement.slide,
-            distance=distances,
-        )
+        return self.closed((position, rotation, back), opened, abduction, turn @ placement.slide, fingers)

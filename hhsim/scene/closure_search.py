@@ -18,17 +18,13 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
-from hhsim.scene.finger_closure import FingerClosure, body_distances, make_work
+from hhsim.scene.finger_closure import Closer, FingerClosure, body_distances
 from hhsim.scene.script import Script
 from hhsim.scene.slide import best_slide
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 
-DIP_PER_PIP = 2.0 / 3.0
-"""The last joint follows the middle one in free flexion (Rijpkema & Girard 1991)."""
-THUMB_RATE = (0.5, 1.0, 0.8)
-"""Share of the thumb's joints in its closing: the metacarpal has the shortest range."""
 OPEN_SHARE = 0.6
 """The open hand is extended to this share of the joints' range beyond straight."""
 FIST_SHARE = 0.6
@@ -57,8 +53,6 @@ IDLE_DISTANCE = 0.04
 """Fingers that do not take part are out of the way at this distance [m]."""
 BEARING = 0.005
 """The palm rests on the object with the spheres that are this near [m] when the first one touches."""
-REACH_DEPTH = 0.0005
-"""A finger reaches the object when its command lies this deep [m] in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +84,6 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
     if script.palm_depth > 0.0 and closure.distance[PALM_BODY] >= 0.0:
         raise TrajectoryError(f"script {script.name}: the palm cannot touch {across}, from any side")
     return closure
-
-
-def closure_rates(curl: float) -> Array:
-    """Share of each joint in the closing of each finger, shape (5, 3)."""
-    rates = np.tile([1.0, curl, curl * DIP_PER_PIP], (len(FINGERS), 1))
-    rates[0] = THUMB_RATE
-    return rates
 
 
 def _orientations() -> list[Array]:
@@ -132,14 +119,11 @@ def _leading(candidates: list[_Candidate]) -> list[_Candidate]:
     return sorted(candidates, key=lambda candidate: -round(candidate.score, 6))[:LEADERS]
 
 
-class _Search:
+class _Search(Closer):
     """The candidates and their evaluation for one script, hand and object."""
 
     def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
-        self.script = script
-        self.hand = hand.arrays()
-        self.tree = tree.arrays()
-        self.work = make_work()
+        super().__init__(script, hand, tree)
         radius = tree.leaf_radius[:, None]
         low, high = (tree.leaf_center - radius).min(axis=0), (tree.leaf_center + radius).max(axis=0)
         self.middle = 0.5 * (low + high)
@@ -147,11 +131,9 @@ class _Search:
         self.bound = float((np.linalg.norm(tree.leaf_center - self.middle, axis=1) + tree.leaf_radius).max())
         finger_reach = float((self.hand.reach + self.hand.radius[:, :3]).max())
         self.reach = max(finger_reach, float(self.hand.palm_reach[0] + self.hand.palm_radius.max()))
-        self.rates = closure_rates(script.curl)
         self.abduction = np.zeros(len(FINGERS))
         self.open = np.ascontiguousarray(OPEN_SHARE * np.minimum(hand.flexion_min, 0.0))
         self.fist = self.open + FIST_SHARE * (hand.flexion_max - self.open)
-        self.fingers = [FINGERS.index(name) for name in script.fingers] if script.contact else []
         self.gap = self._gaps()
         self.aims = self._aims(hand.hand_length / DEFAULT_HAND_LENGTH)
 
@@ -217,35 +199,13 @@ class _Search:
             if body >= 0:
                 travel, blocking = distance, body
         position = start - travel * back
-        contact, touching = self.open.copy(), np.zeros((len(FINGERS), 3))
-        for f in self.fingers:
-            rate = self.rates[f]
-            kernel.close_finger(
-                self.hand, self.tree, position, rotation, f, rate, self.abduction, contact, self.work, touching
-            )
-        command = contact.copy() if self.script.contact else self.fist
-        for f in self.fingers:
-            if touching[f].any():
-                kernel.deepen_finger(self.hand, f, self.rates[f], self.abduction, self.script.depth, command, self.work)
-        distances = self._distances(position - self.script.palm_depth * back, rotation, command)
-        reached = [f for f in self.fingers if distances[3 * f : 3 * f + 3].min() < -REACH_DEPTH]
-        closure = FingerClosure(
-            rotation=rotation,
-            back=back,
-            position=position,
-            open=self.open,
-            contact=contact,
-            command=command,
-            abduction=self.abduction,
-            reached=tuple(FINGERS[f] for f in reached),
-            missed=tuple(FINGERS[f] for f in self.fingers if f not in reached),
-            slide=np.zeros(3),
-            distance=distances,
-        )
-        score = self._score(closure, touching) if blocking >= 0 else -math.inf
+        unclosed = None if self.script.contact else self.fist
+        place = position, rotation, back
+        closure = self.closed(place, self.open, self.abduction, np.zeros(3), self.fingers, unclosed)
+        score = self._score(closure) if blocking >= 0 else -math.inf
         return _Candidate(rotation, aim, score, closure)
 
-    def _score(self, closure: FingerClosure, touching: Array) -> float:
+    def _score(self, closure: FingerClosure) -> float:
         """How good a grasp is; the weights order the wishes, from reaching at all down to looks."""
         upward = float(closure.rotation[2, 2])
         # From above or the side rather than from below, where a table would be.
@@ -265,7 +225,7 @@ class _Search:
         score -= 4.0 * min(1.0, max(0.0, self.floor - float(before[..., 2].min())) / UNDER)
         normals: list[tuple[int, int, Array]] = []
         for f in self.fingers:
-            for k in np.flatnonzero(touching[f]).tolist():
+            for k in np.flatnonzero(closure.touching[f]).tolist():
                 normal = np.empty(3)
                 kernel.contact_normal(self.hand, self.tree, f, k, self.work, normal)
                 normals.append((f, k, normal))
@@ -286,7 +246,8 @@ class _Search:
             away = float(closure.distance[:PALM_BODY].reshape(len(FINGERS), 3)[idle].min())
             score += 4.0 * min(1.0, away / IDLE_DISTANCE)
         # The pads touch, and more phalanges hold better than fewer.
-        return score + 3.0 * float(touching[self.fingers, 2].mean()) + 6.0 * float(touching[self.fingers].mean())
+        touching = closure.touching[self.fingers]
+        return score + 3.0 * float(touching[:, 2].mean()) + 6.0 * float(touching.mean())
 
     def _bearing(self, closure: FingerClosure) -> float:
         """Share of the palm's spheres that lie within `BEARING` of the object where the palm touches it."""

@@ -1,15 +1,27 @@
 """A hand closed on an object: the palm's place, the fingers' postures, and how near each body is."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
+from hhsim.scene.script import Script
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
+
+DIP_PER_PIP = 2.0 / 3.0
+"""The last joint follows the middle one in free flexion (Rijpkema & Girard 1991)."""
+THUMB_RATE = (0.5, 1.0, 0.8)
+"""Share of the thumb's joints in its closing: the metacarpal has the shortest range."""
+REACH_DEPTH = 0.0005
+"""A finger reaches the object when its command lies this deep [m] in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +39,7 @@ class FingerClosure:
         reached: The named fingers whose command lies inside the object.
         missed: The named fingers that do not reach it.
         slide: Unit direction of a slide, shape (3,), world; zeros where the script has none.
+        touching: 1 for each phalanx that touches at first contact, else 0, shape (5, 3).
         distance: Signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
     """
 
@@ -40,7 +53,81 @@ class FingerClosure:
     reached: tuple[str, ...]
     missed: tuple[str, ...]
     slide: Array
+    touching: Array
     distance: Array
+
+
+class Closer:
+    """Closes the fingers of one script's hand on one object, wherever the palm is.
+
+    Args:
+        script: Which fingers close, and how deep they are commanded.
+        hand: The hand.
+        tree: The object at rest, world frame.
+    """
+
+    def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
+        """Nothing is closed yet."""
+        self.script = script
+        self.hand: HandArrays = hand.arrays()
+        self.tree: TreeArrays = tree.arrays()
+        self.work = make_work()
+        self.rates = closure_rates(script.curl)
+        self.fingers = [FINGERS.index(name) for name in script.fingers] if script.contact else []
+
+    def closed(
+        self,
+        place: tuple[Array, Array, Array],
+        opened: Array,
+        abduction: Array,
+        slide: Array,
+        fingers: Sequence[int],
+        unclosed: Array | None = None,
+    ) -> FingerClosure:
+        """Close some fingers until they touch, and command them deeper.
+
+        Args:
+            place: Position, rotation and way back of the palm, as of `FingerClosure`.
+            opened: Flexion of the open hand [rad], shape (5, 3).
+            abduction: [rad], shape (5,).
+            slide: As of `FingerClosure`.
+            fingers: Those that close, by number; the script's others count as missed.
+            unclosed: Command of the fingers that do not close [rad], shape (5, 3); None for the open hand's.
+        """
+        (position, rotation, back), work = place, self.work
+        contact, touching = opened.copy(), np.zeros((len(FINGERS), 3))
+        for f in fingers:
+            kernel.close_finger(
+                self.hand, self.tree, position, rotation, f, self.rates[f], abduction, contact, work, touching
+            )
+        command = contact.copy() if unclosed is None else unclosed
+        for f in fingers:
+            if touching[f].any():
+                kernel.deepen_finger(self.hand, f, self.rates[f], abduction, self.script.depth, command, work)
+        pressed = position - self.script.palm_depth * back
+        distances = body_distances(self.hand, self.tree, pressed, rotation, command, abduction, work)
+        reached = [f for f in self.fingers if distances[3 * f : 3 * f + 3].min() < -REACH_DEPTH]
+        return FingerClosure(
+            rotation=rotation,
+            back=back,
+            position=position,
+            open=opened,
+            contact=contact,
+            command=command,
+            abduction=abduction,
+            reached=tuple(FINGERS[f] for f in reached),
+            missed=tuple(FINGERS[f] for f in self.fingers if f not in reached),
+            slide=slide,
+            touching=touching,
+            distance=distances,
+        )
+
+
+def closure_rates(curl: float) -> Array:
+    """Share of each joint in the closing of each finger, shape (5, 3)."""
+    rates = np.tile([1.0, curl, curl * DIP_PER_PIP], (len(FINGERS), 1))
+    rates[0] = THUMB_RATE
+    return rates
 
 
 def make_work() -> kernel.ClosureWork:

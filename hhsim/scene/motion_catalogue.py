@@ -8,6 +8,7 @@ recording: a trajectory (`.h5`, `.csv`), a result or a live session (`.h5`), who
 import functools
 from dataclasses import dataclass
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from hhsim.errors import TrajectoryError, UnknownNameError
@@ -86,25 +87,11 @@ def load_script(name: str) -> Script:
     Raises:
         UnknownNameError: No such script; the message lists the near names.
     """
-    known = script_names()
-    if name not in known:
-        raise UnknownNameError("trajectory", name, known)
-    resource = files("hhsim.trajectories") / f"{name}{SCRIPT_SUFFIX}"
-    return parse_script(resource.read_text(encoding="utf-8"), name=name, where=f"trajectories/{name}{SCRIPT_SUFFIX}")
-
-
-def load_demonstration(name: str) -> Demonstration:
-    """The shipped demonstration of this name.
-
-    Raises:
-        UnknownNameError: No such demonstration; the message lists the near names.
-    """
-    known = sorted(_names()[1])
-    if name not in known:
-        raise UnknownNameError("demonstration", name, known)
-    folder = files("hhsim.trajectories")
-    text = (folder / f"{name}{SCRIPT_SUFFIX}").read_text(encoding="utf-8")
-    return parse_demonstration(text, name=name, folder=folder, where=f"trajectories/{name}{SCRIPT_SUFFIX}")
+    if name not in script_names():
+        raise UnknownNameError("trajectory", name, script_names())
+    script = _shipped(name)
+    assert isinstance(script, Script)
+    return script
 
 
 def describe(name: str) -> TrajectoryDescription:
@@ -113,33 +100,25 @@ def describe(name: str) -> TrajectoryDescription:
     Raises:
         UnknownNameError: Neither of them; the message lists the near names.
     """
-    known = trajectory_names()
-    if name not in known:
-        raise UnknownNameError("trajectory", name, known)
-    if name not in script_names():
-        recorded = load_demonstration(name)
-        return TrajectoryDescription(
-            name=name,
-            title=recorded.title,
-            stresses=recorded.stresses,
-            duration=recorded.motion.duration,
-            rate=recorded.motion.mean_rate,
-            fingers=(recorded.touch.finger,),
-            phases=tuple(phase.name for phase in recorded.motion.phases),
-            objects=(),
-            figures=(),
-        )
-    script = load_script(name)
+    if name not in trajectory_names():
+        raise UnknownNameError("trajectory", name, trajectory_names())
+    found = _shipped(name)
+    if isinstance(found, Script):
+        duration, rate, phases = found.duration, found.rate, [phase.name for phase in found.phases]
+        fingers, objects, paper = found.fingers if found.contact else (), found.objects, found.paper
+    else:
+        duration, rate, phases = found.motion.duration, found.motion.mean_rate, [p.name for p in found.motion.phases]
+        fingers, objects, paper = (found.touch.finger,), (), ()
     return TrajectoryDescription(
         name=name,
-        title=script.title,
-        stresses=script.stresses,
-        duration=script.duration,
-        rate=script.rate,
-        fingers=script.fingers if script.contact else (),
-        phases=tuple(phase.name for phase in script.phases),
-        objects=script.objects,
-        figures=tuple(use.figure for use in script.paper),
+        title=found.title,
+        stresses=found.stresses,
+        duration=duration,
+        rate=rate,
+        fingers=fingers,
+        phases=tuple(phases),
+        objects=objects,
+        figures=tuple(use.figure for use in paper),
     )
 
 
@@ -154,15 +133,12 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
         TrajectoryError: No such file, or one that is not what its suffix says.
     """
     word = str(name_or_path)
-    scripts, demonstrations = _names()
-    if word in scripts:
-        return load_script(word)
-    if word in demonstrations:
-        return load_demonstration(word)
+    if word in trajectory_names():
+        return _shipped(word)
     path = Path(word)
     suffix = path.suffix.lower()
     if suffix == SCRIPT_SUFFIX:
-        return _read_toml(path)
+        return _parsed(read_toml_text(path, "script", TrajectoryError), path.stem, path.parent, str(path))
     if suffix in RECORDING_SUFFIXES or suffix in imported_suffixes():
         return load_recorded(path)
     if path.exists() or "/" in word:
@@ -199,8 +175,12 @@ def load_recorded(path: Path) -> Trajectory:
         raise
 
 
-def _read_toml(path: Path) -> Script | Demonstration:
-    text, where = read_toml_text(path, "script", TrajectoryError), str(path)
+def _shipped(name: str) -> Script | Demonstration:
+    folder, file = files("hhsim.trajectories"), f"{name}{SCRIPT_SUFFIX}"
+    return _parsed((folder / file).read_text(encoding="utf-8"), name, folder, f"trajectories/{file}")
+
+
+def _parsed(text: str, name: str, folder: Path | Traversable, where: str) -> Script | Demonstration:
     if is_demonstration(parse_toml(text, where, TrajectoryError)):
-        return parse_demonstration(text, name=path.stem, folder=path.parent, where=where)
-    return parse_script(text, name=path.stem, where=where)
+        return parse_demonstration(text, name=name, folder=folder, where=where)
+    return parse_script(text, name=name, where=where)

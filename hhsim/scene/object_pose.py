@@ -57,7 +57,7 @@ class Wanted:
 
 
 class _Best(NamedTuple):
-    """A placement in the object's frame: the hand's shift, the turn of the object, and how good it is."""
+    """A placement in the object's frame: the hand's shift, the object's turn, how far others keep away in the mean."""
 
     shift: Array
     turn: float
@@ -80,8 +80,7 @@ def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: 
     placed = forward_kinematics(hand, *HandConfiguration.of(motion))
     tips = placed.joints[:, finger, 3]
     stroke, moment = _stroke(tips, motion)
-    looks = np.unique(np.concatenate([np.linspace(0, motion.sample_count - 1, LOOKS).round().astype(int), [moment]]))
-    best = _search(motion, hand, tree, finger, stroke, moment, looks, wanted.depth)
+    best = _search(motion, hand, tree, finger, stroke, moment, wanted.depth)
     if best is None:
         raise TrajectoryError(
             f"{motion.name or 'the motion'} cannot be placed at this object: nowhere does its {wanted.finger} finger "
@@ -109,10 +108,14 @@ def _search(
     finger: int,
     stroke: Array,
     moment: int,
-    looks: NDArray[np.int64],
     depth: float,
 ) -> _Best | None:
     arrays, nodes, work = hand.arrays(), tree.arrays(), make_work()
+    looks = np.unique(np.concatenate([np.linspace(0, motion.sample_count - 1, LOOKS).round().astype(int), [moment]]))
+    here = int(np.flatnonzero(looks == moment)[0])
+    flexion = [np.ascontiguousarray(values) for values in motion.flexion[looks]]
+    abduction = [np.ascontiguousarray(values) for values in motion.abduction[looks]]
+    joints = hand.joints(motion.position[moment], motion.orientation[moment], flexion[here], abduction[here])
     center, radius = tree.leaf_center, tree.leaf_radius
     low, high = (center - radius[:, None]).min(axis=0), (center + radius[:, None]).max(axis=0)
     middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
@@ -127,10 +130,6 @@ def _search(
         direction = np.ascontiguousarray(back @ stroke)
         rotations = [np.ascontiguousarray(back @ rotation_matrix(q)) for q in motion.orientation[looks]]
         positions = motion.position[looks] @ back.T
-        here = int(np.flatnonzero(looks == moment)[0])
-        flexion = [np.ascontiguousarray(values) for values in motion.flexion[looks]]
-        abduction = [np.ascontiguousarray(values) for values in motion.abduction[looks]]
-        joints = hand.joints(motion.position[moment], motion.orientation[moment], flexion[here], abduction[here])
         tip = back @ joints[finger, 3]
         side = across(direction)
         for a, b in product(ACROSS, ACROSS):
@@ -142,27 +141,18 @@ def _search(
             if body != tip_body:
                 continue
             shift = goal - tip + (travel + depth - size) * direction
-            score = _score(
+            distance = np.stack(
                 [
                     body_distances(arrays, nodes, np.ascontiguousarray(p + shift), r, f, b, work)
                     for p, r, f, b in zip(positions, rotations, flexion, abduction)
-                ],
-                here,
-                tip_body,
-                others,
-                depth,
+                ]
             )
+            if distance[0].min() < START_GAP or distance[here, tip_body] > -PRESSED * depth:
+                continue
+            score = float(np.minimum(distance[:, others], WANTED_GAP).mean())
             if best is None or score > best.score + 1e-12:
-                best = _Best(shift, turn, score) if np.isfinite(score) else best
+                best = _Best(shift, turn, score)
     return best
-
-
-def _score(distances: list[Array], here: int, tip_body: int, others: NDArray[np.int64], depth: float) -> float:
-    """How far the other bodies keep away in the mean [m], at most `WANTED_GAP`; -inf for a hand that starts in it."""
-    distance = np.stack(distances)
-    if distance[0].min() < START_GAP or distance[here, tip_body] > -PRESSED * depth:
-        return -np.inf
-    return float(np.minimum(distance[:, others], WANTED_GAP).mean())
 
 
 def across(direction: Array) -> Array:

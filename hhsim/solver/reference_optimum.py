@@ -63,22 +63,14 @@ def reference_excess(
     for i in range(len(ticks)):
         block = None
         try:
-            solver.place(found.position[i], found.orientation[i], found.flexion[i], found.abduction[i])
-            block = solver.run(
-                wanted.position[i : i + 1],
-                wanted.orientation[i : i + 1],
-                wanted.flexion[i : i + 1],
-                found.abduction[i : i + 1],
-            )
+            solver.place(*found.at(i))
+            block = solver.run(*wanted.part(i, i + 1)._replace(abduction=found.abduction[i : i + 1]))
         except HhsimError:
             # So deep inside that there are more pairs than the solver holds.
             pass
         if block is None or block.status[0] & STATUS_STUCK:
             best.position[i] = np.nan
             continue
-        best.position[i], best.orientation[i], best.flexion[i] = (
-            block.position[0],
-            block.orientation[0],
-            block.flexion[0],
-        )
+        for name in ("position", "orientation", "flexion"):
+            getattr(best, name)[i] = getattr(block, name)[0]
     return tracking_excess(tracking_energy(wanted, found, diagonal), tracking_energy(wanted, best, diagonal))

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hhsim.render.viewpoint import View
 from hhsim.view.plots import GLOVE, Plot
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-VIEW = (95.0, 10.0)
-"""Azimuth from x to y, and elevation [degrees], of the viewer."""
+VIEW = View(95.0, 10.0)
 DISTANCE = 1.2
 """Of the viewer from the middle of the scene, in extents of the scene."""
 BACKGROUND = (222, 226, 231)
@@ -43,10 +43,8 @@ def blueprint(
     """
     import rerun.blueprint as rrb
 
-    azimuth, elevation = np.radians(VIEW)
-    towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     middle = np.asarray(look_at, np.float64)
-    eye = middle + DISTANCE * extent * towards
+    eye = middle + DISTANCE * extent * VIEW.towards
     window = [
         rrb.VisibleTimeRange(
             "time",

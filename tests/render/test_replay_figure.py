@@ -10,6 +10,7 @@ from short_grasp import short_grasp, short_result
 from hhsim.errors import InputError
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
 from hhsim.render.replay_figure import arrow, draw_replay, main, phalanx_forces, shown_tick
+from hhsim.render.viewpoint import View
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 
@@ -59,7 +60,7 @@ def test_the_hand_is_that_of_the_run(result: Result) -> None:
 def test_writes_the_picture(result: Result, tmp_path: Path) -> None:
     import matplotlib.image
 
-    draw_replay(result, tmp_path / "replay.png", (60.0, 20.0))
+    draw_replay(result, tmp_path / "replay.png", View(60.0, 20.0))
     picture = matplotlib.image.imread(tmp_path / "replay.png")[:, :, :3]
     assert picture.shape[:2] == (640, 1240)
     half = picture.shape[1] // 2

@@ -14,8 +14,8 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.scene.closure_search import MARGIN, REACH_DEPTH, closure_rates, plan_finger_closure
-from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.scene.closure_search import MARGIN, plan_finger_closure
+from hhsim.scene.finger_closure import REACH_DEPTH, body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
