@@ -10,6 +10,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from tools.import_graph import REPOSITORY
+
 Array = NDArray[np.float64]
 
 DEXMO_FRAME = np.dtype([("time_ns", np.int64), ("client", np.int64), ("number", np.int64)])
@@ -32,7 +34,7 @@ class PeerRecord(NamedTuple):
 
 
 class FakeGlove:
-    """`python -m hhsim.live.simulators.MODULE --log FILE …` while the block runs; a context.
+    """`python -m tools.MODULE --log FILE …` while the block runs; a context.
 
     The program prints a line when it can be reached, "ready WHERE", obeys a line of its standard input with "ok", and
     ends with that input. It may be started again after `kill`.
@@ -62,12 +64,12 @@ class FakeGlove:
         Raises:
             RuntimeError: It ended instead.
         """
-        module = f"hhsim.live.simulators.{self.module}"
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, "--log", str(self.log), *self._arguments],
+            [sys.executable, "-m", f"tools.{self.module}", "--log", str(self.log), *self._arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
+            cwd=REPOSITORY,
         )
         word, _, self.where = self._answer().partition(" ")
         if word != "ready":

@@ -1,6 +1,6 @@
 """A fake glove that speaks the letter format.
 
-It is run as `python -m hhsim.live.simulators.opengloves_board --link GLOVE --log FILE`.
+It is run as `python -m tools.opengloves_board --link GLOVE --log FILE`.
 
 On a pseudo-terminal, which looks like a serial line and has no baud rate, or as a TCP server for any number of clients.
 Its orders are those of `hhsim.live.simulators.peer`, and `garbage`: a line that is none. `leave` takes the line away,

@@ -1,4 +1,4 @@
-"""A fake glove that speaks the open packet: `python -m hhsim.live.simulators.udp_sender --log FILE`.
+"""A fake glove that speaks the open packet: `python -m tools.udp_sender --log FILE`.
 
 Its orders are those of `hhsim.live.simulators.peer`; `back` begins another session. In its log, a frame is the five
 bends, its seq, and which session it is, from 1; a command is five bends, five values of stiffness, its session, its seq
