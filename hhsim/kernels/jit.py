@@ -193,6 +193,7 @@ class _Stored(CompileResultCacheImpl):  # type: ignore[misc]
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
         self._locator = _Folder(folder, function)
+        self._lineno = function.__code__.co_firstlineno
         self._filename_base = self.get_filename_base(function.__qualname__, sys.abiflags)
 
 
