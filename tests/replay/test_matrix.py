@@ -4,11 +4,12 @@ No penetration, no NaN, no stuck tick; every hold comes to rest, and trembles no
 
 The penetration is recomputed from the result *file* by comparing every phalanx and every palm sphere with every leaf of
 the object's tree: no tree query, no distance function of the kernels, nothing from the solver. That is about 5e10 pairs
-for all ticks; plain loops on the vector unit take a nanosecond for each. `make test` looks at every tenth tick and at
-the one that the file calls the deepest, `make soak` at every one.
+for all ticks; plain loops on the vector unit take a nanosecond for each. `make test` looks at every tenth tick
+of two trajectories an object and at the one that the file calls the deepest, `make soak` at every tick of all.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,9 +77,16 @@ def rest(result: Result) -> list[int | None]:
     ]
 
 
-@pytest.mark.parametrize("every", [10, pytest.param(1, marks=pytest.mark.soak)])
-@pytest.mark.parametrize("trajectory", TRAJECTORIES)
-@pytest.mark.parametrize("name", object_names())
+def matrix() -> list[Any]:
+    """All of it at every tick is for the long stage; at every tenth, each object with two trajectories is for any."""
+    found: list[Any] = []
+    for place, name in enumerate(object_names()):
+        found += [(name, TRAJECTORIES[(place + step) % len(TRAJECTORIES)], 10) for step in range(2)]
+        found += [pytest.param(name, trajectory, 1, marks=pytest.mark.soak) for trajectory in TRAJECTORIES]
+    return found
+
+
+@pytest.mark.parametrize(("name", "trajectory", "every"), matrix())
 def test_every_replay_is_free_of_penetration_and_comes_to_rest(
     name: str, trajectory: str, every: int, tmp_path: Path
 ) -> None:

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import (
     BALL_RADIUS,
@@ -57,7 +58,10 @@ def assert_sound(hand: HandModel, tree: SphereTree, record: TickRecord) -> Array
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("leaves", "seed", "sweep"),
-    [(300, 0, False), (300, 1, True), (1200, 2, False), (1200, 3, True), (4000, 4, False), (4000, 5, True)],
+    sampled(
+        [(300, 0, False), (300, 1, True), (1200, 2, False), (1200, 3, True), (4000, 4, False), (4000, 5, True)],
+        lambda place, case: place in (1, 2, 5),
+    ),
 )
 def test_random_hands_never_penetrate(method: str, leaves: int, seed: int, sweep: bool) -> None:
     hand = LEFT if seed % 3 == 0 else RIGHT
