@@ -34,13 +34,13 @@ class PeerRecord(NamedTuple):
 
 
 class FakeGlove:
-    """`python -m tools.MODULE --log FILE …` while the block runs; a context.
+    """`python -m MODULE --log FILE …` while the block runs; a context.
 
     The program prints a line when it can be reached, "ready WHERE", obeys a line of its standard input with "ok", and
     ends with that input. It may be started again after `kill`.
 
     Args:
-        module: Such as `udp_sender`.
+        module: Such as `tools.udp_sender`.
         log: Its log; a process that is started again goes on with it.
         arguments: More of the command line.
 
@@ -65,7 +65,7 @@ class FakeGlove:
             RuntimeError: It ended instead.
         """
         self._process = subprocess.Popen(
-            [sys.executable, "-m", f"tools.{self.module}", "--log", str(self.log), *self._arguments],
+            [sys.executable, "-m", self.module, "--log", str(self.log), *self._arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -159,7 +159,7 @@ class FakeDexmo(FakeGlove):
 
     def __init__(self, log: Path, *arguments: str) -> None:
         """Nothing runs yet."""
-        super().__init__("dexmo_server", log)
+        super().__init__("hhsim.live.simulators.dexmo_server", log)
         self._more = arguments
 
     def start(self) -> None:

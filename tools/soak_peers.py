@@ -133,7 +133,7 @@ class LinePeer(SoakPeer):
     def __enter__(self) -> Self:
         link = self.log.with_suffix(".line")
         options = ("--link", link, "--rate", self.rate, "--seed", self.seed)
-        self._peer = FakeGlove("opengloves_board", self.log, *options)
+        self._peer = FakeGlove("tools.opengloves_board", self.log, *options)
         self._peer.start()
         return self
 
@@ -171,7 +171,7 @@ class UdpPeer(SoakPeer):
     def __enter__(self) -> Self:
         self._port = free_port_pair()
         options = ("--port", self._port, "--rate", self.rate, "--seed", self.seed)
-        self._peer = FakeGlove("udp_sender", self.log, *options)
+        self._peer = FakeGlove("tools.udp_sender", self.log, *options)
         self._peer.start()
         return self
 

@@ -213,7 +213,7 @@ def test_what_is_no_glove_is_said_so(tmp_path: Path) -> None:
 def test_a_fake_glove_in_another_process_every_line_accounted_for(tmp_path: Path, tcp: bool) -> None:
     link = tmp_path / "glove"
     arguments = () if tcp else ("--link", link)
-    with FakeGlove("opengloves_board", tmp_path / "peer.log", "--format", "splay", *arguments) as peer:
+    with FakeGlove("tools.opengloves_board", tmp_path / "peer.log", "--format", "splay", *arguments) as peer:
         where = configure("opengloves", port=int(peer.where)) if tcp else configure("opengloves", path=peer.where)
         with closing(open_device(where)) as device, closing(open_device(where)) as watchdog:
             device.open(PATIENCE)
@@ -281,7 +281,7 @@ def test_a_glove_whose_process_is_killed_comes_back(tmp_path: Path, tcp: bool) -
     arguments = ("--port", port) if tcp else ("--link", tmp_path / "glove")
     config = configure("opengloves", port=port, path="" if tcp else str(tmp_path / "glove"))
     with (
-        FakeGlove("opengloves_board", tmp_path / "peer.log", *arguments) as peer,
+        FakeGlove("tools.opengloves_board", tmp_path / "peer.log", *arguments) as peer,
         closing(open_device(config)) as device,
     ):
         device.open(PATIENCE)

@@ -279,7 +279,7 @@ def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_
     arguments = ("--port", port, "--lose", 0.03, "--swap", 0.05, "--seed", 5)
     device = open_device(configure("udp", port=port))
     with (
-        FakeGlove("udp_sender", tmp_path / "peer.log", *arguments) as peer,
+        FakeGlove("tools.udp_sender", tmp_path / "peer.log", *arguments) as peer,
         closing(device),
     ):
         device.open(PATIENCE)
