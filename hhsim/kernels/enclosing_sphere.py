@@ -108,7 +108,7 @@ def enclosing_sphere(center: Array, radius: Array, members: Indices, sphere_out:
         radius: [m], shape (n,).
         members: Indices, shape (m,), m ≥ 1.
         sphere_out: x, y, z, r [m], shape (4,). It encloses every member whatever the rounding: 1e-12 is added
-        (relative).
+            (relative).
     """
     basis = np.empty(5, np.int64)
     chosen = np.empty(4, np.int64)

@@ -249,8 +249,8 @@ def _foreign_sources(argument: types.Type) -> Iterator[str]:
 
 
 def _compile(function: F, allocates: bool = False, **options: Any) -> F:
-    # Without numba's runtime no reference is counted: atomic, once for every array at every call, that was more than
-    # half of a tick and of its compilation. What is given to a kernel is held by its caller.
+    # Without numba's runtime no reference is counted: atomic, once for every array at every call, that was 13 to 62 %
+    # of a tick and a fifth of its compilation. What is given to a kernel is held by its caller.
     compiled = numba.njit(error_model="numpy", nogil=True, _nrt=allocates, **options)(function)
     # A kernel of somebody else's is compiled in every process: what it calls cannot be followed from here.
     if JIT_ENABLED and source_of(function.__module__) is not None:

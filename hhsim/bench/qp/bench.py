@@ -102,7 +102,7 @@ class Tally:
             return
         residual = residuals(program, answer.x, answer.multiplier).largest
         if program.relaxation > 0.0 and residual > OWN_LIMIT:
-            # Rows that contradict each other by rounding are all moved back, see `kernels.active_set`.
+            # Rows that contradict each other by rounding are all moved back, see `kernels.qp.active_set`.
             residual = min(residual, residuals(program, answer.x, answer.multiplier, program.relaxation).largest)
         self.residual.append(residual)
         self.verdicts["solved" if residual <= OWN_LIMIT else "missed"] += 1

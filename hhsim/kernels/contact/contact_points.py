@@ -66,7 +66,7 @@ def find_contact_pairs(
         orientation: Palm to world, unit (w, x, y, z), shape (T, 4).
         fingers: Which fingers count, shape (5,); the palm always does.
         touch: [m].
-        pairs_out: Written.
+        pairs_out: Where the pairs go; its arrays have more room than pairs are expected.
 
     Returns:
         The number of pairs; -1 where there is no room for them.

@@ -47,7 +47,7 @@ PROBLEM = np.dtype(
     ],
     align=True,
 )
-"""Rows in the layout of `kernels.active_set`; contact i is row i, then 30 joint limits.
+"""Rows in the layout of `kernels.qp.active_set`; contact i is row i, then 30 joint limits.
 
 | field | meaning |
 |---|---|

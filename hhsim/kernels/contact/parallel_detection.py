@@ -1,4 +1,4 @@
-"""Detection by the whole thread team: as `kernels.contact.evaluate`, each finger and the palm by whoever is free."""
+"""Detection by the whole thread team: as `evaluate`, each finger and the palm by whoever is free."""
 
 from typing import Any
 
@@ -51,7 +51,7 @@ def evaluate_in_parallel(
     thread_team: Record,
     work: Indices,
 ) -> int:
-    """As `kernels.contact.evaluate`, the same to the bit, of the parts that `worth_sharing` found."""
+    """As `kernels.contact.detection.evaluate`, the same to the bit, of the parts that `worth_sharing` found."""
     for i in range(thread_team.parts):
         thread_team.status[i] = 0
         thread_team.work[i, :] = 0

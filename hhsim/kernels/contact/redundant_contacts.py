@@ -126,7 +126,7 @@ def drop_redundant_contacts(hand: HandArrays, reach: float, contacts: Record, ex
     Args:
         hand: The hand.
         reach: No axis point of a body with contacts moves farther in the step [m].
-        contacts: Records as `kernels.contact.find_contacts` leaves them; thinned, in their order.
+        contacts: Records as `kernels.contact.detection.find_contacts` leaves them; thinned, in their order.
         excess: Workspace, shape (CONTACT_ROWS,).
     """
     start = contacts.start[0]

@@ -45,7 +45,7 @@ def work_dtype(n_max: int, capacity: int) -> np.dtype[Any]:
     | share | scratch | (p,) |
     | violation | b - a · x of every row, normalised | (capacity,) |
     | inverse_norm | 1 / |a|, 0 for a zero row | (capacity,) |
-    | slack | room for a second look at the rows, see `kernels.second_order` | (capacity,) |
+    | slack | room for a second look at the rows, see `kernels.tick.second_order` | (capacity,) |
     """
     padded = -(-n_max // LANES) * LANES
     return np.dtype(

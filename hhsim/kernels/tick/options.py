@@ -1,4 +1,4 @@
-"""What a tick is told: the lengths and tolerances that steer it."""
+"""What steers a tick: its lengths and tolerances."""
 
 from typing import NamedTuple
 
@@ -15,8 +15,8 @@ class TickOptions(NamedTuple):
     | skin | pairs up to this much farther are kept at hand between ticks |
     | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
     | step_tolerance | a step shorter than this ends the tick |
-    | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.active_set.solve` |
-    | longest_correction | for curvature, in units of √G δ, see `kernels.second_order` |
+    | tolerance, relaxation | of the QP, in units of √G δ, see `kernels.qp.active_set.solve` |
+    | longest_correction | for curvature, in units of √G δ, see `kernels.tick.second_order` |
     | contact_stiffness | of Eq. 14 and Fig. 9 [N/m] |
     | touch | pairs nearer than this count as touching |
     """

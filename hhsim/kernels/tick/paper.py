@@ -101,11 +101,11 @@ PAPER_STATE = np.dtype(
 | haptic_euler | those of the haptic palm |
 | axes | world axes of the three angles |
 | tried | joint angles set aside while others are looked at [rad] |
-| shapes | of each phalanx, see `kernels.frustum` |
+| shapes | of each phalanx, see `kernels.hand.frustum` |
 | lowest, highest | the joints' limits [rad] |
 | frustum | the phalanx at hand |
 | kind | which part of its phalanx each pair is with |
-| closed | spheres close all ends of the frustums, see `kernels.frustum.in_range` |
+| closed | spheres close all ends of the frustums, see `kernels.hand.frustum.in_range` |
 | full | 1 where the palm, and each finger, has more pairs than there is room for |
 | normal, body | of each row: from object to hand; 0 to 15 |
 | target | of the program at hand, times √G |

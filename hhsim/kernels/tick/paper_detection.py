@@ -155,7 +155,8 @@ def gather_phalanx(
 ) -> int:
     """Leaves within `growth` [m] of a phalanx by Eq. 7 (its frustum) or Eq. 3 (its end sphere), into row `body`.
 
-    `closed` says that spheres close every frustum's ends, and not only the fingertip, see `kernels.frustum.in_range`.
+    `closed` says that spheres close every frustum's ends, and not only the fingertip, see
+    `kernels.hand.frustum.in_range`.
 
     Returns:
         How many; -1 where there are more than `capacity`.

@@ -68,8 +68,8 @@ FINGER_WORK = np.dtype(
 | delta | the palm's step and the finger's own, the rest 0 [m, rad, rad] |
 | row, multiplier, count | rows with a multiplier, and theirs [N] |
 | iterations | of its program |
-| status | of `kernels.active_set` |
-| correction | for `kernels.second_order` |
+| status | of `kernels.qp.active_set` |
+| correction | for `kernels.tick.second_order` |
 | apart | keeps the next finger's out of the cache lines that this one writes |
 """
 

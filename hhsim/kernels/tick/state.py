@@ -36,7 +36,7 @@ WORK_TOUCHING = 6
 WORK_ROWS = 7
 WORK_BODIES = 8
 WORK_UNITS = 9
-"""Places in the work counters, behind those of `kernels.contact`."""
+"""Places in the work counters, behind those of `kernels.contact.detection`."""
 
 WORK_COUNTERS = 10
 
@@ -82,7 +82,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | full | this tick met more pairs than the arrays hold |
     | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
     | work | counters of this tick |
-    | excess | workspace of `kernels.dominance` |
+    | excess | workspace of `kernels.contact.redundant_contacts` |
     | stiffness | G |
 
     Args:
