@@ -130,6 +130,20 @@ def test_every_kernel_is_made_by_the_jit_factory() -> None:
     assert found == []
 
 
+def test_what_becomes_part_of_its_caller_has_one() -> None:
+    # A second caller would compile it twice: that one wants jit.
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in KERNELS.values()]
+    calls = [ast.unparse(node.func) for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    once = [
+        node.name
+        for tree in trees
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and "jit_once" in map(ast.unparse, node.decorator_list)
+    ]
+    assert once
+    assert [name for name in once if calls.count(name) != 1] == []
+
+
 def test_the_library_imports_heavy_packages_where_it_uses_them() -> None:
     found = [
         shown_import(path, imported)

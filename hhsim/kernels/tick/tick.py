@@ -140,7 +140,7 @@ def switch_to_coupled(state: Record) -> None:
     copy_values(state.haptic.joints[:], state.latch_joints[:])
 
 
-@jit_once
+@jit
 def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     copy_configuration(state.pose, state.safe)
