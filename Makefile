@@ -8,6 +8,11 @@ PYTHON ?= python3
 PYTEST_OPTIONS ?= -n 2
 BIN := .venv/bin
 
+# Bytecode of what is imported is written at its first import; pip's of everything would take a third of its time. The
+# tests start hundreds of processes, so that a shell which forbids bytecode would have each compile its own.
+PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: replay test soak checks kernels gate clean
 
 replay: .venv/hhsim.stamp
@@ -39,11 +44,11 @@ gate: kernels
 	@touch $@
 
 .venv/hhsim.stamp: .venv/python.stamp pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e .
+	$(PIP) -e .
 	@touch $@
 
 .venv/test.stamp: .venv/python.stamp pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[test,lint]'
+	$(PIP) -e '.[test,lint]'
 	@touch .venv/hhsim.stamp $@
 
 clean:
