@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import jit, jit_inline
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 
 Array = NDArray[np.float64]
@@ -39,6 +39,16 @@ class TreeArrays(NamedTuple):
     first_child: Indices
     child_count: Indices
     leaf_start: int
+
+
+@jit_inline
+def _node_distance(tree: TreeArrays, cone: RoundCone, node: int) -> float:
+    """Signed distance [m] of a round cone to a node's sphere."""
+    ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
+    dx, dy, dz = tree.x[node] - ax, tree.y[node] - ay, tree.z[node] - az
+    s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
+    qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
+    return math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[node]
 
 
 @jit
@@ -95,7 +105,6 @@ def nearest_leaf_round_cone(tree: TreeArrays, cone: RoundCone, limit: float, sta
 
     Only distances below `limit` are looked for; (limit, -1) where there is none.
     """
-    ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     best = limit
     best_leaf = -1
     stack[0] = 0
@@ -103,18 +112,26 @@ def nearest_leaf_round_cone(tree: TreeArrays, cone: RoundCone, limit: float, sta
     while top > 0:
         top -= 1
         node = stack[top]
-        dx, dy, dz = tree.x[node] - ax, tree.y[node] - ay, tree.z[node] - az
-        s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
-        qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
-        distance = math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[node]
-        if distance >= best:
-            continue
+        distance = _node_distance(tree, cone, node)
         first = tree.first_child[node]
         if first < 0:
-            best = distance
-            best_leaf = node
+            # Of leaves as near the last one, in whatever order they are met.
+            if distance < best or (distance == best and 0 <= best_leaf < node):
+                best = distance
+                best_leaf = node
             continue
+        if distance > best:
+            continue
+        nearest = np.inf
         for child in range(first, first + tree.child_count[node]):
+            distance = _node_distance(tree, cone, child)
+            if not distance <= best:
+                continue
             stack[top] = child
+            if nearest < distance:
+                # The nearest stays on top and is looked at first: the others may then be too far.
+                stack[top], stack[top - 1] = stack[top - 1], stack[top]
+            else:
+                nearest = distance
             top += 1
     return best, best_leaf
