@@ -6,6 +6,7 @@ meet, as in `hhsim.verify.mesh_distance` for the mesh.
 """
 
 import heapq
+import math
 from typing import Any
 
 import numpy as np
@@ -59,8 +60,19 @@ def coal_distance(
 
 def frame_along(axis: FloatArray) -> FloatArray:
     """A rotation that turns z along an axis [m], shape (3, 3); any about it, and any for an axis of no length."""
-    length = float(np.linalg.norm(axis))
-    along = axis / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
-    across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
-    across /= np.linalg.norm(across)
-    return np.stack([across, np.cross(along, across), along], axis=1)
+    x, y, z = axis.tolist()
+    length = math.hypot(x, y, z)
+    if length == 0.0:
+        return np.eye(3)
+    x, y, z = x / length, y / length, z / length
+    # Across the coordinate axis that is farthest from this one; by hand, since numpy takes most of a query for it.
+    if abs(x) <= min(abs(y), abs(z)):
+        side = math.hypot(y, z)
+        i, j, k = 0.0, z / side, -y / side
+    elif abs(y) <= abs(z):
+        side = math.hypot(x, z)
+        i, j, k = -z / side, 0.0, x / side
+    else:
+        side = math.hypot(x, y)
+        i, j, k = y / side, -x / side, 0.0
+    return np.array([[i, y * k - z * j, x], [j, z * i - x * k, y], [k, x * j - y * i, z]])

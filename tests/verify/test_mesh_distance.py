@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
@@ -11,6 +13,7 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
+from hhsim.verify.coal_distance import frame_along
 from hhsim.verify.mesh_distance import PALM, HandReferee, palm_centers
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
@@ -80,3 +83,12 @@ def test_the_palms_spheres_turn_with_the_palm() -> None:
     half = np.sqrt(0.5)
     turned = palm_centers([[0.01, 0.0, 0.0]], [1.0, 2.0, 3.0], [half, 0.0, 0.0, half])
     np.testing.assert_allclose(turned, [[1.0, 2.01, 3.0]], atol=1e-15)
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
+def test_a_frame_along_an_axis_is_a_rotation(axis: list[float]) -> None:
+    along = np.array(axis)
+    frame = frame_along(along)
+    np.testing.assert_allclose(frame.T @ frame, np.eye(3), atol=1e-14)
+    assert np.linalg.det(frame) == pytest.approx(1.0)
+    np.testing.assert_allclose(frame[:, 2] * np.linalg.norm(along), along, atol=1e-14)
