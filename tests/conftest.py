@@ -16,9 +16,10 @@ settings.register_profile(
 )
 settings.load_profile("hhsim")
 
-# Whoever starts the tests in the background hands on a Ctrl-C that is ignored; commands under test would inherit that.
+# Whoever starts the tests in the background hands on signals that are ignored; commands under test would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGQUIT, signal.SIG_DFL)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

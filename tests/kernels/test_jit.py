@@ -61,27 +61,41 @@ def test_an_edit_of_a_kernel_keeps_those_that_do_not_call_it(copy: Path) -> None
     assert stale == {"contact.detection", "tick.tick"}
 
 
-def planted(root: Path, callee: str, imported: str, cache: Path | None = None) -> str:
-    """What a kernel in one sub-package answers, whose callee lies two packages away, in a process of its own."""
-    kernels = root / "hhsim" / "kernels"
+FORMS = (
+    "from hhsim.kernels.far.callee import callee",
+    "from ..far.callee import callee",
+    "from hhsim.kernels.far import callee as module\ncallee = module.callee",
+    "import hhsim.kernels.far.callee as module\ncallee = module.callee",
+    "from .. import far\nfrom ..far import callee as module\ncallee = module.callee",
+)
+"""How a kernel may come by its callee."""
+
+
+def planted(root: Path, answer: int, cache: Path | None = None) -> list[str]:
+    """What callers whose callee lies two packages away answer, and how many were loaded, in a process of its own."""
     files = {
-        "far/__init__.py": '"""Far."""\n',
-        "far/callee.py": callee,
-        "middle/__init__.py": '"""Middle."""\n',
-        "middle/between.py": f"from hhsim.kernels.jit import jit\n{imported}\n\n\n"
-        "@jit\ndef between():\n    return callee() + 1\n",
-        "near/__init__.py": '"""Near."""\n',
-        "near/caller.py": "from hhsim.kernels import middle\nfrom hhsim.kernels.jit import jit\n"
-        "from hhsim.kernels.middle import between as other\n\nbetween = other.between\n\n\n"
-        "@jit\ndef caller():\n    return between() + 1\n",
+        "far/callee.py": f"from hhsim.kernels.jit import jit\n\n\n@jit\ndef callee():\n    return {answer}\n",
     }
+    for i, imported in enumerate(FORMS):
+        files[f"middle/between_{i}.py"] = (
+            f"from hhsim.kernels.jit import jit\n{imported}\n\n\n@jit\ndef between():\n    return callee() + 1\n"
+        )
+        files[f"near/caller_{i}.py"] = (
+            "from hhsim.kernels import middle\nfrom hhsim.kernels.jit import jit\n"
+            f"from hhsim.kernels.middle import between_{i} as other\n\nbetween = other.between\n\n\n"
+            "@jit\ndef caller():\n    return between() + 1\n"
+        )
     for name, text in files.items():
-        path = kernels / name
+        path = root / "hhsim" / "kernels" / name
         path.parent.mkdir(exist_ok=True)
+        (path.parent / "__init__.py").write_text(f'"""The {path.parent.name} ones."""\n')
         path.write_text(text)
     # Bytecode would hide an edit within one second.
     script = (
-        "from hhsim.kernels.near.caller import caller as c; print(c(), sum(c.stats.cache_hits.values()), c.__module__)"
+        "import importlib\n"
+        f"for i in range({len(FORMS)}):\n"
+        "    caller = importlib.import_module(f'hhsim.kernels.near.caller_{i}').caller\n"
+        "    print(caller(), sum(caller.stats.cache_hits.values()))"
     )
     found = subprocess.run(
         [sys.executable, "-B", "-c", script],
@@ -91,33 +105,20 @@ def planted(root: Path, callee: str, imported: str, cache: Path | None = None) -
         text=True,
         check=True,
     )
-    return found.stdout.split()[0] + " " + found.stdout.split()[1]
+    return found.stdout.splitlines()
 
 
-@pytest.mark.parametrize(
-    "imported",
-    [
-        "from hhsim.kernels.far.callee import callee",
-        "from ..far.callee import callee",
-        "from hhsim.kernels.far import callee as module\ncallee = module.callee",
-        "import hhsim.kernels.far.callee as module\ncallee = module.callee",
-        "from .. import far\nfrom ..far import callee as module\ncallee = module.callee",
-    ],
-)
-def test_an_edit_of_a_callee_two_packages_away_compiles_the_caller_anew(copy: Path, imported: str) -> None:
-    callee = "from hhsim.kernels.jit import jit\n\n\n@jit\ndef callee():\n    return {}\n"
-    assert planted(copy, callee.format(40), imported) == "42 0"
-    assert planted(copy, callee.format(40), imported) == "42 1", "not taken from the cache"
-    assert planted(copy, callee.format(50), imported) == "52 0", "the callee of before"
+def test_an_edit_of_a_callee_two_packages_away_compiles_the_caller_anew(copy: Path) -> None:
+    assert planted(copy, 40) == ["42 0"] * len(FORMS)
+    assert planted(copy, 40) == ["42 1"] * len(FORMS), "not taken from the cache"
+    assert planted(copy, 50) == ["52 0"] * len(FORMS), "the callee of before"
 
 
 def test_another_checkout_of_the_same_sources_runs_what_is_compiled(copy: Path, tmp_path: Path) -> None:
-    callee = "from hhsim.kernels.jit import jit\n\n\n@jit\ndef callee():\n    return 40\n"
-    imported = "from hhsim.kernels.far.callee import callee"
-    assert planted(copy, callee, imported) == "42 0"
+    assert planted(copy, 40) == ["42 0"] * len(FORMS)
     other = tmp_path / "elsewhere"
     shutil.copytree(PACKAGE, other / "hhsim", ignore=shutil.ignore_patterns("__pycache__"))
-    assert planted(other, callee, imported, cache=copy / "cache") == "42 1"
+    assert planted(other, 40, cache=copy / "cache") == ["42 1"] * len(FORMS)
 
 
 @pytest.mark.parametrize("path", sorted((PACKAGE / "kernels").rglob("*.py")), ids=lambda path: path.stem)

@@ -238,7 +238,7 @@ OBJECTS = {
 SCRIPTS = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence")
 
 
-@pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
+@pytest.mark.parametrize("hand", [RIGHT, pytest.param(LEFT, marks=pytest.mark.soak)], ids=["right", "left"])
 @pytest.mark.parametrize(
     "tree",
     [

@@ -11,6 +11,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sampled import sampled
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError, MeshError
@@ -59,8 +60,10 @@ def assert_sound(tree: SphereTree, mesh: Mesh) -> None:
         assert tree.errors[level].gap_max == 0.0
 
 
-@pytest.mark.parametrize("level", [1, 2])
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize(
+    ("name", "level"),
+    sampled([(name, level) for name in SHAPES for level in (1, 2)], lambda place, case: place % 3 == 0),
+)
 def test_levels_cover_and_enclose(name: str, level: int) -> None:
     mesh = mesh_of(SHAPES[name])
     tree = build_sphere_tree(mesh, TreeOptions(level=level))
@@ -112,10 +115,10 @@ def test_hierarchy_of_any_balls(count: int, seed: int, shape: tuple[int, int], v
     assert np.array_equal(spheres[np.lexsort(spheres.T)], leaves[np.lexsort(leaves.T)])
 
 
-@pytest.mark.parametrize("name", ["box", "torus"])
+@pytest.mark.parametrize("name", sampled(["box", "torus"], lambda place, name: name == "box"))
 def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
     mesh = mesh_of(SHAPES[name])
-    trees = [build_sphere_tree(mesh, TreeOptions(leaves=200), threads=threads) for threads in (1, 2, 3)]
+    trees = [build_sphere_tree(mesh, TreeOptions(leaves=200), threads=threads) for threads in (1, 3)]
     for tree in trees[1:]:
         assert tree.errors == trees[0].errors
         assert tree.center.tobytes() == trees[0].center.tobytes()
@@ -178,7 +181,7 @@ def test_what_none_stands_for() -> None:
     assert TreeOptions(max_error=1e-3).level == 5
 
 
-@pytest.mark.parametrize("name", ["box", "torus"])
+@pytest.mark.parametrize("name", sampled(["box", "torus"], lambda place, name: name == "torus"))
 def test_a_level_is_the_tree_that_is_built_for_it(name: str) -> None:
     mesh = mesh_of(SHAPES[name])
     fine, coarse = (build_sphere_tree(mesh, TreeOptions(level=level)) for level in (3, 2))

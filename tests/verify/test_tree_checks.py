@@ -131,7 +131,7 @@ def judge(name: str, level: int, bar: float, levels: Sequence[int] | None = None
     assert tree.errors[-1].protrusion_mean == pytest.approx(verdicts[-1].protrusion_mean, rel=0.03)
 
 
-@pytest.mark.parametrize("name", sampled(BARS, lambda place, name: name in ("bunny", "cube")))
+@pytest.mark.parametrize("name", sampled(BARS, lambda place, name: name == "cube"))
 def test_512_leaves_keep_to_the_bars(name: str) -> None:
     judge(name, 3, BARS[name])
 

@@ -19,7 +19,7 @@ from hhsim.solver.options import SolverOptions
 
 METHODS = ("coupled", "progressive")
 CASES = {case.name: case for case in hard_cases(ticks=4 * LOOP)}
-MOST_PAIRS = pytest.mark.parametrize("most_pairs", [5e7, pytest.param(4e9, marks=pytest.mark.soak)])
+MOST_PAIRS = pytest.mark.parametrize("most_pairs", [1.5e7, pytest.param(4e9, marks=pytest.mark.soak)])
 """Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
 
 
