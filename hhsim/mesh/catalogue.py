@@ -32,7 +32,8 @@ class CatalogueObject:
         source: Where the shape comes from.
         licence: Terms of the shape.
         notice: File beside it that holds the terms in full; empty where the licence of the project holds.
-        level: Sphere-tree level that the paper uses for it: 3 for simple shapes, 4 for complex ones.
+        level: Of its sphere tree: the coarsest, 3 or 4, at which a hand touches within 1 mm of the mesh.
+        paper_level: That the paper uses for its kind: 3 for simple shapes, 4 for complex ones.
     """
 
     name: str
@@ -43,6 +44,7 @@ class CatalogueObject:
     licence: str
     notice: str
     level: int
+    paper_level: int
 
 
 def object_names() -> list[str]:
@@ -101,6 +103,7 @@ def load_object(name: str) -> CatalogueObject:
         licence=description["licence"],
         notice=description.get("notice", ""),
         level=description["level"],
+        paper_level=description["paper_level"],
     )
 
 

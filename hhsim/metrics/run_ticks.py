@@ -8,14 +8,22 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.contact_error import TouchedObject
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
+from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 
 HOLD = "hold"
 """Phases of this name are held; in the others the hand moves."""
+PLACED = ("graphic/joints", "graphic/position", "graphic/orientation")
+"""Datasets that say where the shown hand is, in the order of `PlacedHand`."""
 
 
 class Columns(Protocol):
@@ -36,6 +44,7 @@ class RunTicks:
         rate: Ticks per second [Hz].
         fingers: How many are modelled.
         all_pairs: Of a hand body and an object sphere; 0 where that is not known.
+        touched: The object; None where contacts are not looked at.
     """
 
     columns: Columns
@@ -44,6 +53,7 @@ class RunTicks:
     rate: float
     fingers: int
     all_pairs: int = 0
+    touched: TouchedObject | None = None
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -66,6 +76,13 @@ class RunTicks:
         """Ticks in contact, those with candidate pairs, shape (T,)."""
         return np.asarray(self.columns["contacts/candidates"] > 0)
 
+    @cached_property
+    def contact_error(self) -> Array:
+        """Farthest that a contact of a tick is from the true mesh [m], shape (T,); see `TouchedObject`."""
+        if self.touched is None:
+            return np.full(self.ticks, np.nan)
+        return self.touched.contact_error(PlacedHand(*(self.columns[name] for name in PLACED)), self.contact)
+
 
 def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
     """The ticks of a result.
@@ -74,8 +91,17 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
         result: Complete or not.
         columns: In the place of the file's, such as computed anew.
     """
-    level = result.static["object/tree/level"]
-    bodies = result.static["hand/phalanx_length"].size + result.static["hand/palm_radius"].size
+    static = result.static
+    level = static["object/tree/level"]
+    bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size
+    tree = SphereTree(*(static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent")))
+    touched = TouchedObject(
+        Mesh(static["object/vertices"], static["object/faces"]),
+        tree.arrays(),
+        HandShape(*(static[f"hand/{name}"] for name in HandShape._fields)),
+        np.array([finger in result.fingers for finger in FINGERS]),
+        float(result.scene["solver"]["touch"]),
+    )
     return RunTicks(
         columns=result if columns is None else columns,
         ticks=result.ticks,
@@ -83,6 +109,7 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
         rate=result.rate,
         fingers=len(result.fingers),
         all_pairs=bodies * int(np.sum(level == level.max())),
+        touched=touched,
     )
 
 

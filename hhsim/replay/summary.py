@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE
 from hhsim.metrics import metrics
+from hhsim.metrics.contact_error import TouchedObject
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
@@ -19,11 +22,15 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.compile import WarmUp
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import reference_excess
+from hhsim.trees.options import MOST_LEVEL
 
 Array = NDArray[Any]
 
 REFERENCE_TICKS = 16
 """Ticks of the hold at which the reference optimum is computed."""
+
+MOST_CONTACT_ERROR = 1e-3
+"""Contacts farther from the mesh than this [m] are worth a warning: a user sees the gap."""
 
 GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction")
 """Datasets that figures of runs of their own begin from."""
@@ -101,10 +108,18 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
         rate=ticks.rate,
         fingers=len(options.fingers),
         all_pairs=scene.all_pairs,
+        touched=TouchedObject(
+            scene.mesh,
+            scene.tree.arrays(),
+            hand_shape(scene.hand),
+            np.array([finger in options.fingers for finger in FINGERS]),
+            options.touch,
+        ),
     )
     figures = {**tick_figures(run), **_figures_of_own_runs(scene, options, run)}
     rows = summary_rows(figures, ticks.rate)
-    return ReplaySummary(rows, _notes(scene, options, series["status"], prepared), series.ticks, prepared)
+    notes = (*_notes(scene, options, series["status"], prepared), *_floating(scene, figures["contact_error_max"]))
+    return ReplaySummary(rows, notes, series.ticks, prepared)
 
 
 def _figures_of_own_runs(scene: Scene, options: SolverOptions, run: RunTicks) -> dict[str, float]:
@@ -123,6 +138,21 @@ def _figures_of_own_runs(scene: Scene, options: SolverOptions, run: RunTicks) ->
     if trembling is not None:
         found |= {TREMBLING: trembling.mean, f"{TREMBLING}_std": trembling.std}
     return found
+
+
+def _floating(scene: Scene, error: float) -> tuple[str, ...]:
+    """What mends contacts that are farther from the mesh [m] than a user should feel."""
+    if not error > MOST_CONTACT_ERROR:
+        return ()
+    level = scene.tree.depth
+    finer = f"--level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
+    way = (
+        f"mend it with {finer}" if level < MOST_LEVEL else "replay the part that the hand touches as a mesh of its own"
+    )
+    return (
+        f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {scene.tree.leaf_count:,} spheres (level {level}) "
+        f"are too coarse for an object of {1e3 * scene.mesh.extent.max():,.0f} mm; {way}",
+    )
 
 
 def _notes(scene: Scene, options: SolverOptions, status: Array, prepared: WarmUp) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from hhsim.errors import InputError, MeshError
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
+from hhsim.verify.contact_error_check import contact_error_claim
 from hhsim.verify.depth_checks import depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
@@ -102,7 +103,7 @@ def verify(result: Result, *, every: int = 10, progress: Progress | None = None)
     report("forces", 3, 4)
     claims += force_claims(judge)
     mesh, depth = _mesh_claim(judge, claims, report)
-    claims += [mesh, *metric_claims(result), *session_claims(result)]
+    claims += [mesh, contact_error_claim(judge), *metric_claims(result), *session_claims(result)]
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
     return Verification(tuple(claims), result.ticks, len(chosen), every, judge.sphere_penetration, depth, stationarity)
 

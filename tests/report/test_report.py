@@ -179,7 +179,7 @@ def test_phases_add_up_to_the_run(coupled: Path, dots: None) -> None:
 
 def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dots: None) -> None:
     def still(file: h5py.File) -> None:
-        for name in ("force_step", "tracking_excess", "force_variation_hold", "force_ripple_hold"):
+        for name in ("force_step", "tracking_excess", "force_variation_hold", "force_ripple_hold", "contact_error_max"):
             file["summary"].attrs[name] = 0.0
 
     def deep(file: h5py.File) -> None:
@@ -200,7 +200,7 @@ def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dot
 
 def test_periods_without_a_tick_are_told_at_the_top(coupled: Path, tmp_path: Path, dots: None) -> None:
     def late(file: h5py.File) -> None:
-        for name in ("force_step", "tracking_excess", "force_variation_hold", "force_ripple_hold"):
+        for name in ("force_step", "tracking_excess", "force_variation_hold", "force_ripple_hold", "contact_error_max"):
             file["summary"].attrs[name] = 0.0
         file["summary"].attrs["missed"] = 1606
 

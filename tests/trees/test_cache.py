@@ -71,7 +71,7 @@ def test_a_coarser_level_of_what_ships_is_the_tree_that_is_built_for_it() -> Non
 
 
 def test_what_ships_is_taken_for_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh = load_object("cube").mesh
+    mesh = load_object("sphere").mesh
     for other in (
         TreeOptions(level=4),
         TreeOptions(level=3, leaves=500),
@@ -81,8 +81,8 @@ def test_what_ships_is_taken_for_nothing_else(monkeypatch: pytest.MonkeyPatch) -
         TreeOptions(level=3, max_error=0.01),
     ):
         assert shipped_tree(mesh, other) is None
-    assert shipped_tree(replace(mesh.scaled(2.0), name="cube"), TreeOptions(level=3)) is None
-    assert shipped_tree(Mesh(mesh.vertices, mesh.faces[::-1], name="cube"), TreeOptions(level=3)) is None
+    assert shipped_tree(replace(mesh.scaled(2.0), name="sphere"), TreeOptions(level=3)) is None
+    assert shipped_tree(Mesh(mesh.vertices, mesh.faces[::-1], name="sphere"), TreeOptions(level=3)) is None
     assert shipped_tree(mesh, TreeOptions(level=3)) is not None
     monkeypatch.setattr("hhsim.trees.options.BUILDER_VERSION", 0)
     assert shipped_tree(mesh, TreeOptions(level=3)) is None

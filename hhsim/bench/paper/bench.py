@@ -148,7 +148,7 @@ def _stages(options: PaperOptions, hand: HandModel, report: Progress) -> list[St
     for number, scenario in enumerate(scenarios):
         if scenario.object_name not in trees:
             item = load_object(scenario.object_name)
-            level = item.level if options.level is None else options.level
+            level = item.paper_level if options.level is None else options.level
             wanted = TreeOptions(level=level)
             trees[scenario.object_name] = cached_sphere_tree(item.mesh, wanted, report, usual_threads())
         report("hands placed", number, len(scenarios))

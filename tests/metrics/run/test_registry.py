@@ -119,7 +119,8 @@ def test_a_figure_needs_what_it_says_and_no_tick_at_all(metric: RunMetric, ticks
             run_figure(metric.name, ticks_of((), 0))
         return
     value = run_figure(metric.name, ticks_of(metric.needs, ticks))
-    assert math.isfinite(value) or ticks == 0
+    # Without an object nothing is touched.
+    assert math.isfinite(value) or ticks == 0 or metric.name == "contact_error_max"
 
 
 def test_figures_of_a_file_are_those_of_its_run(replayed: tuple[ReplaySummary, Result]) -> None:

@@ -1,0 +1,68 @@
+"""How far the contacts of a run are from the object's true mesh: what a sphere model hides from its own figures.
+
+A hand that rests on spheres which reach out of the mesh floats over what the user sees, with no depth at all.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.contact_points import find_contact_points
+
+FloatArray = NDArray[np.float64]
+
+MOST_TICKS = 4000
+"""Of a run with more ticks in contact, so many are looked at, spread evenly: a recording may be of ten minutes."""
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedObject:
+    """What contacts are looked for on, and measured against.
+
+    Attributes:
+        mesh: The object's true surface [m], world.
+        tree: The leaf spheres that stand for it, world.
+        shape: Sizes of the hand.
+        fingers: Which fingers are modelled, shape (5,).
+        touch: A body and a sphere no further apart than this touch [m].
+    """
+
+    mesh: Mesh
+    tree: TreeArrays
+    shape: HandShape
+    fingers: NDArray[np.bool_]
+    touch: float
+
+    def contact_error(self, placed: PlacedHand, contact: NDArray[np.bool_]) -> FloatArray:
+        """Farthest that a contact point of a tick is from the mesh [m], shape (T,).
+
+        NaN where nothing touches and where nobody looked. A contact point is that of a hand body which is nearest to
+        a leaf sphere that it touches.
+
+        Args:
+            placed: The ticks.
+            contact: Ticks where something may touch, shape (T,).
+        """
+        error = np.full(len(contact), np.nan)
+        near = np.flatnonzero(contact)
+        if near.size == 0:
+            return error
+        chosen = near[np.linspace(0, near.size - 1, min(MOST_TICKS, near.size)).astype(int)]
+        found = find_contact_points(
+            self.tree, self.shape, placed, self.touch, chosen=np.unique(chosen), fingers=self.fingers
+        )
+        if len(found.tick) == 0:
+            return error
+        # A hand at rest touches at the same points over and over.
+        points, place = np.unique(np.round(found.point, 12), axis=0, return_inverse=True)
+        bvh = build_mesh_bvh(self.mesh.vertices, self.mesh.faces, signed=False)
+        distance = np.abs(mesh_signed_distance(bvh, points))[place.ravel()]
+        error[found.tick] = 0.0
+        np.maximum.at(error, found.tick, distance)
+        return error

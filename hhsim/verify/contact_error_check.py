@@ -1,0 +1,31 @@
+"""The claim of how far contacts are from the true mesh, at the chosen ticks, by the collision library's distances."""
+
+import numpy as np
+
+from hhsim.errors import MeshError
+from hhsim.replay.stored_scene import stored_mesh
+from hhsim.verify.claim import NOT_JUDGED, Claim, judged
+from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
+from hhsim.verify.tree_checks import TrueSurface
+
+FIGURE = "contact_error_max"
+NAME = "contacts off the mesh"
+SAYS = "no contact is farther from the true mesh than the summary says"
+
+
+def contact_error_claim(judge: JudgedTicks) -> Claim:
+    """The summary's figure against the contacts of the chosen ticks."""
+    result = judge.result
+    if FIGURE not in result.summary:
+        return Claim(NAME, SAYS, NOT_JUDGED, checked=0, note="the file does not state it")
+    try:
+        surface = TrueSurface(stored_mesh(result))
+    except MeshError as error:
+        return Claim(NAME, SAYS, NOT_JUDGED, checked=0, note=str(error))
+    touching = judge.touching
+    # A hand at rest touches at the same points over and over.
+    points, place = np.unique(np.round(touching.point, 12), axis=0, return_inverse=True)
+    away = np.abs(surface.signed_distance(points))[place.ravel()]
+    stated = float(result.summary[FIGURE])
+    over = np.maximum(0.0, away - stated) if np.isfinite(stated) else away
+    return judged(NAME, SAYS, over, LENGTH, "m", WHY_LENGTH, ticks=judge.chosen[touching.tick])

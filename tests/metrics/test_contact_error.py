@@ -1,0 +1,100 @@
+"""How far contacts float over the true mesh: against another library's distances, and a ball in closed form."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from short_grasp import short_grasp, short_scene
+
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics import contact_error as module
+from hhsim.metrics.contact_error import TouchedObject
+from hhsim.metrics.mesh_penetration import contact_points
+from hhsim.metrics.run_ticks import PLACED, result_ticks
+from hhsim.replay.replay import replay
+from hhsim.result.reader import Result, load_result
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
+
+
+@pytest.fixture(scope="module")
+def grasp(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A grasp of a coarse tree."""
+    path = tmp_path_factory.mktemp("grasp") / "grasp.h5"
+    summary = replay(short_scene(short_grasp(), "cylinder", 2, "right"), SolverOptions(), path)
+    assert any("off the mesh: 64 spheres (level 2)" in note and "--level 3" in note for note in summary.notes)
+    return load_result(path)
+
+
+def test_it_is_what_trimesh_measures_at_every_contact(grasp: Result) -> None:
+    run = result_ticks(grasp)
+    touched = run.touched
+    assert touched is not None
+    placed = PlacedHand(*(grasp[name] for name in PLACED))
+    points = contact_points(touched.tree, touched.shape, placed, touched.touch)
+    surface = trimesh.Trimesh(touched.mesh.vertices, touched.mesh.faces, process=False)
+    expected = np.full(grasp.ticks, np.nan)
+    for tick in np.flatnonzero([len(found) > 0 for found in points])[::7]:
+        expected[tick] = trimesh.proximity.closest_point(surface, points[tick])[1].max()
+    looked = np.isfinite(expected)
+    assert looked.sum() > 10
+    np.testing.assert_allclose(run.contact_error[looked], expected[looked], atol=1e-9)
+    assert grasp.summary["contact_error_max"] == np.nanmax(run.contact_error) > 1e-3
+    assert (np.isfinite(run.contact_error) == [len(found) > 0 for found in points]).all()
+
+
+def test_a_finger_on_the_ball_around_a_cube() -> None:
+    """The ball through a cube's corners, touched over the middle of its upper face."""
+    hand = HandModel.default()
+    cube = trimesh.creation.box((0.1, 0.1, 0.1))
+    radius = 0.05 * np.sqrt(3.0)
+    tree = SphereTree(np.zeros((1, 3)), np.array([radius]), np.array([0]), np.array([-1])).arrays()
+    touched = TouchedObject(Mesh(cube.vertices, cube.faces), tree, hand_shape(hand), np.ones(5, bool), 1e-5)
+    joints = np.full((3, 5, 4, 3), 5.0)
+    joints[..., 0] += 0.1 * np.arange(4)
+    tip = hand.radius[1, 3]
+    joints[1:, 1, :, :] = [0.0, 0.0, radius + tip + 0.2]
+    joints[1:, 1, 3] = [0.0, 0.0, radius + tip]
+    away = np.full((3, 3), 9.0)
+    placed = PlacedHand(joints, away, np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)))
+    error = touched.contact_error(placed, np.array([True, True, False]))
+    np.testing.assert_allclose(error, [np.nan, radius - 0.05, np.nan], atol=1e-9)
+    none = TouchedObject(touched.mesh, tree, touched.shape, np.zeros(5, bool), 1e-5)
+    assert np.isnan(none.contact_error(placed, np.ones(3, bool))).all()
+
+
+def test_of_a_long_run_some_ticks_are_looked_at(grasp: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    every = result_ticks(grasp).contact_error
+    monkeypatch.setattr(module, "MOST_TICKS", 10)
+    some = result_ticks(grasp).contact_error
+    looked = np.isfinite(some)
+    assert 0 < looked.sum() <= 10
+    np.testing.assert_array_equal(some[looked], every[looked])
+
+
+def test_a_run_without_contact_has_none(grasp: Result) -> None:
+    run = result_ticks(grasp)
+    assert run.touched is not None
+    placed = PlacedHand(*(grasp[name] for name in PLACED))
+    assert np.isnan(run.touched.contact_error(placed, np.zeros(grasp.ticks, bool))).all()
+
+
+def test_an_understated_figure_is_found(grasp: Result, tmp_path: Path) -> None:
+    import shutil
+
+    import h5py
+
+    from hhsim.verify.contact_error_check import contact_error_claim
+    from hhsim.verify.tick_data import JudgedTicks
+
+    pytest.importorskip("coal")
+    chosen = np.arange(0, grasp.ticks, 5)
+    assert contact_error_claim(JudgedTicks(grasp, chosen)).verdict == "holds"
+    path = tmp_path / "forged.h5"
+    shutil.copy(grasp.path, path)
+    with h5py.File(path, "r+") as file:
+        file["summary"].attrs["contact_error_max"] *= 0.9
+    assert contact_error_claim(JudgedTicks(load_result(path), chosen)).failed
