@@ -21,6 +21,8 @@ RUN_ELSEWHERE = {
     "gate.sh": "gate/test_run.py",
     "gate-github-actions.yml": "gate/test_run.py",
     "udp_bridge.py": "live/drivers/test_udp.py",
+    "mug.stl": "test_readme_commands.py",
+    "grab.csv": "test_readme_commands.py",
 }
 
 
