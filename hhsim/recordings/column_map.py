@@ -195,6 +195,7 @@ def parse_column_map(text: str, *, where: str) -> ColumnMap:
 def _stated(table: Mapping[str, Any]) -> frozenset[str]:
     """The units that a checked document names; what it does not name is still open to an option, or to the numbers."""
     joints = table["joint"].values()
+    own = any(isinstance(joint, dict) and "unit" in joint for joint in joints)
     named = {
         "time": "unit" in table.get("time", {}) or "time" not in table,
         # The palm's offset is in metres, and is added to the position as it is read.
