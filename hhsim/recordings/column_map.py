@@ -200,8 +200,7 @@ def _stated(table: Mapping[str, Any]) -> frozenset[str]:
         "time": "unit" in table.get("time", {}) or "time" not in table,
         # The palm's offset is in metres, and is added to the position as it is read.
         "length": "unit" in table.get("position", {}) or "palm_offset" in table or "position" not in table,
-        "angle": "unit" in table.get("angle", {})
-        or any(isinstance(joint, dict) and "unit" in joint for joint in joints),
+        "angle": "unit" in table.get("angle", {}) or own,
     }
     return frozenset(key for key, given in named.items() if given)
 

@@ -1,8 +1,8 @@
 """Joints of a hand by the names that makers give them, in the words of OpenXR.
 
-A joint stands at the proximal end of the bone that it is named after: index_proximal is the knuckle (MCP), thumb_metacarpal
-the saddle joint (CMC). OpenXR has 26 joints, WebXR 25 (no palm), MediaPipe and MANO 21 (no palm, and of the metacarpals
-the thumb's alone): these 21 are what our hand is fitted to.
+A joint stands at the proximal end of the bone that it is named after: index_proximal is the knuckle (MCP),
+thumb_metacarpal the saddle joint (CMC). OpenXR has 26 joints, WebXR 25 (no palm), MediaPipe and MANO 21 (no palm, and
+of the metacarpals the thumb's alone): these 21 are what our hand is fitted to.
 """
 
 import re
@@ -16,11 +16,7 @@ THUMB_SEGMENTS = ("metacarpal", "proximal", "distal", "tip")
 
 KEYPOINTS = (
     "wrist",
-    *(
-        f"{finger}_{segment}"
-        for finger in FINGERS
-        for segment in (THUMB_SEGMENTS if finger == "thumb" else SEGMENTS)
-    ),
+    *(f"{finger}_{segment}" for finger in FINGERS for segment in (THUMB_SEGMENTS if finger == "thumb" else SEGMENTS)),
 )
 """The 21 joints in MediaPipe's order: the wrist, then thumb to little finger, each from its base to its tip."""
 WEBXR_JOINTS = (

@@ -1,4 +1,4 @@
-"""Joint centres of one hand, and the recording that our hand makes of them: the one way for every device that tracks them.
+"""Joint centres of one hand, and the recording that our hand makes of them: the one way for every device.
 
 Our palm is laid into the wrist and the knuckles as it lies in our own, its origin where our knuckles meet the recorded
 ones; the fingers' angles are those that bring our bones nearest (`hhsim.recordings.finger_ik`). The device's own frames
@@ -114,7 +114,9 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     seen = ~(np.ptp(points, axis=1) == 0.0).all(axis=1)
     if not seen.all():
         points[~seen] = np.nan
-        findings.append(note(f"{int((~seen).sum())} sample(s) with all joints at one point: no hand was seen, so missing"))
+        findings.append(
+            note(f"{int((~seen).sum())} sample(s) with all joints at one point: no hand was seen, so missing")
+        )
     radius = None if joints.radius is None else metre * joints.radius
     side, side_findings = _side(points, options.hand or joints.hand)
     findings += side_findings
@@ -134,8 +136,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     if up is None:
         findings.append(
             note(
-                "no world frame: the wrist stands still and level; if the positions are in a world, say which axis points "
-                "up with --world-up"
+                "no world frame: the wrist stands still and level; if the positions are in a world, say which axis "
+                "points up with --world-up"
             )
         )
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
@@ -182,40 +184,59 @@ def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Fi
         assert metre is not None
         if not low <= metre * length <= high:
             raise TrajectoryError(
-                f"the hand is {metre * length:.4g} m long from wrist to middle fingertip; expected {low:g} to {high:g} m: "
-                "say --length-unit"
+                f"the hand is {metre * length:.4g} m long from wrist to middle fingertip; expected {low:g} to "
+                f"{high:g} m: say --length-unit"
             )
         return metre, [], metre * length
     fitting = [(word, metre) for word, metre in LENGTH_UNITS.items() if low <= metre * length <= high]
     if fitting:
         word, metre = fitting[0]
-        return metre, [note(f"no unit named: {said}, taken for {word}; if it is not, say --length-unit")], metre * length
+        return (
+            metre,
+            [note(f"no unit named: {said}, taken for {word}; if it is not, say --length-unit")],
+            metre * length,
+        )
     if not length > 0.0:
         raise TrajectoryError(f"{said}; expected the joints of a hand")
     wanted = options.hand_length or DEFAULT_HAND_LENGTH
     text = (
         f"no scale: {said}, which is no hand in m, cm, mm or inch: taken for a hand of {1e3 * wanted:.0f} mm "
-        f"({'as --hand-length says' if options.hand_length else 'the usual one, else say --hand-length'}); angles are right "
-        "if x, y and z have one scale"
+        f"({'as --hand-length says' if options.hand_length else 'the usual one, else say --hand-length'}); angles are "
+        "right if x, y and z have one scale"
     )
     return wanted / length, [note(text)], wanted
 
 
 def _side(points: Array, hand: HandSide) -> tuple[HandSide, list[Finding]]:
     """Which hand it is, as was said, or as the fingers bend, and what there is to say of it."""
-    bend = {side: _bend(points, side) for side in _SIDES}
     if hand:
-        if bend[hand] < -BENT:
+        bend = _bend(points, hand)
+        if bend < -BENT:
             text = (
-                f"as a {hand} hand its fingers bend backwards by {np.degrees(-bend[hand]):.0f}° on average: is it the other "
+                f"as a {hand} hand its fingers bend backwards by {np.degrees(-bend):.0f}° on average: is it the other "
                 "hand, or mirrored?"
             )
             return hand, [note(text)]
         return hand, []
+    side = bends_as(points)
+    if not side:
+        raise TrajectoryError(
+            "the file does not say which hand it is, and its fingers are too straight to tell: --hand"
+        )
+    return side, [
+        note(f"the file does not say which hand it is: a {side} one by the way its fingers bend; else say --hand")
+    ]
+
+
+def bends_as(points: Array) -> HandSide:
+    """The hand that joint centres in a right-handed world are, by their fingers' bend; "" where that is too little.
+
+    Args:
+        points: In the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
+    """
+    bend = {side: _bend(points, side) for side in _SIDES}
     side = max(_SIDES, key=lambda each: bend[each])
-    if bend[side] < BENT:
-        raise TrajectoryError("the file does not say which hand it is, and its fingers are too straight to tell: --hand")
-    return side, [note(f"the file does not say which hand it is: a {side} one by the way its fingers bend; else say --hand")]
+    return side if bend[side] >= BENT else ""
 
 
 _SIDES: tuple[HandSide, HandSide] = ("right", "left")
@@ -238,8 +259,8 @@ def _held(joints: JointPositions) -> list[Finding]:
     if not same.size or same.mean() <= HELD:
         return []
     text = (
-        f"{int(same.sum())} of {len(flat)} samples repeat the one before: the device gives {100 * (1 - same.mean()):.0f} of "
-        "100 anew and holds the others; left as they are"
+        f"{int(same.sum())} of {len(flat)} samples repeat the one before: the device gives "
+        f"{100 * (1 - same.mean()):.0f} of 100 anew and holds the others; left as they are"
     )
     return [note(text)]
 
@@ -259,7 +280,7 @@ def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[Hand
     if wanted:
         return (wanted if wanted in samples else ""), []
     side = max(samples, key=lambda each: (samples[each], each))
-    other = [each for each in samples if each not in ("", side)]
+    other = [each for each, count in samples.items() if count and each not in ("", side)]
     return side, [note(f"{side} hand; the {other[0]} one is there too: --hand")] if other else []
 
 

@@ -54,7 +54,9 @@ def keys_of(document: Any) -> str:
     """What a document holds, for messages."""
     if isinstance(document, dict):
         names = [str(key)[:24] for key in document]
-        return f"an object with {', '.join(names[:SHOWN_KEYS]) or 'nothing'}" + (", …" if len(names) > SHOWN_KEYS else "")
+        return f"an object with {', '.join(names[:SHOWN_KEYS]) or 'nothing'}" + (
+            ", …" if len(names) > SHOWN_KEYS else ""
+        )
     if isinstance(document, list):
         return f"a list of {len(document)}, the first {keys_of(document[0])}" if document else "an empty list"
     return repr(document)[:40]

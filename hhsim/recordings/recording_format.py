@@ -36,8 +36,8 @@ class ManoOptions:
 
 
 MANO_READINGS = ("axis-angle", "axis-angle-mean", "pca", "pca-flat")
-"""What the numbers of a pose are: 45 angles of the joints from the flat hand, or from the mean pose; coefficients of the
-model's components about the mean pose, or about the flat hand."""
+"""What the numbers of a pose are: 45 angles of the joints from the flat hand, or from the mean pose; coefficients of
+the model's components about the mean pose, or about the flat hand."""
 
 
 @dataclass(frozen=True)

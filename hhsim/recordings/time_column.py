@@ -43,7 +43,7 @@ class TimeColumn(NamedTuple):
 
 
 def time_column(names: Iterable[str]) -> TimeColumn | None:
-    """The column of stamps among these; of several that of the device, which has its own clock and no delay; else None."""
+    """The column of stamps among these, None without any; of several that of the device, which knows no delay."""
     found = [(name, words) for name in names if (words := _words(name)) & _TIME_WORDS and not words & {"zone", "of"}]
     if not found:
         return None

@@ -134,7 +134,8 @@ def _frames(document: Any) -> Iterator[Mapping[str, Any]]:
     frames = document.get("frames") if isinstance(document, dict) else document
     if not isinstance(frames, list):
         raise TrajectoryError(
-            f"JSON without frames, {keys_of(document)}; expected a Leap Motion recording, or the joints of a hand by name"
+            f"JSON without frames, {keys_of(document)}; "
+            "expected a Leap Motion recording, or the joints of a hand by name"
         )
     if frames and isinstance(frames[0], list):
         structure = frames[0]

@@ -196,9 +196,7 @@ def test_a_unit_that_the_mapping_names_is_stated(text: str, stated: set[str]) ->
     assert columns.stated == stated
     recording = read_as("csv", _table(1e3, 1.0, 1.0), columns=columns)
     if "time" in stated:
-        with pytest.raises(
-            InputError, match="--time-unit ms: the file, or the mapping of its"
-        ):
+        with pytest.raises(InputError, match="--time-unit ms: the file, or the mapping of its"):
             repair(recording, RepairOptions(time_unit="ms"))
         with pytest.raises(TrajectoryError, match=r"than the one stated\? check --time-unit, or the"):
             repair(recording)
