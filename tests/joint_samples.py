@@ -70,8 +70,8 @@ def joint_sample(side: Side = "right", count: int = 40, noise: float = 0.0, leng
         frames.append([at[name] for name in OPENXR_JOINTS])
     radii = {"wrist": 0.02, "palm": 0.015, **{f"{finger}_metacarpal": 0.018 for finger in FINGERS}}
     for f in range(5):
-        names = KEYPOINTS[1 + 4 * f : 5 + 4 * f]
-        radii |= {name: float(hand.radius[f, j]) for j, name in enumerate(names)}
+        ends = KEYPOINTS[1 + 4 * f : 5 + 4 * f]
+        radii |= {name: float(hand.radius[f, j]) for j, name in enumerate(ends)}
     joints = np.array(frames)
     if noise:
         joints = joints + np.random.default_rng(5).normal(0.0, noise, joints.shape)

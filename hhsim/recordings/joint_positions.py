@@ -108,7 +108,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         missing = [KEYPOINTS[k] for k in range(len(KEYPOINTS)) if np.isnan(joints.position[:, k]).any(axis=1).all()]
         raise TrajectoryError(f"no sample holds all 21 joints; missing: {', '.join(missing[:4]) or 'one or another'}")
     findings = list(joints.findings)
-    metre, unit_finding, length = _scale(joints, options)
+    metre, unit_finding = _scale(joints, options)
     findings += unit_finding
     points = metre * joints.position
     seen = ~(np.ptp(points, axis=1) == 0.0).all(axis=1)
@@ -141,9 +141,9 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
             )
         )
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
-        lost = np.isnan(orientation).any(axis=1)
-        position = np.where(lost[:, None], np.nan, np.zeros_like(position))
-        orientation = np.where(lost[:, None], np.nan, np.tile([1.0, 0.0, 0.0, 0.0], (len(position), 1)))
+        lost = np.isnan(orientation).any(axis=1, keepdims=True)
+        position = np.where(lost, np.nan, np.zeros_like(position))
+        orientation = np.where(lost, np.nan, np.array([1.0, 0.0, 0.0, 0.0]))
     else:
         position, orientation = to_our_world(position, orientation, up)
         findings.append(note(f"world {up} up; the palm follows from the wrist and the knuckles"))
@@ -161,7 +161,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         source=joints.source,
         device=joints.device,
         hand=side,
-        hand_length=length,
+        hand_length=bones.hand_length,
         bones=bones,
         findings=tuple(findings),
     )
@@ -171,8 +171,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     return recording
 
 
-def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Finding], float | None]:
-    """Metres a unit, what there is to say of it, and the length of the hand [m], None where that is not known."""
+def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Finding]]:
+    """Metres a unit, and what there is to say of it."""
     wrist, middle = joints.position[:, 0], joints.position[:, 9:13]
     bones = np.linalg.norm(np.diff(middle, axis=1), axis=2).sum(axis=1)
     lengths = np.linalg.norm(middle[:, 0] - wrist, axis=1) + bones
@@ -187,15 +187,11 @@ def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Fi
                 f"the hand is {metre * length:.4g} m long from wrist to middle fingertip; expected {low:g} to "
                 f"{high:g} m: say --length-unit"
             )
-        return metre, [], metre * length
+        return metre, []
     fitting = [(word, metre) for word, metre in LENGTH_UNITS.items() if low <= metre * length <= high]
     if fitting:
         word, metre = fitting[0]
-        return (
-            metre,
-            [note(f"no unit named: {said}, taken for {word}; if it is not, say --length-unit")],
-            metre * length,
-        )
+        return metre, [note(f"no unit named: {said}, taken for {word}; if it is not, say --length-unit")]
     if not length > 0.0:
         raise TrajectoryError(f"{said}; expected the joints of a hand")
     wanted = options.hand_length or DEFAULT_HAND_LENGTH
@@ -204,7 +200,7 @@ def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Fi
         f"({'as --hand-length says' if options.hand_length else 'the usual one, else say --hand-length'}); angles are "
         "right if x, y and z have one scale"
     )
-    return wanted / length, [note(text)], wanted
+    return wanted / length, [note(text)]
 
 
 def _side(points: Array, hand: HandSide) -> tuple[HandSide, list[Finding]]:

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
 MOST_NUMBERS = 256
+SAME_MOMENT = 1e6
+"""Stamps closer than this [ns] are of one moment: a second camera's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,19 +66,21 @@ def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
         for index, side in HANDS.items():
             pose = poses.get(index) if isinstance(poses, dict) else None
             if isinstance(pose, dict) and isinstance(pose.get(key), list):
-                seen.setdefault(side, []).append((_stamp(line.get("timestamp_ns")), pose))
+                seen.setdefault(side, []).append((number(line.get("timestamp_ns")), pose))
+    seen = {side: _apart(poses) for side, poses in seen.items()}
     if not seen:
         raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
     side, findings = chosen_side({each: len(poses) for each, poses in seen.items()}, wanted)
     if len(seen[side]) < len(lines):
-        findings.append(note(f"{len(lines) - len(seen[side])} of {len(lines)} lines hold no {side} hand: no samples"))
+        text = f"{len(lines) - len(seen[side])} of {len(lines)} lines hold no {side} hand, or one of the same moment"
+        findings.append(note(f"{text} as the line before, as of a second camera: no samples"))
     wide = max(len(pose[key]) for _, pose in seen[side])
     if wide > MOST_NUMBERS:
         raise TrajectoryError(f"{wide} numbers a pose; expected those of a hand")
     stamps = np.array([stamp for stamp, _ in seen[side]])
     finite = stamps[np.isfinite(stamps)]
     frames = [pose["wrist_xform"] if isinstance(pose.get("wrist_xform"), dict) else {} for _, pose in seen[side]]
-    shape = next((pose["betas"] for _, pose in seen[side] if isinstance(pose.get("betas"), list)), [])
+    shape: list[Any] = next((pose["betas"] for _, pose in seen[side] if isinstance(pose.get("betas"), list)), [])
     return PoseLines(
         hand=side,
         time=1e-9 * (stamps - (finite[0] if finite.size else 0.0)),
@@ -88,8 +92,13 @@ def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
     )
 
 
-def _stamp(value: Any) -> float:
-    return number(value)
+def _apart(poses: list[tuple[float, dict[str, Any]]]) -> list[tuple[float, dict[str, Any]]]:
+    """The poses without those that come within `SAME_MOMENT` after another."""
+    kept: list[tuple[float, dict[str, Any]]] = []
+    for stamp, pose in poses:
+        if not kept or not 0.0 < stamp - kept[-1][0] < SAME_MOMENT:
+            kept.append((stamp, pose))
+    return kept
 
 
 def _rows(values: list[Any], width: int) -> Array:

@@ -128,7 +128,7 @@ def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> Array:
         if device.any():
             text += f", off the device's clock by up to {1e3 * float(np.abs(own - host).max()):.1f} ms"
         findings.append(note(text))
-        return host
+        return np.asarray(host)
     logged = np.array([each[-1] for each in stamps], dtype=np.int64)
     findings.append(note("stamps: when the messages were logged; the records have no others"))
     return np.asarray((logged - logged[0]) * NANOSECOND)
