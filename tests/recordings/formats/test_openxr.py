@@ -51,9 +51,8 @@ def test_stamps_of_two_clocks_and_samples_that_are_not_valid() -> None:
         "right_valid", "right_wrist_valid"
     )
     rows = [
-        f"{0.02 + 1e-3 * float(row.split(',')[1]) + 0.003 * (k % 2)!r},{round(1e6 * float(row.split(',')[1]))},{int(k != 3)},"
-        + row.split(",", 2)[2]
-        for k, row in enumerate(lines[1:])
+        f"{0.02 + 1e-3 * float(stamp) + 0.003 * (k % 2)!r},{round(1e6 * float(stamp))},{int(k != 3)},{rest}"
+        for k, (_, stamp, rest) in enumerate(row.split(",", 2) for row in lines[1:])
     ]
     recording = read_as("openxr", "\n".join([head, *rows]) + "\n")
     assert "stamps from column 'device_time_ns'; there are also host_time_s" in words(recording)
