@@ -101,7 +101,10 @@ def palm_rotation(fingers: Array, back: Array) -> Array:
         y = fingers / np.linalg.norm(fingers, axis=1, keepdims=True)
         z = back - np.einsum("ti,ti->t", back, y)[:, None] * y
         z /= np.linalg.norm(z, axis=1, keepdims=True)
-    return quaternions_of(np.stack([np.cross(y, z), y, z], axis=2))
+        frame = np.stack([np.cross(y, z), y, z], axis=2)
+    # A direction whose square is lost points nowhere.
+    frame[~np.isfinite(frame).all(axis=(1, 2))] = np.nan
+    return quaternions_of(frame)
 
 
 def palm_from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:

@@ -174,8 +174,14 @@ JOINT_FILES: dict[str, Callable[[], str | bytes]] = {
 FORMS = ("csv", "npz", "h5", "leap", "leap lz", "bvh", *JOINT_FILES)
 
 
+@pytest.mark.soak
+@pytest.mark.parametrize("form", JOINT_FILES)
+def test_damaged_bytes_of_joint_centres_at_length(form: str, tmp_path: Path) -> None:
+    test_damaged_bytes_of_every_format(form, 500, tmp_path)
+
+
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("runs", [30, pytest.param(300, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("runs", [30, pytest.param(100, marks=pytest.mark.soak)])
 def test_damaged_bytes_of_every_format(form: str, runs: int, tmp_path: Path) -> None:
     data, path = file_of(form), tmp_path / "take.h5"
     options = ReadOptions()
