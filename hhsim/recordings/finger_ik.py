@@ -16,10 +16,12 @@ from hhsim.recordings.frames import quaternions_of, turned
 
 Array = NDArray[np.float64]
 
-USUAL_ABDUCTION = 0.2
-"""How far fingers are usually spread [rad]: it decides where the bones decide nothing."""
-LEAST_WEIGHT = 1e-15
-"""Of "no abduction" where the bones lie in a plane exactly: below what an angle can show."""
+STRAIGHT = 0.05
+"""Weight of "no abduction" against three unit bones that were measured: it decides where they decide nothing."""
+EXACT = 1e-8
+"""Bones that lie off their plane by less than this, squared, were not measured: they need no such weight."""
+LEAST = 1e-15
+"""What is left of that weight for them: below what an angle can show."""
 
 
 def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
@@ -40,9 +42,8 @@ def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
     along, aside, above = (np.einsum("tfki,fi->tfk", unit, axes) for axes in (distal, across, dorsal))
     # The flexion axis is cos β · across - sin β · distal; β makes the bones' parts along it least.
     pp, pq, qq = (aside**2).sum(axis=2), (aside * along).sum(axis=2), (along**2).sum(axis=2)
-    # What the bones lie off a plane is how little their plane is worth against the usual abduction.
     off_plane = np.maximum(0.5 * (pp + qq - np.hypot(pp - qq, 2.0 * pq)), 0.0)
-    qq = qq + 0.5 * off_plane / USUAL_ABDUCTION**2 + LEAST_WEIGHT
+    qq = qq + STRAIGHT * off_plane / (off_plane + EXACT) + LEAST
     abduction = 0.5 * np.arctan2(2.0 * pq, qq - pp)
     forward = np.cos(abduction)[..., None] * along + np.sin(abduction)[..., None] * aside
     total = np.arctan2(-above, forward)

@@ -75,6 +75,7 @@ def test_where_the_bones_decide_nothing_a_finger_is_not_spread() -> None:
     joints = finger_joints(hand.base, hand.length, flexion, np.zeros((200, 5)), "right")
     noisy = joints + np.random.default_rng(11).normal(0.0, 2e-4, joints.shape)
     _, abduction, _ = finger_angles(np.diff(noisy, axis=2), "right")
-    assert np.abs(abduction).max() < 0.5 and np.sqrt((abduction**2).mean()) < 0.1
+    # A hundredth of a radian a bone, squared, over a weight of 0.05.
+    assert np.abs(abduction).max() < 0.1
     _, none, _ = finger_angles(np.diff(joints, axis=2), "right")
     assert np.abs(none).max() < 0.2
