@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
-from hhsim.recordings.npz_arrays import read_npz
+from hhsim.motion.npz_arrays import read_npz
 
 Array = NDArray[np.float64]
 

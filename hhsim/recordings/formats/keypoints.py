@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.npz_arrays import read_npz
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.csv_table import read_header, read_table
 from hhsim.recordings.joint_names import KEYPOINTS, joint_name
 from hhsim.recordings.joint_positions import JointPositions, chosen_side, evenly, recording_of_joints
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
-from hhsim.recordings.npz_arrays import read_npz
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.time_column import time_column

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_vector
+from hhsim.motion.npz_arrays import read_npz
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_positions import JointPositions, evenly, recording_of_joints
 from hhsim.recordings.mano_model import ManoModel, read_mano_model
-from hhsim.recordings.npz_arrays import read_npz
 from hhsim.recordings.pose_lines import read_pose_lines
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import MANO_READINGS, Content, ReadOptions, RecordingFormat
