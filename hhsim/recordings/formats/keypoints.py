@@ -10,17 +10,17 @@
 They have no radius, often no scale and no world: the wrist stands still then. Arrays of objects are not read.
 """
 
-import io
 import re
 import zipfile
 from collections.abc import Iterator
+from io import BytesIO
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.motion.npz_arrays import read_npz
+from hhsim.motion.npz_arrays import read_npy, read_npz
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.csv_table import read_header, read_table
 from hhsim.recordings.joint_names import KEYPOINTS, joint_name
@@ -52,7 +52,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     findings: list[Finding] = []
     side: HandSide = ""
     if content.head.startswith(NPY):
-        points, time, unit = _points(_npy(content.data), "the array"), None, None
+        points, time, unit = _points(read_npy(content.data), "the array"), None, None
     elif content.head.startswith(b"PK"):
         points, time, unit = _from_npz(content.data)
     elif content.beginning.lstrip()[:1] in ("{", "["):
@@ -91,14 +91,6 @@ def _points(array: Any, where: str) -> Array:
     if values.ndim == 2 and values.shape[1] == 3 * COUNT:
         return values.reshape(-1, COUNT, 3)
     raise TrajectoryError(f"{where} has shape {values.shape}; expected (T, {COUNT}, 3) or (T, {3 * COUNT})")
-
-
-def _npy(data: bytes) -> Any:
-    try:
-        return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError, OSError, SyntaxError, TypeError, KeyError, OverflowError, MemoryError) as error:
-        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-        raise TrajectoryError(f"not an .npy array, or a damaged one: {reason}") from None
 
 
 def _from_npz(data: bytes) -> tuple[Array, Array | None, str | None]:
@@ -252,7 +244,7 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 def _entries(data: bytes) -> set[str]:
     """Names of the arrays of an archive; none of a damaged one."""
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        with zipfile.ZipFile(BytesIO(data)) as archive:
             return {name.removesuffix(".npy") for name in archive.namelist()}
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
         return {"wrist_pos"}
