@@ -103,7 +103,7 @@ def test_a_header_that_numpy_cannot_even_split_is_refused() -> None:
     data = bytearray(array_npy(POINTS))
     data[60:70] = b"(((\x00\x97\xfa'''("
     for place in (60, 40, 20):
-        with pytest.raises(TrajectoryError, match="not an .npy array, or a damaged one"):
+        with pytest.raises(TrajectoryError, match=r"not an .npy array, or a damaged one"):
             read_as(
                 "keypoints", bytes(data[:10]) + bytes(data[10:place]) + bytes(data[60:70]) + bytes(data[place + 10 :])
             )
