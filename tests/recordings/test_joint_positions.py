@@ -18,7 +18,13 @@ from hhsim.recordings.repair import repair
 
 
 def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
-    given = {"time": sample.motion.time, "position": sample.named(), "form": "test", "up": "y", "unit": 1.0} | fields
+    given: dict[str, Any] = {
+        "time": sample.motion.time,
+        "position": sample.named(),
+        "form": "test",
+        "up": "y",
+        "unit": 1.0,
+    } | fields
     return recording_of_joints(JointPositions(**given), "take", options or ReadOptions())
 
 
