@@ -63,8 +63,14 @@ class FileSettings(OptionGroup, heading="Recording"):
         help="Axis of the recording's world that points up. Default: what the file says, else z.",
     )
 
-    def options(self, dexmo: dict[str, Any]) -> "ReadOptions":
-        """The same for the library, with what `DexmoCalibration.fields` gives."""
+    rate: float | None = option(
+        type=click.FloatRange(0.1, 100_000.0),
+        metavar="HZ",
+        help="Samples a second of a file without stamps [Hz], such as 21 keypoints of a camera.",
+    )
+
+    def options(self, others: dict[str, Any]) -> "ReadOptions":
+        """The same for the library, with what the other groups' `fields` give."""
         from hhsim.recordings.column_map import read_column_map
         from hhsim.recordings.recording_format import ReadOptions
 
@@ -75,8 +81,35 @@ class FileSettings(OptionGroup, heading="Recording"):
             palm_axes=None if self.palm_axes is None else tuple(part.strip() for part in self.palm_axes.split(",")),
             world_up=self.world_up,
             length_unit=self.length_unit,
-            **dexmo,
+            rate=self.rate,
+            **others,
         )
+
+
+class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
+    """What files of poses and of data sets need besides."""
+
+    mano_model: Path | None = option(
+        type=FILE, metavar="FILE", help="Your own file of the MANO model, .pkl or .npz, for poses of MANO."
+    )
+    mano_pose: str | None = option(
+        type=click.Choice(["axis-angle", "axis-angle-mean", "pca", "pca-flat"]),
+        help="What the numbers of a MANO pose are: angles from the flat hand or from the mean pose, coefficients of "
+        "the components about the mean pose or about the flat hand.",
+    )
+    profile: Path | None = option(
+        type=FILE, metavar="JSON", help="Sizes of an UmeTrack hand. Default: *user_profile.json beside the recording."
+    )
+    episode: int | None = option(
+        type=click.IntRange(0), metavar="N", help="Episode of a LeRobot file. Default: the only one."
+    )
+
+    def fields(self) -> dict[str, Any]:
+        """The same as fields of ReadOptions."""
+        from hhsim.recordings.recording_format import ManoOptions
+
+        mano = ManoOptions(self.mano_model, self.mano_pose)
+        return {"mano": mano, "profile": self.profile, "episode": self.episode}
 
 
 class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
@@ -133,7 +166,7 @@ class RepairSettings(OptionGroup, heading="Selection and repair"):
         type=HAND_LENGTH,
         metavar="MM",
         help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, if it has "
-        "any.",
+        "any; 190 where they have no scale.",
     )
     scale_to: float | None = option(
         type=HAND_LENGTH,
@@ -184,17 +217,26 @@ class Labels(OptionGroup, heading="Labels"):
 @click.argument("file", type=FILE, metavar="FILE")
 @FileSettings.argument("reading")
 @DexmoCalibration.argument("dexmo")
+@HandData.argument("data")
 @RepairSettings.argument("repairs")
 @Labels.argument("labels")
 @Output.argument("output")
+@click.option(
+    "--fit-hand",
+    type=FILE,
+    metavar="TOML",
+    help="Write a hand with the recorded bones and radii, for --hand-file of hhsim replay, and lay the motion for it.",
+)
 @click.option("--plot", type=FILE, metavar="FILE", help="Draw what came in and what went out.")
 def command(
     file: Path,
     reading: FileSettings,
     dexmo: DexmoCalibration,
+    data: HandData,
     repairs: RepairSettings,
     labels: Labels,
     output: Output,
+    fit_hand: Path | None,
     plot: Path | None,
 ) -> None:
     """Make a trajectory of a recording of a hand.
@@ -208,13 +250,22 @@ def command(
       hhsim import grab.npz --out grab.h5 --plot grab.png
       hhsim import glove.csv --columns glove.toml --hand left
       hhsim import session.csv --from 2 --to 7.5 --length-unit mm
+      hhsim import quest.csv --fit-hand me.toml --out quest.h5
+      hhsim import keypoints.npy --rate 30 --hand right
       hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
     """
     from hhsim.errors import InputError, OutputError
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.recordings.dexmo_regression import format_calibration
+    from hhsim.recordings.fitted_hand import (
+        check_hand_path,
+        check_hand_text,
+        fitted_hand,
+        for_hand,
+        format_fitted_hand,
+    )
     from hhsim.recordings.formats.dexmo import calibration_of
-    from hhsim.recordings.import_report import COLUMNS, make_report
+    from hhsim.recordings.import_report import COLUMNS, FIT_COLUMNS, make_report
     from hhsim.recordings.registry import read_recording
     from hhsim.recordings.repair import repair
     from hhsim.system.atomic_write import write_atomically
@@ -229,11 +280,19 @@ def command(
         check_picture(plot)
     if dexmo.save_calibration is not None:
         check_output_path(dexmo.save_calibration)
-    read_options = reading.options(dexmo.fields())
+    if fit_hand is not None:
+        check_hand_path(fit_hand)
+    others = {**dexmo.fields(), **data.fields(), "hand_length": metres(repairs.hand_length)}
+    read_options = reading.options(others)
     recording = read_recording(file, read_options)
     recording = recording.changed(**labels.given())
     repair_options = repairs.options(recording, reading)
+    hand_text = ""
     try:
+        if fit_hand is not None:
+            fitted = fitted_hand(recording)
+            recording, hand_text = for_hand(recording, fitted), format_fitted_hand(fitted, file.name)
+            check_hand_text(hand_text)
         repaired = repair(recording, repair_options)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
@@ -241,6 +300,8 @@ def command(
     if dexmo.save_calibration is not None:
         calibration = format_calibration(calibration_of(file, read_options))
         write_atomically(dexmo.save_calibration, calibration.encode())
+    if fit_hand is not None:
+        write_atomically(fit_hand, hand_text.encode())
     report = make_report(recording, repaired)
     if plot is not None:
         from hhsim.render.import_figure import draw_import
@@ -248,16 +309,25 @@ def command(
         draw_import(recording, repaired.trajectory, plot)
     if output.as_json:
         print_json(
-            {"file": str(file), **report.to_json(), "path": str(output_path), "plot": str(plot) if plot else None}
+            {
+                "file": str(file),
+                **report.to_json(),
+                "path": str(output_path),
+                "hand_file": str(fit_hand) if fit_hand else None,
+                "plot": str(plot) if plot else None,
+            }
         )
     elif not output.quiet:
+        written = [str(output_path)] + ([f"its hand to {fit_hand}"] if fit_hand else [])
         side = f"{report.hand} hand" if report.hand else "hand of a side that the file does not tell"
         long = f" of {1e3 * report.hand_length:.0f} mm" if report.hand_length is not None else ""
         print_table(COLUMNS, report.rows(), title=f"{file.name}, {report.form}: {side}{long}", numbers=COLUMNS[1:3])
+        if report.fit is not None:
+            print_table(FIT_COLUMNS, report.fit_rows(), title="a hand with the recorded bones", numbers=FIT_COLUMNS[1:])
         print(
             f"{report.samples_out:,} of {report.samples_in:,} samples, {report.duration:.3f} s at "
             f"{report.mean_rate:.1f} Hz, longest step {1e3 * report.longest_step:.1f} ms, {report.mended:,} mended"
         )
-        print(f"written to {output_path}" + (f", drawn in {plot}" if plot else ""))
+        print(f"written to {', '.join(written)}" + (f", drawn in {plot}" if plot else ""))
         if output_path.suffix.lower() == ".csv" and repaired.trajectory.raw:
             print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])

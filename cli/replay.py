@@ -210,7 +210,7 @@ def command(
 
     solver_options = solver.options()
     motion = moving.motion(trajectory)
-    remarks = _mended(motion, trajectory)
+    remarks = mended_remark(motion, trajectory)
     announce_compilation(quiet=output.quiet)
     mesh, usual_level = mesh_file.read(object_)
     output_path = output.path(f"{mesh.name}-{motion.name}")
@@ -281,7 +281,7 @@ def command(
     return 0
 
 
-def _mended(motion: "Script | Demonstration | Trajectory", trajectory: str) -> list[str]:
+def mended_remark(motion: "Script | Demonstration | Trajectory", trajectory: str) -> list[str]:
     """A remark on a recording that was imported on the way in, and what that changed."""
     import numpy as np
 
@@ -294,4 +294,6 @@ def _mended(motion: "Script | Demonstration | Trajectory", trajectory: str) -> l
     if Path(trajectory).suffix.lower() in RECORDING_SUFFIXES:
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
+    if not mended:
+        return []
     return [f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"]

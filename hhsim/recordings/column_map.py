@@ -39,7 +39,8 @@ to little_flex3, proximal to distal, and thumb_abd to little_abd::
     [raw]                           # kept beside the motion
     emg = { column = "EMG1", unit = "V", meaning = "forearm muscle" }
 
-Joints that are not named stay at 0, the palm without position or orientation stays at the origin.
+Joints that are not named stay at 0, the palm without position or orientation stays at the origin. A unit that is not
+named is s, m or rad, unless the numbers, or an option, say otherwise.
 """
 
 from collections.abc import Mapping
@@ -99,7 +100,7 @@ class RawColumn:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """A checked mapping; the module's docstring says what each field means."""
+    """A checked mapping; the module's docstring says what each field means, `stated` which units it names."""
 
     joints: Mapping[str, JointColumn]
     time: str | None = None
@@ -120,7 +121,7 @@ class ColumnMap:
     texts: Mapping[str, str] = field(default_factory=dict)
     raw: Mapping[str, RawColumn] = field(default_factory=dict)
     phase: str | None = None
-    stated: frozenset[str] = frozenset({"time", "length", "angle"})
+    stated: frozenset[str] = frozenset()
 
 
 OWN_COLUMNS = ColumnMap(
@@ -129,8 +130,6 @@ OWN_COLUMNS = ColumnMap(
     position=("px", "py", "pz"),
     orientation=("qw", "qx", "qy", "qz"),
     phase=PHASE,
-    # Whoever writes our columns with a spreadsheet may well forget a unit.
-    stated=frozenset(),
 )
 """The mapping of our own CSV."""
 
@@ -188,7 +187,22 @@ def parse_column_map(text: str, *, where: str) -> ColumnMap:
         fields["palm_offset"] = tuple(checked_number(where, "palm_offset", value, -1.0, 1.0) for value in numbers)
     if "phase" in table:
         fields["phase"] = _text(where, "phase", table["phase"])
-    return ColumnMap(**fields, **_time(where, table), **_palm(where, table), **_joints(where, table))
+    return ColumnMap(
+        **fields, **_time(where, table), **_palm(where, table), **_joints(where, table), stated=_stated(table)
+    )
+
+
+def _stated(table: Mapping[str, Any]) -> frozenset[str]:
+    """The units that a checked document names; what it does not name is still open to an option, or to the numbers."""
+    joints = table["joint"].values()
+    own = any(isinstance(joint, dict) and "unit" in joint for joint in joints)
+    named = {
+        "time": "unit" in table.get("time", {}) or "time" not in table,
+        # The palm's offset is in metres, and is added to the position as it is read.
+        "length": "unit" in table.get("position", {}) or "palm_offset" in table or "position" not in table,
+        "angle": "unit" in table.get("angle", {}) or own,
+    }
+    return frozenset(key for key, given in named.items() if given)
 
 
 def _time(where: str, table: Mapping[str, Any]) -> dict[str, Any]:

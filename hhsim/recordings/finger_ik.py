@@ -17,7 +17,11 @@ from hhsim.recordings.frames import quaternions_of, turned
 Array = NDArray[np.float64]
 
 STRAIGHT = 0.05
-"""Weight of "no abduction" against three unit bones: it decides where the bones decide nothing."""
+"""Weight of "no abduction" against three unit bones that were measured: it decides where they decide nothing."""
+EXACT = 1e-8
+"""Bones that lie off their plane by less than this, squared, were not measured: they need no such weight."""
+LEAST = 1e-15
+"""What is left of that weight for them: below what an angle can show."""
 
 
 def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
@@ -32,18 +36,14 @@ def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
         Flexion [rad], shape (T, 5, 3); abduction [rad], shape (T, 5); and how far each bone is from its fit [rad],
         shape (T, 5, 3). NaN where a bone of the finger is missing.
     """
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
-    distal, dorsal = sizes["distal"] * mirror, sizes["dorsal"] * mirror
-    distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
-    dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
-    dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
-    across = mirror[0] * np.cross(dorsal, distal)
+    distal, dorsal, across = _finger_axes(side)
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = bones / np.linalg.norm(bones, axis=-1, keepdims=True)
     along, aside, above = (np.einsum("tfki,fi->tfk", unit, axes) for axes in (distal, across, dorsal))
     # The flexion axis is cos β · across - sin β · distal; β makes the bones' parts along it least.
-    pp, pq, qq = (aside**2).sum(axis=2), (aside * along).sum(axis=2), (along**2).sum(axis=2) + STRAIGHT
+    pp, pq, qq = (aside**2).sum(axis=2), (aside * along).sum(axis=2), (along**2).sum(axis=2)
+    off_plane = np.maximum(0.5 * (pp + qq - np.hypot(pp - qq, 2.0 * pq)), 0.0)
+    qq = qq + STRAIGHT * off_plane / (off_plane + EXACT) + LEAST
     abduction = 0.5 * np.arctan2(2.0 * pq, qq - pp)
     forward = np.cos(abduction)[..., None] * along + np.sin(abduction)[..., None] * aside
     total = np.arctan2(-above, forward)
@@ -54,6 +54,36 @@ def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
         np.clip(np.abs(np.cos(abduction)[..., None] * aside - np.sin(abduction)[..., None] * along), 0.0, 1.0)
     )
     return flexion, abduction, off
+
+
+def _finger_axes(side: HandSide) -> tuple[Array, Array, Array]:
+    """Where our straight fingers point, out of their backs, and across them to the thumb's side, shapes (5, 3)."""
+    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
+    distal, dorsal = sizes["distal"] * mirror, sizes["dorsal"] * mirror
+    distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
+    dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
+    dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
+    return distal, dorsal, mirror[0] * np.cross(dorsal, distal)
+
+
+def finger_joints(base: Array, length: Array, flexion: Array, abduction: Array, side: HandSide) -> Array:
+    """Joints and tips of fingers of any size in a posture [m], palm frame, shape (T, 5, 4, 3).
+
+    Args:
+        base: First joint of each finger [m], palm frame, shape (5, 3).
+        length: Of its bones [m], shape (5, 3).
+        flexion: [rad], shape (T, 5, 3).
+        abduction: [rad], shape (T, 5).
+        side: Which hand.
+    """
+    distal, dorsal, across = _finger_axes(side)
+    turn = abduction[..., None]
+    forward = np.cos(turn) * distal + np.sin(turn) * across
+    total = np.cumsum(flexion, axis=2)[..., None]
+    bones = np.cos(total) * forward[:, :, None] - np.sin(total) * dorsal[:, None]
+    joints = np.concatenate([np.zeros((*bones.shape[:2], 1, 3)), np.cumsum(length[..., None] * bones, axis=2)], axis=2)
+    return np.asarray(base[:, None] + joints)
 
 
 def _within_turn(angle: Array) -> Array:
@@ -72,7 +102,10 @@ def palm_rotation(fingers: Array, back: Array) -> Array:
         y = fingers / np.linalg.norm(fingers, axis=1, keepdims=True)
         z = back - np.einsum("ti,ti->t", back, y)[:, None] * y
         z /= np.linalg.norm(z, axis=1, keepdims=True)
-    return quaternions_of(np.stack([np.cross(y, z), y, z], axis=2))
+        frame = np.stack([np.cross(y, z), y, z], axis=2)
+    # A direction whose square is lost points nowhere.
+    frame[~np.isfinite(frame).all(axis=(1, 2))] = np.nan
+    return quaternions_of(frame)
 
 
 def palm_from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import HandSide, Phase, RawChannel
+from hhsim.recordings.recorded_bones import RecordedBones
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.uint32]
@@ -63,6 +64,7 @@ class Recording:
         form: Format that it was read from, in a word.
         name, source, licence, device, hand, phases, object_position, object_orientation, raw: As in `Trajectory`.
         hand_length: Of the recorded hand, wrist crease to middle fingertip [m]; None where it is not known.
+        bones: Of the recorded hand, with the error of the fit; None where joint centres were not recorded.
         findings: Of the reader.
     """
 
@@ -81,6 +83,7 @@ class Recording:
     device: str = ""
     hand: HandSide = ""
     hand_length: float | None = None
+    bones: RecordedBones | None = None
     phases: tuple[Phase, ...] = ()
     object_position: Array | None = None
     object_orientation: Array | None = None

@@ -23,6 +23,24 @@ MOST_UNREADABLE = 0.1
 
 
 @dataclass(frozen=True)
+class ManoOptions:
+    """What the user says about poses of the MANO hand.
+
+    Attributes:
+        model: The user's own file of the model, .pkl or .npz; None where there is none.
+        reading: One of `MANO_READINGS`; None where the file has to say it.
+    """
+
+    model: Path | None = None
+    reading: str | None = None
+
+
+MANO_READINGS = ("axis-angle", "axis-angle-mean", "pca", "pca-flat")
+"""What the numbers of a pose are: 45 angles of the joints from the flat hand, or from the mean pose; coefficients of
+the model's components about the mean pose, or about the flat hand."""
+
+
+@dataclass(frozen=True)
 class ReadOptions:
     """What the user says about a file.
 
@@ -33,6 +51,11 @@ class ReadOptions:
         palm_axes: Our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
         world_up: The axis of the recording's world that points up; None takes the file's.
         length_unit: Of a format whose `Recording.scaled` says so; other recordings are converted after reading.
+        rate: Samples a second [Hz], of a file without stamps.
+        hand_length: Of the recorded hand [m], where its joints have no scale.
+        mano: What the numbers of a MANO pose mean, and the file of its model.
+        profile: File with the sizes of an UmeTrack hand.
+        episode: Number of the episode, where a file holds several.
         dexmo: The calibration of a Dexmo glove.
         poses: When a Dexmo glove's hand was in the poses of its calibration.
     """
@@ -43,6 +66,11 @@ class ReadOptions:
     palm_axes: Sequence[str] | None = None
     world_up: str | None = None
     length_unit: str | None = None
+    rate: float | None = None
+    hand_length: float | None = None
+    mano: ManoOptions = ManoOptions()
+    profile: Path | None = None
+    episode: int | None = None
     dexmo: DexmoRegression | None = None
     poses: Poses | None = None
 

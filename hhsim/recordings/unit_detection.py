@@ -62,11 +62,17 @@ def _stamps(recording: Recording) -> Recording:
     if time.size < 2 or FASTEST_STEP <= step <= SLOWEST_STEP:
         return recording
     if step < FASTEST_STEP:
+        how = _corrected("time") if "time" in recording.stated else "say --time-unit"
         raise TrajectoryError(
-            f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} samples a second; expected [s]: say --time-unit"
+            f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} samples a second; expected [s]: {how}"
         )
     fitting = [unit for unit, (low, high) in STEP_RANGES.items() if low <= step <= high]
-    if "time" in recording.stated or not fitting:
+    if "time" in recording.stated:
+        raise TrajectoryError(
+            f"the stamps step by {step:.6g} s, too slow for a hand: are they in another unit than the one stated? "
+            f"{_corrected('time')}"
+        )
+    if not fitting:
         raise TrajectoryError(
             f"the stamps step by {step:.6g} s, too slow for a hand; expected [s]: are they in another unit? Say "
             "--time-unit"
@@ -94,7 +100,7 @@ def _lengths(recording: Recording) -> Recording:
         return recording
     reason = f"palm {distance:.4g} m from the origin" if distance > FAR else f"palm moves at {speed:.4g} m/s"
     if "length" in recording.stated:
-        raise TrajectoryError(f"{reason}, which is no hand's; expected another unit or origin: check --length-unit")
+        raise TrajectoryError(f"{reason}, which is no hand's; expected another unit or origin: {_corrected('length')}")
     if distance <= CERTAINLY_FAR and speed <= CERTAINLY_FAST:
         raise TrajectoryError(f"{reason}: not in metres, but cm, mm and inch are all possible; say --length-unit")
     text = f"positions: {reason}: taken for millimetres; if they are not, say --length-unit"
@@ -119,12 +125,19 @@ def _angles(recording: Recording) -> Recording:
         return recording
     worst = float(np.nanmax(np.abs(angles)))
     reason = f"joint angles reach {worst:.4g} rad, beyond what a joint can do in {100.0 * share:.0f} % of the samples"
-    if "angle" in recording.stated or share <= MANY:
+    if "angle" in recording.stated:
+        raise TrajectoryError(f"{reason}: are they in another unit than the one stated? {_corrected('angle')}")
+    if share <= MANY:
         raise TrajectoryError(f"{reason}; expected [rad]: are they in degrees? Say --angle-unit")
     factor = ANGLE_UNITS["deg"]
     return _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit").changed(
         flexion=recording.flexion * factor, abduction=recording.abduction * factor
     )
+
+
+def _corrected(key: str) -> str:
+    """Where a unit that was stated is put right."""
+    return f"check --{key}-unit, or the unit in the mapping of the columns"
 
 
 def _rescaled(recording: Recording, factor: float, shift: float = 0.0) -> tuple[Phase, ...]:

@@ -8,13 +8,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from recording_samples import smooth_recording
 
+from hhsim.cli.replay import mended_remark
+from hhsim.motion.sample_flags import SampleFlag
+from hhsim.recordings.repair import repair
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 
@@ -327,3 +332,13 @@ def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: P
     assert document["penetration_max"] <= 1e-6 and document["touching_max"] > 0
     answer = run("replay", "cup", "grasp", "--place-object", "auto")
     assert answer.code == 2 and "'grasp' finds its place at the object itself" in answer.err
+
+
+def test_a_recording_of_which_nothing_was_mended_says_nothing_of_it() -> None:
+    motion = replace(repair(smooth_recording()).trajectory, flags=np.zeros(300, dtype=np.uint32))
+    assert mended_remark(motion, "take.npz") == []
+    touched = replace(motion, flags=np.full(300, SampleFlag.LIMITED.value, dtype=np.uint32))
+    assert mended_remark(touched, "take.npz") == [
+        "300 of 300 samples were mended on the way in: hhsim import tells what"
+    ]
+    assert mended_remark(touched, "take.h5") == []

@@ -17,9 +17,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from bvh_document import RIGS, bvh_text
+from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document, packed
 from lz_pack import pack
 from numpy.typing import NDArray
+from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
 from recording_damage import DAMAGES, Damage, damaged_bytes
 from recording_samples import read_as, smooth_recording
 
@@ -33,6 +35,7 @@ from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, turn
 from hhsim.recordings.outliers import STICKS_OUT, WINDOW, bend
 from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording_format import ManoOptions, ReadOptions
 from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import Repaired, repair
 
@@ -123,6 +126,9 @@ def check(damage: Damage, name: str, folder: Path | None, runs: int) -> None:
 
 def file_of(form: str) -> bytes:
     """A file of the format that holds a smooth motion."""
+    if form in JOINT_FILES:
+        made = JOINT_FILES[form]()
+        return made if isinstance(made, bytes) else made.encode()
     recording = smooth_recording(60, seed=6)
     if form == "csv":
         return format_csv(repair(recording).trajectory).encode()
@@ -147,14 +153,47 @@ def file_of(form: str) -> bytes:
     return (pack(text) if form == "leap lz" else text).encode()
 
 
-@pytest.mark.parametrize("form", ["csv", "npz", "h5", "leap", "leap lz", "bvh"])
+JOINT_FILES: dict[str, Callable[[], str | bytes]] = {
+    "openxr": lambda: openxr_csv(joint_sample(count=60)),
+    "webxr": lambda: webxr_json(joint_sample(count=60)),
+    "iwer": lambda: iwer_json(joint_sample(count=60)),
+    "mcap": lambda: mcap_bytes(joint_sample(count=60), compression="zstd"),
+    "mcap plain": lambda: mcap_bytes(joint_sample(count=60)),
+    "keypoints npy": lambda: array_npy(joint_sample(count=60).named()),
+    "keypoints npz": lambda: arrays_npz(a=joint_sample(count=60).named(), t=joint_sample(count=60).motion.time),
+    "keypoints json": lambda: json.dumps(joint_sample(count=60).named().tolist()),
+    "mano": lambda: arrays_npz(
+        poses=np.concatenate(mano_poses(joint_sample(count=60))[:2], axis=1),
+        trans=mano_poses(joint_sample(count=60))[2],
+        t=joint_sample(count=60).motion.time,
+    ),
+    "umetrack": lambda: umetrack_lines(joint_sample(count=60)),
+    "lerobot": lambda: lerobot_bytes(joint_sample(count=60)),
+}
+"""Files of joints and poses by the word for them."""
+FORMS = ("csv", "npz", "h5", "leap", "leap lz", "bvh", *JOINT_FILES)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("form", JOINT_FILES)
+def test_damaged_bytes_of_joint_centres_at_length(form: str, tmp_path: Path) -> None:
+    test_damaged_bytes_of_every_format(form, 500, tmp_path)
+
+
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("runs", [30, pytest.param(100, marks=pytest.mark.soak)])
 def test_damaged_bytes_of_every_format(form: str, runs: int, tmp_path: Path) -> None:
     data, path = file_of(form), tmp_path / "take.h5"
+    options = ReadOptions()
+    if form in JOINT_FILES:
+        np.savez(tmp_path / "mano.npz", **mano_fields(joint_sample().hand))
+        (tmp_path / "user_profile.json").write_text(umetrack_profile())
+        mano = ManoOptions(tmp_path / "mano.npz", "axis-angle")
+        options = ReadOptions(rate=100.0, world_up="y", hand="right", mano=mano)
 
     def come(content: bytes) -> Recording:
         path.write_bytes(content)
-        return read_recording(path)
+        return read_recording(path, options)
 
     before = repair(come(data))
     verdicts: Counter[str] = Counter()

@@ -261,7 +261,7 @@ def test_positions_in_millimetres_and_angles_in_degrees() -> None:
     assert np.allclose(stated.trajectory.position, 0.5 * CLEAN.position)
     with pytest.raises(TrajectoryError, match="check --length-unit"):
         repair(changed(position=1e3 * CLEAN.position), RepairOptions(length_unit="m"))
-    with pytest.raises(TrajectoryError, match="in degrees"):
+    with pytest.raises(TrajectoryError, match=r"than the one stated\? check --angle-unit, or the"):
         repair(degrees, RepairOptions(angle_unit="rad"))
 
 

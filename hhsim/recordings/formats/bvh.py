@@ -23,6 +23,7 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.bvh_parser import Bvh, Joint, looks_like_bvh, read_bvh
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
 from hhsim.recordings.frames import in_palm, to_our_world
+from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import LENGTH_UNITS
@@ -80,7 +81,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     knuckles = scale * fingers[:, 1:, 0]
     orientation = palm_from_knuckles(knuckles, scale * at[:, wrist], side)
     flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
-    position, orientation = to_our_world(palm_origin(knuckles, orientation, side), orientation, up)
+    place = palm_origin(knuckles, orientation, side)
+    fit = recorded_bones(
+        FingerChains(scale * fingers, scale * at[:, wrist]), Posture(place, orientation, flexion, abduction), side
+    )
+    position, orientation = to_our_world(place, orientation, up)
     other = "; the other hand is there too: --hand" if len(hands) == 2 and not hand else ""
     return Recording(
         time=np.arange(len(bvh.values), dtype=np.float64) * bvh.frame_time,
@@ -94,6 +99,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         name=content.name,
         hand=side,
         hand_length=length,
+        bones=fit,
         findings=(
             *bvh.findings,
             note(f"{side} hand at '{bvh.joints[wrist].name}', lengths in {unit}, world {up} up{other}"),

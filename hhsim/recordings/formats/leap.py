@@ -9,7 +9,6 @@ recorded ones. Joint angles are those of our hand that come nearest to the bones
 pip to dip to tip; Leap gives the thumb a metacarpal of length zero, and its next three bones are our three.
 """
 
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal, cast
@@ -23,8 +22,10 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide, RawChannel
 from hhsim.recordings.finger_ik import finger_angles, palm_origin, palm_rotation
 from hhsim.recordings.frames import in_palm, to_our_world
+from hhsim.recordings.json_document import keys_of, number, read_json, vector
 from hhsim.recordings.lz_string import LETTERS, unpack
-from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note
+from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
+from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 
 Array = NDArray[np.float64]
@@ -32,8 +33,6 @@ Array = NDArray[np.float64]
 MILLIMETRE = 1e-3
 MICROSECOND = 1e-6
 JOINTS = ("mcpPosition", "pipPosition", "dipPosition", "btipPosition")
-MOST = 1e18
-"""Numbers beyond this are no readings: not even nanoseconds since 1970."""
 UNSURE = 0.5
 """Leap's own confidence below this marks a sample."""
 DEEPEST = 12
@@ -49,7 +48,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     text = content.text
     if looks_packed(text):
         text = unpack(text)
-    document = _document(text)
+    document = read_json(text)
     metadata = document.get("metadata") if isinstance(document, dict) else None
     metadata = metadata if isinstance(metadata, dict) else {}
     frames = list(_frames(document))
@@ -67,9 +66,9 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise TrajectoryError(f"no {side} hand in any of {len(frames)} frames")
     if len(found) < len(frames):
         findings.append(note(f"{len(frames) - len(found)} of {len(frames)} frames show no {side} hand: no samples"))
-    stamps = np.array([_number(frame.get("timestamp")) for frame, _ in found])
+    stamps = np.array([number(frame.get("timestamp")) for frame, _ in found])
     direction, normal, wrist = (
-        np.array([_vector(seen.get(key)) for _, seen in found]) for key in ("direction", "palmNormal", "wrist")
+        np.array([vector(seen.get(key)) for _, seen in found]) for key in ("direction", "palmNormal", "wrist")
     )
     joints = np.array([_joints(frame, seen) for frame, seen in found])
     orientation = palm_rotation(direction, -normal)
@@ -86,9 +85,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         else np.nan
     )
     place = palm_origin(MILLIMETRE * joints[:, 1:, 0], orientation, side)
+    fit = recorded_bones(
+        FingerChains(MILLIMETRE * joints, MILLIMETRE * wrist),
+        Posture(place, orientation, flexion, abduction),
+        side,
+    )
     position, orientation = to_our_world(place, orientation, "y")
     first = stamps[np.isfinite(stamps)]
-    confidence = np.array([_number(seen.get("confidence")) for _, seen in found])
+    confidence = np.array([number(seen.get("confidence")) for _, seen in found])
     made = metadata.get("generatedBy")
     recording = Recording(
         time=MICROSECOND * (stamps - (first[0] if first.size else 0.0)),
@@ -103,6 +107,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         device="Leap Motion",
         hand=side,
         hand_length=MILLIMETRE * length if 50.0 < length < 400.0 else None,
+        bones=fit,
         raw=(RawChannel("confidence", np.nan_to_num(confidence, nan=-1.0), "1", "Leap's confidence, -1 where none"),),
         findings=tuple(findings),
     )
@@ -124,35 +129,14 @@ def looks_like_leap(text: str) -> bool:
     return text.lstrip()[:1] in ("{", "[") or looks_packed(text)
 
 
-def _document(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError) as error:
-        lines = [line for line in text.splitlines() if line.strip()]
-        if len(lines) > 1 and len(lines) < MOST_SAMPLES and lines[0].lstrip().startswith("{") and _is_json(lines[0]):
-            return [_line(number, line) for number, line in enumerate(lines, start=1)]
-        raise TrajectoryError(f"not JSON: {str(error)[:120]}; was the file cut short?") from None
-
-
-def _is_json(line: str) -> bool:
-    try:
-        return isinstance(json.loads(line), dict)
-    except (ValueError, RecursionError):
-        return False
-
-
-def _line(number: int, line: str) -> Any:
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise TrajectoryError(f"line {number} is not JSON: {str(error)[:120]}") from None
-
-
 def _frames(document: Any) -> Iterator[Mapping[str, Any]]:
     """The frames as objects, whatever they are packed in."""
     frames = document.get("frames") if isinstance(document, dict) else document
     if not isinstance(frames, list):
-        raise TrajectoryError("JSON without frames; expected a Leap Motion recording")
+        raise TrajectoryError(
+            f"JSON without frames, {keys_of(document)}; "
+            "expected a Leap Motion recording, or the joints of a hand by name"
+        )
     if frames and isinstance(frames[0], list):
         structure = frames[0]
         for number, packed in enumerate(frames[1:], start=1):
@@ -202,7 +186,7 @@ def _usual_side(frames: list[Mapping[str, Any]]) -> HandSide:
 def _hand(frame: Mapping[str, Any], side: Literal["right", "left"] | str) -> Mapping[str, Any] | None:
     """The hand of this side that is seen longest, of several."""
     hands = [hand for hand in _objects(frame, "hands") if hand.get("type") == side]
-    return max(hands, key=lambda hand: float(np.nan_to_num(_number(hand.get("timeVisible")), nan=0.0)), default=None)
+    return max(hands, key=lambda hand: float(np.nan_to_num(number(hand.get("timeVisible")), nan=0.0)), default=None)
 
 
 def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> Array:
@@ -212,26 +196,13 @@ def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> Array:
         finger = pointable.get("type")
         ours = pointable.get("handId") == hand.get("id") and not pointable.get("tool")
         if ours and isinstance(finger, int) and 0 <= finger < len(FINGERS):
-            joints[finger] = [_vector(pointable.get(key)) for key in JOINTS]
+            joints[finger] = [vector(pointable.get(key)) for key in JOINTS]
     return joints
 
 
 def _objects(frame: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
     items = frame.get(key)
     return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return float("nan")
-    # Beyond that it is damage, and what is computed from it overflows.
-    return float(value) if -MOST <= value <= MOST else float("nan")
-
-
-def _vector(value: Any) -> list[float]:
-    if not isinstance(value, list) or len(value) != 3:
-        return [float("nan")] * 3
-    return [_number(item) for item in value]
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:

@@ -7,16 +7,14 @@ The pose is that of the palm. What its axes are, the text `frame` says in words;
 turned into ours, for any other the axes are taken as ours, unless the user says which they are.
 """
 
-import io
 import json
-import zipfile
-import zlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
+from hhsim.motion.npz_arrays import read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
 from hhsim.recordings.recording import Finding, Recording, note
@@ -26,8 +24,6 @@ Array = NDArray[np.float64]
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
 """Names of the orientation, and where w, x, y, z are in its rows."""
-MOST_BYTES = 1 << 31
-"""An array that says it is larger than this is damaged."""
 
 FRAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("z to fingers, -y palm normal", ("-x", "z", "y")),
@@ -45,7 +41,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     Raises:
         TrajectoryError: No archive, a damaged one, or arrays missing or of another shape.
     """
-    arrays = _arrays(content.data)
+    arrays = read_npz(content.data)
     count = _array(arrays, "t", ()).shape[0]
     key = next((key for key in QUATERNIONS if key in arrays), "wrist_quat_wxyz")
     orientation = _array(arrays, key, (4,), count)[:, QUATERNIONS[key]]
@@ -88,28 +84,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
             text = "not valid, says the file: kept where there are numbers"
             recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
     return recording
-
-
-def _arrays(data: bytes) -> dict[str, Any]:
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            entries = archive.infolist()
-            if any(entry.file_size > MOST_BYTES for entry in entries):
-                raise TrajectoryError("an array of more than 2 GB; expected a hand recording")
-            arrays = {}
-            for entry in entries:
-                name, dot, suffix = entry.filename.rpartition(".")
-                if dot and suffix == "npy":
-                    # The archive checks the bytes it gives against their CRC-32.
-                    arrays[name] = np.lib.format.read_array(io.BytesIO(archive.read(entry)), allow_pickle=False)
-            return arrays
-    except TrajectoryError:
-        raise
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError) as error:
-        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-        raise TrajectoryError(f"not an .npz archive, or a damaged one: {reason}") from None
-    except (MemoryError, SyntaxError, TypeError, KeyError, OverflowError) as error:
-        raise TrajectoryError(f"a damaged .npz archive: {type(error).__name__}") from None
 
 
 def _array(arrays: dict[str, Any], key: str, tail: tuple[int, ...], count: int | None = None) -> Array:

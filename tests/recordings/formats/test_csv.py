@@ -15,7 +15,7 @@ from hhsim.recordings.column_map import OWN_COLUMNS, parse_column_map, read_colu
 from hhsim.recordings.csv_table import read_table
 from hhsim.recordings.frames import turned
 from hhsim.recordings.mapped_table import euler_quaternion
-from hhsim.recordings.repair import repair
+from hhsim.recordings.repair import RepairOptions, repair
 
 
 def test_a_mapping_says_what_columns_are() -> None:
@@ -143,3 +143,62 @@ def test_mappings_need_time_and_joints(tmp_path: Path) -> None:
     assert made.time.tolist() == [0.0, 0.02] and "made from the rate, 50 Hz" in made.findings[0].text
     with pytest.raises(TrajectoryError, match="the columns are a, b; expected hhsim's own"):
         read_as("csv", "a,b\n1,2\n")
+
+
+UNITLESS = """
+hand = "right"
+
+[time]
+column = "Time"
+
+[position]
+columns = ["X", "Y", "Z"]
+
+[joint]
+index_flex1 = "MCP"
+"""
+
+
+def _table(seconds: float, metres: float, radians: float) -> str:
+    """A second of a finger that bends, in units so many times smaller than ours."""
+    rows = [(0.01 * k * seconds, 0.2 * metres, 0.1 * metres, 0.0, 0.01 * k * radians) for k in range(100)]
+    return "Time,X,Y,Z,MCP\n" + "".join(",".join(repr(cell) for cell in row) + "\n" for row in rows)
+
+
+def test_a_unit_that_the_mapping_does_not_name_is_an_options_or_is_found() -> None:
+    columns = parse_column_map(UNITLESS, where="glove.toml")
+    assert columns.stated == frozenset()
+    sound = repair(read_as("csv", _table(1.0, 1.0, 1.0), columns=columns)).trajectory
+    degrees = 180.0 / np.pi
+    units = RepairOptions(time_unit="ms", length_unit="mm", angle_unit="deg")
+    told = repair(read_as("csv", _table(1e3, 1e3, degrees), columns=columns), units)
+    assert told.findings == ()
+    # Large enough for no joint, or the numbers could be radians.
+    found = repair(read_as("csv", _table(1e3, 1e3, degrees), columns=columns))
+    assert {finding.kind for finding in found.findings} == {"unit"}
+    for motion in (told.trajectory, found.trajectory):
+        assert np.allclose(motion.time, sound.time) and np.allclose(motion.position, sound.position)
+        assert np.allclose(motion.flexion, sound.flexion)
+
+
+@pytest.mark.parametrize(
+    ("text", "stated"),
+    [
+        (UNITLESS.replace('"Time"', '"Time"\nunit = "s"'), {"time"}),
+        (UNITLESS.replace("[position]", "[angle]\nunit = 'rad'\n[position]"), {"angle"}),
+        (UNITLESS.replace('"MCP"', "{ column = 'MCP', unit = 'rad' }"), {"angle"}),
+        (UNITLESS.replace('"Z"]', '"Z"]\nunit = "m"'), {"length"}),
+        ("palm_offset = [0.0, 0.1, 0.0]\n" + UNITLESS, {"length"}),
+    ],
+)
+def test_a_unit_that_the_mapping_names_is_stated(text: str, stated: set[str]) -> None:
+    columns = parse_column_map(text, where="glove.toml")
+    assert columns.stated == stated
+    recording = read_as("csv", _table(1e3, 1.0, 1.0), columns=columns)
+    if "time" in stated:
+        with pytest.raises(InputError, match="--time-unit ms: the file, or the mapping of its"):
+            repair(recording, RepairOptions(time_unit="ms"))
+        with pytest.raises(TrajectoryError, match=r"than the one stated\? check --time-unit, or the"):
+            repair(recording)
+    else:
+        assert repair(recording, RepairOptions(time_unit="ms")).trajectory.duration == pytest.approx(0.99)

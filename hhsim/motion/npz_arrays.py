@@ -1,0 +1,60 @@
+"""Arrays of `.npz` and `.npy` files, without pickles, and never more than a hand recording can be."""
+
+import io
+import tokenize
+import zipfile
+import zlib
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import TrajectoryError
+
+MOST_BYTES = 1 << 31
+"""An array that says it is larger than this is damaged."""
+
+
+DAMAGE = (MemoryError, SyntaxError, TypeError, KeyError, OverflowError, RecursionError, tokenize.TokenError)
+"""What numpy raises, besides ValueError and its like, for the header of an array that is none."""
+
+
+def read_npy(data: bytes) -> Any:
+    """The array of an `.npy` file, without pickles.
+
+    Raises:
+        TrajectoryError: No such file, or a damaged one.
+    """
+    try:
+        return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError, OSError, *DAMAGE) as error:
+        reason = (
+            str(error).splitlines()[0][:120] if isinstance(error, ValueError) and str(error) else type(error).__name__
+        )
+        raise TrajectoryError(f"not an .npy array, or a damaged one: {reason}") from None
+
+
+def read_npz(data: bytes) -> dict[str, Any]:
+    """The arrays by their names.
+
+    Raises:
+        TrajectoryError: No archive, or a damaged one.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = archive.infolist()
+            if any(entry.file_size > MOST_BYTES for entry in entries):
+                raise TrajectoryError("an array of more than 2 GB; expected a hand recording")
+            arrays = {}
+            for entry in entries:
+                name, dot, suffix = entry.filename.rpartition(".")
+                if dot and suffix == "npy":
+                    # The archive checks the bytes it gives against their CRC-32.
+                    arrays[name] = np.lib.format.read_array(io.BytesIO(archive.read(entry)), allow_pickle=False)
+            return arrays
+    except TrajectoryError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError) as error:
+        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise TrajectoryError(f"not an .npz archive, or a damaged one: {reason}") from None
+    except DAMAGE as error:
+        raise TrajectoryError(f"a damaged .npz archive: {type(error).__name__}") from None

@@ -1,0 +1,145 @@
+"""A hand of our own with the sizes of a recorded one: its bones, and its radii or those in proportion to it."""
+
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, OutputError, TrajectoryError
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.hand_file import format_hand_file
+from hhsim.hand.model import (
+    BREADTH_PER_LENGTH,
+    DEFAULT_HAND_LENGTH,
+    HAND_LENGTH_RANGE,
+    MIRROR,
+    HandModel,
+    default_fingers,
+)
+from hhsim.recordings.frames import turned
+from hhsim.recordings.recording import Recording, note
+from hhsim.system.output_path import check_output_path
+
+Array = NDArray[np.float64]
+
+BREADTHS = (0.26, 0.74)
+"""Hand breadths [HL] that our palm can be made of."""
+SHORTEST = 0.004
+"""A bone shorter than this [m] to the centre of its fingertip is none."""
+
+
+class FittedHand(NamedTuple):
+    """Sizes of a right hand, or of the mirror of a left one, palm frame.
+
+    Attributes:
+        hand_length, hand_breadth: [m].
+        base: First joint of each finger [m], shape (5, 3).
+        length: Of the bones, the last one to the centre of the tip's sphere [m], shape (5, 3).
+        radius: At the joints and the tip [m], shape (5, 4); not growing towards the tip.
+        measured: Whether the radii were recorded.
+        shift: From the palm's origin in the recording to that of this hand, recorded hand's palm frame [m], shape (3,).
+    """
+
+    hand_length: float
+    hand_breadth: float
+    base: Array
+    length: Array
+    radius: Array
+    measured: bool
+    shift: Array
+
+
+def fitted_hand(recording: Recording) -> FittedHand:
+    """The hand of a recording.
+
+    Raises:
+        TrajectoryError: A recording without joint centres, or with bones that are no hand's.
+    """
+    bones = recording.bones
+    if bones is None:
+        raise TrajectoryError(
+            f"--fit-hand needs the centres of the joints, and {recording.form or 'it'} holds angles only"
+        )
+    low, high = HAND_LENGTH_RANGE
+    if not low <= bones.hand_length <= high:
+        raise TrajectoryError(f"--fit-hand: the hand is {bones.hand_length:.3g} m long; expected {low:g} to {high:g} m")
+    usual = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    width = np.linalg.norm(bones.base[1] - bones.base[4]) / np.linalg.norm(usual["base"][1] - usual["base"][4])
+    share = float(np.clip(width * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH / bones.hand_length, *BREADTHS))
+    breadth = share * bones.hand_length
+    ours = default_fingers(bones.hand_length, breadth)
+    radius = ours["radius"] if bones.radius is None else np.minimum.accumulate(bones.radius, axis=1)
+    length = bones.length.copy()
+    if bones.tip_on_surface:
+        length[:, 2] -= radius[:, 3]
+    short = np.argwhere(~(length > SHORTEST))
+    if len(short):
+        finger, bone = short[0]
+        raise TrajectoryError(
+            f"--fit-hand: bone {bone + 1} of the {FINGERS[finger]} is {1e3 * length[finger, bone]:.1f} mm long; "
+            f"expected more than {1e3 * SHORTEST:g} mm"
+        )
+    mirror = MIRROR if bones.hand == "left" else np.ones(3)
+    base = bones.base * mirror
+    shift = base[1:].mean(axis=0) - ours["base"][1:].mean(axis=0)
+    return FittedHand(
+        bones.hand_length, breadth, base - shift, length, radius, bones.radius is not None, shift * mirror
+    )
+
+
+def for_hand(recording: Recording, hand: FittedHand) -> Recording:
+    """The recording with its palm where that of the fitted hand is: the knuckles are the recorded ones then."""
+    moved = recording.position + turned(recording.orientation, hand.shift)
+    text = f"palm moved by {1e3 * np.linalg.norm(hand.shift):.1f} mm in the hand: its knuckles are the fitted hand's"
+    return recording.changed(position=moved).found(note(text))
+
+
+def format_fitted_hand(hand: FittedHand, source: str) -> str:
+    """The hand as the text of a hand file.
+
+    Args:
+        hand: As fitted.
+        source: What it was fitted to, for the remark at its top.
+    """
+    fingers = {
+        finger: {
+            "base": hand.base[f],
+            "length": hand.length[f],
+            **({"radius": hand.radius[f]} if hand.measured else {}),
+        }
+        for f, finger in enumerate(FINGERS)
+    }
+    radii = "radii as recorded" if hand.measured else "radii in proportion to its length and breadth"
+    return format_hand_file(
+        hand.hand_length, hand.hand_breadth, fingers, f"Fitted to {source}: bones as medians, {radii}."
+    )
+
+
+def check_hand_path(path: Path) -> None:
+    """Look, before the work, whether a hand can be written here.
+
+    Raises:
+        OutputError: A name of another kind of file, another file in the way, or a place that cannot be written.
+    """
+    if path.suffix.lower() != ".toml":
+        raise OutputError(f"{path} is no name for a hand file: it has to end in .toml")
+    check_output_path(path)
+    if path.exists() and "hand_length" not in path.read_bytes().decode(errors="replace"):
+        raise OutputError(f"{path} exists and is no hand file, so it is not replaced: name another file")
+
+
+def check_hand_text(text: str) -> None:
+    """Make the hand of a hand file's text, as `hhsim replay --hand-file` will.
+
+    Raises:
+        InputError: No hand can be made of these sizes.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "fitted-hand.toml"
+        path.write_text(text, encoding="utf-8")
+        try:
+            HandModel.from_toml(path)
+        except InputError as error:
+            raise InputError(f"--fit-hand: {str(error).removeprefix(f'{path}: ')}") from None

@@ -1,0 +1,212 @@
+"""LeRobot data sets, v2.1 and v3: one Parquet file, with meta/info.json of the data set above it.
+
+Joint centres are a feature whose name ends in `hand_joints`, two hands of 25 joints in WebXR's order, left before right
+where the names do not say otherwise; a world with y up. Anything else is explained by --columns, where a number of a
+feature is `feature.name` by the names of info.json, or `feature.0` and so on.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.csv_table import Table
+from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
+from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
+from hhsim.recordings.mapped_table import mapped
+from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+
+Array = NDArray[np.float64]
+
+MAGIC = b"PAR1"
+JOINTS = len(WEBXR_JOINTS)
+SIDES: tuple[HandSide, HandSide] = ("left", "right")
+LEVELS_UP = 4
+"""meta/ is at most so many folders above the file."""
+MOST_CELLS = 1 << 28
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording of one episode and hand.
+
+    Raises:
+        TrajectoryError: No Parquet, several episodes without a word which, no stamps, or no joints of hands.
+        InputError: An episode that the file has not.
+    """
+    columns = _columns(content.data)
+    info = _info(content)
+    findings: list[Finding] = []
+    rows = _episode(columns, options, findings)
+    time = _time(columns, rows, info, options, findings)
+    if options.columns is not None:
+        return mapped(_table(columns, rows, info), options.columns, content.name, "lerobot").found(*findings)
+    names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
+    named = names[0] if names else None
+    width = 2 * JOINTS * 3
+    values = None if named is None else _numbers(columns, named, rows)
+    if values is None or values.shape[1] not in (width, width // 2):
+        held = ", ".join(f"{name} ({_width(values_)})" for name, values_ in list(columns.items())[:6])
+        what = f"{named} has {values.shape[1]} numbers" if values is not None else "no hand_joints"
+        raise TrajectoryError(
+            f"{what}; it holds {held}; expected hand_joints of 2 × {JOINTS} × 3, or --columns that explain the others"
+        )
+    if len(names) > 1:
+        findings.append(note(f"joints from {named}; there is also {', '.join(names[1:3])}"))
+    hands = values.reshape(len(values), -1, JOINTS, 3)
+    sides: tuple[HandSide, ...] = SIDES if hands.shape[1] == 2 else ("",)
+    seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
+    side, remarks = chosen_side(seen, options.hand)
+    if len(sides) == 2:
+        findings.append(note("two hands of 25 joints in WebXR's order, taken as left, then right"))
+    places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
+    return recording_of_joints(
+        JointPositions(
+            time=time,
+            position=hands[:, sides.index(side)][:, places],
+            form="lerobot",
+            hand=side,
+            up="y",
+            device=str(info.get("robot_type") or ""),
+            findings=(*findings, *remarks),
+        ),
+        content.name,
+        options,
+    )
+
+
+def _columns(data: bytes) -> dict[str, Any]:
+    """The columns of the file that hold numbers, as lists of pyarrow."""
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise TrajectoryError("a Parquet file: pip install pyarrow") from None
+    try:
+        file = parquet.ParquetFile(pyarrow.BufferReader(data))
+        if file.metadata.num_rows * max(file.metadata.num_columns, 1) > MOST_CELLS:
+            raise TrajectoryError(f"{file.metadata.num_rows:,} rows; expected a recording of a hand")
+        table = file.read()
+        table.validate(full=True)
+        return {str(name): table.column(k) for k, name in enumerate(table.column_names)}
+    except TrajectoryError:
+        raise
+    except (pyarrow.ArrowException, OSError, ValueError, KeyError, MemoryError, OverflowError) as error:
+        reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        raise TrajectoryError(f"not a Parquet file, or a damaged one: {reason}") from None
+
+
+def _info(content: Content) -> dict[str, Any]:
+    """meta/info.json of the data set; empty where there is none."""
+    if content.path is None:
+        return {}
+    for folder in list(content.path.resolve().parents)[:LEVELS_UP]:
+        path: Path = folder / "meta" / "info.json"
+        if path.is_file():
+            try:
+                document = json.loads(path.read_bytes())
+            except (OSError, ValueError, RecursionError):
+                raise TrajectoryError(f"{path} of the data set cannot be read, or is not JSON") from None
+            return document if isinstance(document, dict) else {}
+    return {}
+
+
+def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Finding]) -> NDArray[np.int64]:
+    """Rows of the episode that is asked for, else of the only one."""
+    if "episode_index" not in columns:
+        if options.episode is not None:
+            raise InputError("--episode: the file has no episode_index")
+        return np.arange(len(next(iter(columns.values()), [])))
+    index = _numbers(columns, "episode_index", None)[:, 0]
+    episodes = sorted({int(value) for value in index[np.isfinite(index)]})
+    if options.episode is None and len(episodes) > 1:
+        raise TrajectoryError(f"{len(episodes)} episodes, {episodes[0]} to {episodes[-1]}; say which: --episode")
+    wanted = options.episode if options.episode is not None else episodes[0] if episodes else 0
+    if wanted not in episodes:
+        raise InputError(f"--episode {wanted}: the file has {', '.join(map(str, episodes[:8])) or 'none'}")
+    rows = np.flatnonzero(index == wanted)
+    if len(episodes) > 1:
+        findings.append(note(f"episode {wanted} of {len(episodes)}"))
+    return rows
+
+
+def _time(
+    columns: dict[str, Any],
+    rows: NDArray[np.int64],
+    info: dict[str, Any],
+    options: ReadOptions,
+    findings: list[Finding],
+) -> Array:
+    if "timestamp" in columns:
+        return _numbers(columns, "timestamp", rows)[:, 0]
+    rate = options.rate or info.get("fps")
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0.1 <= rate <= 1e5:
+        raise TrajectoryError("no column timestamp, and no fps in meta/info.json: --rate")
+    findings.append(note(f"no stamps: made from the rate, {rate:g} Hz"))
+    return np.arange(len(rows)) / rate
+
+
+def _numbers(columns: dict[str, Any], name: str, rows: NDArray[np.int64] | None) -> Array:
+    """The numbers of a column, nested lists laid flat, shape (T, N); NaN where there is none."""
+    cells = columns[name].to_pylist()
+    chosen = cells if rows is None else [cells[row] for row in rows]
+    flat = [_flat(cell, 0) for cell in chosen]
+    width = max((len(row) for row in flat), default=0)
+    values = np.full((len(flat), max(width, 1)), np.nan)
+    for place, row in zip(values, flat):
+        if len(row) == width:
+            place[:] = row
+    return values
+
+
+def _flat(cell: Any, depth: int) -> list[float]:
+    if isinstance(cell, list) and depth < 6:
+        return [number for item in cell for number in _flat(item, depth + 1)]
+    return [float(cell)] if isinstance(cell, int | float) and not isinstance(cell, bool) else [float("nan")]
+
+
+def _width(column: Any) -> str:
+    first = next((cell for cell in column.slice(0, 1).to_pylist()), None)
+    return f"{len(_flat(first, 0))}" if isinstance(first, list) else "1"
+
+
+def _table(columns: dict[str, Any], rows: NDArray[np.int64], info: dict[str, Any]) -> Table:
+    """All numbers as a table, each column named after its feature and its place in it."""
+    header: list[str] = []
+    parts: list[Array] = []
+    features = info.get("features")
+    for name in columns:
+        values = _numbers(columns, name, rows)
+        feature = features.get(name) if isinstance(features, dict) else None
+        names = _names(feature.get("names") if isinstance(feature, dict) else None)
+        words = names if len(names) == values.shape[1] else [str(k) for k in range(values.shape[1])]
+        header += [name] if values.shape[1] == 1 else [f"{name}.{word}" for word in words]
+        parts.append(values)
+    cells = np.concatenate(parts, axis=1) if parts else np.zeros((0, 0))
+    return Table(tuple(header), tuple(tuple(repr(value) for value in row) for row in cells.tolist()), {}, ".", ())
+
+
+def _names(value: Any) -> list[str]:
+    if isinstance(value, dict):
+        value = next((part for part in value.values() if isinstance(part, list)), [])
+    while isinstance(value, list) and len(value) == 1 and isinstance(value[0], list):
+        value = value[0]
+    return [str(item) for item in value] if isinstance(value, list) else []
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return content.head.startswith(MAGIC)
+
+
+FORMAT = RecordingFormat(
+    "lerobot",
+    "a LeRobot data set's Parquet file: hand_joints, or any feature with --columns",
+    (".parquet",),
+    _sniff,
+    _read,
+    takes_columns=True,
+)

@@ -1,0 +1,203 @@
+"""Poses of the MANO hand, by the user's own file of the model: axis-angle or coefficients of its components.
+
+| file | holds |
+|---|---|
+| .npz | `poses` (T, 48) or (T, 3 + n), or with `global_orient`; `trans` (T, 3), `betas`, `fps` or stamps, `hand` |
+| .jsonl | HOT3D's lines: a wrist's pose and n coefficients |
+
+The same 48 numbers are read in four ways (`hhsim.recordings.recording_format.MANO_READINGS`), and the numbers do not
+tell which: DexYCB's 48 are coefficients, those of other sets are angles. So `--mano-pose` says it.
+"""
+
+import zipfile
+from io import BytesIO
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.quaternion import rotation_vector
+from hhsim.motion.npz_arrays import read_npz
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.joint_positions import JointPositions, evenly, recording_of_joints
+from hhsim.recordings.mano_model import ManoModel, read_mano_model
+from hhsim.recordings.pose_lines import read_pose_lines
+from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording_format import MANO_READINGS, Content, ReadOptions, RecordingFormat
+from hhsim.recordings.time_column import time_column
+from hhsim.recordings.unit_detection import TIME_UNITS
+
+Array = NDArray[np.float64]
+
+ANGLES = 45
+POSES = ("poses", "pose", "mano_pose", "hand_pose")
+TURNS = ("global_orient", "root_orient", "rot")
+SHIFTS = ("trans", "transl", "translation")
+READINGS = {
+    "axis-angle": "angles of the joints from the flat hand",
+    "axis-angle-mean": "angles of the joints from the model's mean pose",
+    "pca": "coefficients of the model's components about its mean pose",
+    "pca-flat": "coefficients of the model's components about the flat hand",
+}
+
+
+class _Poses(NamedTuple):
+    """Numbers of a file: stamps, wrist, pose, shape."""
+
+    time: Array | None
+    unit: str | None
+    rotation: Array
+    translation: Array | None
+    pose: Array
+    betas: Array
+    hand: HandSide
+    findings: tuple[Finding, ...]
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording by the model and the reading of the options.
+
+    Raises:
+        TrajectoryError: No poses, no model, or numbers that are read in several ways without a word which.
+        InputError: A reading that the numbers do not allow.
+    """
+    poses = _from_npz(content.data) if content.head.startswith(b"PK") else _from_lines(content, options)
+    count = poses.pose.shape[1]
+    reading = _reading(count, options)
+    if options.mano.model is None:
+        raise TrajectoryError(
+            f"{len(poses.pose)} poses of a MANO hand, {count} numbers each; the joints need the model's file, "
+            "which is the user's own: --mano-model MANO_RIGHT.pkl"
+        )
+    model = read_mano_model(options.mano.model)
+    hand = options.hand or poses.hand
+    name = options.mano.model.name.lower()
+    findings = [*poses.findings, note(f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {name}")]
+    if hand and {"right": "left", "left": "right"}[hand] in name:
+        findings.append(
+            note(f"{hand} hand, but the model is called {options.mano.model.name}: is it the other hand's?")
+        )
+    nowhere = np.zeros((len(poses.pose), 3))
+    points = model.keypoints(
+        poses.rotation,
+        _angles(poses.pose, reading, model),
+        nowhere if poses.translation is None else poses.translation,
+        poses.betas,
+    )
+    time, unit = poses.time, poses.unit
+    if time is None:
+        time, finding = evenly(len(points), options)
+        findings.append(finding)
+        unit = "s"
+    if poses.translation is None:
+        findings.append(note("no translation: the hand turns on the spot"))
+    return recording_of_joints(
+        JointPositions(
+            time=time * TIME_UNITS[unit] if unit is not None else time,
+            position=points,
+            form="mano",
+            hand=hand,
+            unit=1.0,
+            time_stated=unit is not None,
+            findings=tuple(findings),
+        ),
+        content.name,
+        options,
+    )
+
+
+def _reading(count: int, options: ReadOptions) -> str:
+    """How the numbers of a pose are read."""
+    wanted = options.mano.reading
+    if not 1 <= count <= ANGLES:
+        raise TrajectoryError(f"{count} numbers a pose; expected 45 of the joints, or fewer coefficients")
+    if wanted is not None and wanted.startswith("axis-angle") and count < ANGLES:
+        raise InputError(f"--mano-pose {wanted}: needs 45 numbers a pose, and there are {count}")
+    if wanted is not None:
+        return wanted
+    choices = ", ".join(MANO_READINGS if count == ANGLES else MANO_READINGS[2:])
+    raise TrajectoryError(f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}")
+
+
+def _angles(pose: Array, reading: str, model: ManoModel) -> Array:
+    """Rotation vectors of the joints from the flat hand [rad], shape (T, 45)."""
+    angles = pose @ model.components[: pose.shape[1]] if reading.startswith("pca") else pose
+    return np.asarray(angles + model.mean if reading in ("pca", "axis-angle-mean") else angles)
+
+
+def _from_lines(content: Content, options: ReadOptions) -> _Poses:
+    lines = read_pose_lines(content.text, "pose", options.hand)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = lines.orientation / np.linalg.norm(lines.orientation, axis=1, keepdims=True)
+    turns = rotation_vector(unit)
+    return _Poses(lines.time, "s", turns, lines.translation, lines.numbers, lines.betas, lines.hand, lines.findings)
+
+
+def _from_npz(data: bytes) -> _Poses:
+    arrays = read_npz(data)
+    key = next((key for key in POSES if key in arrays), None)
+    if key is None:
+        raise TrajectoryError(
+            f"no array of poses, it holds {', '.join(sorted(arrays)[:6])}; expected {', '.join(POSES)}"
+        )
+    pose = _numbers(arrays[key], key)
+    if pose.ndim == 3:
+        pose = pose.reshape(len(pose), -1)
+    if pose.ndim != 2:
+        raise TrajectoryError(f"array '{key}' has shape {pose.shape}; expected (T, 48) or (T, 3 + n)")
+    turn = next((each for each in TURNS if each in arrays), None)
+    if turn is not None:
+        rotation = _numbers(arrays[turn], turn).reshape(len(pose), -1)
+    else:
+        rotation, pose = pose[:, :3], pose[:, 3:]
+    if rotation.shape != (len(pose), 3):
+        raise TrajectoryError(f"the turn of the wrist has shape {rotation.shape}; expected ({len(pose)}, 3)")
+    shift = next((each for each in SHIFTS if each in arrays), None)
+    translation = None if shift is None else _numbers(arrays[shift], shift)
+    if translation is not None and translation.shape != (len(pose), 3):
+        raise TrajectoryError(f"array '{shift}' has shape {translation.shape}; expected ({len(pose)}, 3)")
+    stamps = time_column(arrays)
+    time = None if stamps is None else _numbers(arrays[stamps.name], stamps.name)
+    if time is not None and time.shape != (len(pose),):
+        raise TrajectoryError(
+            f"array '{stamps.name if stamps else ''}' has shape {time.shape}; expected ({len(pose)},)"
+        )
+    betas = _numbers(arrays["betas"], "betas") if "betas" in arrays else np.zeros(0)
+    side = str(arrays["hand"]).lower() if "hand" in arrays and np.ndim(arrays["hand"]) == 0 else ""
+    findings: list[Finding] = []
+    if time is None and "fps" in arrays and np.size(arrays["fps"]) == 1:
+        rate = float(_numbers(arrays["fps"], "fps").ravel()[0])
+        if 1.0 <= rate <= 1e4:
+            time, findings = np.arange(len(pose)) / rate, [note(f"no stamps: made from fps, {rate:g} Hz")]
+    return _Poses(
+        time,
+        "s" if findings else stamps.unit if stamps is not None else None,
+        rotation,
+        translation,
+        pose,
+        (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:10],
+        "right" if side.startswith("right") else "left" if side.startswith("left") else "",
+        tuple(findings),
+    )
+
+
+def _numbers(array: object, key: str) -> Array:
+    try:
+        return np.array(array, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    if content.head.startswith(b"PK"):
+        try:
+            with zipfile.ZipFile(BytesIO(content.data)) as archive:
+                return bool({name.removesuffix(".npy") for name in archive.namelist()} & set(POSES))
+        except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+            return False
+    text = content.beginning
+    return text.lstrip().startswith("{") and '"hand_poses"' in text and '"pose"' in text
+
+
+FORMAT = RecordingFormat("mano", "poses of the MANO hand, with --mano-model", (".npz", ".jsonl"), _sniff, _read)

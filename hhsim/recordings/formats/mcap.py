@@ -1,0 +1,238 @@
+"""Hands in MCAP as Isaac Teleop records them: channels left_hand and right_hand of the FlatBuffers core.HandPoseRecord.
+
+A record holds 26 joints of OpenXR (position, quaternion, validity, radius) and three stamps: when the sample was there,
+when it was taken, both on the host's clock, and when it was taken on the device's. The second is used. y is up.
+
+The container's layout is published at mcap.dev, that of the tables at flatbuffers.dev; both are read here as far as a
+hand needs it. Compressed chunks are unpacked by pyarrow.
+"""
+
+import re
+import struct
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
+from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
+from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording_format import MOST_BYTES, Content, ReadOptions, RecordingFormat
+
+Array = NDArray[np.float64]
+
+MAGIC = b"\x89MCAP0\r\n"
+SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x03, 0x04, 0x05, 0x06
+HAND_SCHEMA = "core.HandPoseRecord"
+JOINT = np.dtype(
+    {
+        "names": ["position", "valid", "radius"],
+        "formats": [("<f4", 3), "u1", "<f4"],
+        "offsets": [0, 28, 32],
+        "itemsize": 36,
+    }
+)
+"""A joint of the record: position, quaternion, validity, radius, aligned to four bytes."""
+NANOSECOND = 1e-9
+
+
+class _Message(NamedTuple):
+    channel: int
+    log_time: int
+    data: bytes
+
+
+class _Sample(NamedTuple):
+    stamps: tuple[int, ...]
+    joints: NDArray[np.void] | None
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording of the hand that is asked for, else of the one with more samples.
+
+    Raises:
+        TrajectoryError: No MCAP, a damaged one, or one without hands; the message says what it holds.
+    """
+    channels: dict[int, tuple[str, str]] = {}
+    messages: dict[HandSide, list[_Message]] = {}
+    schemas: dict[int, str] = {}
+    for code, body in _records(content.data):
+        if code == SCHEMA:
+            (number,) = _unpack("<H", body, 0)
+            schemas[number] = _text(body, 2)[0]
+        elif code == CHANNEL:
+            number, schema = _unpack("<HH", body, 0)
+            channels[number] = (_text(body, 4)[0], schemas.get(schema, ""))
+        elif code == MESSAGE:
+            number, _, log_time, _ = _unpack("<HIQQ", body, 0)
+            topic, schema_name = channels.get(number, ("", ""))
+            side = _side(topic)
+            if schema_name == HAND_SCHEMA and side:
+                messages.setdefault(side, []).append(_Message(number, log_time, body[22:]))
+    if not messages:
+        held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in channels.values()})[:4])
+        raise TrajectoryError(
+            f"no hand among the channels, which are {held or 'none'}; expected {HAND_SCHEMA} on left_hand or right_hand"
+        )
+    samples = {side: [_sample(message) for message in each] for side, each in messages.items()}
+    seen = {side: sum(s.joints is not None for s in each) for side, each in samples.items()}
+    side, findings = chosen_side(seen, options.hand)
+    shown = [sample for sample in samples[side] if sample.joints is not None]
+    if not shown:
+        raise TrajectoryError(f"{len(samples[side])} samples of the {side} hand, and none in which it was seen")
+    if len(shown) < len(samples[side]):
+        lost = len(samples[side]) - len(shown)
+        findings.append(note(f"{lost} of {len(samples[side])} frames show no {side} hand: no samples"))
+    findings.append(note(f"26 OpenXR joints of the {side} hand"))
+    joints = np.array([sample.joints for sample in shown])
+    places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
+    valid = joints["valid"][:, places] != 0
+    position = joints["position"][:, places].astype(np.float64)
+    position[~valid & (position == 0.0).all(axis=2)] = np.nan
+    radius = joints["radius"][:, places].astype(np.float64)
+    known = bool((np.nan_to_num(radius) > 0.0).any(axis=0).all())
+    return recording_of_joints(
+        JointPositions(
+            time=_stamps([sample.stamps for sample in shown], findings),
+            position=position,
+            form="mcap",
+            hand=side,
+            unit=1.0,
+            up="y",
+            radius=radius if known else None,
+            doubtful=~valid.all(axis=1),
+            tip_on_surface=not known,
+            device="OpenXR through Isaac Teleop",
+            findings=tuple(findings),
+        ),
+        content.name,
+        options,
+    )
+
+
+def _side(topic: str) -> HandSide:
+    words = re.findall("[a-z]+", topic.lower())
+    return "right" if "right" in words else "left" if "left" in words else ""
+
+
+def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> Array:
+    """When each sample was taken, from the first one on [s]."""
+    if all(len(each) == 3 for each in stamps):
+        there, taken, device = np.array(stamps, dtype=np.int64).T
+        own, host = (device - device[0]) * NANOSECOND, (taken - taken[0]) * NANOSECOND
+        late = 1e3 * NANOSECOND * float(np.median(there - taken))
+        text = f"stamps: when the sample was taken, host's clock; there {late:.1f} ms later in the median"
+        if device.any():
+            text += f", off the device's clock by up to {1e3 * float(np.abs(own - host).max()):.1f} ms"
+        findings.append(note(text))
+        return np.asarray(host)
+    logged = np.array([each[-1] for each in stamps], dtype=np.int64)
+    findings.append(note("stamps: when the messages were logged; the records have no others"))
+    return np.asarray((logged - logged[0]) * NANOSECOND)
+
+
+def _records(data: bytes, depth: int = 0) -> Iterator[tuple[int, bytes]]:
+    """Every record with its code, those in chunks too."""
+    place = len(MAGIC) if depth == 0 else 0
+    if depth == 0 and not data.startswith(MAGIC):
+        raise TrajectoryError("no MCAP file: it does not begin as one")
+    while place + 9 <= len(data):
+        code = data[place]
+        (length,) = _unpack("<Q", data, place + 1)
+        body = data[place + 9 : place + 9 + length]
+        if len(body) < length:
+            raise TrajectoryError(
+                f"a damaged MCAP file: a record at byte {place} ends beyond the file; was it cut short?"
+            )
+        if code == CHUNK and depth == 0:
+            yield from _records(_chunk(body), depth + 1)
+        else:
+            yield code, body
+        place += 9 + length
+    if depth == 0 and data[place:] != MAGIC:
+        raise TrajectoryError("a damaged MCAP file: it does not end as one; was it cut short?")
+
+
+def _chunk(body: bytes) -> bytes:
+    """The records of a chunk, unpacked, held against its checksum."""
+    import zlib
+
+    size, checksum = _unpack("<QI", body, 16)
+    compression, place = _text(body, 28)
+    (length,) = _unpack("<Q", body, place)
+    packed = body[place + 8 : place + 8 + length]
+    if size > MOST_BYTES:
+        raise TrajectoryError("a damaged MCAP file: a chunk of more than 1 GB")
+    if compression:
+        try:
+            from pyarrow import Codec
+        except ImportError:
+            raise TrajectoryError(f"an MCAP file packed by {compression}: pip install pyarrow") from None
+        try:
+            packed = Codec(compression).decompress(packed, size, asbytes=True)
+        except (ValueError, OSError, MemoryError, OverflowError) as error:
+            reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+            raise TrajectoryError(f"a damaged MCAP file: a chunk of {compression[:20]!r}: {reason}") from None
+    if len(packed) != size or (checksum and zlib.crc32(packed) != checksum):
+        raise TrajectoryError("a damaged MCAP file: a chunk differs from its checksum")
+    return packed
+
+
+def _sample(message: _Message) -> _Sample:
+    """Stamps and joints of a record: a FlatBuffers table of a table and a struct of three stamps."""
+    data = message.data
+    (root,) = _unpack("<I", data, 0)
+    stamp = _field(data, root, 1)
+    hand = _field(data, root, 0)
+    stamps: tuple[int, ...] = (message.log_time,)
+    if stamp:
+        stamps = _unpack("<qqq", data, stamp)
+    if not hand:
+        return _Sample(stamps, None)
+    (offset,) = _unpack("<I", data, hand)
+    joints = _field(data, hand + offset, 0)
+    if not joints:
+        return _Sample(stamps, None)
+    if joints + len(OPENXR_JOINTS) * JOINT.itemsize > len(data):
+        raise TrajectoryError("a damaged MCAP file: a hand ends beyond its message")
+    return _Sample(stamps, np.frombuffer(data, JOINT, len(OPENXR_JOINTS), joints))
+
+
+def _field(data: bytes, table: int, index: int) -> int:
+    """Where a field of a table is; 0 where it is left out."""
+    (back,) = _unpack("<i", data, table)
+    (size,) = _unpack("<H", data, table - back)
+    if 4 + 2 * index >= size:
+        return 0
+    (offset,) = _unpack("<H", data, table - back + 4 + 2 * index)
+    return table + offset if offset else 0
+
+
+def _unpack(form: str, data: bytes, place: int) -> tuple[int, ...]:
+    try:
+        if place < 0:
+            raise struct.error
+        return struct.unpack_from(form, data, place)
+    except struct.error:
+        raise TrajectoryError("a damaged MCAP file: a number beyond the end of its record") from None
+
+
+def _text(data: bytes, place: int) -> tuple[str, int]:
+    """A text with its length before it, and where it ends."""
+    (length,) = _unpack("<I", data, place)
+    end = place + 4 + length
+    if end > len(data):
+        raise TrajectoryError("a damaged MCAP file: a text beyond the end of its record")
+    return data[place + 4 : end].decode("utf-8", errors="replace"), end
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return content.head.startswith(MAGIC)
+
+
+FORMAT = RecordingFormat(
+    "mcap", "MCAP with the hands of OpenXR, as Isaac Teleop records them", (".mcap",), _sniff, _read
+)

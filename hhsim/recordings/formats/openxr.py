@@ -1,0 +1,158 @@
+"""Tables whose columns are named after the joints of a hand: OpenXR's 26, WebXR's 25, MediaPipe's 21.
+
+The names may be anybody's (left_index_tip_x, XR_HAND_JOINT_INDEX_TIP_EXT_x, R_IndexTip.PosX, WRIST_x, …); columns of
+quaternions are not needed, a radius and a column of validity are read where they are. OpenXR's world has y up, right
+handed. Unity's z points the other way: there a right hand is a left one's mirror, which its fingers tell.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.fingers import FINGERS
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.csv_table import Table, read_header, read_table
+from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name, joints_found, joints_missing
+from hhsim.recordings.joint_positions import (
+    JointPositions,
+    bends_as,
+    chosen_side,
+    evenly,
+    joints_by_name,
+    recording_of_joints,
+)
+from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.time_column import time_column
+from hhsim.recordings.unit_detection import TIME_UNITS
+
+Array = NDArray[np.float64]
+
+FEWEST = 4
+"""So many joints with coordinates are no coincidence of names."""
+UNITY = np.array([1.0, 1.0, -1.0])
+"""From Unity's left-handed world to a right-handed one, y up in both."""
+
+Columns = dict[HandSide, dict[str, dict[str, str]]]
+"""Of each hand the columns of each joint, by their part."""
+
+
+def _columns(header: tuple[str, ...]) -> Columns:
+    found: Columns = {}
+    for name in header:
+        said: JointName = joint_name(name)
+        if said.joint and said.part in ("x", "y", "z", "radius", "valid"):
+            found.setdefault(said.side, {}).setdefault(said.joint, {}).setdefault(said.part, name)
+    return {side: joints for side, joints in found.items() if any(_whole(parts) for parts in joints.values())}
+
+
+def _whole(parts: dict[str, str]) -> bool:
+    return {"x", "y", "z"} <= set(parts)
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording of the hand that is asked for, else of the one with more columns, the right one of equals.
+
+    Raises:
+        TrajectoryError: Joints or stamps are missing; the message says what was recognised.
+    """
+    table = read_table(content.text)
+    hands = _columns(table.header)
+    if not hands:
+        raise TrajectoryError("no columns named after the joints of a hand, such as left_index_tip_x")
+    named = {side: {joint for joint, parts in joints.items() if _whole(parts)} for side, joints in hands.items()}
+    side, findings = chosen_side({each: len(joints) for each, joints in named.items()}, options.hand)
+    what = f"{joints_found(named[side])}{f' of the {side} hand' if side else ''} named"
+    missing = joints_missing(named[side])
+    if missing:
+        raise TrajectoryError(f"{what}, but no x, y, z of {missing}; expected at least MediaPipe's 21")
+    count = len(table.rows)
+    stamps = time_column(name for name in table.header if not joint_name(name).joint)
+    if stamps is None and options.rate is None:
+        raise TrajectoryError(f"{what}, but no column with a time; add one, or say --rate")
+    findings = [*table.findings, *findings, note(what)]
+    if stamps is None:
+        time, finding = evenly(count, options)
+        findings.append(finding)
+    else:
+        time = _numbers(table, [stamps.name], findings)[:, 0]
+        if stamps.unit is not None:
+            # Whole numbers of ns since 1970 keep their steps only if the first is taken off before they are scaled.
+            time = _from_first(time, stamps.unit)
+        if stamps.others:
+            findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
+    joints = hands[side]
+    positions = {
+        joint: _numbers(table, [joints[joint][axis] for axis in "xyz"], findings)
+        for joint in named[side] & set(KEYPOINTS)
+    }
+    points = joints_by_name(positions, count)
+    stated = side or options.hand
+    if not options.hand and stated and bends_as(points) not in ("", stated):
+        points = points * UNITY
+        findings.append(
+            note(
+                f"the {stated} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, "
+                "and z is turned round; if the hand is another one, say --hand"
+            )
+        )
+    radii = {joint: parts["radius"] for joint, parts in joints.items() if "radius" in parts and joint in KEYPOINTS}
+    radius = None
+    if len(radii) == len(KEYPOINTS):
+        radius = np.column_stack([_numbers(table, [radii[joint]], findings)[:, 0] for joint in KEYPOINTS])
+    valid = [parts["valid"] for parts in joints.values() if "valid" in parts]
+    doubtful = (_truths(table, valid) == 0.0).any(axis=1) if valid else None
+    xr = named[side] & {"palm", *(f"{finger}_metacarpal" for finger in FINGERS[1:])}
+    return recording_of_joints(
+        JointPositions(
+            time=time,
+            position=points,
+            form="openxr",
+            hand=stated,
+            up="y" if xr else None,
+            radius=radius,
+            doubtful=doubtful,
+            # Joints with radii are balls to the last; without, a tip is taken for a point of the skin.
+            tip_on_surface=radius is None,
+            time_stated=stamps is None or stamps.unit is not None,
+            findings=tuple(findings),
+        ),
+        content.name,
+        options,
+    )
+
+
+def _from_first(time: Array, unit: str) -> Array:
+    finite = time[np.isfinite(time)]
+    return (time - (finite[0] if finite.size else 0.0)) * TIME_UNITS[unit]
+
+
+def _numbers(table: Table, columns: list[str], findings: list[Finding]) -> Array:
+    values, broken = table.numbers(columns)
+    if broken:
+        findings.append(note(f"{broken} cell(s) of {columns[0]} and its like that are no numbers: taken as missing"))
+    return values
+
+
+def _truths(table: Table, columns: list[str]) -> Array:
+    words = {"true": 1.0, "false": 0.0, "1": 1.0, "0": 0.0, "1.0": 1.0, "0.0": 0.0}
+    return np.array([[words.get(cell.lower(), 1.0) for cell in table.text(column)] for column in columns]).T
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    if options.columns is not None or not content.is_text or content.beginning.lstrip()[:1] in ("{", "["):
+        return False
+    try:
+        hands = _columns(read_header(content.text))
+    except (TrajectoryError, InputError):
+        return False
+    return any(sum(_whole(parts) for parts in joints.values()) >= FEWEST for joints in hands.values())
+
+
+FORMAT = RecordingFormat(
+    "openxr",
+    "a table with columns named after the joints: OpenXR, WebXR, Unity XR Hands, MediaPipe",
+    (".csv",),
+    _sniff,
+    _read,
+)

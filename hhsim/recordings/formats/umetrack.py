@@ -1,0 +1,146 @@
+"""UmeTrack hands: a wrist's pose and 20 joint angles a sample, and the sizes of the user's hand in a profile.
+
+The profile is JSON with `hand_model`: rest positions [mm] and axes of 22 joints, four a finger and two of the wrist,
+rest positions of landmarks and the frame that each follows. It describes a left hand; a right one is its mirror in x of
+the wrist's frame. A joint turns all that follows it about its axis through its rest position.
+
+The file beside the recording whose name ends in user_profile.json is taken, or that of --profile. The files do not say
+which axis of the world points up: on Quest it is y, on Aria z.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.json_document import keys_of
+from hhsim.recordings.pose_lines import read_pose_lines
+from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+
+Array = NDArray[np.float64]
+
+ANGLES = 20
+PROFILE = "*user_profile.json"
+MILLIMETRE = 1e-3
+WRIST = 5
+"""Landmark of the wrist; those before it are the fingertips, thumb to little finger."""
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """The recording of the hand that is asked for, else of the one in more lines.
+
+    Raises:
+        TrajectoryError: No poses, no profile, or one that does not describe a hand.
+    """
+    poses = read_pose_lines(content.text, "joint_angles", options.hand)
+    if poses.numbers.shape[1] < ANGLES:
+        raise TrajectoryError(f"{poses.numbers.shape[1]} joint angles of the {poses.hand} hand; expected {ANGLES}")
+    path, chosen = _profile_path(content, options)
+    rest, axes, landmarks = _profile(path)
+    local = hand_points(rest, axes, landmarks, poses.numbers[:, :ANGLES])
+    if poses.hand == "right":
+        local = local * [-1.0, 1.0, 1.0]
+    points = np.einsum("tij,tkj->tki", _matrices(poses.orientation), local) + poses.translation[:, None]
+    findings = [*poses.findings, note(f"20 angles of the {poses.hand} hand, sizes from {path.name}{chosen}")]
+    up = options.world_up
+    if up is None:
+        findings.append(note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up"))
+    return recording_of_joints(
+        JointPositions(
+            time=poses.time,
+            position=points,
+            form="umetrack",
+            hand=poses.hand,
+            unit=1.0,
+            up=up or "y",
+            findings=tuple(findings),
+        ),
+        content.name,
+        options,
+    )
+
+
+def hand_points(rest: Array, axes: Array, landmarks: Array, angles: Array) -> Array:
+    """The 21 joints in the frame of the wrist, shape (T, 21, 3), in the unit of the profile.
+
+    Args:
+        rest: Rest positions of the joints, shape (20, 3).
+        axes: Their unit axes, shape (20, 3).
+        landmarks: Rest positions of the 21 landmarks of the profile, shape (21, 3).
+        angles: [rad], shape (T, 20).
+    """
+    points = np.empty((len(angles), 21, 3))
+    points[:, 0] = landmarks[WRIST]
+    for finger in range(5):
+        rotation, shift = np.tile(np.eye(3), (len(angles), 1, 1)), np.zeros((len(angles), 3))
+        for k in range(4):
+            joint = 4 * finger + k
+            if k > 0:
+                # The first two joints of a finger are at one place, those of the thumb's base are not.
+                points[:, 4 * finger + k] = rotation @ rest[joint] + shift
+            turn = rotation_matrix(quaternion(angles[:, joint, None] * axes[joint]))
+            # About an axis through the rest position, after the joints before: x ↦ turn·(x - p) + p.
+            shift = shift + np.einsum("tij,tj->ti", rotation, rest[joint] - turn @ rest[joint])
+            rotation = rotation @ turn
+        points[:, 4 * finger + 4] = rotation @ landmarks[finger] + shift
+    return points
+
+
+def _matrices(orientation: Array) -> Array:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(rotation_matrix(orientation / np.linalg.norm(orientation, axis=1, keepdims=True)))
+
+
+def _profile_path(content: Content, options: ReadOptions) -> tuple[Path, str]:
+    if options.profile is not None:
+        return options.profile, ""
+    beside = sorted(content.path.parent.glob(PROFILE)) if content.path is not None else []
+    if len(beside) != 1:
+        found = f"{len(beside)} files {PROFILE} beside it" if beside else "none beside it"
+        raise TrajectoryError(f"UmeTrack poses need the profile of the hand, and there is {found}: say --profile")
+    return beside[0], ", which lies beside"
+
+
+def _profile(path: Path) -> tuple[Array, Array, Array]:
+    """Rest positions and axes of the joints, and the landmarks, in metres."""
+    try:
+        document: Any = json.loads(path.read_bytes())
+    except OSError as error:
+        raise TrajectoryError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError):
+        raise TrajectoryError(f"{path}: not JSON; expected the profile of an UmeTrack hand") from None
+    model = document.get("hand_model", document) if isinstance(document, dict) else None
+    if not isinstance(model, dict):
+        raise TrajectoryError(f"{path}: {keys_of(document)}; expected the profile of an UmeTrack hand")
+    rest = MILLIMETRE * _numbers(path, model, "joint_rest_positions", ANGLES)
+    axes = _numbers(path, model, "joint_rotation_axes", ANGLES)
+    norm = np.linalg.norm(axes, axis=1, keepdims=True)
+    if not (np.abs(norm - 1.0) < 0.02).all():
+        raise TrajectoryError(f"{path}: joint_rotation_axes are no unit vectors")
+    return rest, axes / norm, MILLIMETRE * _numbers(path, model, "landmark_rest_positions", 21)
+
+
+def _numbers(path: Path, model: dict[str, Any], key: str, count: int) -> Array:
+    try:
+        values = np.array(model.get(key), dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.zeros(0)
+    if values.ndim != 2 or values.shape[0] < count or values.shape[1] != 3 or not np.isfinite(values).all():
+        raise TrajectoryError(f"{path}: {key} is not at least {count} points; expected the profile of an UmeTrack hand")
+    return values[:count]
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    text = content.beginning
+    return text.lstrip().startswith("{") and '"hand_poses"' in text and '"joint_angles"' in text
+
+
+FORMAT = RecordingFormat(
+    "umetrack", "UmeTrack poses, one JSON object a line, with the user's profile", (".jsonl",), _sniff, _read
+)

@@ -1,0 +1,302 @@
+"""Joint centres of one hand, and the recording that our hand makes of them: the one way for every device.
+
+Our palm is laid into the wrist and the knuckles as it lies in our own, its origin where our knuckles meet the recorded
+ones; the fingers' angles are those that bring our bones nearest (`hhsim.recordings.finger_ik`). The device's own frames
+of palm and joints are not used: rigs differ in them, joint centres do not.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import DEFAULT_HAND_LENGTH
+from hhsim.motion.sample_flags import SampleFlag
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
+from hhsim.recordings.frames import in_palm, to_our_world
+from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
+from hhsim.recordings.recording import MOST, Finding, Recording, note
+from hhsim.recordings.recording_format import ReadOptions
+from hhsim.recordings.unit_detection import LENGTH_UNITS
+
+Array = NDArray[np.float64]
+
+HAND_LENGTHS = (0.12, 0.26)
+"""Hands are this long from the wrist to the middle fingertip [m], children's too: the units' ranges do not meet."""
+BENT = np.radians(8.0)
+"""Fingers that are bent by more than this on average say which side of the hand is the palm."""
+HELD = 0.2
+"""Where a larger share of samples repeats the one before, the device is slower than the file."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointPositions:
+    """The 21 joints of `KEYPOINTS` over time, as a device gave them.
+
+    Attributes:
+        time: Stamps [s], or in another unit if `time_stated` is false, NaN where missing, shape (T,).
+        position: Joint centres in the order of `KEYPOINTS`, NaN where missing, shape (T, 21, 3).
+        form: The word for the format.
+        hand: Which hand; "" where nobody said.
+        unit: Metres a unit of `position`; None where that follows from the length of the hand.
+        up: Axis of the device's world that points up; None where the positions are in no world, so that the wrist has
+            to stand still.
+        radius: From the joint to the skin, in the unit of `position`, shape (T, 21); None where there is none.
+        doubtful: Samples that the device itself was not sure of, shape (T,); None for none.
+        tip_on_surface: Whether the tips are points of the skin; else they are the centres of the fingertips.
+        time_stated: Whether the stamps are known to be seconds.
+        device, source: As in `Recording`.
+        findings: Of the reader.
+    """
+
+    time: Array
+    position: Array
+    form: str
+    hand: HandSide = ""
+    unit: float | None = None
+    up: str | None = None
+    radius: Array | None = None
+    doubtful: NDArray[np.bool_] | None = None
+    tip_on_surface: bool = True
+    time_stated: bool = True
+    device: str = ""
+    source: str = ""
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make infinity and what is beyond any reading missing, and check the shapes."""
+        count = len(self.time)
+        shapes = {"time": (count,), "position": (count, len(KEYPOINTS), 3), "radius": (count, len(KEYPOINTS))}
+        for key, shape in shapes.items():
+            given = getattr(self, key)
+            if given is None:
+                continue
+            values = np.array(given, dtype=np.float64)
+            if values.shape != shape:
+                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {count} stamp(s)")
+            with np.errstate(invalid="ignore"):
+                values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
+                if key == "radius":
+                    values[~(values > 0.0)] = np.nan
+            object.__setattr__(self, key, values)
+
+
+def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions) -> Recording:
+    """The recording that our hand makes of joint centres.
+
+    Args:
+        joints: Of the device.
+        name: Of the recording.
+        options: What the user says: the hand, the unit, the axis that points up.
+
+    Raises:
+        TrajectoryError: No sample with wrist and knuckles, a hand of no known side, or none of any known size.
+        InputError: Axes of a palm frame, which joint centres do not have.
+    """
+    if options.palm_axes is not None:
+        raise InputError("--palm-axes: there is no palm frame here, it follows from the wrist and the knuckles")
+    whole = np.isfinite(joints.position).all(axis=(1, 2))
+    if not np.isfinite(joints.position[:, [0, 5, 9, 13, 17]]).all(axis=(1, 2)).any():
+        raise TrajectoryError(f"no sample of {len(joints.time)} holds the wrist and the four knuckles")
+    if not whole.any():
+        missing = [KEYPOINTS[k] for k in range(len(KEYPOINTS)) if np.isnan(joints.position[:, k]).any(axis=1).all()]
+        raise TrajectoryError(f"no sample holds all 21 joints; missing: {', '.join(missing[:4]) or 'one or another'}")
+    findings = list(joints.findings)
+    metre, unit_finding = _scale(joints, options)
+    findings += unit_finding
+    points = metre * joints.position
+    seen = ~(np.ptp(points, axis=1) == 0.0).all(axis=1)
+    if not seen.all():
+        points[~seen] = np.nan
+        findings.append(
+            note(f"{int((~seen).sum())} sample(s) with all joints at one point: no hand was seen, so missing")
+        )
+    radius = None if joints.radius is None else metre * joints.radius
+    side, side_findings = _side(points, options.hand or joints.hand)
+    findings += side_findings
+    fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
+    orientation = palm_from_knuckles(fingers[:, 1:, 0], wrist, side)
+    flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
+    position = palm_origin(fingers[:, 1:, 0], orientation, side)
+    chains = FingerChains(
+        fingers,
+        wrist,
+        None if radius is None else radius[:, 1:].reshape(-1, len(FINGERS), 4),
+        joints.tip_on_surface,
+    )
+    bones = recorded_bones(chains, Posture(position, orientation, flexion, abduction), side)
+    findings.append(note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median"))
+    up = options.world_up or joints.up
+    if up is None:
+        findings.append(
+            note(
+                "no world frame: the wrist stands still and level; if the positions are in a world, say which axis "
+                "points up with --world-up"
+            )
+        )
+        # Where the palm is missing it stays so: that sample says nothing of the fingers either.
+        lost = np.isnan(orientation).any(axis=1, keepdims=True)
+        position = np.where(lost, np.nan, np.zeros_like(position))
+        orientation = np.where(lost, np.nan, np.array([1.0, 0.0, 0.0, 0.0]))
+    else:
+        position, orientation = to_our_world(position, orientation, up)
+        findings.append(note(f"world {up} up; the palm follows from the wrist and the knuckles"))
+    findings += _held(joints)
+    recording = Recording(
+        time=joints.time,
+        position=position,
+        orientation=orientation,
+        flexion=flexion,
+        abduction=abduction,
+        stated=frozenset({"length", "angle"} | ({"time"} if joints.time_stated else set())),
+        scaled=True,
+        form=joints.form,
+        name=name,
+        source=joints.source,
+        device=joints.device,
+        hand=side,
+        hand_length=bones.hand_length,
+        bones=bones,
+        findings=tuple(findings),
+    )
+    if joints.doubtful is not None and joints.doubtful.any():
+        text = "not valid or not tracked, says the device: kept where there are numbers"
+        recording = recording.flagged(joints.doubtful, SampleFlag.INVALID, text)
+    return recording
+
+
+def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Finding]]:
+    """Metres a unit, and what there is to say of it."""
+    wrist, middle = joints.position[:, 0], joints.position[:, 9:13]
+    bones = np.linalg.norm(np.diff(middle, axis=1), axis=2).sum(axis=1)
+    lengths = np.linalg.norm(middle[:, 0] - wrist, axis=1) + bones
+    length = float(np.median(lengths[np.isfinite(lengths)]))
+    low, high = HAND_LENGTHS
+    said = f"the hand is {length:.4g} long from wrist to middle fingertip"
+    if options.length_unit is not None or joints.unit is not None:
+        metre = LENGTH_UNITS[options.length_unit] if options.length_unit is not None else joints.unit
+        assert metre is not None
+        if not low <= metre * length <= high:
+            raise TrajectoryError(
+                f"the hand is {metre * length:.4g} m long from wrist to middle fingertip; expected {low:g} to "
+                f"{high:g} m: say --length-unit"
+            )
+        return metre, []
+    fitting = [(word, metre) for word, metre in LENGTH_UNITS.items() if low <= metre * length <= high]
+    if fitting:
+        word, metre = fitting[0]
+        return metre, [note(f"no unit named: {said}, taken for {word}; if it is not, say --length-unit")]
+    if not length > 0.0:
+        raise TrajectoryError(f"{said}; expected the joints of a hand")
+    wanted = options.hand_length or DEFAULT_HAND_LENGTH
+    text = (
+        f"no scale: {said}, which is no hand in m, cm, mm or inch: taken for a hand of {1e3 * wanted:.0f} mm "
+        f"({'as --hand-length says' if options.hand_length else 'the usual one, else say --hand-length'}); angles are "
+        "right if x, y and z have one scale"
+    )
+    return wanted / length, [note(text)]
+
+
+def _side(points: Array, hand: HandSide) -> tuple[HandSide, list[Finding]]:
+    """Which hand it is, as was said, or as the fingers bend, and what there is to say of it."""
+    if hand:
+        bend = _bend(points, hand)
+        if bend < -BENT:
+            text = (
+                f"as a {hand} hand its fingers bend backwards by {np.degrees(-bend):.0f}° on average: is it the other "
+                "hand, or mirrored?"
+            )
+            return hand, [note(text)]
+        return hand, []
+    side = bends_as(points)
+    if not side:
+        raise TrajectoryError(
+            "the file does not say which hand it is, and its fingers are too straight to tell: --hand"
+        )
+    return side, [
+        note(f"the file does not say which hand it is: a {side} one by the way its fingers bend; else say --hand")
+    ]
+
+
+def bends_as(points: Array) -> HandSide:
+    """The hand that joint centres in a right-handed world are, by their fingers' bend; "" where that is too little.
+
+    Args:
+        points: In the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
+    """
+    bend = {side: _bend(points, side) for side in _SIDES}
+    side = max(_SIDES, key=lambda each: bend[each])
+    return side if bend[side] >= BENT else ""
+
+
+_SIDES: tuple[HandSide, HandSide] = ("right", "left")
+
+
+def _bend(points: Array, side: HandSide) -> float:
+    """Mean flexion of the joints of index to little finger, were it this hand [rad]."""
+    fingers = points[:, 5:].reshape(-1, 4, 4, 3)
+    orientation = palm_from_knuckles(fingers[:, :, 0], points[:, 0], side)
+    chains = np.concatenate([fingers[:, :1], fingers], axis=1)
+    flexion, _, _ = finger_angles(in_palm(np.diff(chains, axis=2), orientation), side)
+    values = flexion[:, 1:][np.isfinite(flexion[:, 1:])]
+    return float(values.mean()) if values.size else 0.0
+
+
+def _held(joints: JointPositions) -> list[Finding]:
+    """What there is to say of samples that repeat the one before."""
+    flat = joints.position.reshape(len(joints.time), -1)
+    same = (flat[1:] == flat[:-1]).all(axis=1)
+    if not same.size or same.mean() <= HELD:
+        return []
+    text = (
+        f"{int(same.sum())} of {len(flat)} samples repeat the one before: the device gives "
+        f"{100 * (1 - same.mean()):.0f} of 100 anew and holds the others; left as they are"
+    )
+    return [note(text)]
+
+
+def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:
+    """The hand that is asked for, else that of more samples, the right one of equals, and what there is to say of it.
+
+    Args:
+        samples: Of each hand in the file; "" is a hand of no stated side.
+        wanted: What the user says; "" for nothing.
+
+    Raises:
+        TrajectoryError: The hand that is asked for is not in the file.
+    """
+    if wanted and wanted not in samples and "" not in samples:
+        raise TrajectoryError(f"no {wanted} hand; the file has {' and '.join(f'a {s} one' for s in samples)}")
+    if wanted:
+        return (wanted if wanted in samples else ""), []
+    side = max(samples, key=lambda each: (samples[each], each))
+    other = [each for each, count in samples.items() if count and each not in ("", side)]
+    return side, [note(f"{side} hand; the {other[0]} one is there too: --hand")] if other else []
+
+
+def evenly(count: int, options: ReadOptions) -> tuple[Array, Finding]:
+    """Stamps [s] of samples that have none, and what there is to say of them.
+
+    Raises:
+        TrajectoryError: Nobody says how many a second there are.
+    """
+    if options.rate is None:
+        raise TrajectoryError(f"{count} samples without a stamp; say how many there are a second: --rate")
+    return np.arange(count) / options.rate, note(f"no stamps: made from the rate, {options.rate:g} Hz")
+
+
+def joints_by_name(positions: dict[str, Any], count: int) -> Array:
+    """The joints of `KEYPOINTS` from those of any larger set, shape (T, 21, 3); what is not there is NaN.
+
+    Args:
+        positions: Arrays of shape (T, 3) by the joints' names.
+        count: T.
+    """
+    missing = np.full((count, 3), np.nan)
+    return np.stack([np.asarray(positions.get(joint, missing), dtype=np.float64) for joint in KEYPOINTS], axis=1)

@@ -1,0 +1,227 @@
+"""The user's own MANO file: what the joints of a pose need of it, read without running anything that is in it.
+
+The official files are pickles of Python 2 with arrays, sparse matrices and arrays of the package chumpy. A pickle can
+run any code; this one is read by an unpickler that makes arrays, and keeps the state of a few known classes as data.
+Any other class in it is refused. Of `.npz` files arrays are read, never pickled objects.
+
+Rotation of joint j about its place, after its parent's: the tree and the joint regressor are the file's, vertices move
+by linear blend skinning with shape and pose corrections, as Romero, Tzionas & Black (ACM TOG 36(6), 2017) have them.
+"""
+
+import io
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.motion.npz_arrays import read_npz
+
+Array = NDArray[np.float64]
+
+VERTICES, JOINTS, SHAPES = 778, 16, 10
+TIPS = (744, 320, 443, 554, 671)
+"""Vertices at the tips of thumb to little finger, as is usual with this mesh."""
+KEYPOINT_JOINTS = (0, 13, 14, 15, 1, 2, 3, 4, 5, 6, 10, 11, 12, 7, 8, 9)
+"""MANO's joints (wrist, index, middle, little, ring, thumb) in the order wrist, thumb, index, middle, ring, little."""
+MOST_BYTES = 1 << 28
+CONVERT = (
+    "make an .npz of its arrays where it can be loaded: v_template, shapedirs, posedirs, J_regressor, weights, "
+    "kintree_table, hands_components, hands_mean"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ManoModel:
+    """A MANO hand.
+
+    Attributes:
+        template: Vertices at rest [m], shape (778, 3).
+        shapes: Their change with the shape, shape (778, 3, 10).
+        corrections: Their change with the pose, shape (778, 3, 135).
+        regressor: Joints from vertices, shape (16, 778).
+        weights: Of the joints on each vertex, shape (778, 16).
+        parents: Parent of each joint, shape (16,); the wrist has none and says -1.
+        components: Of the poses, one a row, shape (45, 45).
+        mean: Mean pose [rad], shape (45,).
+    """
+
+    template: Array
+    shapes: Array
+    corrections: Array
+    regressor: Array
+    weights: Array
+    parents: NDArray[np.int64]
+    components: Array
+    mean: Array
+
+    def keypoints(self, rotation: Array, pose: Array, translation: Array, betas: Array) -> Array:
+        """The 21 joints of poses [m], in the order of `hhsim.recordings.joint_names.KEYPOINTS`, shape (T, 21, 3).
+
+        Args:
+            rotation: Of the wrist, as a rotation vector [rad], shape (T, 3).
+            pose: Rotation vectors of the 15 joints from the flat hand [rad], shape (T, 45).
+            translation: [m], shape (T, 3).
+            betas: Coefficients of the shape, at most 10.
+        """
+        shape = np.zeros(SHAPES)
+        shape[: len(betas)] = betas
+        rest = self.template + self.shapes @ shape
+        joints = self.regressor @ rest
+        turns = rotation_matrix(quaternion(np.concatenate([rotation, pose], axis=1).reshape(len(pose), JOINTS, 3)))
+        tips = list(TIPS)
+        bend = (turns[:, 1:] - np.eye(3)).reshape(len(pose), -1)
+        skin = rest[tips] + np.einsum("vip,tp->tvi", self.corrections[tips], bend)
+        world, shift = np.empty_like(turns), np.empty((len(pose), JOINTS, 3))
+        for j, parent in enumerate(self.parents):
+            above = np.tile(np.eye(3), (len(pose), 1, 1)) if parent < 0 else world[:, parent]
+            origin = joints[j] if parent < 0 else above @ joints[j] + shift[:, parent]
+            world[:, j] = above @ turns[:, j]
+            shift[:, j] = origin - world[:, j] @ joints[j]
+        at = np.einsum("tjik,jk->tji", world, joints) + shift
+        blended = np.einsum("vj,tjik,tvk->tvi", self.weights[tips], world, skin) + self.weights[tips] @ shift
+        chains = at[:, list(KEYPOINT_JOINTS)]
+        fingers = [np.concatenate([chains[:, 1 + 3 * f : 4 + 3 * f], blended[:, f : f + 1]], axis=1) for f in range(5)]
+        return np.concatenate([chains[:, :1], *fingers], axis=1) + translation[:, None]
+
+
+def read_mano_model(path: Path) -> ManoModel:
+    """Read a MANO model.
+
+    Raises:
+        TrajectoryError: No such file, something in it that is not data, or arrays missing or of another shape.
+    """
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise TrajectoryError(f"{path}: more than 256 MB; expected a MANO model")
+        data = path.read_bytes()
+    except OSError as error:
+        raise TrajectoryError(f"{path}: cannot be read: {error.strerror or error}") from None
+    try:
+        fields = read_npz(data) if data.startswith(b"PK") else _unpickled(data)
+        return _model(fields)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{path}: {error}") from None
+
+
+class _State:
+    """An object of a class that is not made: its state, as data."""
+
+    def __init__(self, *arguments: Any) -> None:
+        self.arguments = arguments
+        self.state: Any = None
+
+    def __setstate__(self, state: Any) -> None:
+        self.state = state
+
+
+class _Unpickler(pickle.Unpickler):
+    """Makes arrays; of sparse matrices and of chumpy's arrays only their state."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """A class of these few; nothing else can be reached from the file."""
+        if module in ("numpy.core.multiarray", "numpy._core.multiarray") and name in ("_reconstruct", "scalar"):
+            from numpy._core import multiarray
+
+            return getattr(multiarray, name)
+        if module == "numpy" and name in ("ndarray", "dtype"):
+            return getattr(np, name)
+        if (module, name) == ("_codecs", "encode"):
+            return _encode
+        if module.split(".")[0] == "chumpy" or module.startswith("scipy.sparse"):
+            return _State
+        if (module, name) in (("copy_reg", "_reconstructor"), ("copyreg", "_reconstructor")):
+            return _reconstructed
+        if (module, name) in (("__builtin__", "object"), ("builtins", "object")):
+            return object
+        raise TrajectoryError(f"holds {module}.{name}, which is not data, so it is not loaded; {CONVERT}")
+
+
+def _encode(text: str, encoding: str = "latin1") -> bytes:
+    return text.encode("latin1")
+
+
+def _reconstructed(kind: Any, base: Any, state: Any) -> Any:
+    if kind is not _State:
+        raise TrajectoryError(f"holds an object that is not data, so it is not loaded; {CONVERT}")
+    return _State()
+
+
+def _unpickled(data: bytes) -> Mapping[str, Any]:
+    try:
+        fields = _Unpickler(io.BytesIO(data), encoding="latin1").load()
+    except TrajectoryError:
+        raise
+    except Exception as error:
+        # A damaged pickle raises whatever its bytes happen to ask for.
+        raise TrajectoryError(f"no pickle, or a damaged one ({type(error).__name__}); expected a MANO model") from None
+    if not isinstance(fields, dict):
+        raise TrajectoryError("a pickle of something else; expected the dictionary of a MANO model")
+    return {str(key): value for key, value in fields.items()}
+
+
+def _plain(value: Any, depth: int = 0) -> Any:
+    """The array in the state of an object; None where there is none."""
+    if not isinstance(value, _State) or depth > 4:
+        return value
+    state = value.state
+    if isinstance(state, tuple):
+        state = next((part for part in state if isinstance(part, dict)), None)
+    if not isinstance(state, dict):
+        return None
+    if {"data", "indices", "indptr"} <= set(state):
+        from scipy.sparse import csc_matrix
+
+        shape = state.get("_shape", state.get("shape"))
+        return csc_matrix((state["data"], state["indices"], state["indptr"]), shape=shape).toarray()
+    if {"a", "idxs"} <= set(state):
+        inner = _plain(state["a"], depth + 1)
+        return np.asarray(inner).ravel()[np.asarray(state["idxs"])].reshape(state.get("preferred_shape", (-1,)))
+    return _plain(state["x"], depth + 1) if "x" in state else None
+
+
+def _model(fields: Mapping[str, Any]) -> ManoModel:
+    shapes: dict[str, tuple[int, ...]] = {
+        "v_template": (VERTICES, 3),
+        "shapedirs": (VERTICES, 3, SHAPES),
+        "posedirs": (VERTICES, 3, 9 * (JOINTS - 1)),
+        "J_regressor": (JOINTS, VERTICES),
+        "weights": (VERTICES, JOINTS),
+        "hands_components": (45, 45),
+        "hands_mean": (45,),
+    }
+    arrays = {key: _array(fields, key, shape) for key, shape in shapes.items()}
+    tree = _array(fields, "kintree_table", (2, JOINTS))[0]
+    parents = np.where(np.arange(JOINTS) == 0, -1, tree).astype(np.int64)
+    if not ((parents < np.arange(JOINTS)) & (parents >= np.where(np.arange(JOINTS) == 0, -1, 0))).all():
+        raise TrajectoryError("kintree_table is no tree of 16 joints; expected a MANO model")
+    return ManoModel(
+        arrays["v_template"],
+        arrays["shapedirs"],
+        arrays["posedirs"],
+        arrays["J_regressor"],
+        arrays["weights"],
+        parents,
+        arrays["hands_components"],
+        arrays["hands_mean"],
+    )
+
+
+def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Array:
+    if key not in fields:
+        held = ", ".join(sorted(map(str, fields))[:6]) or "nothing"
+        raise TrajectoryError(f"no '{key}', it holds {held}; expected a MANO model")
+    try:
+        values = np.asarray(_plain(fields[key]), dtype=np.float64)
+    except (TypeError, ValueError, IndexError, OverflowError):
+        raise TrajectoryError(f"'{key}' is no array of numbers; {CONVERT}") from None
+    if key == "kintree_table" and values.shape == shape:
+        return np.where(np.abs(values) < JOINTS, values, -1.0)
+    if values.shape != shape or not np.isfinite(values).all():
+        raise TrajectoryError(f"'{key}' has shape {values.shape}; expected {shape}, finite; {CONVERT}")
+    return values

@@ -1,0 +1,109 @@
+"""Hand poses as HOT3D keeps them, one JSON object a line: a stamp [ns], and of each hand a wrist's pose and numbers.
+
+`{"timestamp_ns": …, "hand_poses": {"0": {"wrist_xform": {"t_xyz": […], "q_wxyz": […]}, "joint_angles": […]}}}`; hand 0
+is the left one, 1 the right. UmeTrack's numbers are `joint_angles`, MANO's `pose`, with the shape in `betas`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import TrajectoryError
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.joint_positions import chosen_side
+from hhsim.recordings.json_document import keys_of, number, objects, read_json
+from hhsim.recordings.recording import Finding, note
+
+Array = NDArray[np.float64]
+
+HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
+MOST_NUMBERS = 256
+SAME_MOMENT = 1e6
+"""Stamps closer than this [ns] are of one moment: a second camera's."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseLines:
+    """The poses of one hand.
+
+    Attributes:
+        hand: Which.
+        time: Stamps from the first one on [s], NaN where missing, shape (T,).
+        translation: Of the wrist [m], world, shape (T, 3).
+        orientation: Of the wrist (w, x, y, z), shape (T, 4).
+        numbers: Under the key that was asked for, NaN where missing, shape (T, N).
+        betas: Shape of the hand, of the first sample that has it; empty for none.
+        findings: What there is to say.
+    """
+
+    hand: HandSide
+    time: Array
+    translation: Array
+    orientation: Array
+    numbers: Array
+    betas: Array
+    findings: tuple[Finding, ...]
+
+
+def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
+    """The poses of the hand that is asked for, else of the one in more lines, the right one of equals.
+
+    Args:
+        text: The file.
+        key: "joint_angles" or "pose".
+        wanted: What the user says; "" for nothing.
+
+    Raises:
+        TrajectoryError: Not such lines, or no such hand in them.
+    """
+    document = read_json(text)
+    lines = list(objects(document if isinstance(document, list) else [document]))
+    seen: dict[HandSide, list[tuple[float, dict[str, Any]]]] = {}
+    for line in lines:
+        poses = line.get("hand_poses")
+        for index, side in HANDS.items():
+            pose = poses.get(index) if isinstance(poses, dict) else None
+            if isinstance(pose, dict) and isinstance(pose.get(key), list):
+                seen.setdefault(side, []).append((number(line.get("timestamp_ns")), pose))
+    seen = {side: _apart(poses) for side, poses in seen.items()}
+    if not seen:
+        raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
+    side, findings = chosen_side({each: len(poses) for each, poses in seen.items()}, wanted)
+    if len(seen[side]) < len(lines):
+        text = f"{len(lines) - len(seen[side])} of {len(lines)} lines hold no {side} hand, or one of the same moment"
+        findings.append(note(f"{text} as the line before, as of a second camera: no samples"))
+    wide = max(len(pose[key]) for _, pose in seen[side])
+    if wide > MOST_NUMBERS:
+        raise TrajectoryError(f"{wide} numbers a pose; expected those of a hand")
+    stamps = np.array([stamp for stamp, _ in seen[side]])
+    finite = stamps[np.isfinite(stamps)]
+    frames = [pose["wrist_xform"] if isinstance(pose.get("wrist_xform"), dict) else {} for _, pose in seen[side]]
+    shape: list[Any] = next((pose["betas"] for _, pose in seen[side] if isinstance(pose.get("betas"), list)), [])
+    return PoseLines(
+        hand=side,
+        time=1e-9 * (stamps - (finite[0] if finite.size else 0.0)),
+        translation=_rows([frame.get("t_xyz") for frame in frames], 3),
+        orientation=_rows([frame.get("q_wxyz") for frame in frames], 4),
+        numbers=_rows([pose[key] for _, pose in seen[side]], wide),
+        betas=np.array([number(value) for value in shape[:MOST_NUMBERS]]),
+        findings=tuple(findings),
+    )
+
+
+def _apart(poses: list[tuple[float, dict[str, Any]]]) -> list[tuple[float, dict[str, Any]]]:
+    """The poses without those that come within `SAME_MOMENT` after another."""
+    kept: list[tuple[float, dict[str, Any]]] = []
+    for stamp, pose in poses:
+        if not kept or not 0.0 < stamp - kept[-1][0] < SAME_MOMENT:
+            kept.append((stamp, pose))
+    return kept
+
+
+def _rows(values: list[Any], width: int) -> Array:
+    rows = np.full((len(values), width), np.nan)
+    for row, value in zip(rows, values):
+        if isinstance(value, list) and len(value) == width:
+            row[:] = [number(item) for item in value]
+    return rows

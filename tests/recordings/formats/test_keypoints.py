@@ -1,0 +1,109 @@
+"""21 keypoints as bare numbers in four kinds of file."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_samples import array_npy, arrays_npz, joint_sample
+from recording_samples import read_as
+
+from hhsim.errors import TrajectoryError
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording_format import Content, ReadOptions
+from hhsim.recordings.registry import read_content
+
+SAMPLE = joint_sample()
+POINTS, TIME = SAMPLE.named(), SAMPLE.motion.time
+
+
+def table(header: list[str], *, stamps: bool = True) -> str:
+    rows = [[*([t] if stamps else []), *point.ravel().tolist()] for t, point in zip(TIME, POINTS)]
+    return "\n".join([",".join(header), *(",".join(map(repr, map(float, row))) for row in rows)]) + "\n"
+
+
+FILES: dict[str, Any] = {
+    "npy": array_npy(POINTS),
+    "npy flat": array_npy(POINTS.reshape(-1, 63)),
+    "npz": arrays_npz(keypoints=POINTS, t=TIME, other=POINTS[:, :5]),
+    "npz any name": arrays_npz(a=POINTS.reshape(-1, 63), timestamps_ms=1e3 * TIME),
+    "csv plain": table(["time_s", *(f"c{k}" for k in range(63))]),
+    "csv numbered": table(["time_s", *(f"right_lm{k:02d}_{a}" for k in range(21) for a in "xyz")]),
+    "csv xyz": table([f"{a}{k}" for k in range(21) for a in "xyz"], stamps=False),
+    "json list": json.dumps(POINTS.tolist()),
+    "json frames": json.dumps([{"t": t, "landmarks": p} for t, p in zip(TIME.tolist(), POINTS.tolist())]),
+    "json objects": json.dumps(
+        {
+            "fps": 30,
+            "frames": [
+                {"timestamp_ms": 1e3 * t, "world_landmarks": [dict(zip("xyz", p)) for p in points]}
+                for t, points in zip(TIME.tolist(), POINTS.tolist())
+            ],
+        }
+    ),
+}
+
+
+def words(recording: Recording) -> str:
+    return " | ".join(finding.text for finding in recording.findings)
+
+
+@pytest.mark.parametrize("form", FILES)
+def test_our_own_hand_comes_back(form: str) -> None:
+    data = FILES[form] if isinstance(FILES[form], bytes) else FILES[form].encode()
+    options = ReadOptions(rate=100.0, world_up="y")
+    recording = read_content(Content(data=data, name="take"), options)
+    assert (recording.form, recording.hand, recording.sample_count) == ("keypoints", "right", 40)
+    assert np.abs(recording.flexion - SAMPLE.motion.flexion).max() < 1e-6
+    assert np.abs(recording.abduction - SAMPLE.motion.abduction).max() < 1e-6
+    assert np.allclose(recording.position, SAMPLE.motion.position, atol=1e-9)
+    made = "no stamps: made from the rate, 100 Hz" in words(recording)
+    assert made is (form in ("npy", "npy flat", "csv xyz", "json list"))
+    assert np.allclose(recording.time, np.arange(40) / 100 if made else TIME, atol=1e-9)
+    still = read_content(Content(data=data, name="take"), ReadOptions(rate=100.0))
+    assert (still.position == 0.0).all() and "the wrist stands still" in words(still)
+
+
+def test_the_mediapipe_recording_of_others_keeps_its_angles(shared_data: Any) -> None:
+    # Angles of that file put through our hand, its joints through a file, and back.
+    with np.load(shared_data / "recordings" / "mediapipe.npz") as archive:
+        flexion, abduction = archive["flex"], archive["abd"]
+    limits = SAMPLE.hand
+    flexion = np.clip(flexion[:200], limits.flexion_min, limits.flexion_max)
+    abduction = np.clip(abduction[:200], limits.abduction_min, limits.abduction_max)
+    still = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    fingers = np.array([limits.joints(*still, f, a).reshape(20, 3) for f, a in zip(flexion, abduction)])
+    wrist = np.tile([-0.070 * limits.hand_breadth, -0.223 * limits.hand_length, 0.0], (200, 1, 1))
+    recording = read_as("keypoints", array_npy(np.concatenate([wrist, fingers], axis=1)), rate=30.0)
+    assert np.abs(recording.flexion - flexion).max() < 1e-6 and np.abs(recording.abduction - abduction).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (array_npy(POINTS), "40 samples without a stamp; say how many there are a second: --rate"),
+        (array_npy(POINTS[:, :20]), r"the array has shape \(40, 20, 3\); expected \(T, 21, 3\)"),
+        (array_npy(np.array([None, 1], dtype=object)), "not an .npy array"),
+        (array_npy(POINTS)[:3000], "not an .npy array, or a damaged one"),
+        (arrays_npz(a=POINTS[:, :5]), r"no array of shape \(T, 21, 3\).* it holds a \(40, 5, 3\)"),
+        (arrays_npz(a=POINTS, b=POINTS), "more than one array of shape"),
+        (arrays_npz(a=POINTS, t=TIME[:5]), r"array 't' has shape \(5,\); expected \(40,\)"),
+        (b'{"landmarks": 3}', "expected a list of frames of 21 points"),
+        (b'{"landmarks": [[1, 2]]}', "no list of 21 points in any"),
+        (b"[1, 2, 3]", "expected frames of 21 points each"),
+        (b"a,b\n1,2\n", "2 columns; expected 63 coordinates of 21 points"),
+    ],
+)
+def test_what_is_no_recording_is_refused(data: bytes, said: str) -> None:
+    with pytest.raises(TrajectoryError, match=said):
+        read_as("keypoints", data)
+
+
+def test_a_header_that_numpy_cannot_even_split_is_refused() -> None:
+    data = bytearray(array_npy(POINTS))
+    data[60:70] = b"(((\x00\x97\xfa'''("
+    for place in (60, 40, 20):
+        with pytest.raises(TrajectoryError, match=r"not an .npy array, or a damaged one"):
+            read_as(
+                "keypoints", bytes(data[:10]) + bytes(data[10:place]) + bytes(data[60:70]) + bytes(data[place + 10 :])
+            )

@@ -1,0 +1,72 @@
+"""LeRobot data sets: joints of hands, angles by a mapping, episodes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from joint_samples import Side, joint_sample
+from pose_samples import lerobot_bytes, lerobot_set
+from recording_samples import read_as
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.recording_format import Content, ReadOptions
+from hhsim.recordings.registry import read_content, read_recording
+
+ANGLES = """
+hand = "right"
+[time]
+column = "timestamp"
+[angle]
+unit = "deg"
+[joint]
+index_flex1 = "observation.state.index_mcp"
+index_flex2 = "observation.state.index_pip"
+"""
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_our_own_hand_comes_back(side: Side) -> None:
+    sample = joint_sample(side)
+    recording = read_content(Content(data=lerobot_bytes(sample, side=side)), ReadOptions())
+    assert (recording.form, recording.hand) == ("lerobot", side)
+    assert np.allclose(recording.time, sample.motion.time)
+    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
+    assert np.allclose(recording.position, sample.motion.position, atol=1e-9)
+    said = " | ".join(finding.text for finding in recording.findings)
+    assert "taken as left, then right" in said and "is there too" not in said
+
+
+def test_angles_come_by_the_names_of_the_data_set(tmp_path: Path) -> None:
+    path = lerobot_set(tmp_path)
+    columns = parse_column_map(ANGLES, where="map.toml")
+    recording = read_recording(path, ReadOptions(columns=columns))
+    assert np.allclose(recording.flexion[:, 1, :2], joint_sample().motion.flexion[:, 1, :2])
+    assert recording.form == "lerobot" and read_recording(path).device == "glove"
+    # Without the data set around it a column has a number for a name.
+    numbered = parse_column_map(ANGLES.replace("index_mcp", "0").replace("index_pip", "1"), where="map.toml")
+    assert np.allclose(read_as("lerobot", path.read_bytes(), columns=numbered).flexion, recording.flexion)
+
+
+def test_an_episode_is_chosen_never_guessed() -> None:
+    data = lerobot_bytes(episodes=3)
+    with pytest.raises(TrajectoryError, match="3 episodes, 0 to 2; say which: --episode"):
+        read_as("lerobot", data)
+    recording = read_as("lerobot", data, episode=2)
+    assert recording.sample_count == 40 and any("episode 2 of 3" in f.text for f in recording.findings)
+    with pytest.raises(InputError, match="--episode 7: the file has 0, 1, 2"):
+        read_as("lerobot", data, episode=7)
+
+
+def test_a_refusal_says_what_the_file_holds() -> None:
+    import io
+
+    import pyarrow
+    from pyarrow import parquet
+
+    stream = io.BytesIO()
+    parquet.write_table(pyarrow.table({"action": [[1.0, 2.0]] * 3, "timestamp": [0.0, 0.1, 0.2]}), stream)
+    with pytest.raises(TrajectoryError, match=r"no hand_joints; it holds action \(2\), timestamp \(1\); expected"):
+        read_as("lerobot", stream.getvalue())
+    with pytest.raises(TrajectoryError, match="not a Parquet file, or a damaged one"):
+        read_as("lerobot", lerobot_bytes()[:-40])

@@ -1,0 +1,58 @@
+"""MCAP of Isaac Teleop: our own hand's motion in records that are laid out by hand here."""
+
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_samples import Side, joint_sample, mcap_bytes
+from recording_samples import read_as
+
+from hhsim.errors import TrajectoryError
+from hhsim.recordings.recording_format import Content, ReadOptions
+from hhsim.recordings.registry import read_content
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
+def test_our_own_hand_comes_back_as_near_as_float32_holds_it(side: Side, compression: str) -> None:
+    sample = joint_sample(side)
+    recording = read_content(Content(data=mcap_bytes(sample, side, compression=compression)), ReadOptions())
+    assert (recording.form, recording.hand) == ("mcap", side)
+    assert np.allclose(recording.time, sample.motion.time, atol=1e-9)
+    # Centres are rounded to 2⁻²⁵ of half a metre; the shortest bone is 11 mm long.
+    bound = 4.0 * 2.0**-25 / 0.011
+    assert np.abs(recording.flexion - sample.motion.flexion).max() < 3.0 * bound
+    assert np.allclose(recording.position, sample.motion.position, atol=1e-7)
+    assert recording.bones is not None and recording.bones.radius is not None
+    assert np.allclose(recording.bones.radius, sample.hand.radius, atol=1e-8)
+    assert any("8.0 ms later in the median" in finding.text for finding in recording.findings)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda data: data[:-20], "was it cut short"),
+        (lambda data: data.replace(b"HandPoseRecord", b"HeadPoseRecord"), "differs from its checksum"),
+        (lambda data: data[:8] + data[-8:], "no hand among the channels, which are none"),
+        (lambda data: data[:8] + struct.pack("<BQ", 1, 1 << 40) + data[17:], "ends beyond the file"),
+        (lambda data: b"x" + data[1:], "does not begin as one"),
+    ],
+)
+def test_a_damaged_file_is_refused(change: Any, said: str) -> None:
+    with pytest.raises(TrajectoryError, match=said):
+        read_as("mcap", change(mcap_bytes(joint_sample())))
+
+
+def test_a_file_without_hands_says_what_it_holds() -> None:
+    def text(value: str) -> bytes:
+        return struct.pack("<I", len(value)) + value.encode()
+
+    def record(code: int, body: bytes) -> bytes:
+        return struct.pack("<BQ", code, len(body)) + body
+
+    schema = record(3, struct.pack("<H", 1) + text("core.HeadPoseRecord") + text("flatbuffer") + text(""))
+    channel = record(4, struct.pack("<HH", 1, 1) + text("head") + text("flatbuffer") + text(""))
+    magic = b"\x89MCAP0\r\n"
+    with pytest.raises(TrajectoryError, match=r"which are head \(core.HeadPoseRecord\); expected core.HandPoseRecord"):
+        read_as("mcap", magic + schema + channel + magic)

@@ -1,0 +1,88 @@
+"""Tables with columns named after joints: our own hand's motion as OpenXR, Unity and MediaPipe would write it."""
+
+import numpy as np
+import pytest
+from joint_samples import Side, joint_sample, openxr_csv
+from recording_samples import read_as
+
+from hhsim.errors import HhsimError
+from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording_format import Content, ReadOptions
+from hhsim.recordings.registry import format_of, read_content
+
+
+def words(recording: Recording) -> str:
+    return " | ".join(finding.text for finding in recording.findings)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("unity", [False, True])
+@pytest.mark.parametrize("radii", [False, True])
+def test_our_own_hand_comes_back(side: Side, unity: bool, radii: bool) -> None:
+    sample = joint_sample(side)
+    content = Content(data=openxr_csv(sample, side, unity=unity, radii=radii).encode(), name="take")
+    recording = read_content(content, ReadOptions())
+    assert (recording.form, recording.hand, recording.name) == ("openxr", side, "take")
+    assert np.allclose(recording.time, sample.motion.time, atol=1e-9)
+    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
+    assert np.abs(recording.abduction - sample.motion.abduction).max() < 1e-6
+    assert np.allclose(recording.position, sample.motion.position, atol=1e-9)
+    assert ("left-handed, as Unity's" in words(recording)) is unity
+    assert f"26 OpenXR joints of the {side} hand named" in words(recording)
+    assert recording.bones is not None and recording.bones.largest.max() < 1e-9
+    if radii:
+        assert recording.bones.radius is not None and np.allclose(recording.bones.radius, sample.hand.radius)
+        assert recording.bones.hand_length == pytest.approx(0.1903, abs=1e-4)
+
+
+def test_both_hands_in_one_table() -> None:
+    right, left = (openxr_csv(joint_sample(side), side).splitlines() for side in ("right", "left"))
+    both = "\n".join(f"{a},{b.split(',', 2)[2]}" for a, b in zip(right, left)) + "\n"
+    assert "the left one is there too: --hand" in words(read_as("openxr", both))
+    recording = read_as("openxr", both, hand="left")
+    assert recording.hand == "left"
+    assert np.abs(recording.flexion - joint_sample("left").motion.flexion).max() < 1e-6
+
+
+def test_stamps_of_two_clocks_and_samples_that_are_not_valid() -> None:
+    lines = openxr_csv(joint_sample()).splitlines()
+    head = f"host_time_s,device_time_ns,right_valid,{lines[0].split(',', 2)[2]}".replace(
+        "right_valid", "right_wrist_valid"
+    )
+    rows = [
+        f"{0.02 + 1e-3 * float(stamp) + 0.003 * (k % 2)!r},{round(1e6 * float(stamp))},{int(k != 3)},{rest}"
+        for k, (_, stamp, rest) in enumerate(row.split(",", 2) for row in lines[1:])
+    ]
+    recording = read_as("openxr", "\n".join([head, *rows]) + "\n")
+    assert "stamps from column 'device_time_ns'; there are also host_time_s" in words(recording)
+    assert np.allclose(recording.time, joint_sample().motion.time, atol=1e-8)
+    assert np.flatnonzero(recording.flags).tolist() == [3]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("timestamp_ms", "number"), "26 OpenXR joints of the right hand named, but no column with a time"),
+        (
+            ("right_index_tip_", "right_elbow_"),
+            "25 joints of a hand of the right hand named, but no x, y, z of index_tip",
+        ),
+        (("right_wrist_x", "right_wrist_u"), "named, but no x, y, z of wrist"),
+    ],
+)
+def test_a_refusal_says_what_was_recognised(change: tuple[str, str], said: str) -> None:
+    text = openxr_csv(joint_sample()).replace(*change)
+    assert format_of(Content(data=text.encode()), ReadOptions()).name == "openxr"
+    with pytest.raises(HhsimError) as error:
+        read_as("openxr", text)
+    assert said in str(error.value)
+
+
+def test_a_rate_stands_in_for_stamps_and_a_mapping_goes_before() -> None:
+    text = openxr_csv(joint_sample()).replace("timestamp_ms", "number")
+    assert read_as("openxr", text, rate=50.0).time[-1] == pytest.approx(39 / 50)
+    columns = parse_column_map("rate = 100\n[joint]\nindex_flex1 = 'frame'", where="map.toml")
+    assert format_of(Content(data=text.encode()), ReadOptions(columns=columns)).name == "csv"
+    with pytest.raises(HhsimError, match="no columns named after the joints"):
+        read_as("openxr", "a,b\n1,2\n")

@@ -1,0 +1,101 @@
+"""JSON of joints: our own hand's motion as WebXR pages and iwer would record it."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_samples import Side, iwer_json, joint_sample, webxr_json
+from recording_samples import read_as
+
+from hhsim.errors import TrajectoryError
+from hhsim.recordings.joint_names import WEBXR_JOINTS
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording_format import Content, ReadOptions
+from hhsim.recordings.registry import read_content
+from hhsim.recordings.repair import repair
+
+
+def words(recording: Recording) -> str:
+    return " | ".join(finding.text for finding in recording.findings)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("write", [webxr_json, iwer_json])
+def test_our_own_hand_comes_back(side: Side, write: Any) -> None:
+    sample = joint_sample(side)
+    recording = read_content(Content(data=write(sample, side).encode(), name="take"), ReadOptions())
+    assert (recording.form, recording.hand) == ("webxr", side)
+    motion = repair(recording).trajectory
+    assert np.allclose(motion.time, sample.motion.time, atol=1e-6)
+    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
+    assert np.abs(recording.abduction - sample.motion.abduction).max() < 1e-6
+    assert np.allclose(recording.position, sample.motion.position, atol=1e-9)
+    assert recording.bones is not None and recording.bones.radius is not None
+    assert np.allclose(recording.bones.radius, sample.hand.radius)
+    assert "25 WebXR joints" in words(recording) and "world y up" in words(recording)
+
+
+def shapes(sample_frames: list[dict[str, Any]]) -> dict[str, Any]:
+    """The same frames as other pages write them."""
+    stamps = [frame["timeStamp"] for frame in sample_frames]
+    hands = [list(frame["hands"]["right"].values()) for frame in sample_frames]
+    points = [[list(joint["position"].values()) for joint in hand] for hand in hands]
+    names = WEBXR_JOINTS
+    return {
+        "a line a frame": [{"time_ms": t, "handedness": "right", "joints": hand} for t, hand in zip(stamps, hands)],
+        "named in a list": [
+            {
+                "t": 1e-3 * t,
+                "side": "Right",
+                "joints": [{"name": n, "pose": {"position": p}} for n, p in zip(names, hand)],
+            }
+            for t, hand in zip(stamps, points)
+        ],
+        "points by name": {
+            "hand": "right",
+            "data": [{"time": t, "joints": dict(zip(names, hand))} for t, hand in zip(stamps, points)],
+        },
+    }
+
+
+@pytest.mark.parametrize("shape", ["a line a frame", "named in a list", "points by name"])
+def test_frames_of_other_shapes(shape: str) -> None:
+    sample = joint_sample()
+    document = shapes(json.loads(webxr_json(sample))["frames"])[shape]
+    text = "\n".join(map(json.dumps, document)) if shape == "a line a frame" else json.dumps(document)
+    motion = repair(read_as("webxr", text)).trajectory
+    assert motion.hand == "right" and np.allclose(motion.time - motion.time[0], sample.motion.time, atol=1e-6)
+    assert np.abs(motion.flexion - sample.motion.flexion).max() < 1e-6
+
+
+def test_frames_without_the_hand_are_no_samples_and_are_counted() -> None:
+    whole = json.loads(webxr_json(joint_sample()))
+    for frame in whole["frames"][5:9]:
+        frame["hands"] = {}
+    del whole["frames"][12]["hands"]["right"]["index-finger-tip"]
+    recording = read_as("webxr", json.dumps(whole))
+    assert recording.sample_count == 36 and "4 of 40 frames show no such hand" in words(recording)
+    assert np.argwhere(np.isnan(recording.abduction)).tolist() == [[8, 1]]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('"timeStamp"', '"number"'), "25 WebXR joints of the right hand named, but no frame has a stamp"),
+        (("ring-finger-tip", "ring-finger-nail"), "named, but none that is ring_tip; expected"),
+        (('"frames"', '"frames": [], "x"'), "25 WebXR joints"),
+    ],
+)
+def test_a_refusal_says_what_was_recognised(change: tuple[str, str], said: str) -> None:
+    text = webxr_json(joint_sample()).replace(*change)
+    try:
+        found = words(read_as("webxr", text))
+    except TrajectoryError as error:
+        found = str(error)
+    assert said in found
+    for other, reason in (('{"a": 1}', "no frames in JSON that is an object with a"), ('[{"t": 1}]', "no hand in any")):
+        with pytest.raises(TrajectoryError, match=reason):
+            read_as("webxr", other)
+    with pytest.raises(TrajectoryError, match="no left hand; the file has a right one"):
+        read_as("webxr", webxr_json(joint_sample()), hand="left")

@@ -1,0 +1,50 @@
+"""Names of joints as makers write them."""
+
+import pytest
+
+from hhsim.recordings.joint_names import (
+    KEYPOINTS,
+    OPENXR_JOINTS,
+    WEBXR_JOINTS,
+    joint_name,
+    joints_found,
+    joints_missing,
+)
+
+
+def test_the_sets_are_as_large_as_their_standards_say() -> None:
+    assert (len(KEYPOINTS), len(WEBXR_JOINTS), len(OPENXR_JOINTS)) == (21, 25, 26)
+    assert KEYPOINTS[4] == "thumb_tip" and KEYPOINTS[5] == "index_proximal" and KEYPOINTS[20] == "little_tip"
+    for joint in OPENXR_JOINTS:
+        assert joint_name(joint) == ("", joint, "")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("left_index_tip_x", ("left", "index_tip", "x")),
+        ("XR_HAND_JOINT_INDEX_TIP_EXT", ("", "index_tip", "")),
+        ("index-finger-phalanx-proximal", ("", "index_proximal", "")),
+        ("pinky-finger-metacarpal", ("", "little_metacarpal", "")),
+        ("R_IndexTip.PosX", ("right", "index_tip", "x")),
+        ("RightHandThumbDistal_pz", ("right", "thumb_distal", "z")),
+        ("INDEX_FINGER_MCP_y", ("", "index_proximal", "y")),
+        ("THUMB_IP", ("", "thumb_distal", "")),
+        ("right_wrist_qx", ("right", "wrist", "rotation")),
+        ("left_palm_radius", ("left", "palm", "radius")),
+        ("LeftMiddleProximalRotationX", ("left", "middle_proximal", "rotation")),
+        ("ring_tip_valid", ("", "ring_tip", "valid")),
+        ("thumb_intermediate_x", ("", "", "x")),
+        ("emg_3", ("", "", "")),
+    ],
+)
+def test_what_a_name_says(text: str, said: tuple[str, str, str]) -> None:
+    assert joint_name(text) == said
+
+
+def test_what_was_recognised_is_said_in_the_standards_words() -> None:
+    assert joints_found(set(OPENXR_JOINTS)) == "26 OpenXR joints"
+    assert joints_found(set(WEBXR_JOINTS)) == "25 WebXR joints"
+    assert joints_found({"wrist"}) == "1 joint of a hand"
+    assert joints_missing(set(OPENXR_JOINTS)) == ""
+    assert joints_missing({"wrist"}) == "thumb_metacarpal, thumb_proximal, thumb_distal, thumb_tip and 16 more"

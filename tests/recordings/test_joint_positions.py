@@ -1,0 +1,137 @@
+"""From joint centres to a recording: held against our own forward kinematics, and against noise of known size."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_samples import JointSample, Side, joint_sample
+
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording_format import ReadOptions
+from hhsim.recordings.repair import repair
+
+
+def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
+    given: dict[str, Any] = {
+        "time": sample.motion.time,
+        "position": sample.named(),
+        "form": "test",
+        "up": "y",
+        "unit": 1.0,
+    } | fields
+    return recording_of_joints(JointPositions(**given), "take", options or ReadOptions())
+
+
+def words(recording: Recording) -> str:
+    return " | ".join(finding.text for finding in recording.findings)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("length", [0.16, 0.19, 0.21])
+def test_our_own_hand_comes_back(side: Side, length: float) -> None:
+    sample = joint_sample(side, length=length)
+    recording = read(sample, hand=side)
+    assert recording.hand == side
+    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-9
+    assert np.abs(recording.abduction - sample.motion.abduction).max() < 1e-9
+    assert np.allclose(np.abs((recording.orientation * sample.motion.orientation).sum(axis=1)), 1.0)
+    bones = recording.bones
+    assert bones is not None and bones.largest.max() < 1e-9
+    assert np.allclose(bones.length, sample.hand.length)
+    # The palm's origin is where the knuckles of the usual hand meet the recorded ones.
+    turns = rotation_matrix(recording.orientation)
+    own, usual = sample.hand.base[1:].mean(axis=0), HandModel.default(side).base[1:].mean(axis=0)
+    assert np.allclose(recording.position + turns @ usual, sample.motion.position + turns @ own)
+
+
+@pytest.mark.parametrize("noise", [0.0005, 0.002])
+def test_the_error_of_the_fit_is_that_of_the_noise(noise: float) -> None:
+    recording = read(joint_sample(count=400, noise=noise))
+    assert recording.bones is not None
+    # Four points of three coordinates a finger, of which four angles are fitted and the palm takes its share.
+    free = recording.bones.rms / noise
+    assert (free > np.sqrt(3.0 * (12 - 4 - 6) / 12)).all() and (free < 1.6 * np.sqrt(3.0)).all()
+    assert (recording.bones.largest > recording.bones.rms).all()
+
+
+def test_lengths_are_found_stated_or_scaled() -> None:
+    sample = joint_sample()
+    exact = read(sample).flexion
+    for factor, unit in ((1.0, "m"), (100.0, "cm"), (1000.0, "mm"), (1.0 / 0.0254, "inch")):
+        recording = read(sample, position=factor * sample.named(), unit=None)
+        assert f"taken for {unit};" in words(recording) and np.allclose(recording.flexion, exact)
+        assert recording.bones is not None and recording.bones.hand_length == pytest.approx(0.1835, abs=1e-3)
+    stated = read(sample, ReadOptions(length_unit="mm"), position=1e3 * sample.named(), unit=None)
+    assert "unit" not in words(stated)
+    with pytest.raises(TrajectoryError, match=r"the hand is 183\.\d m long .* say --length-unit"):
+        read(sample, position=1e3 * sample.named())
+    image = read(sample, ReadOptions(hand_length=0.18), position=3.0 * sample.named(), unit=None)
+    assert "no scale" in words(image) and "180 mm (as --hand-length says)" in words(image)
+    assert image.hand_length == pytest.approx(0.18) and np.allclose(image.flexion, exact)
+
+
+def test_without_a_world_the_wrist_stands_still_and_says_so() -> None:
+    sample = joint_sample()
+    still = read(sample, up=None)
+    assert (still.position == 0.0).all() and (still.orientation == [1.0, 0.0, 0.0, 0.0]).all()
+    assert "the wrist stands still" in words(still) and np.allclose(still.flexion, sample.motion.flexion)
+    moving = read(sample, ReadOptions(world_up="y"), up=None)
+    assert "stands still" not in words(moving) and np.allclose(moving.position, sample.motion.position)
+    assert repair(still).trajectory.sample_count == 40
+
+
+def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
+    for side in ("right", "left"):
+        told = read(joint_sample(side))
+        assert told.hand == side and f"a {side} one by the way its fingers bend" in words(told)
+    wrong = read(joint_sample("right"), hand="left")
+    assert wrong.hand == "left" and "bend backwards" in words(wrong)
+    sample = joint_sample()
+    flat = np.tile(
+        sample.hand.joints(np.zeros(3), np.eye(4)[0], np.zeros((5, 3)), np.zeros(5)).reshape(20, 3), (9, 1, 1)
+    )
+    points = np.concatenate([np.tile([-0.006, -0.042, 0.0], (9, 1, 1)), flat], axis=1)
+    with pytest.raises(TrajectoryError, match="too straight to tell: --hand"):
+        read(sample, time=np.arange(9.0), position=points)
+
+
+def test_missing_joints_are_holes_and_doubtful_samples_are_marked() -> None:
+    sample = joint_sample()
+    points = sample.named()
+    points[7, KEYPOINTS.index("index_tip")] = np.nan
+    points[9] = 0.0
+    points[11, 3, 1] = np.inf
+    recording = read(sample, position=points, doubtful=np.arange(40) == 20)
+    assert np.argwhere(np.isnan(recording.abduction)).tolist() == [[7, 1], *([9, f] for f in range(5)), [11, 0]]
+    assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [20]
+    assert "1 sample(s) with all joints at one point" in words(recording)
+    assert repair(recording).trajectory.sample_count == 40
+
+
+def test_held_samples_are_told() -> None:
+    sample = joint_sample()
+    held = sample.named()[np.arange(40) // 3 * 3]
+    assert "repeat the one before: the device gives" in words(read(sample, position=held))
+    assert "repeat" not in words(read(sample))
+
+
+def test_what_is_no_hand_is_refused() -> None:
+    sample = joint_sample()
+    points = sample.named()
+    points[:, 8] = np.nan
+    with pytest.raises(TrajectoryError, match="no sample holds all 21 joints; missing: index_tip"):
+        read(sample, position=points)
+    with pytest.raises(TrajectoryError, match="wrist and the four knuckles"):
+        read(sample, position=np.full((40, 21, 3), np.nan))
+    with pytest.raises(TrajectoryError, match="expected the joints of a hand"):
+        read(sample, position=np.ones((40, 21, 3)) * np.arange(21)[:, None] * 1e-300, unit=None)
+    with pytest.raises(TrajectoryError, match=r"position has shape \(40, 20, 3\)"):
+        read(sample, position=sample.named()[:, :20])
+    with pytest.raises(InputError, match="--palm-axes: there is no palm frame here"):
+        read(sample, ReadOptions(palm_axes=("x", "y", "z")))

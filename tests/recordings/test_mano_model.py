@@ -1,0 +1,122 @@
+"""MANO files: nothing in them runs, and the joints are those of a plain skinning of all vertices."""
+
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_samples import joint_sample
+from pose_samples import mano_fields
+from scipy.sparse import csc_matrix
+from scipy.spatial.transform import Rotation
+
+from hhsim.errors import TrajectoryError
+from hhsim.recordings.mano_model import KEYPOINT_JOINTS, TIPS, read_mano_model
+
+
+def any_fields() -> dict[str, Any]:
+    """A model with every array at random."""
+    random = np.random.default_rng(3)
+    fields = mano_fields(joint_sample().hand)
+    weights = random.uniform(0.0, 1.0, (778, 16))
+    regressor = random.uniform(0.0, 1.0, (16, 778))
+    return fields | {
+        "shapedirs": random.normal(0.0, 1e-3, (778, 3, 10)),
+        "posedirs": random.normal(0.0, 1e-3, (778, 3, 135)),
+        "weights": weights / weights.sum(axis=1, keepdims=True),
+        "J_regressor": regressor / regressor.sum(axis=1, keepdims=True),
+    }
+
+
+def test_joints_and_tips_are_those_of_a_plain_skinning(tmp_path: Path) -> None:
+    fields = any_fields()
+    np.savez(tmp_path / "model.npz", **fields)
+    random = np.random.default_rng(4)
+    turn, pose = random.normal(0.0, 0.7, (5, 3)), random.normal(0.0, 0.5, (5, 45))
+    shift, betas = random.normal(0.0, 0.3, (5, 3)), random.normal(0.0, 1.0, 10)
+    found = read_mano_model(tmp_path / "model.npz").keypoints(turn, pose, shift, betas)
+    rest = fields["v_template"] + fields["shapedirs"] @ betas
+    joints = fields["J_regressor"] @ rest
+    parents = fields["kintree_table"][0]
+    for t in range(5):
+        turns = Rotation.from_rotvec(np.concatenate([turn[t], pose[t]]).reshape(16, 3)).as_matrix()
+        skin = rest + fields["posedirs"] @ (turns[1:] - np.eye(3)).ravel()
+        world: list[Any] = []
+        for j in range(16):
+            local = np.eye(4)
+            local[:3, :3] = turns[j]
+            local[:3, 3] = joints[j] - (joints[parents[j]] if j else 0.0)
+            world.append(world[parents[j]] @ local if j else local)
+        at = np.array([matrix[:3, 3] for matrix in world])
+        relative = np.array(
+            [m @ np.block([[np.eye(3), -joints[j, :, None]], [np.zeros(3), 1.0]]) for j, m in enumerate(world)]
+        )
+        blend = np.einsum("vj,jab->vab", fields["weights"], relative)
+        vertices = np.einsum("vab,vb->va", blend, np.concatenate([skin, np.ones((778, 1))], axis=1))[:, :3]
+        expected = [at[0]]
+        for finger in range(5):
+            expected += [*at[list(KEYPOINT_JOINTS[1 + 3 * finger : 4 + 3 * finger])], vertices[TIPS[finger]]]
+        assert np.allclose(found[t], np.array(expected) + shift[t], atol=1e-12)
+
+
+def test_a_pickle_of_data_is_read(tmp_path: Path) -> None:
+    fields = any_fields()
+    path = tmp_path / "MANO_RIGHT.pkl"
+    for protocol in (2, 4):
+        path.write_bytes(pickle.dumps(fields | {"J_regressor": csc_matrix(fields["J_regressor"])}, protocol=protocol))
+        model = read_mano_model(path)
+        assert np.array_equal(model.regressor, fields["J_regressor"]) and np.array_equal(
+            model.mean, fields["hands_mean"]
+        )
+
+
+class _Runs:
+    """An object whose pickle would run a command when it is loaded."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return os.system, (f"touch {self.path}",)
+
+
+def test_nothing_in_a_pickle_runs(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    (tmp_path / "bad.pkl").write_bytes(pickle.dumps(any_fields() | {"extra": _Runs(made)}))
+    with pytest.raises(
+        TrajectoryError, match=r"holds posix.system, which is not data, so it is not loaded; make an .npz"
+    ):
+        read_mano_model(tmp_path / "bad.pkl")
+    assert not made.exists()
+
+
+def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.pkl"
+    fields = any_fields()
+    looped = fields["kintree_table"].copy()
+    looped[0, 1] = 5
+    cases: list[tuple[bytes, str]] = [
+        (b"", "no pickle, or a damaged one"),
+        (pickle.dumps([1]), "a pickle of something else"),
+        (pickle.dumps({"a": 1}), "no 'v_template', it holds a; expected a MANO model"),
+        (pickle.dumps(fields | {"weights": np.zeros(3)}), r"'weights' has shape \(3,\); expected \(778, 16\)"),
+        (pickle.dumps(fields | {"hands_mean": "x"}), "'hands_mean' is no array of numbers"),
+        (pickle.dumps(fields | {"kintree_table": looped}), "no tree of 16 joints"),
+    ]
+    for data, words in cases:
+        path.write_bytes(data)
+        with pytest.raises(TrajectoryError, match=words):
+            read_mano_model(path)
+    with pytest.raises(TrajectoryError, match="cannot be read"):
+        read_mano_model(tmp_path / "none.pkl")
+    whole = pickle.dumps(fields)
+    random = np.random.default_rng(6)
+    for _ in range(200):
+        damaged = bytearray(whole)
+        for place in random.integers(0, 3000, 3):
+            damaged[place] = random.integers(256)
+        path.write_bytes(bytes(damaged[: random.integers(100, len(whole))]))
+        with pytest.raises(TrajectoryError):
+            read_mano_model(path)
