@@ -49,11 +49,14 @@ class Judged:
 
     Attributes:
         rounding: Values that differ by no more are the same [SI, or %].
-        limit: Largest value of a project that sets none [SI, or %]; None for no limit.
+        limit: Largest value of a project that sets none [SI, or %], the same for every method; None for no limit.
+        promise: Attribute of `hhsim.solver.method.Method` without which a method is not held to the limit; "" where
+            every method is.
     """
 
     rounding: float = 0.0
     limit: float | None = None
+    promise: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hhsim.gate.suite import default_suite
+from hhsim.replay.limits import default_limits
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
 
@@ -37,7 +37,7 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     figures = {row.name: row for row in rows}
     limits = {
         name: limit
-        for name, limit in default_suite().limits_of(result.method).items()
+        for name, limit in default_limits(result.method).items()
         if name in figures and math.isfinite(figures[name].value)
     }
     missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
