@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
+from hhsim.result.schema import LIVE_TICK
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -36,6 +37,7 @@ class RunTicks:
         rate: Ticks per second [Hz].
         fingers: How many are modelled.
         all_pairs: Of a hand body and an object sphere; 0 where that is not known.
+        breaks: Ticks before which others are missing, shape (T,); None where none are.
     """
 
     columns: Columns
@@ -44,6 +46,7 @@ class RunTicks:
     rate: float
     fingers: int
     all_pairs: int = 0
+    breaks: Mask | None = None
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -66,6 +69,12 @@ class RunTicks:
         """Ticks in contact, those with candidate pairs, shape (T,)."""
         return np.asarray(self.columns["contacts/candidates"] > 0)
 
+    @cached_property
+    def touch(self) -> Mask:
+        """Ticks in which the hand touches: with a touching pair, or with a force; shape (T,)."""
+        forced = np.linalg.norm(self.columns["force/total"], axis=1) > 0.0
+        return np.asarray((self.columns["contacts/touching"] > 0) | forced)
+
 
 def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
     """The ticks of a result.
@@ -83,7 +92,17 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
         rate=result.rate,
         fingers=len(result.fingers),
         all_pairs=bodies * int(np.sum(level == level.max())),
+        breaks=_breaks(result),
     )
+
+
+def _breaks(result: Result) -> Mask | None:
+    """Ticks of a session before which the recorder lost others; None for a replay."""
+    if result.live is None:
+        return None
+    breaks = np.zeros(result.ticks, bool)
+    breaks[1:] = np.diff(result[f"{LIVE_TICK}/record"].astype(np.int64)) != 1
+    return breaks
 
 
 def hold_slices(phases: Sequence[TickPhase], ticks: int) -> list[slice]:

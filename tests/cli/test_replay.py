@@ -51,7 +51,7 @@ def test_a_replay_prints_a_table_and_writes_every_tick(run: Run, tmp_path: Path,
     answer = run("replay", "cube", short.name)
     assert answer.code == 0, answer.err
     (path,) = (tmp_path / "results").iterdir()
-    assert path.name.endswith("-cube-short.h5")
+    assert path.name.endswith("-cube-short-coupled.h5")
     assert answer.out.startswith("cube, short, coupled: 200 ticks\n")
     assert answer.out.splitlines()[-1] == f"every tick is in results/{path.name}"
     result = load_result(path)

@@ -293,7 +293,8 @@ def test_an_error_has_a_word_beside_its_limit(figures: RunFigures, value: float,
 def test_what_is_undefined_is_not_missed_unless_the_base_has_it(
     figures: RunFigures, before: float | None, passed: bool, reason: str
 ) -> None:
-    head, base = (replace(figures, errors={**figures.errors, "force_step": value}) for value in (math.nan, before))
+    values = math.nan, math.nan if before is None else before
+    head, base = (replace(figures, errors={**figures.errors, "force_step": value}) for value in values)
     limits = {"force_step": 1.1}
     rows = judge_errors("tiny", head, None if before is None else base, limits)
     (row,) = (row for row in rows if row.name == "force_step")
