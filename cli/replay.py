@@ -5,7 +5,7 @@ import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.shell_completion import CompletionItem
@@ -20,6 +20,8 @@ from .run_again import names_a_result, run_again
 from .tree_choice import TreeOrFile
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hhsim.hand.model import HandModel
     from hhsim.motion.trajectory import Trajectory
     from hhsim.replay.summary import ReplaySummary
@@ -164,6 +166,13 @@ class ReplayOutput(options.Output):
     whole: bool = option(
         "--all", is_flag=True, help="Print every figure; without it those that matter, and what is over its limit."
     )
+    repeat: int = option(
+        type=COUNT,
+        default=1,
+        metavar="N",
+        help="Run the ticks N times and print mean and standard deviation of the times, which alone differ; the file "
+        "is of the last run.",
+    )
 
 
 @click.command(cls=GroupedCommand)
@@ -270,23 +279,30 @@ def command(
             "tremor_mm_deg": moving.tremor,
             "seed": seed,
         }
-        summary = run(
-            placed.scene,
-            solver_options,
-            output_path,
-            description=description,
-            command=("hhsim", *sys.argv[1:]),
-            before_ticks=viewer.settle if viewer is not None else None,
-            progress=report,
-        )
+        runs = [
+            run(
+                placed.scene,
+                solver_options,
+                output_path,
+                description=description,
+                command=("hhsim", *sys.argv[1:]),
+                before_ticks=viewer.settle if viewer is not None else None,
+                progress=report,
+            )
+            for _ in range(output.repeat)
+        ]
+        summary = runs[-1]
         if viewer is not None:
             viewer.show(output_path, report)
     if output.as_json:
         document = summary.to_json()
         placement = {"placement": placed.to_json()} if placed.placement else {}
-        print_json({**document, **placement, "notes": [*remarks, *document["notes"]]})
+        repeated = {"repeated": _repeated(runs)} if output.repeat > 1 else {}
+        print_json({**document, **placement, **repeated, "notes": [*remarks, *document["notes"]]})
     elif not output.quiet:
         _print(summary, whole=output.whole)
+        if output.repeat > 1:
+            _print_times(runs)
         for note in (*remarks, *chosen.notes, *summary.notes):
             if note not in mesh.warnings:
                 print_line(f"note: {note}")
@@ -311,6 +327,23 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
     print_table(columns, cells, numbers=("hhsim", "limit", "paper"), optional=("paper",))
     if not whole:
         print_line(f"{len(rows)} of {len(whole_table(summary.rows))} figures: --all prints all")
+
+
+def _repeated(runs: "Sequence[ReplaySummary]") -> dict[str, Any]:
+    """Times over several runs, for machines: SI, or % where they are defined so."""
+    from hhsim.replay.repeated_times import repeated_times
+
+    times = {time.row.name: {"mean": time.mean, "std": time.deviation} for time in repeated_times(runs)}
+    return {"runs": len(runs), "times": times}
+
+
+def _print_times(runs: "Sequence[ReplaySummary]") -> None:
+    """Print times over several runs: mean ± standard deviation."""
+    from hhsim.replay.repeated_times import repeated_times
+
+    print()
+    cells = [(time.row.label, time.shown, time.row.unit) for time in repeated_times(runs)]
+    print_table(("", "mean ± σ", "unit"), cells, title=f"times of {len(runs)} runs", numbers=("mean ± σ",))
 
 
 def _mended(motion: "Script | Demonstration | Trajectory", trajectory: str) -> list[str]:

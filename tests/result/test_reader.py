@@ -533,6 +533,6 @@ def test_the_keys_are_the_datasets(tmp_path: Path) -> None:
     result = load_result(write(tmp_path / "run.h5", [block(100)]))
     assert set(result.keys()) == {column.name for column in TICK_COLUMNS}
     assert "force/total" in result and "force" not in result
-    assert {name: array.shape for name, array in dict(result).items()} == {  # type: ignore[call-overload]
+    assert {name: array.shape for name, array in dict(result).items()} == {
         column.name: (100, *column.shape) for column in TICK_COLUMNS
     }
