@@ -9,8 +9,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
-from .table_layout import Column, cards, fits, fitting_columns, widths
-
 Report: TypeAlias = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
 BAR = "hhsim.bar"
@@ -56,6 +54,8 @@ def print_table(
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
+
+    from hhsim.system.table_layout import Column, cards, fits, fitting_columns, widths
 
     # A pipe has no width: nothing is folded there, so that lines can be searched.
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 1_000)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 console = importlib.import_module("hhsim.cli.console")
-layout = importlib.import_module("hhsim.cli.table_layout")
+layout = importlib.import_module("hhsim.system.table_layout")
 
 COLUMNS = ("figure", "hhsim", "unit", "paper")
 ROWS = [
