@@ -11,6 +11,8 @@ from typing import Any, TypeAlias
 
 Report: TypeAlias = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
+BAR = "hhsim.bar"
+"""Where a command's context keeps the bar's label, while there is a bar."""
 
 
 def prepare_streams() -> None:
@@ -29,37 +31,80 @@ def prepare_streams() -> None:
 
 
 def print_table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "", numbers: Collection[str] = ()
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    title: str = "",
+    numbers: Collection[str] = (),
+    optional: Sequence[str] = (),
 ) -> None:
-    """Print a table to stdout.
+    """Print a table to stdout, as wide as the terminal allows.
+
+    Where it is too wide, columns that may be missing go, then text is folded at words; where that would be many lines
+    a row, each row becomes a card. A number is never broken.
 
     Args:
         columns: Headings, with the unit where there is one.
         rows: Cells as they are to be shown.
         title: A line above the table.
         numbers: Headings of the columns that are aligned right.
+        optional: Headings of the columns that a narrow terminal does without, the first to go first.
     """
     from rich import box
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    table.title, table.title_justify, table.title_style = Text(title) if title else None, "left", "bold"
-    for heading in columns:
-        # As Text: a unit in square brackets is not markup.
-        table.add_column(Text(heading), justify="right" if heading in numbers else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
+    from hhsim.system.table_layout import Column, cards, fits, fitting_columns, widths
+
     # A pipe has no width: nothing is folded there, so that lines can be searched.
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 1_000)
+    shown = [Column(heading, [row[i] for row in rows], heading in numbers) for i, heading in enumerate(columns)]
+    if sys.stdout.isatty():
+        shown = fitting_columns(shown, console.width, optional)
+        if not fits(shown, console.width):
+            lines: list[Text] = cards(shown, console.width)
+            with console.capture() as captured:
+                for line in ([Text(title, style="bold"), Text()] if title else []) + lines:
+                    console.print(line, soft_wrap=True)
+            print("\n".join(line.rstrip() for line in captured.get().splitlines()))
+            return
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    table.title, table.title_justify, table.title_style = Text(title) if title else None, "left", "bold"
+    for column, width in zip(shown, widths(shown, console.width)):
+        # As Text: a unit in square brackets is not markup.
+        table.add_column(
+            Text(column.heading),
+            justify="right" if column.number else "left",
+            overflow="fold",
+            width=width,
+        )
+    for cells in zip(*(column.cells for column in shown)):
+        table.add_row(*(Text(cell) for cell in cells))
     with console.capture() as captured:
         console.print(table)
     print("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
+def print_line(text: str) -> None:
+    """Print a sentence to stdout; in a terminal it is folded at words."""
+    if not sys.stdout.isatty():
+        print(text)
+        return
+    import shutil
+    import textwrap
+
+    width = shutil.get_terminal_size().columns
+    print(textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False))
+
+
 def print_rows(
-    cells: Mapping[str, Callable[[Any], str]], rows: Iterable[object], *, words: Collection[str], title: str = ""
+    cells: Mapping[str, Callable[[Any], str]],
+    rows: Iterable[object],
+    *,
+    words: Collection[str],
+    title: str = "",
+    optional: Sequence[str] = (),
 ) -> None:
     """Print a table to stdout, a line for each row.
 
@@ -68,9 +113,10 @@ def print_rows(
         rows: What the table is of.
         words: Headings of the columns that are aligned left.
         title: A line above the table.
+        optional: Headings of the columns that a narrow terminal does without, the first to go first.
     """
     shown = [[cell(row) for cell in cells.values()] for row in rows]
-    print_table(list(cells), shown, title=title, numbers=cells.keys() - set(words))
+    print_table(list(cells), shown, title=title, numbers=cells.keys() - set(words), optional=optional)
 
 
 def number(value: float | None, digits: int, scale: float = 1.0, missing: str = "—") -> str:
@@ -89,7 +135,8 @@ def print_json(document: Mapping[str, Any]) -> None:
 def announce_compilation(*, quiet: bool) -> None:
     """From here to the end of the command, say on stderr when a kernel has to be compiled, once.
 
-    So that nobody takes the wait for a fault. Kernels that lie in the cache are loaded without a word.
+    So that nobody takes the wait for a fault. Where there is a bar, it says so with its seconds. Kernels that lie in
+    the cache are loaded without a word.
     """
     if quiet:
         return
@@ -97,11 +144,16 @@ def announce_compilation(*, quiet: bool) -> None:
     from numba.core import event
 
     announced = False
+    meta = click.get_current_context().meta
 
     def announce(listener: object, details: object) -> None:
         nonlocal announced
-        if not announced:
-            announced = True
+        if announced:
+            return
+        announced = True
+        if BAR in meta:
+            meta[BAR]("compiling the kernels: once, and after an upgrade")
+        else:
             print("hhsim: compiling the kernels: this happens once, and again after an upgrade", file=sys.stderr)
 
     listener = type("FirstCompilation", (event.Listener,), {"on_start": announce, "on_end": lambda *_: None})()
@@ -121,17 +173,40 @@ def progress(*, quiet: bool) -> Iterator[Report | None]:
     if quiet or not sys.stderr.isatty():
         yield None
         return
+    import click
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:,.0f} of {task.total:,.0f}"))
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1)
+    # What is being done, the seconds that it has taken, and the share of it that is done.
+    columns = (
+        TextColumn("{task.description}"),
+        TextColumn("{task.elapsed:,.0f} s"),
+        BarColumn(),
+        TextColumn("{task.fields[amount]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("getting ready", total=None, amount="")
+        now = "getting ready"
+
+        def label(what: str) -> None:
+            nonlocal now
+            if what != now:
+                now = what
+                bar.reset(task, total=None, description=what, amount="")
 
         def report(what: str, done: int, total: int) -> None:
-            bar.update(task, description=what, completed=done, total=total)
+            label(what)
+            bar.update(task, completed=done, total=total, amount=f"{done:,} of {total:,}")
 
-        yield report
+        context = click.get_current_context(silent=True)
+        if context is not None:
+            context.meta[BAR] = label
+        try:
+            yield report
+        finally:
+            if context is not None:
+                del context.meta[BAR]
 
 
 def _plain(value: Any) -> Any:

@@ -31,7 +31,7 @@ def command(as_json: bool) -> None:
         ("revision", f"{info.revision.commit}{changed}"),
         ("Python", info.machine.python),
         ("system", info.machine.system),
-        ("processor", f"{info.machine.cpu}, {info.machine.cores} cores"),
+        ("processor", f"{info.machine.cpu}, {info.machine.cores} core{'s' * (info.machine.cores != 1)}"),
         ("clock", f"{info.clock.function}, source {info.clock.source}"),
         ("clock step", f"{info.clock.step * 1e9:.0f} ns seen, {info.clock.resolution * 1e9:.0f} ns stated"),
         ("kernels", compiled if info.kernels.jit else "interpreted: NUMBA_DISABLE_JIT is set"),

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from hhsim.errors import UnknownNameError
+from hhsim.errors import InputError, UnknownNameError
 
 
 class LazyGroup(click.Group):
@@ -17,6 +17,7 @@ class LazyGroup(click.Group):
         lines: Every command with its one line, in the order of the help.
         module: Name of the module, in this package, that holds a command as `command`.
         kind: What its commands are called.
+        meant: What to type instead of words that are no command, but that people try.
         options: As for click.Group.
     """
 
@@ -26,12 +27,14 @@ class LazyGroup(click.Group):
         lines: Mapping[str, str] | None = None,
         module: Callable[[str], str] = lambda name: name.replace("-", "_"),
         kind: str = "command",
+        meant: Mapping[str, str] | None = None,
         **options: Any,
     ) -> None:
         super().__init__(name, **options)
         self.lines = lines or {}
         self.module = module
         self.kind = kind
+        self.meant = meant or {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the table."""
@@ -49,6 +52,8 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, or name the near ones."""
         if args and args[0] not in self.lines and not args[0].startswith("-"):
+            if args[0] in self.meant:
+                raise InputError(f"unknown {self.kind} '{args[0]}': {self.meant[args[0]]}")
             raise UnknownNameError(self.kind, args[0], self.lines)
         return super().resolve_command(ctx, args)
 

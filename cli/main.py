@@ -16,6 +16,8 @@ from .lazy_group import LazyGroup
 COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
+    "compare": "Set the figures of two results side by side.",
+    "export": "Write the ticks of a result to a CSV table.",
     "view": "Look at a result in the rerun viewer.",
     "report": "Make one HTML page of results: figures, curves, worst ticks.",
     "verify": "Check every claim of a result with independent code.",
@@ -26,12 +28,25 @@ COMMANDS = {
     "gate": "Judge a change for CI: errors, work and time, yes or no.",
     "build-tree": "Build the sphere tree of an object and measure its error.",
     "info": "Show versions, processor, clock and what is missing.",
+    "help": "Show the help of hhsim, or of a command.",
     "completion": "Print the script that completes hhsim commands in a shell.",
 }
 """Every command with its one line; the module of a command is its name with underscores, and holds `command`."""
 
 KEYWORDS = {"import": "import_"}
 """Commands whose name no module can have."""
+
+MEANT = {
+    "list": "hhsim objects and hhsim trajectories list what there is",
+    "ls": "hhsim objects and hhsim trajectories list what there is",
+    "version": "hhsim --version prints it, hhsim info all versions",
+    "run": "did you mean replay?",
+    "show": "did you mean view or report?",
+    "diff": "did you mean compare?",
+    "test": "did you mean verify or gate?",
+    "benchmark": "did you mean bench?",
+}
+"""What to type instead of words that people try."""
 
 COMPLETION_VARIABLE = "_HHSIM_COMPLETE"
 INTERRUPTED = 130
@@ -41,6 +56,7 @@ BROKEN_PIPE = 141
 @click.group(
     cls=LazyGroup,
     lines=COMMANDS,
+    meant=MEANT,
     module=lambda name: KEYWORDS.get(name, name.replace("-", "_")),
     invoke_without_command=True,
     subcommand_metavar="[COMMAND] [ARGS]...",

@@ -52,4 +52,4 @@ def command(as_json: bool) -> None:
         "stresses": lambda item: item.stresses,
         "licence": lambda item: item.licence,
     }
-    print_rows(cells, objects, words=cells.keys() - {"triangles", "level"})
+    print_rows(cells, objects, words=cells.keys() - {"size [mm]", "triangles", "level"})

@@ -5,14 +5,14 @@ import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.shell_completion import CompletionItem
 
 from . import options, rerun_option
 from .comma_list import number_list
-from .console import announce_compilation, print_json, print_notes, print_table, progress
+from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .object_argument import MeshFile, complete_object
 from .option_group import GroupedCommand, option
 from .options import COUNT, FILE, POSITIVE, Side
@@ -20,8 +20,11 @@ from .run_again import names_a_result, run_again
 from .tree_choice import TreeOrFile
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hhsim.hand.model import HandModel
     from hhsim.motion.trajectory import Trajectory
+    from hhsim.replay.summary import ReplaySummary
     from hhsim.scene.demonstration import Demonstration
     from hhsim.scene.script import Script
     from hhsim.solver.options import SolverOptions, Stiffness
@@ -106,7 +109,7 @@ class SolverSettings(options.Linearising, options.SolverChoice):
 class HandAndMotion(options.Sampling, heading="Hand and motion"):
     """The hand, and how it moves; `tremor` is an amplitude of the palm's position [mm] and one of its rotation [°]."""
 
-    place_object: Literal["recorded", "auto"] = options.place_object("recorded")
+    place_object: Literal["recorded", "auto"] | None = options.place_object(None)
     side: Side | None = option(
         "--hand", type=options.SIDES, help="Which hand grasps. Default: the recording's, else the right one."
     )
@@ -157,6 +160,21 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
         return HandModel.default(side) if self.hand_file is None else HandModel.from_toml(self.hand_file, side)
 
 
+class ReplayOutput(options.Output):
+    """Where the result goes, and how much of it is printed."""
+
+    whole: bool = option(
+        "--all", is_flag=True, help="Print every figure; without it those that matter, and what is over its limit."
+    )
+    repeat: int = option(
+        type=COUNT,
+        default=1,
+        metavar="N",
+        help="Run the ticks N times and print mean and standard deviation of the times, which alone differ; the file "
+        "is of the last run.",
+    )
+
+
 @click.command(cls=GroupedCommand)
 @click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
 @click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
@@ -164,7 +182,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
 @TreeOrFile.argument("tree")
 @HandAndMotion.argument("moving")
 @MeshFile.argument("mesh_file")
-@options.Output.argument("output")
+@ReplayOutput.argument("output")
 @options.seed
 @rerun_option.rerun
 def command(
@@ -174,7 +192,7 @@ def command(
     tree: TreeOrFile,
     moving: HandAndMotion,
     mesh_file: MeshFile,
-    output: options.Output,
+    output: ReplayOutput,
     seed: int,
     rerun: "RerunTarget | None",
 ) -> int:
@@ -182,7 +200,8 @@ def command(
 
     OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
     recording, .csv or .h5, or .npz, .json, .bvh as hhsim import reads them. Without them, five fingers grasp the
-    bunny. The table shows the paper's figures beside those of this run; every tick is in the file. Ctrl-C stops the
+    bunny. Above the table stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's
+    figures; every tick is in the file. A recording whose hand touches nothing gets its object placed. Ctrl-C stops the
     replay and keeps the ticks so far.
 
     OBJECT may also be a result or a recorded live session: its ticks are run again with the options that it holds, and
@@ -192,6 +211,7 @@ def command(
     \b
     Examples:
       hhsim replay
+      hhsim replay bunny grasp --all
       hhsim replay cube pinch --method progressive --out pinch.h5
       hhsim replay mug.stl grasp --unit mm --tremor 0.1,0.2
       hhsim replay mug.stl grasp --unit mm --tree mug.h5
@@ -202,18 +222,16 @@ def command(
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
-    from hhsim.motion.trajectory import Trajectory
     from hhsim.replay.replay import replay as run
     from hhsim.result.reader import check_result_path
-    from hhsim.scene.recorded_grasp_pose import place_at_grasp
-    from hhsim.scene.scene import make_scene
+    from hhsim.scene.placed_scene import placed_scene
 
     solver_options = solver.options()
     motion = moving.motion(trajectory)
     remarks = mended_remark(motion, trajectory)
     announce_compilation(quiet=output.quiet)
     mesh, usual_level = mesh_file.read(object_)
-    output_path = output.path(f"{mesh.name}-{motion.name}")
+    output_path = output.path(f"{mesh.name}-{motion.name}-{solver.method}")
     check_result_path(output_path)
     print_notes(mesh.warnings, prefix="warning")
     with ExitStack() as stack:
@@ -230,12 +248,18 @@ def command(
             chosen = tree.choose(mesh, usual_level, report)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
-        placement = None
-        if moving.place_object == "auto" and isinstance(motion, Trajectory):
-            placement = place_at_grasp(motion, hand, chosen.tree)
-            motion = placement.motion
-            remarks.append(placement.text)
-        scene = make_scene(mesh, chosen.tree, hand, motion, rate=moving.rate, mode=moving.samples, seed=seed)
+        placed = placed_scene(
+            mesh,
+            chosen.tree,
+            hand,
+            motion,
+            asked=moving.place_object,
+            fingers=solver_options.fingers,
+            rate=moving.rate,
+            mode=moving.samples,
+            seed=seed,
+        )
+        remarks += filter(None, [placed.note])
         description = {
             "object": object_,
             "object_mesh": mesh.sha256,
@@ -249,36 +273,77 @@ def command(
             "tree_options": dict(chosen.tree.options),
             "trajectory": trajectory,
             "samples": moving.samples,
-            "place_object": moving.place_object,
-            "placement": placement.to_json() if placement else None,
+            "place_object": placed.place,
+            "placement": placed.to_json(),
             "hand_file": str(moving.hand_file) if moving.hand_file else None,
             "tremor_mm_deg": moving.tremor,
             "seed": seed,
         }
-        summary = run(
-            scene,
-            solver_options,
-            output_path,
-            description=description,
-            command=("hhsim", *sys.argv[1:]),
-            before_ticks=viewer.settle if viewer is not None else None,
-            progress=report,
-        )
+        runs = [
+            run(
+                placed.scene,
+                solver_options,
+                output_path,
+                description=description,
+                command=("hhsim", *sys.argv[1:]),
+                before_ticks=viewer.settle if viewer is not None else None,
+                progress=report,
+            )
+            for _ in range(output.repeat)
+        ]
+        summary = runs[-1]
         if viewer is not None:
             viewer.show(output_path, report)
     if output.as_json:
         document = summary.to_json()
-        placed = {"placement": placement.to_json()} if placement else {}
-        print_json({**document, **placed, "notes": [*remarks, *document["notes"]]})
+        placement = {"placement": placed.to_json()} if placed.placement else {}
+        repeated = {"repeated": _repeated(runs)} if output.repeat > 1 else {}
+        print_json({**document, **placement, **repeated, "notes": [*remarks, *document["notes"]]})
     elif not output.quiet:
-        title = f"{mesh.name}, {motion.name}, {solver.method}: {summary.ticks:,} ticks"
-        rows = [(row.label, row.shown, row.unit, row.paper) for row in summary.rows]
-        print_table(("", "hhsim", "unit", "paper"), rows, title=title, numbers=("hhsim", "paper"))
+        _print(summary, whole=output.whole)
+        if output.repeat > 1:
+            _print_times(runs)
         for note in (*remarks, *chosen.notes, *summary.notes):
             if note not in mesh.warnings:
-                print(f"note: {note}")
-        print(f"every tick is in {summary.path}")
+                print_line(f"note: {note}")
+        print_line(f"every tick is in {summary.path}")
     return 0
+
+
+def _print(summary: "ReplaySummary", *, whole: bool) -> None:
+    """Print the verdict and the table; the column of the paper only where the scene is the paper's."""
+    from hhsim.replay.summary_table import short_table, whole_table
+
+    found = summary.verdict
+    print_line(f"{summary.object_name}, {summary.motion_name}, {summary.method}: {summary.ticks:,} ticks")
+    print_line(found.line)
+    print()
+    rows = whole_table(summary.rows) if whole else short_table(summary.rows, found.missed)
+    of_paper = any(row.paper for row in rows)
+    columns = ("", "hhsim", "unit", "limit", *(["paper"] if of_paper else []))
+    cells = [
+        (row.label, row.shown, row.unit, row.limit(summary.method), *([row.paper] if of_paper else [])) for row in rows
+    ]
+    print_table(columns, cells, numbers=("hhsim", "limit", "paper"), optional=("paper",))
+    if not whole:
+        print_line(f"{len(rows)} of {len(whole_table(summary.rows))} figures: --all prints all")
+
+
+def _repeated(runs: "Sequence[ReplaySummary]") -> dict[str, Any]:
+    """Times over several runs, for machines: SI, or % where they are defined so."""
+    from hhsim.replay.repeated_times import repeated_times
+
+    times = {time.row.name: {"mean": time.mean, "std": time.deviation} for time in repeated_times(runs)}
+    return {"runs": len(runs), "times": times}
+
+
+def _print_times(runs: "Sequence[ReplaySummary]") -> None:
+    """Print times over several runs: mean ± standard deviation."""
+    from hhsim.replay.repeated_times import repeated_times
+
+    print()
+    cells = [(time.row.label, time.shown, time.row.unit) for time in repeated_times(runs)]
+    print_table(("", "mean ± σ", "unit"), cells, title=f"times of {len(runs)} runs", numbers=("mean ± σ",))
 
 
 def mended_remark(motion: "Script | Demonstration | Trajectory", trajectory: str) -> list[str]:

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import click
 
 from . import options
-from .console import print_json, print_notes, print_rows, progress
+from .console import print_json, print_line, print_notes, print_rows, progress
 
 if TYPE_CHECKING:
     from hhsim.verify.claim import Claim
     from hhsim.verify.verify import Verification
 
+WHY = "what is claimed; why so much is let pass"
 CELLS: dict[str, Callable[["Claim"], str]] = {
     "claim": lambda claim: claim.name,
     "verdict": lambda claim: claim.verdict,
@@ -23,7 +24,7 @@ CELLS: dict[str, Callable[["Claim"], str]] = {
     "unit": lambda claim: claim.unit,
     "at tick": lambda claim: "—" if claim.tick is None else str(claim.tick),
     "looked at": lambda claim: f"{claim.checked:,}",
-    "what is claimed; why so much is let pass": lambda claim: "; ".join(filter(None, (claim.says, claim.why))),
+    WHY: lambda claim: "; ".join(filter(None, (claim.says, claim.why))),
 }
 NUMBERS = {"worst", "let pass", "at tick", "looked at"}
 
@@ -37,9 +38,10 @@ NUMBERS = {"worst", "let pass", "at tick", "looked at"}
     metavar="K",
     help="Judge distances and forces at every K-th tick, and where the file says that something is worst.",
 )
+@click.option("--why", is_flag=True, help="Show what each claim says, and why so much is let pass.")
 @options.json
 @options.quiet
-def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
+def command(result: Path, every: int, why: bool, as_json: bool, quiet: bool) -> int:
     """Check every claim of a result with independent code.
 
     RESULT is a file that hhsim replay or hhsim live wrote. Joints, depths, forces, optimality, times and the summary
@@ -50,7 +52,7 @@ def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
     \b
     Examples:
       hhsim verify results/grasp.h5
-      hhsim verify grasp.h5 --every 1
+      hhsim verify grasp.h5 --every 1 --why
       hhsim verify session.h5 --every 100 --json
     """
     from hhsim.result.reader import load_result
@@ -63,17 +65,22 @@ def command(result: Path, every: int, as_json: bool, quiet: bool) -> int:
     if as_json:
         print_json({"result": str(result), **found.to_json(), "seconds": time.perf_counter() - begin})
     elif not quiet:
-        _print(result, found)
+        _print(result, found, why=why)
     return 0 if found.passed else 1
 
 
-def _print(path: Path, found: "Verification") -> None:
-    print_rows(CELLS, found.claims, words=CELLS.keys() - NUMBERS, title=str(path))
+def _print(path: Path, found: "Verification", *, why: bool) -> None:
+    # What failed first, and with its reason, whether that was asked for or not.
+    failed, others = ([claim for claim in found.claims if claim.failed is wanted] for wanted in (True, False))
+    cells = CELLS if why else {heading: cell for heading, cell in CELLS.items() if heading != WHY}
+    print_rows(cells, [*failed, *others], words=CELLS.keys() - NUMBERS, title=str(path), optional=("looked at",))
+    for claim in failed if not why else ():
+        print_line(f"FALSE: {claim.name}: {CELLS[WHY](claim)}")
     print_notes([f"{claim.name}: {claim.note}" for claim in found.claims if claim.note])
     deep = f"deepest in the spheres {_depth(found.sphere_penetration)}, in the mesh {_depth(found.mesh_penetration)}"
     false = [claim.name for claim in found.claims if claim.failed]
     verdict = f"FALSE: {', '.join(false)}" if false else "every claim that could be judged holds"
-    print(f"{found.looked_at:,} of {found.ticks:,} ticks looked at; {deep}; {verdict}")
+    print_line(f"{found.looked_at:,} of {found.ticks:,} ticks looked at; {deep}; {verdict}")
 
 
 def _depth(depth: float) -> str:

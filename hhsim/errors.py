@@ -5,7 +5,7 @@ traceback and exits with `exit_code`.
 """
 
 from collections.abc import Collection, Iterable
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 
 
 class HhsimError(Exception):
@@ -32,8 +32,14 @@ class UnknownNameError(InputError):
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         names = sorted(known)
         near = get_close_matches(name, names, n=3, cutoff=0.5)
+        # Beside a name that is meant for sure, one that is only a little alike would be odd.
+        near = [other for other in near if _alike(name, other) > _alike(name, near[0]) - 0.2]
         hint = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(names)}"
         super().__init__(f"unknown {kind} '{name}': {hint}")
+
+
+def _alike(one: str, other: str) -> float:
+    return SequenceMatcher(a=other, b=one).ratio()
 
 
 def check_known(kind: str, names: Iterable[str], known: Collection[str]) -> None:

@@ -20,7 +20,9 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
 from hhsim.replay.replay import replay
 from hhsim.replay.summary import ReplaySummary
+from hhsim.replay.summary_table import short_table, whole_table
 from hhsim.replay.tremor_hold import ONSET, TREMOR
+from hhsim.replay.verdict import OK
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
@@ -76,9 +78,11 @@ def test_each_line_of_the_table_is_explained_in_order(short: tuple[ReplaySummary
 
 
 def test_the_first_result_of_the_readme_has_these_lines(short: tuple[ReplaySummary, Result]) -> None:
-    block = next(block for block in README.blocks("console") if "candidate pairs" in block)
+    block = next(block for block in README.blocks("console") if "penetration, max" in block)
     shown = [line for line in block.splitlines() if line[:1].isalpha() and "  " in line]
-    assert [re.split(r" {2,}", line)[0] for line in shown] == [row.label for row in short[0].rows]
+    assert [re.split(r" {2,}", line)[0] for line in shown] == [row.label for row in short_table(short[0].rows)]
+    assert f"\n{OK}. The shown hand stays out" in block
+    assert f"{len(shown)} of {len(whole_table(short[0].rows))} figures" in block
 
 
 def test_every_measure_and_dataset_is_documented() -> None:

@@ -8,7 +8,7 @@ import click
 
 from .. import options
 from ..comma_list import names
-from ..console import announce_compilation, number, print_json, print_rows, progress
+from ..console import announce_compilation, number, print_json, print_line, print_rows, progress
 from ..object_argument import MeshSize, complete_object
 
 if TYPE_CHECKING:
@@ -24,6 +24,8 @@ CELLS: dict[str, Callable[["RecordedFigures"], str]] = {
     "tip [mm/tick]": lambda row: f"{1e3 * row.fastest:.2f}",
     "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
     "in touch": lambda row: f"{row.touching:,}",
+    "force [N]": lambda row: number(row.force_mean, 2),
+    "step [N]": lambda row: number(row.force_step, 2),
     "variation, tick [%]": lambda row: number(row.variation_tick, 3),
     "sample [%]": lambda row: number(row.variation_sample, 2),
     "p50 [µs]": lambda row: number(row.cpu_p50, 1, 1e6),
@@ -33,6 +35,9 @@ CELLS: dict[str, Callable[["RecordedFigures"], str]] = {
     "stuck": lambda row: f"{row.stuck:,}",
     "no cause": lambda row: f"{row.unexplained:,}",
 }
+
+OPTIONAL = ("tip [mm/tick]", "sample [%]", "ticks", "lag [mm]", "no cause")
+"""What a narrow terminal does without."""
 
 
 class RecordedMotion(options.Sampling):
@@ -87,7 +92,7 @@ def command(
     """
     from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
     from hhsim.bench.robustness.recorded_metrics import COLUMNS, table_row, totals
-    from hhsim.bench.table import write_table
+    from hhsim.bench.table import csv_path, write_table
     from hhsim.mesh.catalogue import names_a_file, resolve_object
     from hhsim.solver.options import SolverOptions
     from hhsim.trees.cache import cached_sphere_tree
@@ -107,7 +112,15 @@ def command(
             BenchObject(mesh.name, mesh, cached_sphere_tree(mesh, TreeOptions(level=level or usual), report))
             for mesh, usual in chosen.values()
         ]
-        figures = list(bench_recorded(files, placed, solvers, run, report))
+        figures: list[RecordedFigures] = []
+        stopped: KeyboardInterrupt | None = None
+        try:
+            for row in bench_recorded(files, placed, solvers, run, report):
+                figures.append(row)  # noqa: PERF402 — what is done is kept where the next one is interrupted
+        except KeyboardInterrupt as interrupt:
+            if not figures:
+                raise
+            stopped = interrupt
     described = {
         "recordings": [str(path) for path in recordings],
         "objects": list(chosen),
@@ -124,14 +137,17 @@ def command(
     }
     rows = [table_row(row) for row in figures]
     write_table(output_path, "recorded", COLUMNS, rows, described)
+    if stopped is not None:
+        stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {output_path} and {csv_path(output_path)}")
+        raise stopped
     missed = any(row.missed for row in figures)
     if output.as_json:
         whole = [table_row(row) for row in totals(figures)]
         document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": described}
-        print_json({**document, "path": str(output_path)})
+        print_json({**document, "path": str(output_path), "csv": str(csv_path(output_path))})
     elif not output.quiet:
         _print(figures)
-        print(f"every figure is in {output_path}")
+        print_line(f"every figure is in {output_path}, and as a table in {csv_path(output_path)}")
     return int(missed)
 
 
@@ -141,7 +157,7 @@ def _print(figures: "Sequence[RecordedFigures]") -> None:
     ran = [row for row in figures if not row.reason]
     if ran:
         title = f"recorded hands, {ran[0].rate:g} ticks a second"
-        print_rows(CELLS, [*ran, *totals(ran)], words=("recording", "object", "method"), title=title)
+        print_rows(CELLS, [*ran, *totals(ran)], words=("recording", "object", "method"), title=title, optional=OPTIONAL)
     for row in figures:
         if row.reason:
             print(f"NOT RUN: {', '.join(filter(None, (row.recording, row.object, row.method)))}: {row.reason}")

@@ -84,6 +84,8 @@ def load_baseline(path: Path) -> Baseline:
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; expected a baseline (hhsim gate --write-baseline)") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the baseline {path}: {getattr(error, 'strerror', None) or error}") from error
     except json.JSONDecodeError as error:

@@ -31,6 +31,9 @@ COUNTERS: dict[str, tuple[str, Figure]] = {
 }
 """Dataset of each counter, of which the sum over all ticks is taken: exact integers."""
 
+NEVER_UNDEFINED = ("force/total", "graphic/position")
+"""Datasets that a sound run has in every tick."""
+
 
 @dataclass(frozen=True)
 class RunFigures:
@@ -74,9 +77,15 @@ def cpu_p50(result: Result) -> float:
 def _errors(result: Result) -> dict[str, float]:
     run = result_ticks(result, _ComputedAnew(result))
     # What is of runs of its own, only the run itself has.
-    return {
+    found = {
         name: float(result.summary.get(name, np.nan) if metric.compute is None else metric.compute(run))
         for name, metric in judged_metrics().items()
+    }
+    lost = {name for name in NEVER_UNDEFINED if not np.isfinite(result[name]).all()}
+    # A force or a pose that is no number is not one that is not there.
+    return {
+        name: np.inf if np.isnan(value) and lost.intersection(judged_metrics()[name].needs) else value
+        for name, value in found.items()
     }
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from hhsim.errors import InputError
 from hhsim.gate.metrics import COUNTERS
 from hhsim.metrics.run.registry import judged_metrics
+from hhsim.replay.limits import promised
 from hhsim.solver.method import METHODS
 from hhsim.system.toml_document import check_keys, checked_table, parse_toml, read_toml_text
 
@@ -55,7 +56,7 @@ object = "bunny"
 trajectory = "grasp"
 method = "progressive"
 [scene.limits]
-tracking_excess = 100.0        # a limit of its own: this method holds the palm where the user has it
+tracking_excess = false        # not promised: this method holds the palm where the user has it
 
 [[scene]]
 name = "cup-handle"
@@ -127,11 +128,13 @@ class GateSuite:
     def limits_of(self, method: str) -> Mapping[str, float]:
         """Limits of a result, which is no scene of the suite.
 
-        They are those that all scenes of its method share, where there are such: a method that leaves the palm where
-        the user has it is not held to the energy of one that does not.
+        They are those that all scenes of its method share, where there are such, else those of every scene that the
+        method promises to hold.
         """
         own = [scene.limits for scene in self.scenes if scene.method == method]
-        return own[0] if own and all(limits == own[0] for limits in own) else self.limits
+        if own and all(limits == own[0] for limits in own):
+            return own[0]
+        return {name: limit for name, limit in self.limits.items() if promised(name, method)}
 
 
 def load_suite(path: Path) -> GateSuite:

@@ -10,6 +10,7 @@ from hhsim.gate.metrics import COUNTERS, RunFigures
 from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import judged_metrics
+from hhsim.replay.limits import promised
 
 ROUNDING = 1e-9
 """Errors that differ by no larger share are the same."""
@@ -55,8 +56,12 @@ class GateRow:
 
 
 def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float]) -> list[GateRow]:
-    """Errors against absolute limits; what a base had is told beside them and misses nothing."""
+    """Errors against absolute limits; what a base had is told beside them and misses nothing.
+
+    What is undefined, such as the force in a hold that the motion does not have, is not judged, unless the base has it.
+    """
     rows = []
+    method = str(head.inputs.solver.get("method", ""))
     trembling = math.isfinite(head.errors.get(TREMBLING, math.nan))
     for name, metric in judged_metrics().items():
         value, before = head.errors[name], math.nan if base is None else base.errors[name]
@@ -65,9 +70,15 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         if not limited and math.isnan(value):
             continue
         passed, reason = True, ""
-        if limited and not value <= limit:
+        if limited and math.isnan(value):
+            # What the base had and the head has not is lost, and with it what the limit is for.
+            passed = math.isnan(before)
+            reason = "undefined here, so not judged" if passed else "undefined here, and the base has it"
+        elif limited and not value <= limit:
             passed = False
-            reason = "over the limit" if math.isfinite(value) else "undefined, so the limit cannot be held"
+            reason = "over the limit" if math.isfinite(value) else "not finite"
+        elif not limited and not promised(name, method):
+            reason = f"not promised by {method}"
         rounding = max(metric.judged.rounding if metric.judged else 0.0, ROUNDING * abs(before))
         word = _word(value, before, SLIGHT * abs(before), rounding)
         figure = metric if trembling or metric.moving_hold is None else metric.moving_hold

@@ -23,7 +23,7 @@ def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     import trimesh
 
     if not path.exists():
-        raise InputError(f"{path}: no such mesh file")
+        raise InputError(f"{path}: no such file; expected a mesh")
     if path.is_dir():
         raise InputError(f"{path}: a folder; expected a mesh file")
     kind = path.suffix.lower().removeprefix(".")

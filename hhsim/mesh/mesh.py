@@ -17,12 +17,15 @@ IntArray = NDArray[np.int64]
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 """The units that `load_mesh` takes, and their length [m]."""
 
-SMALLEST_USUAL_EXTENT = 0.01
-LARGEST_USUAL_EXTENT = 1.0
-
-SMALLEST_EXTENT = 1e-6
-LARGEST_EXTENT = 1e6
-"""Outside of this [m] a mesh is refused: no hand has use for it, and squares and cubes of it lose their digits."""
+SMALLEST_USUAL_EXTENT = 0.02
+LARGEST_USUAL_EXTENT = 3.0
+"""Outside of this [m], from a bottle's cap to a door, the unit is asked about."""
+SMALLEST_EXTENT = 0.001
+LARGEST_EXTENT = 20.0
+"""Outside of this [m] a mesh is refused: a hand has no use for it, and the unit is wrong."""
+SMALLEST_NUMBER = 1e-6
+LARGEST_NUMBER = 1e6
+"""Outside of this a file's own extent is refused: squares and cubes of it lose their digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,13 +164,17 @@ def load_mesh(
     if longest == 0.0:
         raise MeshError(f"{path}: all vertices lie in one point; expected a surface mesh")
     unit_length = METRES_PER_UNIT[unit] if size is None else size / longest
-    for extent in (longest, longest * unit_length):
-        if not SMALLEST_EXTENT <= extent <= LARGEST_EXTENT:
-            raise MeshError(
-                f"{path}: longest extent {extent:.3g}{'' if extent == longest else ' m'}: expected "
-                f"{SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g}, both in the file and in metres; is a vertex damaged, "
-                "or --unit or --size wrong?"
-            )
+    if not SMALLEST_NUMBER <= longest <= LARGEST_NUMBER:
+        raise MeshError(
+            f"{path}: longest extent {longest:.3g} in the file: expected {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}; is "
+            "a vertex damaged?"
+        )
+    if not SMALLEST_EXTENT <= longest * unit_length <= LARGEST_EXTENT:
+        hint = "is --size wrong?" if size is not None else size_hint(longest * unit_length, unit)
+        raise MeshError(
+            f"{path}: longest extent {longest * unit_length:.3g} m: expected {SMALLEST_EXTENT:g} to "
+            f"{LARGEST_EXTENT:g} m, since a hand is to touch it; {hint}"
+        )
     surface = solid_surface(
         mesh.vertices,
         mesh.faces,
@@ -188,12 +195,15 @@ def load_mesh(
 def size_warnings(mesh: Mesh, unit: str) -> tuple[str, ...]:
     """Say so when a mesh is too large or too small for a hand; the usual cause is a wrong unit."""
     longest = float(mesh.extent.max())
-    if longest > LARGEST_USUAL_EXTENT:
-        smaller = {"m": "mm", "inch": "mm", "cm": "mm"}.get(unit, "")
-        name = {"mm": "millimetres"}.get(smaller, "")
-        hint = f"is the file in {name}? pass --unit {smaller}" if smaller else "pass --size to state its longest extent"
-        return (f"longest extent {longest:.3g} m: {hint}",)
-    if longest < SMALLEST_USUAL_EXTENT:
-        hint = "is the file in metres? pass --unit m" if unit != "m" else "pass --size to state its longest extent"
-        return (f"longest extent {1000.0 * longest:.3g} mm: {hint}",)
-    return ()
+    if SMALLEST_USUAL_EXTENT <= longest <= LARGEST_USUAL_EXTENT:
+        return ()
+    shown = f"{longest:.3g} m" if longest > 1.0 else f"{1000.0 * longest:.3g} mm"
+    return (f"longest extent {shown}: {size_hint(longest, unit)}",)
+
+
+def size_hint(longest: float, unit: str) -> str:
+    """What the unit of a file might be instead, whose mesh is that long [m] by the unit it was read in."""
+    other, name = ("mm", "millimetres") if longest > 1.0 else ("m", "metres")
+    if unit == other:
+        return "pass --size to state its longest extent"
+    return f"is the file in {name}? pass --unit {other}"

@@ -41,6 +41,11 @@ class MeshInRepair:
         return f"{1000.0 * self.unit_length * length:.3g} mm"
 
 
+def percent(share: float) -> str:
+    """A share as people read it: two digits, or a whole number from 10 % on."""
+    return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:.2g} %"
+
+
 def counted(count: int, noun: str) -> str:
     """A number with its noun, in the plural where it is not 1."""
     plural = "vertices" if noun == "vertex" else noun + "s"

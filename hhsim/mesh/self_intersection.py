@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.winding_number import winding_numbers
-from hhsim.mesh.repair_log import MeshInRepair
+from hhsim.mesh.repair_log import MeshInRepair, percent
 from hhsim.mesh.topology import in_fixed_order, is_closed, merged_vertices, part_labels, signed_volume
 
 FloatArray = NDArray[np.float64]
@@ -127,7 +127,7 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
         )
     if faulty:
         surface.warnings.append(
-            f"crosses itself at about {100.0 * share:.2g} % of its surface (winding number {low:.2f} to {high:.2f})"
+            f"crosses itself at about {percent(share)} of its surface (winding number {low:.2f} to {high:.2f})"
         )
 
 

@@ -16,7 +16,7 @@ from hhsim.kernels.mesh.inside_field import SolidField
 from hhsim.mesh.isosurface import border_distances, is_inside, simplified, solid_mesh
 from hhsim.mesh.orientation import turned_outward
 from hhsim.mesh.repair import CAP_AREA, closed_surface, merge_and_clean
-from hhsim.mesh.repair_log import MeshInRepair, counted
+from hhsim.mesh.repair_log import MeshInRepair, counted, percent
 from hhsim.mesh.surface_sampling import face_samples
 from hhsim.mesh.thin_sheets import slab_union
 from hhsim.mesh.topology import face_areas, in_fixed_order, is_closed, part_labels, undirected_edges, used_vertices
@@ -177,7 +177,7 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     lost = border.share(border.loose)
     if lost > LOST_AREA:
         raise MeshError(
-            f"{surface.name}: {refusal}; and {100.0 * lost:.2g} % of its surface encloses nothing by winding number; "
+            f"{surface.name}: {refusal}; and {percent(lost)} of its surface encloses nothing by winding number; "
             f"{THICKEN}"
         )
     if lost > 0.0:

@@ -245,6 +245,28 @@ def force_step(force: ArrayLike, moving: Mask, hold: Mask, floor: float = FORCE_
     return float(100.0 * change.max() / held.mean())
 
 
+def contact_force_step(force: ArrayLike, touch: Mask, breaks: Mask | None = None) -> float:
+    """Largest one-tick change of the total force in contact, ‖F_t - F_{t-1}‖ [N]: the hardest jerk that was felt.
+
+    Of the vector, as in `force_step`, but without a hold: a recording or a session has it too.
+
+    Args:
+        force: [N], shape (T, 3).
+        touch: Ticks in which the hand touches, shape (T,); each is compared with the tick before it and the one after
+            it, so that a touch that begins or ends at once counts.
+        breaks: Ticks before which others are missing, shape (T,): not compared with the tick before.
+
+    Returns:
+        [N]; NaN where nothing touches.
+    """
+    touching = np.asarray(touch, dtype=bool)
+    compared = touching[1:] | touching[:-1]
+    if breaks is not None:
+        compared = compared & ~np.asarray(breaks, dtype=bool)[1:]
+    change = np.linalg.norm(np.diff(_vectors(force), axis=0), axis=1)[compared]
+    return float(change.max()) if change.size else np.nan
+
+
 def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> Array:
     """How far the shown hand jumps in one tick beyond what the user's hand did [m], shape (T,).
 

@@ -49,11 +49,14 @@ class Judged:
 
     Attributes:
         rounding: Values that differ by no more are the same [SI, or %].
-        limit: Largest value of a project that sets none [SI, or %]; None for no limit.
+        limit: Largest value of a project that sets none [SI, or %], the same for every method; None for no limit.
+        promise: Attribute of `hhsim.solver.method.Method` without which a method is not held to the limit; "" where
+            every method is.
     """
 
     rounding: float = 0.0
     limit: float | None = None
+    promise: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +77,9 @@ class RunMetric(Figure):
         judged: How the gate judges it; None where it does not.
         moving_hold: How it is shown where the hold's input moves, as a live hand's does.
         moving_hold_only: Whether it is shown there alone.
+        short: Line of the short table that it stands in, or ""; of several figures for one line the last that is
+            defined stands there.
+        unless_zero: Name of a count without which it has no line at all: of nothing there is no largest.
     """
 
     place: int = 1000
@@ -85,3 +91,5 @@ class RunMetric(Figure):
     judged: Judged | None = None
     moving_hold: Figure | None = None
     moving_hold_only: bool = False
+    short: str = ""
+    unless_zero: str = ""

@@ -15,6 +15,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_error import TouchedObject
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
+from hhsim.result.schema import LIVE_TICK
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[Any]
@@ -45,6 +46,7 @@ class RunTicks:
         fingers: How many are modelled.
         all_pairs: Of a hand body and an object sphere; 0 where that is not known.
         touched: The object; None where contacts are not looked at.
+        breaks: Ticks before which others are missing, shape (T,); None where none are.
     """
 
     columns: Columns
@@ -54,6 +56,7 @@ class RunTicks:
     fingers: int
     all_pairs: int = 0
     touched: TouchedObject | None = None
+    breaks: Mask | None = None
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -83,6 +86,12 @@ class RunTicks:
             return np.full(self.ticks, np.nan)
         return self.touched.contact_error(PlacedHand(*(self.columns[name] for name in PLACED)), self.contact)
 
+    @cached_property
+    def touch(self) -> Mask:
+        """Ticks in which the hand touches: with a touching pair, or with a force; shape (T,)."""
+        forced = np.linalg.norm(self.columns["force/total"], axis=1) > 0.0
+        return np.asarray((self.columns["contacts/touching"] > 0) | forced)
+
 
 def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
     """The ticks of a result.
@@ -110,7 +119,17 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
         fingers=len(result.fingers),
         all_pairs=bodies * int(np.sum(level == level.max())),
         touched=touched,
+        breaks=_breaks(result),
     )
+
+
+def _breaks(result: Result) -> Mask | None:
+    """Ticks of a session before which the recorder lost others; None for a replay."""
+    if result.live is None:
+        return None
+    breaks = np.zeros(result.ticks, bool)
+    breaks[1:] = np.diff(result[f"{LIVE_TICK}/record"].astype(np.int64)) != 1
+    return breaks
 
 
 def hold_slices(phases: Sequence[TickPhase], ticks: int) -> list[slice]:

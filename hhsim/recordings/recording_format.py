@@ -186,4 +186,6 @@ def _is_text(text: str) -> bool:
 
 
 def _unreadable(error: OSError) -> TrajectoryError:
+    if isinstance(error, FileNotFoundError):
+        return TrajectoryError("no such file; expected a recording")
     return TrajectoryError(f"cannot be read: {error.strerror or error}")

@@ -18,6 +18,7 @@ from hhsim.replay.summary import ReplaySummary, TickSeries, summarise
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.writer import ResultWriter
+from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
@@ -96,6 +97,6 @@ def replay(
                 check_interrupt()
         if progress is not None:
             progress("ticks", total, total)
-        summary = summarise(scene, options, series, prepared)
+        summary = summarise(scene, options, series, prepared, of_paper=of_the_paper(described))
         path = writer.finish(summary.attributes())
     return summary.at(path)

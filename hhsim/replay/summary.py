@@ -1,12 +1,13 @@
 """The table that `hhsim replay` prints: our figures beside the paper's."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim import __version__
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import hand_shape
@@ -18,6 +19,7 @@ from hhsim.metrics.run.registry import needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.replay.tremor_hold import tremor_variation
+from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import WarmUp
 from hhsim.solver.options import SolverOptions
@@ -66,10 +68,13 @@ class ReplaySummary:
     """What a replay found.
 
     Attributes:
-        rows: The table.
+        rows: The whole table.
         notes: What a reader should know besides, a sentence each.
         ticks: How many.
         warm_up: What preparing the kernels took; no part of any tick.
+        method: Of the solver.
+        object_name: What people call the object.
+        motion_name: What people call the motion.
         path: The result file.
     """
 
@@ -77,7 +82,15 @@ class ReplaySummary:
     notes: tuple[str, ...]
     ticks: int
     warm_up: WarmUp
+    method: str
+    object_name: str
+    motion_name: str
     path: Path | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """By the default limits."""
+        return run_verdict(self.rows, self.method, self.ticks)
 
     def attributes(self) -> dict[str, float | int]:
         """The table as attributes of the result file: deterministic figures and timings by name."""
@@ -91,6 +104,11 @@ class ReplaySummary:
         """For machines: SI units."""
         return {
             "result": str(self.path) if self.path else None,
+            "hhsim": __version__,
+            "object": self.object_name,
+            "motion": self.motion_name,
+            "method": self.method,
+            "verdict": asdict(self.verdict),
             **self.attributes(),
             "kernels_prepared_s": self.warm_up.seconds,
             "kernels_compiled": self.warm_up.compiled,
@@ -98,8 +116,10 @@ class ReplaySummary:
         }
 
 
-def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared: WarmUp) -> ReplaySummary:
-    """Compute the table."""
+def summarise(
+    scene: Scene, options: SolverOptions, series: TickSeries, prepared: WarmUp, *, of_paper: bool = False
+) -> ReplaySummary:
+    """Compute the table; with the paper's figures where the scene is `of_paper`."""
     ticks = scene.ticks
     run = RunTicks(
         columns=series,
@@ -117,9 +137,15 @@ def summarise(scene: Scene, options: SolverOptions, series: TickSeries, prepared
         ),
     )
     figures = {**tick_figures(run), **_figures_of_own_runs(scene, options, run)}
-    rows = summary_rows(figures, ticks.rate)
-    notes = (*_notes(scene, options, series["status"], prepared), *_floating(scene, figures["contact_error_max"]))
-    return ReplaySummary(rows, notes, series.ticks, prepared)
+    return ReplaySummary(
+        rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
+        notes=(*_notes(scene, options, series["status"]), *_floating(scene, figures["contact_error_max"])),
+        ticks=series.ticks,
+        warm_up=prepared,
+        method=options.method,
+        object_name=scene.mesh.name,
+        motion_name=scene.trajectory.name,
+    )
 
 
 def _figures_of_own_runs(scene: Scene, options: SolverOptions, run: RunTicks) -> dict[str, float]:
@@ -155,7 +181,7 @@ def _floating(scene: Scene, error: float) -> tuple[str, ...]:
     )
 
 
-def _notes(scene: Scene, options: SolverOptions, status: Array, prepared: WarmUp) -> tuple[str, ...]:
+def _notes(scene: Scene, options: SolverOptions, status: Array) -> tuple[str, ...]:
     notes = [*scene.mesh.repairs, *scene.mesh.warnings]
     if np.any(status & STATUS_START_INSIDE):
         notes.append("the haptic hand begins inside the object: the graphic hand began at the nearest free place")
@@ -164,8 +190,4 @@ def _notes(scene: Scene, options: SolverOptions, status: Array, prepared: WarmUp
         notes.append(f"{held:,} ticks had input that was not finite and used the last good one")
     if options.threads > 1:
         notes.append(f"CPU times are those of all {options.threads} threads together, waiting for each other included")
-    if prepared.compiled:
-        notes.append(
-            f"the kernels were compiled in {prepared.seconds:.1f} s, apart from the ticks; the next run loads them"
-        )
     return tuple(notes)

@@ -1,12 +1,14 @@
 """The rows of the table that `hhsim replay` prints, of a run that has just ended or as its file holds them."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import PAPER_RATE, Figure
+from hhsim.replay.limits import default_limits, promised
 
 
 @dataclass(frozen=True)
@@ -43,24 +45,59 @@ class SummaryRow:
         """Of `shown`."""
         return self.figure.unit
 
+    def limit(self, method: str) -> str:
+        """The default limit that a method is held to, in `unit`; "not promised", or "" where the figure has none."""
+        metric = run_metrics().get(self.name)
+        if metric is None or metric.judged is None or metric.judged.limit is None:
+            return ""
+        if not promised(self.name, method):
+            return "not promised"
+        return f"{default_limits(method)[self.name] / self.figure.scale:g}"
 
-def summary_rows(figures: Mapping[str, float], rate: float) -> tuple[SummaryRow, ...]:
+
+def summary_rows(figures: Mapping[str, float], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:
     """The table of figures; those that are no run metric are left out.
 
     Args:
         figures: By name; SI units, or % where they are defined so.
         rate: Ticks per second [Hz].
+        of_paper: Whether the scene is one of the paper's, so that its figures have a place beside ours.
     """
     trembling = TREMBLING in figures
     rows = []
     for name, metric in run_metrics().items():
         if name in figures and not (trembling and metric.moving_hold_only):
             figure = metric if trembling or metric.moving_hold is None else metric.moving_hold
-            paper = "" if metric.per_tick and rate != PAPER_RATE else figure.paper
+            paper = figure.paper if of_paper and not (metric.per_tick and rate != PAPER_RATE) else ""
             rows.append(SummaryRow(figure, float(figures[name]), paper))
     return tuple(rows)
 
 
-def stored_rows(summary: Mapping[str, Any], rate: float) -> tuple[SummaryRow, ...]:
+def stored_rows(summary: Mapping[str, Any], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:
     """The table of a result's summary, as its replay printed it."""
-    return summary_rows({name: float(summary[name]) for name in run_metrics() if name in summary}, rate)
+    found = {name: float(summary[name]) for name in run_metrics() if name in summary}
+    return summary_rows(found, rate, of_paper=of_paper)
+
+
+def whole_table(rows: Sequence[SummaryRow]) -> tuple[SummaryRow, ...]:
+    """Every line that says something: without the largest of what never happened."""
+    values = {row.name: row.value for row in rows}
+    return tuple(row for row in rows if values.get(run_metrics()[row.name].unless_zero, 1.0) != 0.0)
+
+
+def short_table(rows: Sequence[SummaryRow], missed: Sequence[str] = ()) -> tuple[SummaryRow, ...]:
+    """The lines that matter: those of `RunMetric.short`, and what is over its limit.
+
+    Args:
+        rows: Of the whole table.
+        missed: Names of the figures that are over their limits.
+    """
+    chosen: dict[str, SummaryRow] = {}
+    for row in rows:
+        line = run_metrics()[row.name].short
+        # An undefined figure stands where no other of its line is defined.
+        if line and (line not in chosen or not math.isnan(row.value)):
+            chosen[line] = row
+    names = {row.name for row in chosen.values()}.union(missed)
+    names |= {row.name for row in rows if run_metrics()[row.name].unless_zero in names - {""} and row.value > 0.0}
+    return tuple(row for row in whole_table(rows) if row.name in names)

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 
 from hhsim import __version__
+from hhsim.replay.verdict import MISSED, OK
 from hhsim.report.compare import Comparison
 from hhsim.report.html import Html, element, joined, listed, page, paragraph
 from hhsim.report.provenance import motion_name, object_name
 from hhsim.report.run import ReportRun
 from hhsim.report.style import STYLE
-from hhsim.report.verdict import MISSED, OK
 
 GENERATOR = "hhsim report"
 """What the page says it was made by; files that do not are not replaced."""

@@ -33,6 +33,7 @@ def run_facts(result: Result) -> dict[str, str]:
         "sphere tree": f"level {depth}, {int((level == depth).sum()):,} leaf spheres",
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
+        "the object's place": str((scene.get("placement") or {}).get("text") or "as the motion has it"),
         "ticks": f"{result.ticks:,} at {result.rate:,g} Hz, {result.ticks / result.rate:,.2f} s",
         "hand": _hand(hand),
         "fingers": "all five" if len(fingers) == len(FINGERS) else ", ".join(fingers) or "none",

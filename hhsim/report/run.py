@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from hhsim.live.session.summary_table import session_rows
 from hhsim.replay.summary_table import SummaryRow
+from hhsim.replay.verdict import Verdict, verdict
 from hhsim.report.provenance import motion_name, object_name
 from hhsim.report.tick_table import PhaseFigures, figure_rows, phase_figures, report_ticks
-from hhsim.report.verdict import Verdict, verdict
 from hhsim.result.reader import Result
 
 UNNAMED = "method"

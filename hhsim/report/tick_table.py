@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import metrics
-from hhsim.metrics.run.registry import needed_columns, tick_figures
+from hhsim.metrics.run.registry import needed_columns, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
-from hhsim.replay.summary_table import SummaryRow, stored_rows, summary_rows
+from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.result.reader import Result
+from hhsim.scene.motion_catalogue import of_the_paper
 
 Array = NDArray[Any]
 
@@ -66,10 +67,14 @@ def report_ticks(result: Result) -> RunTicks:
 
 
 def figure_rows(result: Result, ticks: RunTicks) -> tuple[SummaryRow, ...]:
-    """The table of a result: the one that its replay printed; else, of a session or a run cut short, from its ticks."""
+    """The table of a result: the one that its replay printed; else, of a session or a run cut short, from its ticks.
+
+    A figure that an older replay did not have yet is computed from its ticks too.
+    """
+    figures = tick_figures(ticks)
     if result.complete and result.live is None:
-        return stored_rows(result.summary, result.rate)
-    return summary_rows(tick_figures(ticks), result.rate)
+        figures |= {name: float(result.summary[name]) for name in run_metrics() if name in result.summary}
+    return summary_rows(figures, result.rate, of_paper=of_the_paper(result.scene))
 
 
 def phase_figures(result: Result, ticks: RunTicks) -> list[PhaseFigures]:

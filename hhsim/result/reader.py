@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.schema import (
@@ -100,8 +100,27 @@ class Result:
                 if name.startswith(f"{LIVE}/"):
                     self._loaded[name] = self._live_column(file, name)
                 else:
-                    self._loaded[name] = _frozen(file["tick"][name][: self.ticks])
+                    dataset = file["tick"].get(name)
+                    if not isinstance(dataset, h5py.Dataset):
+                        raise self._no_dataset(name, dataset)
+                    self._loaded[name] = _frozen(dataset[: self.ticks])
         return self._loaded[name]
+
+    def keys(self) -> list[str]:
+        """Names that `result[name]` takes: the datasets of /tick, and those of a session under `live/`."""
+        with _opened(self.path) as file:
+            found = _dataset_names(file["tick"])
+            return found if self.live is None else found + [f"{LIVE}/{name}" for name in _dataset_names(file[LIVE])]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.keys()
+
+    def _no_dataset(self, name: str, group: object) -> InputError:
+        if group is not None:
+            inside = [known for known in self.keys() if known.startswith(f"{name}/")]
+            return InputError(f"{self.path}: {name} is a group; expected one of its datasets: {', '.join(inside)}")
+        error = UnknownNameError("dataset", name, self.keys())
+        return InputError(f"{self.path}: {error}")
 
     def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, Array]]:
         """Datasets of /tick, so many ticks at a time: a long session does not fit into memory whole.
@@ -132,6 +151,8 @@ class Result:
     def _live_column(self, file: h5py.File, name: str) -> Array:
         if self.live is None:
             raise InputError(f"{self.path} has no dataset {name}: it is no live session")
+        if not isinstance(file.get(name), h5py.Dataset):
+            raise self._no_dataset(name, file.get(name))
         table = file[name.rsplit("/", 1)[0]]
         rows: list[int] = []
         # A run that was killed may have written a block to some of the datasets and not to the others.
@@ -193,6 +214,12 @@ def load_result(path: str | Path) -> Result:
         )
 
 
+def _dataset_names(group: h5py.Group) -> list[str]:
+    names: list[str] = []
+    group.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+    return names
+
+
 def _scene(written: str) -> dict[str, Any]:
     scene: dict[str, Any] = json.loads(written)
     solver = scene.get("solver", {})
@@ -235,7 +262,7 @@ def _read_phases(file: h5py.File) -> Iterator[TickPhase]:
 def _opened(path: Path) -> Iterator[h5py.File]:
     """Open for reading, with every failure of the file told as an `InputError`."""
     if not path.exists():
-        raise InputError(f"there is no file {path}")
+        raise InputError(f"{path}: no such file; expected a result (.h5)")
     if path.is_dir():
         raise InputError(f"{path} is a folder, not a result file")
     try:

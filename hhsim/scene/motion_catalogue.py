@@ -6,10 +6,12 @@ recording: a trajectory (`.h5`, `.csv`), a result or a live session (`.h5`), who
 """
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.motion.trajectory import Trajectory
@@ -120,6 +122,12 @@ def describe(name: str) -> TrajectoryDescription:
         objects=objects,
         figures=tuple(use.figure for use in paper),
     )
+
+
+def of_the_paper(description: Mapping[str, Any]) -> bool:
+    """Whether a scene, by what a result says of it, is one that the paper shows: its motion on one of its objects."""
+    motion, object_ = str(description.get("trajectory")), description.get("object")
+    return motion in _names()[0] and any(object_ in use.objects for use in load_script(motion).paper)
 
 
 def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Trajectory:

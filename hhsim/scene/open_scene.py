@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from hhsim.hand.model import HandModel
+from hhsim.errors import check_known
+from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import MESH_LEVEL, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ResampleMode, Trajectory
@@ -13,6 +14,8 @@ from hhsim.scene.script import Script
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
+SIDES = ("right", "left")
+
 
 def open_scene(
     object_: str | Path | Mesh = "bunny",
@@ -21,7 +24,7 @@ def open_scene(
     unit: str | None = None,
     size: float | None = None,
     level: int | None = None,
-    hand: HandModel | None = None,
+    hand: HandModel | Side | None = None,
     rate: float = 1000.0,
     mode: ResampleMode = "interpolate",
     seed: int = 0,
@@ -34,13 +37,13 @@ def open_scene(
         unit: Length unit of a mesh file: m, cm, mm or inch; None is m.
         size: Longest extent that a mesh file gets [m], whatever its unit.
         level: Of the tree's leaves, 1 to 5; None is what suits the object, 3 or 4.
-        hand: None is the default hand, of the side that the motion is of.
+        hand: A model, or right or left for the default hand of that side; None is that of the motion's side.
         rate: Ticks per second [Hz].
         mode: Between two samples of the motion: interpolate, or hold the last one.
         seed: Of a script's tremor and sensor noise.
 
     Raises:
-        UnknownNameError: No such object or trajectory; the message lists the near names.
+        UnknownNameError: No such object, trajectory or side of the hand; the message lists the near names.
         InputError: A file or an option that cannot be used, or a motion that cannot be done on this object.
     """
     mesh, usual = (object_, MESH_LEVEL) if isinstance(object_, Mesh) else resolve_object(object_, unit, size)
@@ -59,5 +62,7 @@ def open_scene(
         "place_object": "recorded",
         "seed": seed,
     }
-    model = hand or HandModel.default(side_of(moved))
+    if isinstance(hand, str):
+        check_known("hand", [hand], SIDES)
+    model = hand if isinstance(hand, HandModel) else HandModel.default(hand or side_of(moved))
     return make_scene(mesh, tree, model, moved, rate=rate, mode=mode, seed=seed, description=description)

@@ -9,7 +9,7 @@ palm is in. A recording whose fingers never close is placed at the fingertips of
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -80,7 +80,7 @@ class GraspPlacement:
     """An object placed at a recorded grasp.
 
     Attributes:
-        motion: The recording, with the object's pose and a source that says how it came about.
+        motion: The recording, with the object's pose.
         grasp: Where the object was put.
         time: Of the grasp, from the first sample on [s].
         fingers: Those that are in the object then.
@@ -113,6 +113,7 @@ class GraspPlacement:
         """For machines: SI units."""
         return {
             "how": "closing fingers" if self.grasp.closes else "deepest flexion",
+            "text": self.text,
             "sample": self.grasp.sample,
             "time": self.time,
             "fingers": list(self.fingers),
@@ -159,7 +160,7 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
     distance = search.distances(best, np.array([0, grasp.sample]))
     depth = -distance[1, :PALM_BODY].reshape(len(FINGERS), PHALANX_COUNT).min(axis=1)
     # In the object's frame a point is Rᵀ p + shift, so the object's own origin is at -R shift.
-    placed = GraspPlacement(
+    return GraspPlacement(
         motion=motion.placed(-(rotation_matrix(turn) @ best.shift), turn),
         grasp=grasp,
         time=float(motion.time[grasp.sample] - motion.time[0]),
@@ -167,8 +168,6 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
         depth=float(max(0.0, depth.max())),
         start_gap=float(distance[0].min()),
     )
-    source = "; ".join(part for part in (motion.source, placed.text) if part)
-    return replace(placed, motion=replace(placed.motion, source=source))
 
 
 def _least_before(bend: Array, stamps: Array) -> Array:

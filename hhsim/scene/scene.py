@@ -15,7 +15,7 @@ from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scene:
     """What a replay needs.
 
@@ -34,6 +34,13 @@ class Scene:
     trajectory: Trajectory
     ticks: TickInput
     description: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        ticks, leaves = self.ticks, self.tree.leaf_count
+        return (
+            f"Scene({self.mesh.name or 'object'} with {leaves:,} leaf spheres, {self.hand.side} hand, "
+            f"{self.trajectory.name or 'motion'}: {ticks.tick_count:,} ticks at {ticks.rate:g} Hz)"
+        )
 
     @property
     def all_pairs(self) -> int:

@@ -42,6 +42,7 @@ class Method:
         summary: One line for help texts and tables.
         engine: Makes the engine for a `hhsim.solver.workspace.TickWorkspace`; imports what it needs only then.
         never_penetrates: Promised; a method that does not promise it is measured, and misses no bar by it.
+        nearest_to_user: Promised: no hand near the shown one is closer to the user's in coupling energy.
         takes_threads: Its ticks can be shared among threads.
         refuses_backends: Why it takes no QP solver but ours, with `{qp}` for the one that was asked for; "" where it
             takes any.
@@ -51,6 +52,7 @@ class Method:
     summary: str
     engine: Callable[[Any], Engine]
     never_penetrates: bool = False
+    nearest_to_user: bool = False
     takes_threads: bool = False
     refuses_backends: str = "it solves its own programs and takes no QP solver, not {qp}"
     defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)

@@ -19,6 +19,8 @@ TOUCH = 1e-5
 """Pairs nearer than this [m] count as touching, for a hand of the usual size."""
 
 LEAST_TOLERANCE, GREATEST_TOLERANCE = 1e-12, 1e-6
+LEAST_STIFFNESS, GREATEST_STIFFNESS = 1e-9, 1e12
+"""Of each kind [N/m or N·m/rad]; rounding leaves nothing of a hand's motion beyond."""
 BY_METHOD: Any = None
 """Default of an option whose default depends on the method; no option keeps this value."""
 
@@ -45,10 +47,15 @@ class Stiffness:
     penalty: float = 100_000.0
 
     def __post_init__(self) -> None:
-        """Refuse what is not positive and finite."""
+        """Refuse what is not positive and finite, or so large or small that no program of it can be solved."""
         for name, value in asdict(self).items():
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"stiffness {name} is {value:g}: it must be positive and finite")
+            if not LEAST_STIFFNESS <= value <= GREATEST_STIFFNESS:
+                raise InputError(
+                    f"stiffness {name} is {value:g}: expected {LEAST_STIFFNESS:g} to {GREATEST_STIFFNESS:g}; no "
+                    "program of what is beyond can be solved"
+                )
 
     def diagonal(self) -> NDArray[np.float64]:
         """G of the 21 variables, shape (21,)."""

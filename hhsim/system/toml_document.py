@@ -24,6 +24,8 @@ def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) 
     """
     try:
         return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise error(f"{path}: no such file; expected a TOML {what}") from None
     except OSError as reason:
         raise error(f"{path}: cannot be read: {reason.strerror or reason}") from reason
     except UnicodeDecodeError:

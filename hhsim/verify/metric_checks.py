@@ -14,7 +14,10 @@ FloatArray = NDArray[np.float64]
 SAME = 1e-9
 """Figures that differ by this share are the same: sums in another order differ by less."""
 FLOOR = 0.01
-ROUNDING = {"force_ripple_hold": 1e-9, "force_variation_hold": 1e-9, "force_variation_hold_std": 1e-9}
+ROUNDING = {
+    **dict.fromkeys(("force_ripple_hold", "force_variation_hold", "force_variation_hold_std"), 1e-09),
+    "force_variation_contact": 1e-9,
+}
 """Figures that are differences of large numbers: what rounding may leave of them [N, %]."""
 
 
@@ -108,7 +111,8 @@ def own_summary(result: Result) -> dict[str, float]:
             ripples.append(_ripple(force[part], float(result.scene.get("rate", 1000.0))))
     contact = np.asarray(result["contacts/candidates"]) > 0
     cpu, wall = (1e-9 * np.asarray(result[f"duration/{name}"], np.float64) for name in ("total_cpu", "total"))
-    variation = change_rate(force, ~follows(result))[hold]
+    every = change_rate(force, ~follows(result))
+    variation = every[hold]
     variation = variation[~np.isnan(variation)]
     apart = np.asarray(result["haptic/position"]) - np.asarray(result["graphic/position"])
     step = np.sqrt(((force[1:] - force[:-1]) ** 2).sum(axis=1))[~hold[1:]]
@@ -116,6 +120,10 @@ def own_summary(result: Result) -> dict[str, float]:
     level = result.static["object/tree/level"]
     pairs = (15 + len(result.static["hand/palm_radius"])) * int((level == level.max()).sum())
     held_force = _mean(size[hold])
+    touch = (np.asarray(result["contacts/touching"]) > 0) | (size > 0.0)
+    touched_force = _mean(size[touch])
+    jerk = np.sqrt(((force[1:] - force[:-1]) ** 2).sum(axis=1))[(touch[1:] | touch[:-1]) & follows(result)[1:]]
+    felt = _quantile(jerk, 1.0)
     return {
         "ticks": float(result.ticks),
         "candidates_max": float(result["contacts/candidates"].max(initial=0)),
@@ -126,6 +134,11 @@ def own_summary(result: Result) -> dict[str, float]:
         "tick_wall_p50": _quantile(wall[contact], 0.50),
         "tick_wall_over_1ms": 100.0 * _mean((np.asarray(result["duration/total"]) > 1_000_000).astype(float)),
         "penetration_max": float(result["penetration_depth"].max(initial=0.0)),
+        "force_contact_mean": touched_force,
+        "force_contact_max": _quantile(size[touch], 1.0),
+        "force_contact_step": felt,
+        "force_contact_step_share": 100.0 * felt / touched_force if touched_force >= FLOOR else np.nan,
+        "force_variation_contact": _mean(every[touch & ~np.isnan(every)]),
         "force_hold_mean": held_force,
         "force_variation_hold": _mean(variation),
         "force_variation_hold_std": float(np.sqrt(_mean((variation - _mean(variation)) ** 2))),

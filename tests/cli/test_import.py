@@ -70,12 +70,12 @@ def test_refusals_are_one_line_and_leave_nothing(run: Run, damaged: Path, tmp_pa
     empty.touch()
     (tmp_path / "other.csv").write_text("t,x\n0,1\n")
     cases = [
-        (("import", "none.npz"), "none.npz: cannot be read: No such file"),
+        (("import", "none.npz"), "none.npz: no such file"),
         (("import", str(empty)), "empty; expected a recording"),
         (("import", str(tmp_path)), "a folder; expected a recording"),
         (("import", str(damaged), "--format", "nzp"), "unknown format 'nzp': did you mean npz"),
         (("import", str(damaged), "--format", "npz"), "not an .npz archive"),
-        (("import", str(damaged), "--columns", "none.toml"), "none.toml: cannot be read"),
+        (("import", str(damaged), "--columns", "none.toml"), "none.toml: no such file"),
         (("import", str(damaged), "--palm-axes", "x,y", "--format", "csv"), "expected three of x, y, z"),
         (("import", str(damaged), "--out", "good.txt"), "good.txt is no name for a trajectory: it has to end"),
         (("import", str(damaged), "--out", "other.csv"), "other.csv exists and is no trajectory, so it is"),

@@ -3,11 +3,14 @@
 import errno
 import importlib
 import importlib.metadata
+import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -91,10 +94,12 @@ def test_a_long_option_is_spelled_with_hyphens() -> None:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["relpay"], "hhsim: error: unknown command 'relpay': did you mean replay or report?"),
+        (["relpay"], "hhsim: error: unknown command 'relpay': did you mean replay?"),
+        (["list"], "hhsim: error: unknown command 'list': hhsim objects and hhsim trajectories list what there is"),
+        (["version"], "hhsim: error: unknown command 'version': hhsim --version prints it, hhsim info all versions"),
         (["info", "--jsn"], "hhsim: error: No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)"),
         (["build-tree", "bunyn"], "hhsim: error: unknown object 'bunyn': did you mean bunny?"),
-        (["build-tree", "none.stl"], "hhsim: error: none.stl: no such mesh file"),
+        (["build-tree", "none.stl"], "hhsim: error: none.stl: no such file; expected a mesh"),
         (
             ["build-tree", "cube", "--unit", "mm"],
             "hhsim: error: unit and size are for mesh files; 'cube' is an object that has its size",
@@ -117,7 +122,7 @@ def test_a_mistake_is_told_in_one_line(run: Run, arguments: list[str], line: str
 def test_machines_get_an_error_as_a_document(run: Run) -> None:
     answer = run("relpay", "--json")
     assert answer.code == 2
-    assert json.loads(answer.out) == {"error": "unknown command 'relpay': did you mean replay or report?"}
+    assert json.loads(answer.out) == {"error": "unknown command 'relpay': did you mean replay?"}
     assert answer.err.startswith("hhsim: error: ")
 
 
@@ -220,7 +225,7 @@ def test_a_reader_that_leaves_before_an_error_is_told_is_no_crash() -> None:
     errors = process.stderr.read()
     process.stderr.close()
     assert process.wait() == 128 + signal.SIGPIPE
-    assert errors == "hhsim: error: unknown command 'relpay': did you mean replay or report?\n"
+    assert errors == "hhsim: error: unknown command 'relpay': did you mean replay?\n"
 
 
 def test_an_encoding_without_our_letters_is_no_crash(run: Run) -> None:
@@ -366,3 +371,32 @@ def test_the_shell_is_offered_commands_names_and_options(
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
     assert run() == (0, f"plain,{offered}\n", "")
+
+
+def test_a_bar_has_a_label_from_the_start_and_says_that_kernels_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    import numba
+
+    console = importlib.import_module("hhsim.cli.console")
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    @click.command()
+    def command() -> None:
+        console.announce_compilation(quiet=False)
+        with console.progress(quiet=False) as report:
+            numba.njit(lambda: 1)()
+            time.sleep(0.2)
+            report("ticks", 1, 3)
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("COLUMNS", "160")
+    command([], standalone_mode=False)
+    shown = terminal.getvalue()
+    labels = ["getting ready", "compiling the kernels: once, and after an upgrade", "ticks"]
+    assert all(label in shown for label in labels)
+    assert sorted(labels, key=shown.index) == labels
+    assert "1 of 3" in shown and "hhsim: compiling" not in shown
+    assert re.search(r"upgrade \d+ s", re.sub(r"\x1b\[[0-9;]*m", "", shown))

@@ -56,7 +56,7 @@ def test_a_replay_prints_a_table_and_writes_every_tick(run: Run, tmp_path: Path,
     answer = run("replay", "cube", short.name)
     assert answer.code == 0, answer.err
     (path,) = (tmp_path / "results").iterdir()
-    assert path.name.endswith("-cube-short.h5")
+    assert path.name.endswith("-cube-short-coupled.h5")
     assert answer.out.startswith("cube, short, coupled: 200 ticks\n")
     assert answer.out.splitlines()[-1] == f"every tick is in results/{path.name}"
     result = load_result(path)
@@ -146,6 +146,16 @@ def test_what_the_scene_does_not_need_is_left_out_and_told(run: Run, tmp_path: P
     assert "note: level 3 is the coarsest within 2 mm: 512 spheres, which reach out of the mesh by 1." in table_text
 
 
+def test_times_of_several_runs_have_a_mean_and_a_deviation(run: Run, tmp_path: Path, short: Path) -> None:
+    command = ("replay", "cube", short.name, "--level", "2", "--repeat", "3", "--out", "run.h5")
+    document = json.loads(run(*command, "--json").out)
+    assert document["repeated"]["runs"] == 3
+    assert document["repeated"]["times"]["tick_cpu_p50"]["mean"] > 0.0
+    assert load_result(tmp_path / "run.h5").summary["tick_cpu_p50"] == document["tick_cpu_p50"]
+    answer = run(*command)
+    assert "times of 3 runs" in answer.out and " ± " in answer.out
+
+
 def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path, short: Path) -> None:
     for rate, ticks in (("1000", 200), ("500", 100)):
         answer = run("replay", "cube", short.name, "--level", "2", "--rate", rate, "--out", "run.h5", "--quiet")
@@ -159,17 +169,18 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
     [
         (["bunyn"], "unknown object 'bunyn': did you mean bunny?"),
         (["cube", "graps"], "unknown trajectory 'graps': did you mean grasp"),
-        (["none.stl"], "none.stl: no such mesh file"),
+        (["none.stl"], "none.stl: no such file; expected a mesh"),
         (["cube", "none.csv"], "none.csv: no such file; expected a trajectory, .h5 or .csv"),
         (["cube", "--qp", "clarabell"], "unknown QP solver 'clarabell': did you mean clarabel"),
         (["cube", "--stiffness", "1000,5"], "expected 3 numbers, positive, with commas between: k_t [N/m]"),
         (["cube", "--stiffness", "1000,5,0"], "expected 3 numbers, positive"),
+        (["cube", "--stiffness", "1e308,1e308,1e308"], "stiffness translation is 1e+308: expected 1e-09 to 1e+12"),
         (["cube", "--tremor", "nan,0"], "expected 2 numbers, none of them negative"),
         (["cube", "--method", "couple"], "'couple' is not one of 'coupled', 'progressive', 'paper', 'penalty'"),
         (["cube", "--method", "paper", "--qp", "clarabel"], "method paper is solved by active-set"),
         (["cube", "--method", "penalty", "--qp", "clarabel"], "method penalty solves no quadratic program"),
         (["cube", "--penalty-stiffness", "1000"], "--penalty-stiffness is for --method penalty, not coupled"),
-        (["cube", "--hand-file", "none.toml"], "none.toml: cannot be read"),
+        (["cube", "--hand-file", "none.toml"], "none.toml: no such file"),
         (["cube", "--out", "."], ". is a folder: name a file in it, such as run.h5"),
         (["cube", "--out", "none/run.h5"], "there is no folder"),
         (["cube", "--out", "run.txt"], "run.txt is no name for a result: it has to end in .h5 or .hdf5"),
@@ -238,7 +249,10 @@ def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path:
     assert right.code == 0, right.err
     assert np.ptp(load_result(tmp_path / "run.h5").static["object/vertices"], axis=0) == pytest.approx(0.07)
     wrong = run("replay", "box.obj", short.name, "--level", "2", "--out", "wrong.h5")
-    assert "is the file in millimetres? pass --unit mm" in wrong.err.splitlines()[0]
+    assert (wrong.code, len(wrong.err.splitlines())) == (2, 1)
+    assert "is the file in millimetres? pass --unit mm" in wrong.err
+    doubted = run("replay", "box.obj", short.name, "--size", "5000", "--level", "2", "--out", "large.h5")
+    assert doubted.code == 0, "a size that was stated is not doubted"
 
 
 LONG = SHORT.replace("duration = 0.05\n", "duration = 120.0\n")

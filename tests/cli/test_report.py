@@ -95,7 +95,7 @@ def test_what_cannot_be_reported_is_one_line(run: Run, tmp_path: Path) -> None:
     (tmp_path / "mine.html").write_text("mine")
     (tmp_path / "text.h5").write_text("text")
     for arguments, message in (
-        (("none.h5",), "there is no file none.h5"),
+        (("none.h5",), "none.h5: no such file; expected a result (.h5)"),
         (("text.h5",), "text.h5 is no HDF5 file"),
         (("text.h5", "--out", "mine.html"), "mine.html exists and is no page of hhsim report"),
         (("text.h5", "--out", "nowhere/page.html"), "there is no folder"),

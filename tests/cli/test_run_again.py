@@ -85,7 +85,7 @@ def test_a_file_that_is_no_result_is_told_what_it_is(run: Run, tmp_path: Path) -
         "hhsim: error: motion.h5 is no result file: its format is 'hhsim-trajectory', not 'hhsim-result' (to replay a "
         "trajectory, give an object first: hhsim replay OBJECT FILE)\n"
     )
-    assert run("replay", "gone.h5").err == "hhsim: error: there is no file gone.h5\n"
+    assert run("replay", "gone.h5").err == "hhsim: error: gone.h5: no such file; expected a result (.h5)\n"
 
 
 def test_an_older_result_says_why_not(run: Run, result: Path) -> None:

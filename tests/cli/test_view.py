@@ -49,4 +49,7 @@ def test_what_cannot_be_shown_is_told_before_the_replay(run: Run, tmp_path: Path
     assert answer.code == 2
     assert "there is no folder" in answer.err
     assert not (tmp_path / "short.h5").exists()
-    assert run("view", "missing.h5", "--rerun", "x.rrd").err == "hhsim: error: there is no file missing.h5\n"
+    assert (
+        run("view", "missing.h5", "--rerun", "x.rrd").err
+        == "hhsim: error: missing.h5: no such file; expected a result (.h5)\n"
+    )

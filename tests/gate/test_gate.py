@@ -23,7 +23,9 @@ from hhsim.gate.report import junit, markdown, number
 from hhsim.gate.suite import default_suite, default_suite_text, load_suite, parse_suite
 from hhsim.gate.verdict import GateRow, judge_counters, judge_errors, judge_time, overall
 from hhsim.metrics.run.registry import judged_metrics
+from hhsim.replay.limits import default_limits
 from hhsim.result.reader import load_result
+from hhsim.solver.method import METHODS
 
 Run = Callable[..., Any]
 
@@ -126,7 +128,7 @@ def test_a_hand_that_is_no_number_does_not_pass_as_free(result: Path, dataset: s
         file[f"tick/{dataset}"][77] = math.nan
     report = gate_result(load_result(result), TINY, None)
     assert (missed(report), report.exit_code) == (["penetration_max"], 1)
-    assert report.missed[0].reason.startswith("undefined")
+    assert report.missed[0].reason == "not finite"
 
 
 def test_a_run_that_was_stopped_is_judged_and_said_to_be(result: Path) -> None:
@@ -280,11 +282,31 @@ def test_an_error_has_a_word_beside_its_limit(figures: RunFigures, value: float,
     assert (row.verdict, row.passed) == (word, value <= 1.1)
 
 
-def test_a_limit_on_what_is_undefined_is_missed(figures: RunFigures) -> None:
-    head = replace(figures, errors={**figures.errors, "force_step": math.nan})
-    (row,) = (row for row in judge_errors("tiny", head, None, {"force_step": 1.1}) if row.name == "force_step")
-    assert not row.passed
-    assert row.reason.startswith("undefined")
+@pytest.mark.parametrize(
+    ("before", "passed", "reason"),
+    [
+        (None, True, "undefined here, so not judged"),
+        (math.nan, True, "undefined here, so not judged"),
+        (0.5, False, "undefined here, and the base has it"),
+    ],
+)
+def test_what_is_undefined_is_not_missed_unless_the_base_has_it(
+    figures: RunFigures, before: float | None, passed: bool, reason: str
+) -> None:
+    values = math.nan, math.nan if before is None else before
+    head, base = (replace(figures, errors={**figures.errors, "force_step": value}) for value in values)
+    limits = {"force_step": 1.1}
+    rows = judge_errors("tiny", head, None if before is None else base, limits)
+    (row,) = (row for row in rows if row.name == "force_step")
+    assert (row.passed, row.reason) == (passed, reason)
+
+
+def test_a_force_that_is_no_number_is_not_taken_for_one_that_is_not_there(result: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        file["tick/force/total"][77] = math.nan
+    report = gate_result(load_result(result), default_suite(), None)
+    assert {"force_step"} <= set(missed(report)) and report.exit_code == 1
+    assert any(row.reason == "not finite" for row in report.missed)
 
 
 def test_less_work_is_better(figures: RunFigures) -> None:
@@ -344,12 +366,34 @@ def test_the_projects_own_suite_is_read_and_has_a_baseline_of_each_scene(reposit
 def test_a_result_is_held_to_the_limits_that_the_scenes_of_its_method_share() -> None:
     suite = default_suite()
     assert suite.limits_of("coupled")["tracking_excess"] == suite.limits["tracking_excess"] == 1.0
-    assert suite.limits_of("progressive")["tracking_excess"] == 100.0
-    assert suite.limits_of("penalty") == suite.limits, "no scene of it"
-    another = (
-        default_suite_text() + '[[scene]]\nname = "b"\nobject = "cup"\ntrajectory = "grasp"\nmethod = "progressive"\n'
-    )
-    assert parse_suite(another, Path(), "two").limits_of("progressive") == suite.limits, "they do not agree"
+    text = default_suite_text().replace("tracking_excess = false", "tracking_excess = 100.0")
+    assert parse_suite(text, Path(), "own").limits_of("progressive")["tracking_excess"] == 100.0
+    another = f'{text}[[scene]]\nname = "b"\nobject = "cup"\ntrajectory = "grasp"\nmethod = "progressive"\n'
+    assert "tracking_excess" not in parse_suite(another, Path(), "two").limits_of("progressive"), "they do not agree"
+
+
+def test_a_figure_has_one_limit_for_all_methods_or_is_not_promised() -> None:
+    suite = default_suite()
+    lacks = {"coupled": set(), "progressive": {"tracking_excess"}}
+    neither = {"tracking_excess", "penetration_max"}
+    for method in METHODS:
+        limits = suite.limits_of(method)
+        assert limits == default_limits(method)
+        assert all(limits[name] == suite.limits[name] for name in limits)
+        assert suite.limits.keys() - limits.keys() == lacks.get(method, neither)
+    assert default_limits("nobody's") == suite.limits, "what is not known is held to everything"
+    promises = {metric.judged.promise for metric in judged_metrics().values() if metric.judged} - {""}
+    assert promises and all(hasattr(METHODS["coupled"], promise) for promise in promises)
+
+
+@pytest.mark.parametrize("method", ["progressive", "paper", "penalty"])
+def test_what_a_method_does_not_promise_is_told_and_not_missed(result: Path, method: str) -> None:
+    with h5py.File(result, "r+") as file:
+        file["summary"].attrs["tracking_excess"] = 76.5
+    change_scene(result, lambda scene: scene["solver"].update(method=method))
+    report = gate_result(load_result(result), default_suite(), None)
+    (row,) = (row for row in report.rows if row.name == "tracking_excess")
+    assert (row.passed, math.isnan(row.limit), row.reason) == (True, True, f"not promised by {method}")
 
 
 def test_a_progressive_result_is_not_held_to_the_energy_of_another_method(result: Path) -> None:

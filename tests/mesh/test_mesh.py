@@ -1,6 +1,7 @@
 """The mesh type, and files into meshes: units, sizes, bad input, real meshes."""
 
 import hashlib
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from sampled import sampled
 
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.mesh import Mesh, load_mesh
+from hhsim.mesh.repair_log import percent
 from hhsim.mesh.self_intersection import winding_faults
 from tools.shapes.generators import cube, sphere
 
@@ -122,15 +124,42 @@ def test_size_replaces_the_unit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("side", "unit", "message"),
     [
-        (95.0, "m", "longest extent 95 m: is the file in millimetres? pass --unit mm"),
+        (5.0, "m", "longest extent 5 m: is the file in millimetres? pass --unit mm"),
         (500.0, "cm", "longest extent 5 m: is the file in millimetres? pass --unit mm"),
         (5000.0, "mm", "longest extent 5 m: pass --size to state its longest extent"),
-        (0.08, "mm", "longest extent 0.08 mm: is the file in metres? pass --unit m"),
+        (11.0, "mm", "longest extent 11 mm: is the file in metres? pass --unit m"),
         (0.002, "m", "longest extent 2 mm: pass --size to state its longest extent"),
     ],
 )
 def test_suspicious_size_is_warned_of(tmp_path: Path, side: float, unit: str, message: str) -> None:
     assert load_mesh(save(tmp_path / "cube.obj", cube(side)), unit=unit).warnings == (message,)
+
+
+@pytest.mark.parametrize(("side", "unit"), [(1.3, "m"), (1300.0, "mm"), (2.1, "m"), (25.0, "mm")])
+def test_a_door_and_a_bottles_cap_are_asked_nothing(tmp_path: Path, side: float, unit: str) -> None:
+    assert load_mesh(save(tmp_path / "cube.obj", cube(side)), unit=unit).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("side", "unit", "hint"),
+    [
+        (113.0, "m", "113 m: expected 0.001 to 20 m, since a hand is to touch it; is the file in millimetres"),
+        (
+            0.1,
+            "mm",
+            "0.0001 m: expected 0.001 to 20 m, since a hand is to touch it; is the file in metres",
+        ),
+        (1e5, "mm", "pass --size to state its longest extent"),
+    ],
+)
+def test_what_no_hand_can_touch_is_refused(tmp_path: Path, side: float, unit: str, hint: str) -> None:
+    with pytest.raises(MeshError, match=re.escape(hint)):
+        load_mesh(save(tmp_path / "cube.obj", cube(side)), unit=unit)
+
+
+@pytest.mark.parametrize(("share", "text"), [(1.0, "100 %"), (0.996, "100 %"), (0.12, "12 %"), (0.0123, "1.2 %")])
+def test_a_share_is_written_for_people(share: float, text: str) -> None:
+    assert percent(share) == text
 
 
 def test_unknown_unit_and_impossible_size(tmp_path: Path) -> None:
@@ -165,9 +194,9 @@ def obj(mesh: Mesh) -> str:
         (
             "huge.obj",
             obj(cube()).replace("0.035", "1e200", 1).encode(),
-            "longest extent 1e\\+200: expected 1e-06 to 1e",
+            "longest extent 1e\\+200 in the file: expected 1e-06 to 1e",
         ),
-        ("far.obj", obj(cube().scaled(1e8)).encode(), "longest extent 7e\\+06: expected 1e-06 to 1e"),
+        ("far.obj", obj(cube().scaled(1e8)).encode(), "longest extent 7e\\+06 in the file: expected 1e-06 to 1e"),
         (
             "nan.obj",
             obj(cube()).replace("0.035", "nan", 1).encode(),
@@ -190,7 +219,7 @@ def test_files_that_are_no_solid_get_one_clear_line(tmp_path: Path, file: str, c
 @pytest.mark.parametrize("size", [1e300, 1e-300])
 def test_a_size_that_nothing_has_is_refused(tmp_path: Path, size: float) -> None:
     path = save(tmp_path / "cube.stl", cube())
-    with pytest.raises(MeshError, match=r"longest extent 1e.*300 m: expected 1e-06 to 1e"):
+    with pytest.raises(MeshError, match=r"longest extent 1e.*300 m: expected 0.001 to 20 m.*is --size wrong"):
         load_mesh(path, size=size)
 
 
@@ -212,7 +241,7 @@ def test_truncated_files_are_refused(tmp_path: Path, kind: str) -> None:
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.stl: no such mesh file"):
+    with pytest.raises(InputError, match=r"none\.stl: no such file; expected a mesh"):
         load_mesh(tmp_path / "none.stl")
     with pytest.raises(InputError, match="a folder; expected a mesh file"):
         load_mesh(tmp_path)
@@ -298,9 +327,10 @@ def test_triangle_soup_is_refused(shared_data: Path) -> None:
         load_mesh(shared_data / "meshes/nasty_soup_100_triangles.stl")
 
 
-def test_knot_in_millimetres_is_warned_of(shared_data: Path) -> None:
+def test_knot_in_millimetres_is_refused_in_metres(shared_data: Path) -> None:
     path = shared_data / "meshes/quadknot.obj"
-    assert load_mesh(path).warnings == ("longest extent 181 m: is the file in millimetres? pass --unit mm",)
+    with pytest.raises(MeshError, match=r"longest extent 181 m: .*is the file in millimetres\? pass --unit mm"):
+        load_mesh(path)
     mesh = load_mesh(path, unit="mm")
     assert_sound(mesh)
     assert mesh.warnings == ()

@@ -202,6 +202,33 @@ class TestForceStep:
         assert metrics.force_step(force, all_of_it, all_of_it) == 0.0
 
 
+class TestForceStepInContact:
+    FORCE = along(0, np.array([0.0, 3.0, 4.0, 4.0, 0.0, 0.0]))
+    TOUCH = np.array([False, True, True, True, False, False])
+
+    def test_a_touch_that_begins_or_ends_at_once_is_a_step(self) -> None:
+        assert metrics.contact_force_step(self.FORCE, self.TOUCH) == 4.0
+        assert metrics.contact_force_step(self.FORCE[:4], self.TOUCH[:4]) == 3.0
+
+    def test_of_the_vector_and_not_of_its_size(self) -> None:
+        force = np.array([[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+        assert metrics.contact_force_step(force, np.ones(2, bool)) == pytest.approx(np.sqrt(8.0))
+
+    def test_a_gap_of_the_recording_is_none(self) -> None:
+        breaks = np.array([False, True, False, False, True, False])
+        assert metrics.contact_force_step(self.FORCE, self.TOUCH, breaks) == 1.0
+
+    def test_without_a_touch_or_a_tick_before_it_is_undefined(self) -> None:
+        for force, touch in ((self.FORCE, 0 * self.TOUCH), (self.FORCE[:1], self.TOUCH[1:2]), (self.FORCE[:0], [])):
+            assert np.isnan(metrics.contact_force_step(force, np.asarray(touch, bool)))
+
+    def test_as_a_plain_loop_has_it(self) -> None:
+        generator = np.random.default_rng(3)
+        force, touch = generator.normal(size=(300, 3)), generator.random(300) < 0.4
+        steps = [np.linalg.norm(force[t] - force[t - 1]) for t in range(1, 300) if touch[t] or touch[t - 1]]
+        assert metrics.contact_force_step(force, touch) == pytest.approx(max(steps), rel=1e-15)
+
+
 class TestFrozenDecay:
     def test_a_geometric_decay_stops_where_it_must(self) -> None:
         force = along(2, 1.0 + 0.1 ** np.arange(1, 30))

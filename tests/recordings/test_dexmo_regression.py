@@ -173,7 +173,7 @@ def test_calibrations_that_are_none(text: str, words: str) -> None:
     ends = format_calibration(calibrated(DEFAULT, LOW[None], HIGH[None], HIGH[None]))
     with pytest.raises(InputError, match="open and closed are both 5"):
         parse_calibration(ends.replace("open = 700.0, closed = 2700.0", "open = 5, closed = 5"), where="glove.toml")
-    with pytest.raises(InputError, match=r"none.toml: cannot be read"):
+    with pytest.raises(InputError, match=r"none.toml: no such file"):
         read_calibration(Path("none.toml"))
 
 
@@ -226,7 +226,7 @@ def test_a_session_calibrates_itself_and_others(run: Run, tmp_path: Path) -> Non
         (("--open", "0,1"), "needs --open and --fist"),
         (("--save-calibration", "x.toml"), "--save-calibration needs the poses"),
         (("--open", "0,1", "--fist", "90,91"), "no sample from 90 to 91 s, where the hand is said to be a fist"),
-        (("--calibration", "none.toml"), "none.toml: cannot be read"),
+        (("--calibration", "none.toml"), "none.toml: no such file"),
     ):
         code, out, err = run("import", str(path), *arguments, "--out", "three.h5")
         assert code == 2 and words in err and len(err.splitlines()) == 1, err

@@ -75,7 +75,7 @@ def test_writes_the_picture(result: Result, tmp_path: Path) -> None:
     ("arguments", "says"),
     [
         ([], "usage"),
-        (["none.h5", "picture.png"], "there is no file none.h5"),
+        (["none.h5", "picture.png"], "none.h5: no such file; expected a result"),
         (["none.h5", "picture.png", "north"], "expected AZIMUTH,ELEVATION"),
     ],
 )

@@ -383,7 +383,7 @@ def test_a_table_of_hhsim_bench_is_a_part_of_its_own(coupled: Path, tmp_path: Pa
 
 
 def test_what_is_no_result_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no file"):
+    with pytest.raises(InputError, match="no such file; expected a result"):
         make_report((tmp_path / "none.h5",))
     (tmp_path / "text.h5").write_text("text")
     with pytest.raises(InputError, match="no HDF5 file"):

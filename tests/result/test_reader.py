@@ -506,7 +506,7 @@ def spoil_folder(path: Path) -> None:
         (spoil_no_ticks, "lacks the dataset time"),
         (spoil_shape, r"force/total has shape \(50, 4\), expected \(any, 3\)"),
         (spoil_scene, "is damaged or no result file"),
-        (spoil_gone, "there is no file"),
+        (spoil_gone, "no such file; expected a result"),
         (spoil_folder, "is a folder"),
     ],
 )
@@ -517,3 +517,22 @@ def test_a_file_that_cannot_be_used_is_told_in_one_line(tmp_path: Path, spoil: A
         load_result(path)
     assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_a_dataset_that_is_not_there_is_told_with_the_near_names(tmp_path: Path) -> None:
+    result = load_result(write(tmp_path / "run.h5", [block(100)]))
+    with pytest.raises(InputError, match=r"run\.h5: unknown dataset 'force/totl': did you mean force/total"):
+        result["force/totl"]
+    with pytest.raises(InputError, match=r"force is a group; expected one of its datasets: .*force/total"):
+        result["force"]
+    with pytest.raises(InputError, match="it is no live session"):
+        result["live/tick/record"]
+
+
+def test_the_keys_are_the_datasets(tmp_path: Path) -> None:
+    result = load_result(write(tmp_path / "run.h5", [block(100)]))
+    assert set(result.keys()) == {column.name for column in TICK_COLUMNS}
+    assert "force/total" in result and "force" not in result
+    assert {name: array.shape for name, array in dict(result).items()} == {
+        column.name: (100, *column.shape) for column in TICK_COLUMNS
+    }

@@ -116,3 +116,15 @@ def test_a_mistake_is_told_before_anything_is_built() -> None:
         hhsim.open_scene("cube", unit="mm")
     with pytest.raises(InputError, match="exclude each other"):
         hhsim.open_scene("mug.stl", unit="mm", size=0.1)
+
+
+def test_a_scene_says_what_it_is_in_one_line() -> None:
+    scene = hhsim.open_scene("cube", "pinch", level=2)
+    assert repr(scene) == str(scene) == "Scene(cube with 64 leaf spheres, right hand, pinch: 3,000 ticks at 1000 Hz)"
+
+
+def test_the_hand_is_named_by_its_side() -> None:
+    left = hhsim.open_scene("cube", "pinch", level=2, hand="left")
+    assert left.hand.side == "left" and "left hand" in repr(left)
+    with pytest.raises(UnknownNameError, match="unknown hand 'lft': did you mean left"):
+        hhsim.open_scene("cube", "pinch", level=2, hand="lft")  # type: ignore[arg-type]

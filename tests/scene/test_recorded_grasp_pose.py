@@ -83,7 +83,8 @@ def test_closing_fingers_meet_the_object(name: str) -> None:
     assert placed.grasp.closes and len(placed.fingers) >= 3
     assert 0.002 < placed.depth < 0.025 and placed.start_gap >= 0.002
     assert CLOSED_AT - 0.05 < placed.time < 1.75
-    assert placed.motion.source == f"made up; {placed.text}"
+    assert placed.motion.source == "made up", "where it comes from is not where it was put"
+    assert placed.to_json()["text"] == placed.text
     assert f"close on it at {placed.time:.2f} s" in placed.text
     assert placed.to_json()["position"] == placed.motion.object_position.tolist()
 

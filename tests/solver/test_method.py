@@ -63,6 +63,7 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_what_each_method_promises() -> None:
     assert list(METHODS) == ["coupled", "progressive", "paper", "penalty"]
     assert methods_that("never_penetrates") == methods_that("takes_threads") == ("coupled", "progressive")
+    assert methods_that("nearest_to_user") == ("coupled",)
     assert not never_penetrates("paper") and not never_penetrates("nobody's")
     for name, method in METHODS.items():
         assert method.summary and method.defaults.keys() == USUAL.keys()

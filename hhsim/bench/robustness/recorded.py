@@ -24,7 +24,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import brute_clearance
-from hhsim.metrics.metrics import force_variation_rate, sample_variation_rate, statistics
+from hhsim.metrics.metrics import contact_force_step, force_variation_rate, sample_variation_rate, statistics
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes, load_recorded
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
@@ -233,6 +233,10 @@ def run_scene(
         check()
     status, force, lag, depth, lost, touched = (np.concatenate(values) for values in zip(*blocks))
     stuck = (status & STATUS_STUCK) > 0
+    # As `RunTicks.touch` has it: a force is a touch, however far the nearest pair is.
+    size = np.linalg.norm(force, axis=1)
+    felt = touched | (size > 0.0)
+    in_touch = statistics(size, felt)
     return replace(
         known,
         ticks=ticks.tick_count,
@@ -243,6 +247,9 @@ def run_scene(
         not_finite=int(lost.sum()),
         touching=int(touched.sum()),
         candidates_max=candidates,
+        force_mean=in_touch.mean,
+        force_max=in_touch.max,
+        force_step=contact_force_step(force, felt),
         variation_tick=statistics(force_variation_rate(force)).mean,
         variation_sample=statistics(sample_variation_rate(force, ticks.input_seq)).mean,
         stuck=int(stuck.sum()),

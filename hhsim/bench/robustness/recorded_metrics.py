@@ -16,8 +16,9 @@ from hhsim.system.log_histogram import CpuTimes, LogHistogram
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedFigures(CpuTimes):
-    """What a run gave; lengths [m], times [s], variation [%], counts of ticks.
+    """What a run gave; lengths [m], times [s], forces [N], variation [%], counts of ticks.
 
+    `force_mean`, `force_max` and `force_step` are of the ticks in touch, as the figures `force_contact_…` of a replay.
     `variation_tick` and `variation_sample` are means over the ticks with a force before them. The CPU times are those
     of ticks that have candidates. `reason` is why there was no run.
     """
@@ -38,6 +39,9 @@ class RecordedFigures(CpuTimes):
     not_finite: int = 0
     touching: int = 0
     candidates_max: int = 0
+    force_mean: float = float("nan")
+    force_max: float = float("nan")
+    force_step: float = float("nan")
     variation_tick: float = float("nan")
     variation_sample: float = float("nan")
     stuck: int = 0
@@ -79,6 +83,9 @@ COLUMNS = (
     Column("not_finite", "ticks whose hand or force is not finite"),
     Column("touching", "ticks in touch with the object"),
     metric_column("candidates_max"),
+    Column("force_mean", "mean size of the total force in touch", "N"),
+    Column("force_max", "largest size of the total force in touch", "N"),
+    Column("force_step", "largest one-tick step of the total force in touch", "N"),
     Column("variation_tick", "mean force variation from tick to tick", "%"),
     Column("variation_sample", "mean force variation from one new input sample to the next", "%"),
     Column("stuck", "ticks that kept the last feasible hand"),
@@ -107,27 +114,38 @@ def longest_run(where: NDArray[np.bool_]) -> int:
 
 
 _ADDED = ("samples", "ticks", "penetrating", "brute_ticks", "not_finite", "touching", "stuck", "unexplained", "lagging")
-_LARGEST = ("fastest", "penetration", "brute_depth", "candidates_max", "longest_stuck", "lag", "started_inside")
-_MEANS = ("variation_tick", "variation_sample")
+_LARGEST = (
+    *("force_max", "force_step", "fastest", "penetration", "brute_depth"),
+    *("candidates_max", "longest_stuck", "lag", "started_inside"),
+)
+_MEANS = ("force_mean", "variation_tick", "variation_sample")
 
 
 def totals(rows: Sequence[RecordedFigures]) -> list[RecordedFigures]:
-    """All recordings of each object and method as one: counts added, largest of what has one, percentiles over all.
+    """All recordings of each object and method as one, and where there are several objects those of each method.
 
-    Means are those of the recordings that have one.
+    Counts are added; of what has a largest it is that; percentiles are over all ticks; means are those of the
+    recordings that have one.
     """
-    found = []
-    for key in dict.fromkeys((row.object, row.method) for row in rows if not row.reason):
-        group = [row for row in rows if (row.object, row.method) == key and not row.reason]
-        figures: dict[str, Any] = {name: sum(getattr(row, name) for row in group) for name in _ADDED}
-        figures |= {name: _largest([getattr(row, name) for row in group]) for name in _LARGEST}
-        figures |= {name: statistics([getattr(row, name) for row in group]).mean for name in _MEANS}
-        cpu = LogHistogram.sum(row.cpu for row in group)
-        known = RecordedFigures(
-            recording=f"all {len(group)}", object=key[0], method=key[1], rate=group[0].rate, cpu=cpu
-        )
-        found.append(replace(known, **figures))
+    ran = [row for row in rows if not row.reason]
+    pairs = dict.fromkeys((row.object, row.method) for row in ran)
+    found = [
+        _total([row for row in ran if (row.object, row.method) == key], object_=key[0], method=key[1]) for key in pairs
+    ]
+    if len({row.object for row in ran}) > 1:
+        methods = dict.fromkeys(row.method for row in ran)
+        found += [_total([row for row in ran if row.method == name], object_="all", method=name) for name in methods]
     return found
+
+
+def _total(group: Sequence[RecordedFigures], *, object_: str, method: str) -> RecordedFigures:
+    figures: dict[str, Any] = {name: sum(getattr(row, name) for row in group) for name in _ADDED}
+    figures |= {name: _largest([getattr(row, name) for row in group]) for name in _LARGEST}
+    figures |= {name: statistics([getattr(row, name) for row in group]).mean for name in _MEANS}
+    cpu = LogHistogram.sum(row.cpu for row in group)
+    count = len({row.recording for row in group})
+    known = RecordedFigures(recording=f"all {count}", object=object_, method=method, rate=group[0].rate, cpu=cpu)
+    return replace(known, **figures)
 
 
 def _largest(values: Sequence[Any]) -> Any:

@@ -19,6 +19,7 @@ METRICS = (
         unit="mm",
         scale=1e-3,
         place=31,
+        short="off the mesh",
         needs=PLACED,
         compute=_largest,
         judged=Judged(rounding=1e-9, limit=1e-3),

@@ -16,6 +16,7 @@ METRICS = (
         needs=("penetration_depth",),
         # A hand that is not finite has no depth, and hides none.
         compute=lambda run: np.fmax.reduce(run["penetration_depth"], initial=0.0),
-        judged=Judged(rounding=1e-9, limit=1e-6),
+        short="depth",
+        judged=Judged(rounding=1e-9, limit=1e-6, promise="never_penetrates"),
     ),
 )

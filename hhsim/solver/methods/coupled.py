@@ -20,6 +20,7 @@ METHOD = Method(
     summary="one program for the whole hand",
     engine=_engine,
     never_penetrates=True,
+    nearest_to_user=True,
     takes_threads=True,
     refuses_backends="",
 )

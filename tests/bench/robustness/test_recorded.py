@@ -199,3 +199,35 @@ def test_real_hands_stay_out_of_the_cup(shared_data: Path, recording: str) -> No
     rows = list(bench_recorded([file], [bench_object()], [COUPLED, PROGRESSIVE], options))
     assert all(row.safe and row.touching > 100 for row in rows)
     assert load_recorded(file).sample_count == rows[0].samples
+
+
+def test_the_figures_of_force_are_those_of_a_replay(folder: Path, run: Run, tmp_path: Path) -> None:
+    (row,) = bench_recorded([folder / "a.h5"], [bench_object()], [COUPLED], HERE)
+    answer = run("replay", "cup", str(folder / "a.h5"), "--level", "3", "--place-object", "recorded", "--json")
+    document = json.loads(answer.out)
+    for ours, theirs in (("force_mean", "mean"), ("force_max", "max"), ("force_step", "step")):
+        assert getattr(row, ours) == pytest.approx(document[f"force_contact_{theirs}"], rel=1e-9), ours
+    assert row.force_max > 0.1
+
+
+def test_several_objects_have_a_line_for_each_method(folder: Path) -> None:
+    objects = [bench_object(), bench_object("sphere")]
+    rows = list(bench_recorded([folder / "a.h5"], objects, [COUPLED, PROGRESSIVE], replace(HERE, ticks=50)))
+    whole = totals(rows)
+    assert [(row.object, row.method) for row in whole[-2:]] == [("all", "coupled"), ("all", "progressive")]
+    assert len(whole) == 6 and whole[-1].ticks == 100 and whole[-1].recording == "all 1"
+
+
+def test_an_interrupt_keeps_the_runs_that_are_done(
+    folder: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any) -> Any:
+        yield RecordedFigures(recording="a", object="cup", method="coupled", penetration=0.0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hhsim.bench.robustness.recorded.bench_recorded", interrupted)
+    answer = run("bench", "recorded", str(folder), "--object", "cup", "--out", "table.h5")
+    assert (answer.code, answer.out) == (130, "")
+    assert "interrupted; what ran so far, 1 in all, is in table.h5 and table.csv" in answer.err
+    assert load_table(tmp_path / "table.h5").rows[0]["recording"] == "a"
+    assert (tmp_path / "table.csv").is_file()

@@ -65,7 +65,7 @@ def test_options_that_contradict_are_told_in_one_line(
 def test_a_calibration_that_is_not_there_is_told_before_anything_starts(run: Run) -> None:
     # Quiet: a first run would tell of compilation besides.
     answer = run("live", "glove", "cube", "--device", "dexmo", "--calibration", "nobody.toml", "--no-record", "--quiet")
-    assert answer == (2, "", "hhsim: error: nobody.toml: cannot be read: No such file or directory\n")
+    assert answer == (2, "", "hhsim: error: nobody.toml: no such file; expected a TOML calibration\n")
 
 
 def test_a_glove_that_is_not_there_is_told_in_one_line(run: Run, tmp_path: Path) -> None:

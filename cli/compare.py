@@ -1,0 +1,89 @@
+"""`hhsim compare`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from . import options
+from .console import print_json, print_line, print_table
+
+if TYPE_CHECKING:
+    from hhsim.replay.summary_table import SummaryRow
+    from hhsim.report.compare import ComparedFigure, Comparison
+
+
+@click.command()
+@click.argument("base", metavar="A", type=options.FILE)
+@click.argument("head", metavar="B", type=options.FILE)
+@click.option(
+    "--all", "whole", is_flag=True, help="Compare every figure; without it those that matter, and what is over a limit."
+)
+@options.json
+def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
+    """Set the figures of two results side by side.
+
+    A and B are files that hhsim replay or hhsim live wrote. First it says what differs in what was fed in and in how it
+    was run; figures of two scenes are shown, but not called better or worse. What differs by less than runs of the same
+    differ from each other is within noise, and times of two machines are not compared. hhsim report makes a page of the
+    same; hhsim gate judges by limits.
+
+    \b
+    Examples:
+      hhsim compare coupled.h5 progressive.h5
+      hhsim compare before.h5 after.h5 --all
+    """
+    from hhsim.replay.summary_table import short_table, whole_table
+    from hhsim.replay.verdict import verdict
+    from hhsim.report.compare import compare, compared
+    from hhsim.report.tick_table import figure_rows, report_ticks
+    from hhsim.result.reader import load_result
+
+    results = [load_result(path) for path in (base, head)]
+    found = compare(*results)
+    tables = [figure_rows(result, report_ticks(result)) for result in results]
+    verdicts = [verdict(result, rows) for result, rows in zip(results, tables)]
+    ours = {row.name: row for row in tables[0]}
+    shared = [row for row in whole_table(tables[1]) if row.name in ours]
+    rows = [(ours[row.name], row, compared(ours[row.name], row, found)) for row in shared]
+    if as_json:
+        print_json(_document(base, head, found, rows, [each.word for each in verdicts]))
+        return
+    for letter, path, each in zip("AB", (base, head), verdicts):
+        print_line(f"{letter}: {path}: {each.line}")
+    print_line(found.sentence())
+    for what, differences in (("run otherwise", found.how), ("around it", found.around)):
+        if differences:
+            print_line(f"{what}: {'; '.join(differences)}")
+    print()
+    if not whole:
+        kept = {row.name for table, each in zip(tables, verdicts) for row in short_table(table, each.missed)}
+        rows = [row for row in rows if row[1].name in kept]
+    cells = [(one.label, one.shown, other.shown, one.unit, _ratio(figure), figure.word) for one, other, figure in rows]
+    print_table(("", "A", "B", "unit", "B/A", "B is"), cells, numbers=("A", "B", "B/A"), optional=("B/A",))
+
+
+def _ratio(figure: "ComparedFigure") -> str:
+    return "" if figure.ratio != figure.ratio else f"{figure.ratio:.3g}"
+
+
+def _document(
+    base: Path,
+    head: Path,
+    found: "Comparison",
+    rows: "list[tuple[SummaryRow, SummaryRow, ComparedFigure]]",
+    words: list[str],
+) -> dict[str, object]:
+    return {
+        "base": str(base),
+        "head": str(head),
+        "verdicts": words,
+        "comparable": found.comparable,
+        "scene": list(found.scene),
+        "how": list(found.how),
+        "around": list(found.around),
+        "figures": {
+            one.name: {"base": one.value, "head": other.value, "ratio": figure.ratio, "word": figure.word or None}
+            for one, other, figure in rows
+        },
+    }

@@ -1,0 +1,41 @@
+"""`hhsim export`."""
+
+from pathlib import Path
+
+import click
+
+from . import options
+from .comma_list import names
+from .console import print_json, progress
+
+
+@click.command()
+@click.argument("result", type=options.FILE)
+@click.argument("out", metavar="FILE.csv", type=options.FILE)
+@names("--columns", "columns", "Datasets of /tick, such as time,force/total; all for every one. Default: the usual.")
+@options.json
+@options.quiet
+def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: bool, quiet: bool) -> None:
+    """Write the ticks of a result to a CSV table.
+
+    RESULT is a file that hhsim replay or hhsim live wrote. Each tick is a line, each column has its unit in the
+    heading, and an array is a column an element. By default these are time, input sample, palms, total force, depth,
+    contacts, times and status; --columns names others (docs/files.md). Numbers have every digit, so that they are read
+    back as they were.
+
+    \b
+    Examples:
+      hhsim export results/grasp.h5 ticks.csv
+      hhsim export grasp.h5 force.csv --columns time,force/total,penetration_depth
+      hhsim export grasp.h5 everything.csv --columns all
+    """
+    from hhsim.result.csv_export import export_ticks
+    from hhsim.result.reader import load_result
+
+    loaded = load_result(result)
+    with progress(quiet=quiet) as report:
+        written = export_ticks(loaded, out, columns, report)
+    if as_json:
+        print_json({"result": str(result), "csv": str(out), "ticks": loaded.ticks, "columns": list(written)})
+    elif not quiet:
+        print(f"{loaded.ticks:,} ticks, {len(written)} columns: {out}")

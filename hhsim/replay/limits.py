@@ -1,0 +1,21 @@
+"""The limits that a run is held to where a project sets none: one for each figure, the same for every method."""
+
+from hhsim.metrics.run.registry import judged_metrics
+from hhsim.solver.method import METHODS
+
+
+def promised(figure: str, method: str) -> bool:
+    """Whether a method is held to a figure's limit at all; one that is not known here is held to every limit."""
+    judged = judged_metrics()[figure].judged
+    if judged is None or not judged.promise or method not in METHODS:
+        return True
+    return bool(getattr(METHODS[method], judged.promise))
+
+
+def default_limits(method: str) -> dict[str, float]:
+    """Largest value of each figure that has a limit and that the method promises, by name [SI, or %]."""
+    return {
+        name: metric.judged.limit
+        for name, metric in judged_metrics().items()
+        if metric.judged is not None and metric.judged.limit is not None and promised(name, method)
+    }

@@ -1,0 +1,114 @@
+"""The verdict on a run: a word and a few sentences, above its table and at the top of its report."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from hhsim.replay.limits import default_limits
+from hhsim.replay.summary_table import SummaryRow
+from hhsim.result.reader import Result
+
+OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
+SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
+"""The words. A run that misses limits is one that misses limits, cut short or not, whatever it touches."""
+ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or look at its size (--unit, --size)."
+"""What to try where nothing touches."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Of one run.
+
+    Attributes:
+        word: One of the words.
+        sentences: What it rests on, the limits that were missed last.
+        missed: Names of the figures that are over their limits.
+        line: Word and reason, for the head of a table that has the figures themselves.
+    """
+
+    word: str
+    sentences: tuple[str, ...]
+    missed: tuple[str, ...] = ()
+    line: str = ""
+
+
+def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
+    """Judge a result by the table of it; as `run_verdict`."""
+    # A tick that never was is in no figure of the ticks.
+    late = int(result.summary.get("missed", 0))
+    return run_verdict(rows, result.method, result.ticks, complete=result.complete, late=late)
+
+
+def run_verdict(
+    rows: Sequence[SummaryRow], method: str, ticks: int, *, complete: bool = True, late: int = 0
+) -> Verdict:
+    """Judge a run by the limits that `hhsim gate` has where a project sets none.
+
+    A figure that is undefined, that is missing, or that the method does not promise is not judged.
+
+    Args:
+        rows: Its table.
+        method: Of the solver.
+        ticks: How many it has.
+        complete: False where it was stopped.
+        late: Periods of a session that had no tick.
+    """
+    if ticks == 0:
+        return Verdict(EMPTY, ("The file holds no tick.",), line=f"{EMPTY}: the file holds none")
+    figures = {row.name: row for row in rows}
+    limits = {
+        name: limit
+        for name, limit in default_limits(method).items()
+        if name in figures and math.isfinite(figures[name].value)
+    }
+    missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
+    over = "; ".join(_over(figures[name], limits[name]) for name in missed)
+    contact, touched = _contact(figures)
+    stopped = "" if complete else f"The run was stopped after {ticks:,} ticks; what follows is of these."
+    parts = [stopped, contact, _speed(figures, ticks)]
+    if late:
+        parts.append(f"{late:,} periods of the session had no tick at all, beside the {ticks:,} that had one.")
+    if missed:
+        parts.append(f"Over the limits that hhsim gate has by default: {over}.")
+    elif limits:
+        parts.append(
+            f"All {len(limits)} figures that hhsim gate has a default limit for, and that are defined here, hold it."
+        )
+    word = MISSED if missed else SHORT if not complete else UNTOUCHED if not touched else LATE if late else OK
+    line = f"{word}: {over}. {contact}" if missed else f"{word}. {contact}"
+    return Verdict(word, tuple(part for part in parts if part), missed, line.strip())
+
+
+def _contact(figures: Mapping[str, SummaryRow]) -> tuple[str, bool]:
+    """What the hand did to the object, in a sentence, and whether it touched it at all, as far as that is known."""
+    near, touching, depth = (figures.get(name) for name in ("candidates_max", "touching_max", "penetration_max"))
+    force = figures.get("force_contact_max")
+    if any(row is not None and row.value > 0.0 for row in (touching, force, depth)):
+        touched = True
+    else:
+        touched = touching is None and (near is None or near.value > 0.0)
+    if not touched:
+        where = "never touches" if near is not None and near.value > 0 else "never comes near"
+        return f"The hand {where} the object, so that this run says nothing about contact. {ELSEWHERE}", False
+    if depth is None:
+        return "", True
+    if depth.shown == depth.figure.shown(0.0):
+        return "The shown hand stays out of the object's spheres in every tick.", True
+    return f"The shown hand is up to {depth.shown} {depth.unit} inside the object's spheres.", True
+
+
+def _speed(figures: Mapping[str, SummaryRow], ticks: int) -> str:
+    p50, p99, over = (figures.get(name) for name in ("tick_cpu_p50", "tick_cpu_p99", "tick_wall_over_1ms"))
+    if p50 is None or p99 is None or math.isnan(p50.value):
+        return ""
+    text = f"A tick in contact takes {p50.shown} {p50.unit} of CPU time in the median, {p99.shown} {p99.unit} at p99"
+    if over is None or math.isnan(over.value):
+        return f"{text}."
+    late = round(0.01 * over.value * ticks)
+    count = f"{late:,}" if late else "none"
+    return f"{text}; {count} of {ticks:,} ticks took more than 1 ms by the wall clock."
+
+
+def _over(row: SummaryRow, limit: float) -> str:
+    unit = f" {row.unit}" if row.unit else ""
+    return f"{row.label} {row.shown}{unit} (limit {limit / row.figure.scale:g})"

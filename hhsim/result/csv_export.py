@@ -1,0 +1,86 @@
+"""The ticks of a result as a CSV table: a line a tick, units in the heading."""
+
+import csv
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from hhsim.errors import OutputError, UnknownNameError
+from hhsim.result.reader import CHUNK_TICKS, Result
+from hhsim.result.schema import TICK_COLUMNS, Column
+from hhsim.system.output_path import check_output_path
+
+USUAL = (
+    *("time", "input_seq", "haptic/position", "graphic/position", "force/total", "force_variation_rate"),
+    *("penetration_depth", "contacts/candidates", "contacts/touching"),
+    *("duration/total_cpu", "duration/total", "status", "lag"),
+)
+"""Datasets that are written where none are named."""
+ALL = "all"
+SUFFIX = ".csv"
+Progress = Callable[[str, int, int], None]
+
+
+def export_ticks(
+    result: Result, path: Path, columns: Sequence[str] | None = None, progress: Progress | None = None
+) -> tuple[str, ...]:
+    """Write datasets of every tick.
+
+    Args:
+        result: Of which; complete or not.
+        path: The table; a file that is there is replaced when the new one is complete.
+        columns: Names of datasets of /tick, or `all`; None for the usual ones.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Returns:
+        The headings: name of the dataset, index of the element where there are several, unit in brackets.
+
+    Raises:
+        UnknownNameError: No such dataset.
+        OutputError: It cannot be written there, the name does not end in .csv, or another table is there.
+    """
+    if path.suffix.lower() != SUFFIX:
+        raise OutputError(f"{path} is no name for a table: it has to end in {SUFFIX}")
+    check_output_path(path)
+    if path.is_file() and not _is_ours(path):
+        raise OutputError(f"{path} exists and is no table of ticks, so it is not replaced: name another file")
+    known = {column.name: column for column in TICK_COLUMNS}
+    wanted = tuple(known) if columns and ALL in columns else tuple(columns or USUAL)
+    for name in wanted:
+        if name not in known:
+            raise UnknownNameError("dataset", name, known)
+    chosen = [known[name] for name in wanted]
+    headings = tuple(heading for column in chosen for heading in column_headings(column))
+    part = path.with_name(f"{path.name}.part")
+    try:
+        with part.open("w", encoding="utf-8", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(("tick", *headings))
+            first = 0
+            for block in result.blocks(wanted, CHUNK_TICKS):
+                if progress is not None:
+                    progress("ticks", first, result.ticks)
+                # As Python's numbers: they are written with as many digits as give the same number back.
+                flat = [block[name].reshape(len(block[name]), -1).tolist() for name in wanted]
+                table.writerows([tick, *itertools.chain(*row)] for tick, row in enumerate(zip(*flat), start=first))
+                first += len(flat[0])
+        part.replace(path)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return headings
+
+
+def column_headings(column: Column) -> Iterator[str]:
+    """A heading for each element of a column, with its unit: `force/total[0] [N]`."""
+    unit = "" if column.units in ("", "1") else f" [{column.units}]"
+    for index in itertools.product(*(range(size) for size in column.shape)):
+        place = f"[{','.join(map(str, index))}]" if index else ""
+        yield f"{column.name}{place}{unit}"
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file is a table of ticks, which a newer one may replace."""
+    with path.open("rb") as file:
+        return file.readline(64).startswith(b"tick,")

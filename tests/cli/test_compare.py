@@ -1,0 +1,83 @@
+"""`hhsim compare`, `hhsim export` and `hhsim help` as users meet them."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import pytest
+from short_grasp import short_result
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("results")
+    for method in ("coupled", "paper"):
+        short_result(folder / f"{method}.h5", method=method)
+    return folder
+
+
+def word(text: str, label: str) -> str:
+    (line,) = (line for line in text.splitlines() if line.startswith(label))
+    return line.split("  ")[-1].strip()
+
+
+def test_two_methods_side_by_side(run: Run, results: Path) -> None:
+    answer = run("compare", str(results / "coupled.h5"), str(results / "paper.h5"))
+    assert answer.code == 0, answer.err
+    assert "The same object, hand and motion: figures can be compared." in answer.out
+    assert "method: coupled and paper" in answer.out
+    assert word(answer.out, "ticks with lag") == "same"
+    document = json.loads(run("compare", str(results / "coupled.h5"), str(results / "paper.h5"), "--json").out)
+    assert document["comparable"] and "method: coupled and paper" in document["how"]
+    one, other = (h5py.File(results / f"{name}.h5")["summary"].attrs for name in ("coupled", "paper"))
+    figure = document["figures"]["force_contact_mean"]
+    assert (figure["base"], figure["head"]) == (one["force_contact_mean"], other["force_contact_mean"])
+    assert figure["ratio"] == pytest.approx(figure["head"] / figure["base"])
+
+
+@pytest.mark.parametrize(
+    ("factor", "expected"), [(1.0, "same"), (1.05, "within noise"), (2.0, "worse"), (0.4, "better")]
+)
+def test_a_time_within_noise_is_called_so(
+    run: Run, results: Path, tmp_path: Path, factor: float, expected: str
+) -> None:
+    shutil.copy(results / "coupled.h5", tmp_path / "b.h5")
+    with h5py.File(tmp_path / "b.h5", "r+") as file:
+        file["summary"].attrs["tick_cpu_p50"] = 1e-3
+    shutil.copy(tmp_path / "b.h5", tmp_path / "a.h5")
+    with h5py.File(tmp_path / "b.h5", "r+") as file:
+        file["summary"].attrs["tick_cpu_p50"] *= factor
+    assert word(run("compare", "a.h5", "b.h5").out, "tick in contact, CPU, p50") == expected
+
+
+def test_what_is_no_result_is_told(run: Run) -> None:
+    assert run("compare", "a.h5", "b.h5").err == "hhsim: error: a.h5: no such file; expected a result (.h5)\n"
+
+
+def test_a_result_is_exported(run: Run, results: Path, tmp_path: Path) -> None:
+    answer = run("export", str(results / "coupled.h5"), "ticks.csv", "--columns", "time,force/total")
+    assert answer == (0, "200 ticks, 4 columns: ticks.csv\n", "")
+    lines = (tmp_path / "ticks.csv").read_text().splitlines()
+    assert len(lines) == 201
+    assert lines[0] == "tick,time [s],force/total[0] [N],force/total[1] [N],force/total[2] [N]"
+    wrong = run("export", str(results / "coupled.h5"), "ticks.csv", "--columns", "tme")
+    assert wrong.code == 2 and "unknown dataset 'tme': did you mean time" in wrong.err
+
+
+@pytest.mark.parametrize("words", [(), ("replay",), ("bench", "recorded")])
+def test_help_is_that_of_the_command(run: Run, words: tuple[str, ...]) -> None:
+    assert run("help", *words) == run(*words, "--help")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(("relpay",), "unknown command 'relpay': did you mean replay"), (("replay", "x"), "has no command 'x'")],
+)
+def test_help_of_what_is_not_there(run: Run, words: tuple[str, ...], message: str) -> None:
+    answer = run("help", *words)
+    assert (answer.code, answer.out) == (2, "") and message in answer.err

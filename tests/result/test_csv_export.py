@@ -1,0 +1,60 @@
+"""A result as a table: what is read back is what is in the file, with the units of the schema."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from short_grasp import short_result
+
+from hhsim.errors import InputError, OutputError
+from hhsim.result.csv_export import ALL, USUAL, export_ticks
+from hhsim.result.reader import Result
+from hhsim.result.schema import TICK_COLUMNS
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return short_result(tmp_path_factory.mktemp("results") / "run.h5")
+
+
+def read(path: Path) -> tuple[list[str], np.ndarray]:
+    with path.open(encoding="utf-8", newline="") as file:
+        heading, *rows = csv.reader(file)
+    return heading, np.array(rows, dtype=np.float64)
+
+
+def test_every_tick_and_digit_is_read_back(result: Result, tmp_path: Path) -> None:
+    headings = export_ticks(result, tmp_path / "all.csv", [ALL])
+    first, table = read(tmp_path / "all.csv")
+    assert first == ["tick", *headings] and len(set(headings)) == len(headings)
+    assert table[:, 0].tolist() == list(range(result.ticks))
+    at = 1
+    for column in TICK_COLUMNS:
+        size = int(np.prod(column.shape))
+        stored = result[column.name].reshape(result.ticks, -1).astype(np.float64)
+        np.testing.assert_array_equal(table[:, at : at + size], stored, err_msg=column.name)
+        at += size
+    assert at == table.shape[1]
+
+
+def test_the_usual_columns_have_their_units(result: Result, tmp_path: Path) -> None:
+    headings = export_ticks(result, tmp_path / "ticks.csv")
+    assert {heading.partition("[")[0].strip() for heading in headings} == set(USUAL)
+    assert {"time [s]", "force/total[2] [N]", "penetration_depth [m]", "contacts/touching"} <= set(headings)
+    assert export_ticks(result, tmp_path / "ticks.csv", ["time"]) == ("time [s]",), "ours is replaced"
+
+
+def test_what_cannot_be_written_leaves_what_is_there(result: Result, tmp_path: Path) -> None:
+    other = tmp_path / "motion.csv"
+    other.write_text("time,position\n0,1\n")
+    with pytest.raises(OutputError, match="is no table of ticks, so it is not replaced"):
+        export_ticks(result, other)
+    with pytest.raises(OutputError, match=r"has to end in \.csv"):
+        export_ticks(result, tmp_path / "ticks.txt")
+    with pytest.raises(OutputError, match="there is no folder"):
+        export_ticks(result, tmp_path / "none" / "ticks.csv")
+    with pytest.raises(InputError, match="unknown dataset 'force': did you mean"):
+        export_ticks(result, tmp_path / "ticks.csv", ["force"])
+    assert [path.name for path in tmp_path.iterdir()] == ["motion.csv"]
+    assert other.read_text() == "time,position\n0,1\n"

@@ -1,0 +1,95 @@
+"""A recording's object goes where the hand touches it, where it would touch nothing otherwise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.brute_force_distance import brute_clearance
+from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.placed_scene import Place, PlacedScene, placed_scene
+from hhsim.scene.scene import Scene
+from hhsim.scene.touch import touches
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
+
+HAND = HandModel.default()
+MESH = load_object("sphere").mesh
+TREE = cached_sphere_tree(MESH, TreeOptions(level=2))
+
+
+def fist(at: float = 0.4) -> Trajectory:
+    """Fingers that close, so high over the origin [m], without a way."""
+    time = np.arange(0.0, 1.0, 0.05)
+    flexion = np.interp(time, [0.0, 0.8], [0.1, 1.0])[:, None, None] * np.ones((1, 5, 3))
+    return Trajectory(
+        time=time,
+        position=np.tile([0.0, 0.0, at], (len(time), 1)),
+        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1)),
+        flexion=flexion,
+        abduction=np.zeros((len(time), 5)),
+        name="fist",
+        source="a made-up glove",
+    )
+
+
+def placed(motion: Trajectory, asked: Place | None = None) -> PlacedScene:
+    return placed_scene(MESH, TREE, HAND, motion, asked=asked, rate=100.0)
+
+
+def test_it_is_placed_by_itself_where_nothing_touches() -> None:
+    found = placed(fist())
+    assert found.place == "auto" and found.by_itself and found.placement is not None
+    assert found.note.startswith("as the recording has it, the hand touches nothing, so object placed where ")
+    assert touches(found.scene)
+    assert found.scene.trajectory.source == "a made-up glove"
+    document = found.to_json()
+    assert document is not None and document["by_itself"] and document["text"] in found.note
+
+
+def test_it_stays_where_it_was_recorded_if_that_was_asked_or_if_the_hand_touches_it() -> None:
+    there = placed(fist(), "recorded")
+    assert (there.place, there.note, touches(there.scene)) == ("recorded", "", False)
+    touched = placed(fist(0.04))
+    assert (touched.place, touched.note, touches(touched.scene)) == ("recorded", "", True)
+    asked = placed(fist(), "auto")
+    assert (asked.place, asked.by_itself) == ("auto", False)
+
+
+def test_where_no_place_is_found_it_says_so_and_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise TrajectoryError("no finger meets it")
+
+    monkeypatch.setattr("hhsim.scene.placed_scene.place_at_grasp", refuse)
+    found = placed(fist())
+    assert (found.place, found.placement) == ("recorded", None)
+    assert found.note.endswith("no other place was found: no finger meets it")
+    with pytest.raises(TrajectoryError):
+        placed(fist(), "auto")
+
+
+@pytest.mark.parametrize("height", [0.02, 0.06, 0.0912, 0.0914, 0.12, 0.2])
+def test_a_touch_is_one_by_brute_force(height: float) -> None:
+    scene = placed(fist(height), "recorded").scene
+    haptic = HandConfiguration.of(scene.ticks)
+    joints = forward_kinematics(HAND, *haptic).joints
+    shown = zip(joints, haptic.position, haptic.orientation)
+    tree = scene.tree
+    least = min(brute_clearance(tree.leaf_center, tree.leaf_radius, *hand_shape(HAND), *pose) for pose in shown)
+    assert touches(scene) == (least < 1e-5)
+
+
+def test_fingers_that_the_scene_leaves_out_touch_nothing() -> None:
+    scene: Scene = placed(fist(), "recorded").scene
+    tip = forward_kinematics(HAND, *HandConfiguration.of(scene.ticks)).joints[0, 1, 3]
+    outward = tip - scene.ticks.position[0]
+    radius = float(np.linalg.norm(TREE.leaf_center, axis=1).max())
+    beside = tip + (radius + 0.002) * outward / np.linalg.norm(outward)
+    at_the_index = replace(scene, tree=TREE.transformed(np.eye(3), beside))
+    assert touches(at_the_index, ["index"])
+    assert not touches(at_the_index, ["thumb"])

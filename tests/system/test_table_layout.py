@@ -1,0 +1,75 @@
+"""Tables in terminals of any width: no number is broken, columns go, rows turn into cards."""
+
+import importlib
+import io
+import itertools
+import re
+import sys
+from typing import Any
+
+import pytest
+
+console = importlib.import_module("hhsim.cli.console")
+layout = importlib.import_module("hhsim.system.table_layout")
+
+COLUMNS = ("figure", "hhsim", "unit", "paper")
+ROWS = [
+    ("force variation in the hold, trembling hand, mean", "1,234.0570", "% of hold", "310 to ≈ 1,000"),
+    ("stuck ticks", "0", "", ""),
+]
+
+
+class Terminal(io.StringIO):
+    """What is shown in a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def shown(monkeypatch: pytest.MonkeyPatch, width: int, *table: Any, **more: Any) -> str:
+    """A table as a terminal of a width has it."""
+    terminal = Terminal()
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", terminal)
+        patched.setenv("TERM", "xterm")
+        patched.setenv("COLUMNS", str(width))
+        console.print_table(*table, **more)
+    return re.sub(r"\x1b\[[0-9;]*m", "", terminal.getvalue())
+
+
+@pytest.mark.parametrize("width", [20, 30, 40, 60, 80, 100, 160])
+def test_no_number_is_broken_and_no_line_too_long(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = shown(monkeypatch, width, COLUMNS, ROWS, numbers=("hhsim", "paper"), optional=("paper",))
+    assert "1,234.0570" in text
+    assert ("310 to ≈ 1,000" in text) == (width >= 60)
+    assert all(len(line) <= max(width, 26) for line in text.splitlines())
+    for word in ["force", "variation", "in", "the", "hold,", "trembling", "hand,", "mean"]:
+        assert word in text, "no word is broken either"
+
+
+def test_a_row_that_would_be_many_lines_is_a_card(monkeypatch: pytest.MonkeyPatch) -> None:
+    long = "what it stresses, at length, " * 12
+    rows = [("cube", long, "3", ""), ("cup", long, "4", "x")]
+    lines = shown(monkeypatch, 40, ("name", "stresses", "level", "note"), rows).splitlines()
+    assert lines[0] == "cube" and lines.count("") == 1
+    assert lines[lines.index("") + 1] == "cup"
+    assert "  level     3" in lines
+    assert sum(line.startswith("  note") for line in lines) == 1, "an empty cell has no line"
+    assert all(len(line) <= 40 for line in lines)
+
+
+def test_a_pipe_has_no_width(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", "30")
+    console.print_table(COLUMNS, ROWS, numbers=("hhsim",))
+    assert len(capsys.readouterr().out.splitlines()) == 4
+
+
+def test_the_room_is_shared_and_never_exceeded() -> None:
+    texts = ["a", "some words that fold", "x" * 60, ""]
+    for first, second, number, width in itertools.product(texts, texts, ("1.5", "310 to 1,000"), range(20, 120, 7)):
+        columns = [layout.Column("one", [first]), layout.Column("n", [number], True), layout.Column("two", [second])]
+        if layout.fits(columns, width):
+            found = layout.widths(columns, width)
+            assert sum(found) + 2 * layout.GAP <= width
+            assert found[1] >= len(number)
+            assert all(column.least <= have <= column.width for column, have in zip(columns, found))
