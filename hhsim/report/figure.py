@@ -84,12 +84,20 @@ class Album:
         """Nothing is shown yet."""
         self.pictures = {}
 
-    def shown(self, what: ReportFigure, prefix: str = "", label: str = "") -> html.Html:
-        """A figure of the page; `prefix` goes before its name, `label` before its title."""
+    def shown(self, what: ReportFigure, prefix: str = "", title: str = "", *, aside: bool = False) -> html.Html:
+        """A figure of the page.
+
+        Args:
+            what: The figure.
+            prefix: Goes before its name.
+            title: In the place of its own, without a caption; "" for its own with its caption.
+            aside: Whether it stands beside another one, where the screen is wide.
+        """
         name = prefix + what.name
         self.pictures[name] = what.png
-        image = html.picture(what.png, what.alt, what.width_px, what.height_px, what.phone_png)
-        return html.figure(f"figure-{name}", image, f"{label}: {what.title}" if label else what.title, what.caption)
+        media = html.ASIDE if aside else html.PHONE
+        image = html.picture(what.png, what.alt, what.width_px, what.height_px, what.phone_png, media)
+        return html.figure(f"figure-{name}", image, title or what.title, "" if title else what.caption)
 
 
 def run_style(number: int) -> tuple[str, str]:

@@ -12,6 +12,7 @@ from hhsim.kernels.contact.contact_points import ContactPoints
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
+from hhsim.render.box_clip import clipped
 from hhsim.render.hand_meshes import PIECES
 from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
@@ -41,8 +42,10 @@ MARGIN = 0.06
 DOT = "#212126"
 BAR = 0.02
 """Of the bar that shows the scale [m]."""
-FAR = 1.2
-"""Of an object that is larger than the hands, what is farther from them than this much of their size is cut off."""
+FAR, NEAR = 1.2, 0.5
+"""An object that goes beyond FAR times the hands' size from them is cut NEAR times that size from them."""
+CUT = "The object is larger than the picture, and cut at its edge."
+"""Of an object of which a part is shown."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ class Moment:
         contacts: Touching pairs.
         view: From where it is seen.
         sentence: What the picture says.
+        cut: Whether the object goes on beyond the picture.
     """
 
     graphic: Surface
@@ -64,6 +68,7 @@ class Moment:
     contacts: ContactPoints
     view: View
     sentence: str
+    cut: bool = False
 
 
 def overview_picture(result: Result) -> ReportFigure:
@@ -95,7 +100,7 @@ def overview_picture(result: Result) -> ReportFigure:
         f"Tick {tick:,}, at {time:.3f} s: {result.phase_at(tick) or 'no phase'}. First the graphic hand, which stays "
         "outside. Then the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, "
         "and the red arrows are the contact forces, longer by the square root of their size."
-    )
+    ) + (f" {CUT}" if moment.cut else "")
     height = HEADING + OVERVIEW[1]
     return drawn_figure("hand", "The hand on the object", caption, moment.sentence, draw, height, 2.0 * height)
 
@@ -156,6 +161,7 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
         _show(figure.add_axes((0.0, 0.0, 1.0, 1.0)), _seen_through(moment, camera), moment, camera, why=True)
         png = png_bytes(figure)
     caption = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
+    caption += f" {CUT}" if moment.cut else ""
     size = round(PICTURE[0] * DPI), round(PICTURE[1] * DPI)
     return ReportFigure(f"tick-{tick}", f"Tick {tick:,}", caption, moment.sentence, png, *size)
 
@@ -167,7 +173,8 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
     graphic, haptic = (
         hand_surface(scene.hand, *(values[0] for values in pose)) for pose in (ticks.graphic, ticks.haptic)
     )
-    body = _near(mesh_surface(scene.mesh, STONE), np.concatenate([graphic.points, haptic.points]))
+    whole = mesh_surface(scene.mesh, STONE)
+    body = _near(whole, np.concatenate([graphic.points, haptic.points]))
     contacts = find_contact_points(
         scene.tree_arrays,
         scene.shape,
@@ -182,7 +189,10 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
     if view is None:
         vectors = np.array([arrow(one) for one in forces]).reshape(-1, 3)
         view = viewpoint(graphic, body, contacts.point, vectors, usual)
-    return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, _alt_text(result, tick, ticks, forces))
+    sentence = _alt_text(result, tick, ticks, forces)
+    if body is not whole:
+        sentence += f" {CUT}"
+    return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, sentence, cut=body is not whole)
 
 
 def _shown(result: Result, tick: int) -> ShownTicks:
@@ -193,11 +203,13 @@ def _shown(result: Result, tick: int) -> ShownTicks:
 
 
 def _near(body: Surface, hands: FloatArray) -> Surface:
-    """Of a large object the part near the hands, so that they fill the picture."""
+    """An object whole or, of one that is much larger than the hands, the part near them, so that they can be seen."""
     low, high = hands.min(axis=0), hands.max(axis=0)
-    room = FAR * float(np.linalg.norm(high - low))
-    inside = ((body.points > low - room) & (body.points < high + room)).all(axis=1)
-    return replace(body, faces=body.faces[inside[body.faces].any(axis=1)])
+    size = float(np.linalg.norm(high - low))
+    far = ((body.points < low - FAR * size) | (body.points > high + FAR * size)).any()
+    part = clipped(body, low - NEAR * size, high + NEAR * size) if far else body
+    # A hand that is far from it is shown with all of it.
+    return part if len(part.faces) else body
 
 
 def _camera(moment: Moment, size: tuple[float, float]) -> Camera:

@@ -75,8 +75,10 @@ def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: 
     phase = result.phase_at(tick)
     where = f"tick {tick:,} at {result['time'][tick]:.3f} s" + (f", {phase}" if phase else "")
     if kind == "slowest":
-        median = float(np.median(values))
-        ratio = f", {value / median:.1f} times the median" if median > 0.0 else ""
+        # Of the ticks that the table's median is of.
+        contact = result["contacts/candidates"] > 0
+        median = float(np.median(values[contact])) if contact.any() else 0.0
+        ratio = f", {value / median:.1f} times the median of ticks in contact" if median > 0.0 else ""
         return f"The slowest tick took {1e6 * value:,.1f} µs of CPU time{ratio}: {where}."
     if kind == "deepest":
         return f"The deepest penetration is {1e6 * value:,.3f} µm: {where}."
