@@ -88,11 +88,12 @@ CAUSED = {
     "scene max_error": ("level", "spheres"),
     "sum tree": ("level", "spheres", "scene max_error"),
     "sum hand": ("side", "length"),
-    "commit": ("hhsim",),
     **{f"scene {name}": ("kind",) for name in ("samples", "placement", "seed", "size_mm", "thickness_mm")},
     "source": ("kind",),
 }
 """What follows from something else, and is not told where that is."""
+AROUND = ("source", "hhsim", "commit", "cpu")
+"""What is told of results that were run in the same way."""
 MOST_WORDS = 3
 """Options in a label."""
 
@@ -102,6 +103,7 @@ def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
     names = list(dict.fromkeys(name for one in options for name in one))
     differing = [name for name in names if len({one.get(name) for one in options}) > 1]
     told = [name for name in differing if not set(CAUSED.get(name, ())) & set(differing)]
+    told = [name for name in told if name not in AROUND] or told
     found: list[list[str]] = [[] for _ in options]
     for name in told:
         ranked = Counter(one.get(name, "") for one in options).most_common()

@@ -58,8 +58,8 @@ def report_page(
     footer = element(
         "footer",
         paragraph(
-            f"Made by hhsim report, version {__version__}, from what the files hold. Depths are computed from the poses "
-            "in them, and are into the spheres that stand for the object; hhsim verify checks every claim by other code, "
+            f"Made by hhsim report, version {__version__}, from what the files hold. Depths are of the poses in them, "
+            "and into the spheres that stand for the object; hhsim verify checks every claim by other code, "
             "and against the true mesh."
         ),
     )

@@ -18,7 +18,7 @@ from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
 from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted
 from hhsim.render.viewpoint import View, viewpoint
-from hhsim.report.figure import DPI, INK, TEXT, ReportFigure, drawn_figure, new_figure, png_bytes
+from hhsim.report.figure import DPI, INK, TEXT, Drawing, ReportFigure, drawn_figure, new_figure, png_bytes
 from hhsim.result.reader import Result
 from hhsim.view.decimation import ShownTicks, shown_ticks
 from hhsim.view.plots import palm_force
@@ -86,12 +86,13 @@ def overview_picture(result: Result) -> ReportFigure:
     }
 
     def draw(figure: "Figure", narrow: bool) -> None:
-        height = float(figure.get_figheight())
+        width, height = (float(side) for side in figure.get_size_inches())
+        size = 1.0 if narrow else 0.5
+        panel = size * width * OVERVIEW[1] / OVERVIEW[0]
         for number, (title, picture) in enumerate(panels.items()):
             across, down = (0, number) if narrow else (number, 0)
-            bottom = height - (down + 1) * (HEADING + OVERVIEW[1])
-            size = 1.0 if narrow else 0.5
-            axes = figure.add_axes((across * size, bottom / height, size, OVERVIEW[1] / height))
+            bottom = height - (down + 1) * (HEADING + panel)
+            axes = figure.add_axes((across * size, bottom / height, size, panel / height))
             _show(axes, picture, moment, camera, why=number == 1)
             axes.set_title(title, fontweight="bold", loc="left", x=0.02, pad=4)
 
@@ -101,8 +102,12 @@ def overview_picture(result: Result) -> ReportFigure:
         "outside. Then the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, "
         "and the red arrows are the contact forces, longer by the square root of their size."
     ) + (f" {CUT}" if moment.cut else "")
-    height = HEADING + OVERVIEW[1]
-    return drawn_figure("hand", "The hand on the object", caption, moment.sentence, draw, height, 2.0 * height)
+
+    def height(width: float, narrow: bool) -> float:
+        panel = (width if narrow else 0.5 * width) * OVERVIEW[1] / OVERVIEW[0]
+        return (2 if narrow else 1) * (HEADING + panel)
+
+    return drawn_figure("hand", "The hand on the object", caption, moment.sentence, Drawing(draw, height))
 
 
 def overview_tick(result: Result) -> int:

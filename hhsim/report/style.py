@@ -42,7 +42,7 @@ caption { text-align: left; color: var(--soft); padding: 0 0 .35rem; }
 th, td { text-align: left; vertical-align: top; padding: .25rem .9rem .25rem 0; border-bottom: 1px solid var(--line); }
 thead th { color: var(--soft); font-weight: 600; border-bottom-width: 2px; }
 tbody th { font-weight: 400; min-width: 9rem; }
-td.long { overflow-wrap: anywhere; min-width: 12rem; }
+td.long { overflow-wrap: anywhere; min-width: 7rem; }
 .number { text-align: right; font-variant-numeric: tabular-nums; }
 td.number { white-space: nowrap; }
 td small { display: block; color: var(--soft); font-size: .8em; }
@@ -50,7 +50,7 @@ ul.tight { margin: .5rem 0; padding-left: 1.2rem; }
 table.cards { width: 100%; }
 table.cards td, table.cards th { padding-right: .6rem; }
 table.cards thead th { vertical-align: bottom; line-height: 1.25; }
-table.cards tbody th, table.cards td > b { white-space: nowrap; }
+table.cards td > b { white-space: nowrap; }
 table.cards b { color: var(--ink); } table.cards b.good { color: var(--good); }
 table.cards b.bad { color: var(--bad); } table.cards b.note { color: var(--note); }
 details { border-bottom: 1px solid var(--line); }
