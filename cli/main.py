@@ -16,7 +16,7 @@ from .lazy_group import LazyGroup
 COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
-    "view": "Look at a result in the rerun viewer.",
+    "view": "Look at results, motions and meshes in the rerun viewer.",
     "report": "Make one HTML page of results: figures, curves, worst ticks.",
     "verify": "Check every claim of a result with independent code.",
     "objects": "List the objects that come with hhsim.",

@@ -10,6 +10,24 @@ from hhsim.render.triangle_soup import Surface
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+FAR, NEAR = 1.2, 0.5
+"""An object that goes beyond FAR times the hands' size from them is cut NEAR times that size from them."""
+
+
+def near_hands(body: Surface, hands: FloatArray) -> Surface:
+    """An object whole or, of one that is much larger than the hands, the part near them, so that they can be seen.
+
+    Args:
+        body: The object.
+        hands: Points of the hands [m], shape (n, 3), world.
+    """
+    low, high = hands.min(axis=0), hands.max(axis=0)
+    size = float(np.linalg.norm(high - low))
+    far = ((body.points < low - FAR * size) | (body.points > high + FAR * size)).any()
+    part = clipped(body, low - NEAR * size, high + NEAR * size) if far else body
+    # A hand that is far from it is shown with all of it.
+    return part if len(part.faces) else body
+
 
 def clipped(surface: Surface, low: ArrayLike, high: ArrayLike) -> Surface:
     """The part of a surface inside of a box, however large its triangles are.

@@ -12,7 +12,7 @@ from hhsim.kernels.contact.contact_points import ContactPoints
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
-from hhsim.render.box_clip import clipped
+from hhsim.render.box_clip import near_hands
 from hhsim.render.hand_meshes import PIECES
 from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
@@ -42,8 +42,6 @@ MARGIN = 0.06
 DOT = "#212126"
 BAR = 0.02
 """Of the bar that shows the scale [m]."""
-FAR, NEAR = 1.2, 0.5
-"""An object that goes beyond FAR times the hands' size from them is cut NEAR times that size from them."""
 CUT = "The object is larger than the picture, and cut at its edge."
 """Of an object of which a part is shown."""
 
@@ -179,7 +177,7 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
         hand_surface(scene.hand, *(values[0] for values in pose)) for pose in (ticks.graphic, ticks.haptic)
     )
     whole = mesh_surface(scene.mesh, STONE)
-    body = _near(whole, np.concatenate([graphic.points, haptic.points]))
+    body = near_hands(whole, np.concatenate([graphic.points, haptic.points]))
     contacts = find_contact_points(
         scene.tree_arrays,
         scene.shape,
@@ -205,16 +203,6 @@ def _shown(result: Result, tick: int) -> ShownTicks:
         return np.ascontiguousarray(result.at(tick, (name,))[name][None])
 
     return shown_ticks(column, [tick], [0], [0])
-
-
-def _near(body: Surface, hands: FloatArray) -> Surface:
-    """An object whole or, of one that is much larger than the hands, the part near them, so that they can be seen."""
-    low, high = hands.min(axis=0), hands.max(axis=0)
-    size = float(np.linalg.norm(high - low))
-    far = ((body.points < low - FAR * size) | (body.points > high + FAR * size)).any()
-    part = clipped(body, low - NEAR * size, high + NEAR * size) if far else body
-    # A hand that is far from it is shown with all of it.
-    return part if len(part.faces) else body
 
 
 def _camera(moment: Moment, size: tuple[float, float]) -> Camera:
