@@ -77,6 +77,11 @@ def folded(name: str, title: str, *content: str) -> Html:
     return element("section", element("details", heading, inside), aria_label=title)
 
 
+def details(title: str, *content: str, is_open: bool = False) -> Html:
+    """Something within a part of the page that is closed until its title is clicked."""
+    return element("details", element("summary", title), *content, open=is_open)
+
+
 def listed(items: Iterable[str], **attributes: Attribute) -> Html:
     """A list with bullets."""
     return element("ul", *(element("li", item) for item in items), **attributes)

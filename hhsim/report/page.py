@@ -58,9 +58,11 @@ def report_page(
     footer = element(
         "footer",
         paragraph(
-            f"Made by hhsim report, version {__version__}, from what the files hold. Depths are of the poses in them, "
-            "and into the spheres that stand for the object; hhsim verify checks every claim by other code, "
-            "and against the true mesh."
+            f"Made by hhsim report, version {__version__}, from what the files hold.",
+            " Depths are of the poses in them, and into the spheres that stand for the object; hhsim verify checks "
+            "every claim by other code, and against the true mesh."
+            if runs
+            else "",
         ),
     )
     main = element("main", joined(markup for _, _, markup in sections))

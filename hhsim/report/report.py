@@ -148,7 +148,9 @@ def make_report(paths: Sequence[Path], *, progress: Progress | None = None) -> R
     album = Album()
     sections = _result_sections(runs, comparisons, album, steps) if runs else []
     for i, (path, found) in enumerate(tables.items()):
-        sections.append(_part(f"bench-{i + 1}", f"hhsim bench {found.suite}", bench_section(found, path.name)))
+        name = f"bench-{i + 1}"
+        markup = bench_section(found, path.name, album, f"{name}-" if len(tables) > 1 else "")
+        sections.append(_part(name, f"hhsim bench {found.suite}", markup))
     title = title_of(runs, [found.suite for found in tables.values()])
     html = report_page(title, runs, sections)
     return Report(title, html, album.pictures, tuple(runs), tuple(comparisons))

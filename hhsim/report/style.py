@@ -53,6 +53,7 @@ table.cards thead th { vertical-align: bottom; line-height: 1.25; }
 table.cards td > b { white-space: nowrap; }
 table.cards b { color: var(--ink); } table.cards b.good { color: var(--good); }
 table.cards b.bad { color: var(--bad); } table.cards b.note { color: var(--note); }
+summary { font-weight: 600; }
 details { border-bottom: 1px solid var(--line); }
 details[open] { padding-bottom: 1rem; }
 summary { cursor: pointer; padding: .45rem 0; }
@@ -62,7 +63,7 @@ details > div { scroll-margin-top: 3rem; }
 pre, code { font: .86rem/1.45 ui-monospace, "SF Mono", Menlo, Consolas, "Liberation Mono", monospace; }
 pre { background: var(--band); padding: .6rem .8rem; overflow-x: auto; margin: .5rem 0; }
 figure { margin: 1rem 0; }
-figure img { display: block; max-width: 100%; height: auto; background: #ffffff; }
+figure img { display: block; max-width: min(100%, 48rem); height: auto; background: #ffffff; }
 figcaption { font-size: .9rem; color: var(--soft); margin-top: .4rem; max-width: 48rem; }
 figcaption strong { color: var(--ink); }
 .pair {
