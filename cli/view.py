@@ -8,7 +8,6 @@ import click
 
 from . import options
 from .console import announce_compilation, print_json, print_notes, progress
-from .object_argument import UNITS
 from .rerun_option import METAVAR, read_target
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ SLOW, PIXELS = 1.0, 640
     help="Show only every K-th tick; of those between, the plots keep the worst, but of forces the shown tick's.",
 )
 @click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in the place of its mesh.")
-@click.option("--unit", type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
+@click.option("--unit", type=options.UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
 @click.option("--video", type=options.FILE, metavar="FILE.gif|FILE.mp4", help="Make a film of a result.")
 @click.option("--slow", type=float, metavar="TIMES", help=f"How many times slower the film plays. Default: {SLOW:g}.")
 @click.option("--pixels", type=int, metavar="N", help=f"How wide the film is. Default: {PIXELS}.")

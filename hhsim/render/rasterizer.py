@@ -185,7 +185,7 @@ def composed(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
     for rank in np.argsort(depth, axis=0, kind="stable"):
         alpha = np.take_along_axis(opacity, rank[None], axis=0)[0][:, :, None]
         picture += alpha * (np.take_along_axis(color, rank[None, :, :, None], axis=0)[0] - picture)
-    return picture
+    return np.asarray(picture)
 
 
 def rasterise(

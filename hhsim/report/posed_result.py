@@ -84,12 +84,15 @@ def posed_result(result: Result) -> PosedResult:
     }
     stated, first = 0.0, 0
     for block in result.blocks([*POSES, DEPTH], BLOCK_TICKS):
+        joints, position, orientation = (block[name] for name in POSES)
         found = penetration(
             tree,
             static["hand/phalanx_radius"],
             static["hand/palm_center"],
             static["hand/palm_radius"],
-            *(block[name] for name in POSES),
+            joints,
+            position,
+            orientation,
             used,
         )
         part = slice(first, first + len(block[DEPTH]))
