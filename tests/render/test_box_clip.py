@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from hhsim.mesh.mesh import Mesh
-from hhsim.render.box_clip import clipped
+from hhsim.render.box_clip import FAR, NEAR, clipped, near_hands
 from hhsim.render.triangle_soup import Surface, mesh_surface
 
 STONE = np.array([0.8, 0.8, 0.78])
@@ -69,3 +69,17 @@ def test_what_is_inside_stays_and_what_is_outside_goes() -> None:
     ball = surface_of(trimesh.creation.icosphere(2, 0.05))
     assert clipped(ball, (-1.0,) * 3, (1.0,) * 3) is ball
     assert len(clipped(ball, (0.5,) * 3, (1.0,) * 3).faces) == 0
+
+
+def test_a_large_object_is_cut_near_the_hands_and_a_small_one_is_whole() -> None:
+    hands = np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
+    size = np.linalg.norm(hands[1] - hands[0])
+    door = surface_of(trimesh.creation.box((0.9, 0.04, 2.0)))
+    part = near_hands(door, hands)
+    corners = part.points[part.faces].reshape(-1, 3)
+    np.testing.assert_allclose(corners[:, 2].min(), -NEAR * size, atol=1e-12)
+    np.testing.assert_allclose(corners[:, 2].max(), 0.1 + NEAR * size, atol=1e-12)
+    ball = surface_of(trimesh.creation.icosphere(1, FAR * size - 1e-3))
+    assert near_hands(ball, hands) is ball
+    # A hand that is nowhere near it is shown with all of it.
+    assert near_hands(door, hands + 50.0) is door
