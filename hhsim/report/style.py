@@ -106,7 +106,6 @@ footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft)
   table { font-size: 8.5pt; } figcaption, caption, footer { font-size: 9pt; }
   pre, code { font-size: 8.5pt; white-space: pre-wrap; overflow-wrap: anywhere; }
   nav { display: none; }
-  details::details-content { content-visibility: visible; block-size: auto; }
   summary { list-style: none; padding: 0; } summary h2 { font-size: 13pt; }
   table.cards { font-size: 7.5pt; }
   h2, h3, h4, caption { break-after: avoid; }
