@@ -11,6 +11,10 @@ from .console import announce_compilation, print_json, progress
 
 DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")
 """Before the name of a result that hhsim named."""
+FIGURES = ("series", "ticks", "speed-error", "hand")
+"""As of `hhsim.report.figure_file`, which help does not wait for."""
+WIDTH = "180mm"
+"""Of a figure: two columns of most journals."""
 
 
 @click.command()
@@ -19,12 +23,20 @@ DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")
     "--out",
     type=options.FILE,
     metavar="DIR|FILE.html",
-    help="A folder, which gets report.html and the pictures, or the page itself, with the pictures beside it. "
-    "Default: a dated folder in results/ under the current one.",
+    help="A folder, which gets report.html and the pictures, or the page itself, with the pictures beside it; with "
+    "--figure a file that ends in .pdf, .svg or .png. Default: a dated name in results/ under the current folder.",
+)
+@click.option("--figure", type=click.Choice(FIGURES), help="Write this one figure, for a paper, and no page.")
+@click.option(
+    "--width",
+    metavar="WIDTH",
+    help=f"How wide the figure is, such as 88mm or 3.5in. Default: {WIDTH}.",
 )
 @options.json
 @options.quiet
-def command(results: tuple[Path, ...], out: Path | None, as_json: bool, quiet: bool) -> None:
+def command(
+    results: tuple[Path, ...], out: Path | None, figure: str | None, width: str | None, as_json: bool, quiet: bool
+) -> None:
     """Make one HTML page of results: figures, curves, worst ticks.
 
     RESULT is a file that hhsim replay or hhsim live wrote, complete or not, or a table of hhsim bench. Of several
@@ -32,13 +44,21 @@ def command(results: tuple[Path, ...], out: Path | None, as_json: bool, quiet: b
     figures that makes better or worse. The page holds its pictures and needs neither a network nor a script; the same
     pictures lie beside it as PNG files.
 
+    With --figure one of its figures becomes a file for a paper: curves over time (series), how long a tick takes
+    (ticks), speed against error (speed-error), or the hand on the object (hand).
+
     \b
     Examples:
       hhsim report results/grasp.h5
       hhsim report coupled.h5 progressive.h5 --out methods.html
-      hhsim report session.h5 --out session-report
+      hhsim report grasp.h5 --figure series --width 88mm --out fig.pdf
       hhsim report results/speed-error.h5 --json
     """
+    if figure is not None:
+        _write_figure(results, figure, width or WIDTH, out, as_json=as_json, quiet=quiet)
+        return
+    if width is not None:
+        raise click.UsageError("--width is of a figure: name one with --figure, such as --figure series")
     from hhsim.report.report import check_report_path, make_report, write_report
     from hhsim.system.output_path import dated_output_path
 
@@ -55,3 +75,23 @@ def command(results: tuple[Path, ...], out: Path | None, as_json: bool, quiet: b
         for line in report.verdict_lines():
             print(line)
         print(f"the report is in {files.page}, with {len(files.pictures)} pictures beside it")
+
+
+def _write_figure(
+    results: tuple[Path, ...], name: str, width: str, out: Path | None, *, as_json: bool, quiet: bool
+) -> None:
+    from hhsim.report.figure_file import check_figure_path, make_figure, parse_width, write_figure
+    from hhsim.system.output_path import dated_output_path
+
+    begin = time.perf_counter()
+    inches = parse_width(width)
+    if out is not None:
+        check_figure_path(out)
+    announce_compilation(quiet=quiet)
+    figure = make_figure(results, name)
+    path = out or dated_output_path(f"{DATE.sub('', results[0].stem)}-{name}", suffix=".pdf")
+    write_figure(figure, path, inches)
+    if as_json:
+        print_json({"figure": str(path), "width": 0.0254 * inches, "seconds": time.perf_counter() - begin})
+    elif not quiet:
+        print(f"{figure.title}, {25.4 * inches:g} mm wide, is in {path}")

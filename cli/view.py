@@ -13,16 +13,19 @@ from .rerun_option import METAVAR, read_target
 if TYPE_CHECKING:
     from hhsim.view.sink import RerunTarget
 
+SLOW, PIXELS = 1.0, 640
+"""Defaults of a film."""
+
 
 @click.command()
-@click.argument("result", type=options.FILE)
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=options.FILE)
 @click.option(
     "--rerun",
     "target",
-    default="spawn",
     callback=read_target,
     metavar=METAVAR,
-    help="Open a viewer, write a file for one, or send to one that is open, at HOST:PORT.",
+    help="Open a viewer, write a file for one, or send to one that is open, at HOST:PORT. Default: spawn, but with "
+    "--video no viewer.",
 )
 @click.option(
     "--every",
@@ -32,32 +35,111 @@ if TYPE_CHECKING:
     help="Show only every K-th tick; of those between, the plots keep the worst, but of forces the shown tick's.",
 )
 @click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in the place of its mesh.")
+@click.option("--unit", type=options.UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
+@click.option("--video", type=options.FILE, metavar="FILE.gif|FILE.mp4", help="Make a film of a result.")
+@click.option("--slow", type=float, metavar="TIMES", help=f"How many times slower the film plays. Default: {SLOW:g}.")
+@click.option("--pixels", type=int, metavar="N", help=f"How wide the film is. Default: {PIXELS}.")
 @options.json
 @options.quiet
-def command(result: Path, target: "RerunTarget", every: int, spheres: bool, as_json: bool, quiet: bool) -> None:
-    """Look at a result in the rerun viewer.
+def command(
+    files: tuple[Path, ...],
+    target: "RerunTarget | None",
+    every: int,
+    spheres: bool,
+    unit: str | None,
+    video: Path | None,
+    slow: float | None,
+    pixels: int | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Look at results, motions, meshes and sphere trees in the rerun viewer.
 
-    RESULT is a file that hhsim replay or hhsim live wrote. Shown are both hands, the object, contacts, forces and plots
-    of every tick: the graphic hand in skin colour, the haptic hand (the user's) in blue, contact forces in red. With
-    half a million ticks, --every 10 keeps the viewer quick.
+    FILE is what hhsim replay or hhsim live wrote, a trajectory (.h5, .csv), a sphere tree, or a mesh; which it is, its
+    content tells. Of a result both hands are shown, the object, contacts, forces and plots of every tick: the graphic
+    hand in skin colour, the haptic hand (the user's) in blue, contact forces in red. Several files stand side by side
+    on one time axis. With half a million ticks, --every 10 keeps the viewer quick.
+
+    --video makes a film of one result, 25 frames a second: a GIF, or an MP4 where the program ffmpeg is installed.
 
     \b
     Examples:
       hhsim view results/grasp.h5
+      hhsim view coupled.h5 progressive.h5 motion.h5 mug.stl --unit mm
       hhsim view grasp.h5 --rerun grasp.rrd --spheres
+      hhsim view grasp.h5 --video grasp.gif --slow 2
       hhsim view session.h5 --every 10 --rerun connect=127.0.0.1:9876
     """
+    if video is None and (slow is not None or pixels is not None):
+        raise click.UsageError("--slow and --pixels are of a film: name its file with --video")
+    from hhsim.view.file_kind import file_kind
+
+    kinds = [file_kind(path) for path in files]
+    begin = time.perf_counter()
+    document: dict[str, object] = {}
+    if video is not None:
+        if kinds != ["result"]:
+            raise click.UsageError("--video is of one result: name one file that hhsim replay or hhsim live wrote")
+        document |= _make_video(files[0], video, slow or SLOW, pixels or PIXELS, quiet=quiet or as_json)
+    if target is None and video is None:
+        target = _spawned()
+    if target is not None:
+        if kinds == ["result"]:
+            document |= _view_result(files[0], target, every, spheres=spheres, quiet=quiet, as_json=as_json)
+        else:
+            document |= _view_files(files, target, every, unit or "m", spheres=spheres, quiet=quiet, as_json=as_json)
+    if as_json:
+        print_json({**document, "seconds": time.perf_counter() - begin})
+
+
+def _spawned() -> "RerunTarget":
+    from hhsim.view.sink import check_target, parse_target
+
+    target = parse_target("spawn")
+    check_target(target)
+    return target
+
+
+def _make_video(path: Path, video: Path, slow: float, pixels: int, *, quiet: bool) -> dict[str, object]:
+    from hhsim.render.replay_video import VideoOptions, check_video_path, write_video
+    from hhsim.result.reader import load_result
+
+    chosen = VideoOptions(slow=slow, width=pixels)
+    check_video_path(video)
+    result = load_result(path)
+    announce_compilation(quiet=quiet)
+    with progress(quiet=quiet) as report:
+        frames = write_video(result, video, chosen, report)
+    if not quiet:
+        print(f"{frames:,} frames of {result.ticks:,} ticks, {frames / chosen.fps:.1f} s, are in {video}")
+    return {"result": str(path), "video": str(video), "frames": frames}
+
+
+def _view_result(
+    path: Path, target: "RerunTarget", every: int, *, spheres: bool, quiet: bool, as_json: bool
+) -> dict[str, object]:
     from hhsim.result.reader import load_result
     from hhsim.view.viewer import MANY_TICKS, view_result
 
-    loaded = load_result(result)
+    loaded = load_result(path)
     announce_compilation(quiet=quiet)
     if loaded.ticks // every > MANY_TICKS and not quiet:
         print_notes([f"{loaded.ticks:,} ticks: a viewer is quicker with --every {-(-loaded.ticks // 60_000)}"])
-    begin = time.perf_counter()
     with progress(quiet=quiet) as report:
         viewed = view_result(loaded, target, every=every, spheres=spheres, progress=report)
-    if as_json:
-        print_json({"result": str(result), **viewed.to_json(), "seconds": time.perf_counter() - begin})
-    elif not quiet:
+    if not quiet and not as_json:
         print(f"{viewed.shown:,} of {viewed.ticks:,} ticks went to {viewed.target}")
+    return {"result": str(path), **viewed.to_json()}
+
+
+def _view_files(
+    paths: tuple[Path, ...], target: "RerunTarget", every: int, unit: str, *, spheres: bool, quiet: bool, as_json: bool
+) -> dict[str, object]:
+    from hhsim.view.gallery import view_files
+
+    announce_compilation(quiet=quiet)
+    with progress(quiet=quiet) as report:
+        shown = view_files(paths, target, every=every, spheres=spheres, unit=unit, progress=report)
+    if not quiet and not as_json:
+        print(f"{', '.join(f'{one.path.name} ({one.kind})' for one in shown)} went to {target}")
+    return {"files": [one.to_json() for one in shown], "rerun": str(target)}

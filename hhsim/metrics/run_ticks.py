@@ -103,7 +103,8 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
     static = result.static
     level = static["object/tree/level"]
     bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size
-    tree = SphereTree(*(static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent")))
+    center, radius, levels, parent = (static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent"))
+    tree = SphereTree(center, radius, levels, parent)
     touched = TouchedObject(
         Mesh(static["object/vertices"], static["object/faces"]),
         tree.arrays(),

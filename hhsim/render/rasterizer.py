@@ -171,6 +171,13 @@ def blend(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
     Returns:
         The picture, shape (rows, columns, 3), 0 to 1.
     """
+    picture = composed(layers)
+    rows, columns = picture.shape[0] // OVERSAMPLING, picture.shape[1] // OVERSAMPLING
+    return np.asarray(picture.reshape(rows, OVERSAMPLING, columns, OVERSAMPLING, 3).mean(axis=(1, 3)))
+
+
+def composed(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
+    """The same as `blend` at the pixels of the layers, before they are averaged."""
     depth = np.stack([layer.depth for layer, _ in layers])
     opacity = np.stack([np.where(layer.seen(), alpha, 0.0) for layer, alpha in layers])
     color = np.stack([layer.color for layer, _ in layers])
@@ -178,8 +185,7 @@ def blend(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
     for rank in np.argsort(depth, axis=0, kind="stable"):
         alpha = np.take_along_axis(opacity, rank[None], axis=0)[0][:, :, None]
         picture += alpha * (np.take_along_axis(color, rank[None, :, :, None], axis=0)[0] - picture)
-    rows, columns = picture.shape[0] // OVERSAMPLING, picture.shape[1] // OVERSAMPLING
-    return np.asarray(picture.reshape(rows, OVERSAMPLING, columns, OVERSAMPLING, 3).mean(axis=(1, 3)))
+    return np.asarray(picture)
 
 
 def rasterise(

@@ -8,7 +8,7 @@ has fine text, it is drawn a second time for a phone. Colours are told apart by 
 import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from hhsim.report import html
@@ -50,6 +50,19 @@ TEXT = 9.0
 
 
 @dataclass(frozen=True)
+class Drawing:
+    """How a figure is drawn at any width.
+
+    Attributes:
+        draw: Draws into a figure; told whether it is laid out narrow.
+        height: Of a figure so many inches wide, laid out narrow or not [inches].
+    """
+
+    draw: "Callable[[Figure, bool], None]"
+    height: Callable[[float, bool], float]
+
+
+@dataclass(frozen=True)
 class ReportFigure:
     """One picture of a report.
 
@@ -62,6 +75,7 @@ class ReportFigure:
         width_px: Its columns [pixels].
         height_px: Its rows [pixels].
         phone_png: The same for a page that is narrow; None where `png` will do.
+        drawing: How it is drawn again; None where it is a picture alone.
     """
 
     name: str
@@ -72,6 +86,7 @@ class ReportFigure:
     width_px: int
     height_px: int
     phone_png: bytes | None = None
+    drawing: Drawing | None = field(default=None, compare=False, repr=False)
 
 
 class Album:
@@ -84,12 +99,20 @@ class Album:
         """Nothing is shown yet."""
         self.pictures = {}
 
-    def shown(self, what: ReportFigure, prefix: str = "", label: str = "") -> html.Html:
-        """A figure of the page; `prefix` goes before its name, `label` before its title."""
+    def shown(self, what: ReportFigure, prefix: str = "", title: str = "", *, aside: bool = False) -> html.Html:
+        """A figure of the page.
+
+        Args:
+            what: The figure.
+            prefix: Goes before its name.
+            title: In the place of its own, without a caption; "" for its own with its caption.
+            aside: Whether it stands beside another one, where the screen is wide.
+        """
         name = prefix + what.name
         self.pictures[name] = what.png
-        image = html.picture(what.png, what.alt, what.width_px, what.height_px, what.phone_png)
-        return html.figure(f"figure-{name}", image, f"{label}: {what.title}" if label else what.title, what.caption)
+        media = html.ASIDE if aside else html.PHONE
+        image = html.picture(what.png, what.alt, what.width_px, what.height_px, what.phone_png, media)
+        return html.figure(f"figure-{name}", image, title or what.title, "" if title else what.caption)
 
 
 def run_style(number: int) -> tuple[str, str]:
@@ -97,24 +120,20 @@ def run_style(number: int) -> tuple[str, str]:
     return RUN_STYLES[number % len(RUN_STYLES)]
 
 
-def drawn_figure(
-    name: str, title: str, caption: str, alt: str, draw: Callable[["Figure", bool], None], height: float, phone: float
-) -> ReportFigure:
+def drawn_figure(name: str, title: str, caption: str, alt: str, drawing: Drawing) -> ReportFigure:
     """A figure that is drawn for the page and again for a phone.
 
     Args:
         name, title, caption, alt: As of `ReportFigure`.
-        draw: Draws into a figure; told whether it is the narrow one.
-        height: Of the figure on the page [inches].
-        phone: Of the narrow one.
+        drawing: How it is drawn.
     """
     pictures = []
-    for narrow in (False, True):
-        with new_figure(PHONE_INCHES if narrow else PAGE_INCHES, phone if narrow else height) as figure:
-            draw(figure, narrow)
+    for narrow, width in ((False, PAGE_INCHES), (True, PHONE_INCHES)):
+        with new_figure(width, drawing.height(width, narrow)) as figure:
+            drawing.draw(figure, narrow)
             pictures.append(png_bytes(figure))
-    size = round(PAGE_INCHES * DPI), round(height * DPI)
-    return ReportFigure(name, title, caption, alt, pictures[0], *size, phone_png=pictures[1])
+    size = round(PAGE_INCHES * DPI), round(drawing.height(PAGE_INCHES, False) * DPI)
+    return ReportFigure(name, title, caption, alt, pictures[0], *size, phone_png=pictures[1], drawing=drawing)
 
 
 @contextmanager
@@ -146,6 +165,10 @@ def new_figure(width: float, height: float) -> "Iterator[Figure]":
         "grid.linewidth": 0.6,
         "legend.frameon": False,
         "agg.path.chunksize": 20_000,
+        # Journals ask for outlines that a reader of PDF can tell apart as letters.
+        "pdf.fonttype": 42,
+        # Else the names of clipping paths are random.
+        "svg.hashsalt": "hhsim report",
     }
     with matplotlib.rc_context():
         matplotlib.rcdefaults()

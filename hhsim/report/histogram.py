@@ -15,6 +15,7 @@ from hhsim.report.figure import (
     LEFT,
     LIMIT,
     SOFT,
+    Drawing,
     ReportFigure,
     drawn_figure,
     gridded,
@@ -84,8 +85,10 @@ def histogram_figure(results: Mapping[str, Result]) -> ReportFigure:
             _scale(first, edges, narrow)
             figure.axes[-1].set_xlabel("time of a tick")
 
-    height, phone = (TOP + len(runs) * (TITLE + LINE * narrow + PANEL) + BOTTOM for narrow in (False, True))
-    return drawn_figure("tick-times", "How long the ticks took", _caption(runs), _alt(runs), draw, height, phone)
+    def height(width: float, narrow: bool) -> float:
+        return TOP + len(runs) * (TITLE + LINE * narrow + PANEL) + BOTTOM
+
+    return drawn_figure("tick-times", "How long the ticks took", _caption(runs), _alt(runs), Drawing(draw, height))
 
 
 def _times(label: str, result: Result) -> TickTimes:

@@ -11,6 +11,8 @@ VOID = ("br", "img", "meta", "source")
 """Elements without content."""
 PHONE = "screen and (max-width: 34rem)"
 """Media query of the screens that get narrow pictures."""
+ASIDE = f"{PHONE}, screen and (min-width: 74rem)"
+"""The same for pictures that stand beside another one where the screen is wide."""
 LONGEST_WORD = 32
 """Letters of a word that is not broken in a table."""
 NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
@@ -67,6 +69,19 @@ def section(name: str, title: str, *content: str) -> Html:
     return element("section", element("h2", title), *content, id=name, aria_label=title)
 
 
+def folded(name: str, title: str, *content: str) -> Html:
+    """A part of the page that is closed until its heading is clicked, or a link to its anchor is followed."""
+    heading = element("summary", element("h2", title))
+    # The anchor lies inside: a browser opens what a link leads into.
+    inside = element("div", *content, id=name)
+    return element("section", element("details", heading, inside), aria_label=title)
+
+
+def details(title: str, *content: str, is_open: bool = False) -> Html:
+    """Something within a part of the page that is closed until its title is clicked."""
+    return element("details", element("summary", title), *content, open=is_open)
+
+
 def listed(items: Iterable[str], **attributes: Attribute) -> Html:
     """A list with bullets."""
     return element("ul", *(element("li", item) for item in items), **attributes)
@@ -93,6 +108,7 @@ def table(
     rows: Iterable[Sequence[str]],
     *,
     numbers: Iterable[int] = (),
+    kind: str | None = None,
 ) -> Html:
     """A table that scrolls in a box of its own where it is wider than the page; the first cell heads its row.
 
@@ -101,6 +117,7 @@ def table(
         headings: Of the columns.
         rows: Cells, as many as headings.
         numbers: Columns that are aligned right.
+        kind: Class of the table; of "cards" a row is a card on a phone, each cell with its heading.
     """
     right = set(numbers)
 
@@ -113,7 +130,12 @@ def table(
         first, *others = row
         cells = [element("th", first, scope="row", class_=align(0))]
         cells += [
-            element("td", cell, class_=align(i) or ("long" if is_long(cell) else None))
+            element(
+                "td",
+                cell,
+                class_=align(i) or ("long" if is_long(cell) else None),
+                data_heading=headings[i] if kind == "cards" else None,
+            )
             for i, cell in enumerate(others, 1)
         ]
         body.append(element("tr", *cells))
@@ -122,28 +144,30 @@ def table(
         element("thead", element("tr", *head)),
         element("tbody", *body),
     )
-    return element("div", element("table", *content), class_="scroll", role="region", aria_label=caption, tabindex=0)
+    whole = element("table", *content, class_=kind)
+    return element("div", whole, class_="scroll", role="region", aria_label=caption, tabindex=0)
 
 
 def is_long(cell: str) -> bool:
     """Whether a word of a cell, such as a checksum, has to be broken to fit a page."""
-    return max(map(len, cell.split()), default=0) > LONGEST_WORD
+    return not isinstance(cell, Html) and max(map(len, cell.split()), default=0) > LONGEST_WORD
 
 
-def picture(png: bytes, alt: str, width: int, height: int, phone: bytes | None = None) -> Html:
+def picture(png: bytes, alt: str, width: int, height: int, narrow: bytes | None = None, media: str = PHONE) -> Html:
     """A PNG that is part of the page.
 
     Args:
         png: The picture.
         alt: What it says, for those who do not see it.
         width, height: Its pixels.
-        phone: Another PNG that takes its place on a narrow screen.
+        narrow: Another PNG that takes its place where there is less room.
+        media: Where that is, as a media query.
     """
     image = element("img", src=_data(png), alt=alt, width=width, height=height)
-    if phone is None:
+    if narrow is None:
         return image
-    columns, rows = (int.from_bytes(phone[at : at + 4]) for at in (16, 20))
-    other = element("source", media=PHONE, srcset=_data(phone), width=columns, height=rows)
+    columns, rows = (int.from_bytes(narrow[at : at + 4]) for at in (16, 20))
+    other = element("source", media=media, srcset=_data(narrow), width=columns, height=rows)
     return element("picture", other, image)
 
 

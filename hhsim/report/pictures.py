@@ -12,12 +12,13 @@ from hhsim.kernels.contact.contact_points import ContactPoints
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
+from hhsim.render.box_clip import near_hands
 from hhsim.render.hand_meshes import PIECES
 from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
 from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted
 from hhsim.render.viewpoint import View, viewpoint
-from hhsim.report.figure import DPI, INK, TEXT, ReportFigure, drawn_figure, new_figure, png_bytes
+from hhsim.report.figure import DPI, INK, TEXT, Drawing, ReportFigure, drawn_figure, new_figure, png_bytes
 from hhsim.result.reader import Result
 from hhsim.view.decimation import ShownTicks, shown_ticks
 from hhsim.view.plots import palm_force
@@ -41,8 +42,8 @@ MARGIN = 0.06
 DOT = "#212126"
 BAR = 0.02
 """Of the bar that shows the scale [m]."""
-FAR = 1.2
-"""Of an object that is larger than the hands, what is farther from them than this much of their size is cut off."""
+CUT = "The object is larger than the picture, and cut at its edge."
+"""Of an object of which a part is shown."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ class Moment:
         contacts: Touching pairs.
         view: From where it is seen.
         sentence: What the picture says.
+        cut: Whether the object goes on beyond the picture.
     """
 
     graphic: Surface
@@ -64,6 +66,7 @@ class Moment:
     contacts: ContactPoints
     view: View
     sentence: str
+    cut: bool = False
 
 
 def overview_picture(result: Result) -> ReportFigure:
@@ -81,12 +84,13 @@ def overview_picture(result: Result) -> ReportFigure:
     }
 
     def draw(figure: "Figure", narrow: bool) -> None:
-        height = float(figure.get_figheight())
+        width, height = (float(side) for side in figure.get_size_inches())
+        size = 1.0 if narrow else 0.5
+        panel = size * width * OVERVIEW[1] / OVERVIEW[0]
         for number, (title, picture) in enumerate(panels.items()):
             across, down = (0, number) if narrow else (number, 0)
-            bottom = height - (down + 1) * (HEADING + OVERVIEW[1])
-            size = 1.0 if narrow else 0.5
-            axes = figure.add_axes((across * size, bottom / height, size, OVERVIEW[1] / height))
+            bottom = height - (down + 1) * (HEADING + panel)
+            axes = figure.add_axes((across * size, bottom / height, size, panel / height))
             _show(axes, picture, moment, camera, why=number == 1)
             axes.set_title(title, fontweight="bold", loc="left", x=0.02, pad=4)
 
@@ -95,9 +99,13 @@ def overview_picture(result: Result) -> ReportFigure:
         f"Tick {tick:,}, at {time:.3f} s: {result.phase_at(tick) or 'no phase'}. First the graphic hand, which stays "
         "outside. Then the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, "
         "and the red arrows are the contact forces, longer by the square root of their size."
-    )
-    height = HEADING + OVERVIEW[1]
-    return drawn_figure("hand", "The hand on the object", caption, moment.sentence, draw, height, 2.0 * height)
+    ) + (f" {CUT}" if moment.cut else "")
+
+    def height(width: float, narrow: bool) -> float:
+        panel = (width if narrow else 0.5 * width) * OVERVIEW[1] / OVERVIEW[0]
+        return (2 if narrow else 1) * (HEADING + panel)
+
+    return drawn_figure("hand", "The hand on the object", caption, moment.sentence, Drawing(draw, height))
 
 
 def overview_tick(result: Result) -> int:
@@ -156,6 +164,7 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
         _show(figure.add_axes((0.0, 0.0, 1.0, 1.0)), _seen_through(moment, camera), moment, camera, why=True)
         png = png_bytes(figure)
     caption = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
+    caption += f" {CUT}" if moment.cut else ""
     size = round(PICTURE[0] * DPI), round(PICTURE[1] * DPI)
     return ReportFigure(f"tick-{tick}", f"Tick {tick:,}", caption, moment.sentence, png, *size)
 
@@ -167,7 +176,8 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
     graphic, haptic = (
         hand_surface(scene.hand, *(values[0] for values in pose)) for pose in (ticks.graphic, ticks.haptic)
     )
-    body = _near(mesh_surface(scene.mesh, STONE), np.concatenate([graphic.points, haptic.points]))
+    whole = mesh_surface(scene.mesh, STONE)
+    body = near_hands(whole, np.concatenate([graphic.points, haptic.points]))
     contacts = find_contact_points(
         scene.tree_arrays,
         scene.shape,
@@ -182,7 +192,10 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
     if view is None:
         vectors = np.array([arrow(one) for one in forces]).reshape(-1, 3)
         view = viewpoint(graphic, body, contacts.point, vectors, usual)
-    return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, _alt_text(result, tick, ticks, forces))
+    sentence = _alt_text(result, tick, ticks, forces)
+    if body is not whole:
+        sentence += f" {CUT}"
+    return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, sentence, cut=body is not whole)
 
 
 def _shown(result: Result, tick: int) -> ShownTicks:
@@ -190,14 +203,6 @@ def _shown(result: Result, tick: int) -> ShownTicks:
         return np.ascontiguousarray(result.at(tick, (name,))[name][None])
 
     return shown_ticks(column, [tick], [0], [0])
-
-
-def _near(body: Surface, hands: FloatArray) -> Surface:
-    """Of a large object the part near the hands, so that they fill the picture."""
-    low, high = hands.min(axis=0), hands.max(axis=0)
-    room = FAR * float(np.linalg.norm(high - low))
-    inside = ((body.points > low - room) & (body.points < high + room)).all(axis=1)
-    return replace(body, faces=body.faces[inside[body.faces].any(axis=1)])
 
 
 def _camera(moment: Moment, size: tuple[float, float]) -> Camera:

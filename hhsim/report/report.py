@@ -17,7 +17,7 @@ from hhsim.report.bench_section import bench_section
 from hhsim.report.compare import Comparison, compare
 from hhsim.report.figure import Album
 from hhsim.report.histogram import histogram_figure
-from hhsim.report.html import Html, element, paragraph, section
+from hhsim.report.html import Html, element, folded, joined, paragraph, section
 from hhsim.report.page import GENERATOR, report_page, title_of
 from hhsim.report.pictures import held_picture, overview_picture, overview_view
 from hhsim.report.provenance import machine_facts
@@ -26,10 +26,13 @@ from hhsim.report.sections import (
     difference_section,
     facts_table,
     figures_section,
+    key_section,
     origin_section,
     phase_section,
     run_section,
     session_section,
+    settings_section,
+    verdict_section,
 )
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
@@ -51,6 +54,8 @@ FIGURES = (
     ("speed-error", "Speed against error", speed_error_figure),
 )
 """Anchor, heading and maker of the figures that show all results together."""
+HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
+"""Below the hands of several results."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,7 @@ class Report:
     def verdict_lines(self) -> list[str]:
         """The verdicts, a line each."""
         lines = [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
+        lines += [f"{run.label}: {text}" for run in self.runs if (text := run.result.contradiction())]
         compared = zip(self.runs[1:], self.comparisons)
         return lines + [f"{run.label} beside {self.runs[0].label}: {found.sentence()}" for run, found in compared]
 
@@ -142,9 +148,11 @@ def make_report(paths: Sequence[Path], *, progress: Progress | None = None) -> R
     album = Album()
     sections = _result_sections(runs, comparisons, album, steps) if runs else []
     for i, (path, found) in enumerate(tables.items()):
-        sections.append(_part(f"bench-{i + 1}", f"hhsim bench {found.suite}", bench_section(found, path.name)))
+        name = f"bench-{i + 1}"
+        markup = bench_section(found, path.name, album, f"{name}-" if len(tables) > 1 else "")
+        sections.append(_part(name, f"hhsim bench {found.suite}", markup))
     title = title_of(runs, [found.suite for found in tables.values()])
-    html = report_page(title, runs, comparisons, sections)
+    html = report_page(title, runs, sections)
     return Report(title, html, album.pictures, tuple(runs), tuple(comparisons))
 
 
@@ -206,22 +214,37 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
 def _result_sections(
     runs: Sequence[ReportRun], comparisons: Sequence[Comparison], album: Album, steps: "_Steps"
 ) -> Sections:
+    several = len(runs) > 1
+    results = {run.label: run.result for run in runs}
     steps("the hand")
-    overviews = element("div", *_overviews(runs, album), class_=None if len(runs) == 1 else "pair")
-    sections = [_part("run", "What was run", run_section(runs, overviews))]
-    sections.append(_part("figures", "Figures", figures_section(runs, comparisons)))
-    if comparisons:
-        sections.append(_part("differences", "What differs", difference_section(runs, comparisons)))
-    if any(run.result.live is not None for run in runs):
-        sections.append(_part("session", "The session", session_section(runs)))
+    hands = list(_overviews(runs, album))
+    overview = element("div", *hands, class_="hands") if several else joined(hands)
+    shown: dict[str, Html] = {}
     for name, heading, make in FIGURES:
         steps(heading.lower())
-        sections.append(_part(name, heading, album.shown(make({run.label: run.result for run in runs}))))
-    sections.append(_part("phases", "Phases", phase_section(runs)))
+        # The one beside the curves says most of several results, the other of one.
+        shown[name] = album.shown(make(results), aside=name == ("speed-error" if several else "ticks"))
     steps("worst ticks")
-    sections.append(_part("worst", "Worst ticks", worst_section(runs, album)))
-    sections.append(_part("machine", "What it ran on", facts_table("Machine and versions", runs, machine_facts)))
-    sections.append(_part("origin", "Where it comes from", origin_section(runs)))
+    worst = worst_section(runs, album)
+
+    sections = [_part("figures", "Key figures", key_section(runs, comparisons))]
+    sections.append(_part("run", "The hands" if several else "The hand", run_section(runs, overview)))
+    beside, below = ("speed-error", "ticks") if several else ("ticks", "speed-error")
+    curves = element("div", element("div", shown["time"]), element("div", shown[beside]), class_="beside")
+    sections.append(_part("time", "Over time", curves))
+    if several:
+        sections.append(_folded("verdicts", "Verdicts", verdict_section(runs)))
+        sections.append(_folded("differences", "What differs", difference_section(runs, comparisons)))
+    if any(run.result.live is not None for run in runs):
+        sections.append(_folded("session", "The session", session_section(runs)))
+    sections.append(_folded("all-figures", "All figures", figures_section(runs, comparisons)))
+    sections.append(_folded("settings", "What was run", settings_section(runs)))
+    heading = next(heading for name, heading, _ in FIGURES if name == below)
+    sections.append(_folded(below, heading, shown[below]))
+    sections.append(_folded("phases", "Phases", phase_section(runs)))
+    sections.append(_folded("worst", "Worst ticks", worst))
+    sections.append(_folded("machine", "What it ran on", facts_table("Machine and versions", runs, machine_facts)))
+    sections.append(_folded("origin", "Where it comes from", origin_section(runs)))
     return sections
 
 
@@ -239,11 +262,17 @@ def _overviews(runs: Sequence[ReportRun], album: Album) -> Iterator[Html]:
         except InputError as error:
             yield paragraph(f"{label}: " if label else "", f"No picture of the hand: {error}")
         else:
-            yield album.shown(shown, run.prefix, label)
+            yield album.shown(shown, run.prefix, f"{label}, {shown.title[0].lower()}{shown.title[1:]}" if label else "")
+    if several:
+        yield paragraph(HANDS, class_="soft")
 
 
 def _part(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:
     return name, heading, section(name, heading, markup)
+
+
+def _folded(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:
+    return name, heading, folded(name, heading, markup)
 
 
 def _is_table(path: Path) -> bool:

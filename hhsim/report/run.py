@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from hhsim.live.session.summary_table import session_rows
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.replay.verdict import Verdict, verdict
+from hhsim.report.labels import UNNAMED, result_labels
+from hhsim.report.posed_result import PosedResult, posed_result
 from hhsim.report.provenance import motion_name, object_name
 from hhsim.report.tick_table import PhaseFigures, figure_rows, phase_figures, report_ticks
 from hhsim.result.reader import Result
-
-UNNAMED = "method"
-"""Where a file does not say which method was run."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +18,7 @@ class ReportRun:
     """One result.
 
     Attributes:
-        result: The file.
+        result: The file, with the depths of its poses.
         label: Its name in the report.
         prefix: Of the names of its pictures and anchors.
         rows: The table that replay prints.
@@ -28,7 +27,7 @@ class ReportRun:
         verdict: By the gate's default limits.
     """
 
-    result: Result
+    result: PosedResult
     label: str
     prefix: str
     rows: tuple[SummaryRow, ...]
@@ -50,26 +49,24 @@ class ReportRun:
 def report_runs(results: Sequence[Result]) -> list[ReportRun]:
     """Compute what a report says of each result; more than one are labelled by letters.
 
+    Depths are those of the poses in the file.
+
     Raises:
         InputError: A file cannot be read.
     """
-    return [_run(result, i, len(results)) for i, result in enumerate(results)]
+    return [
+        _run(posed_result(result), label, "" if len(results) == 1 else f"{label.partition(':')[0].lower()}-")
+        for result, label in zip(results, result_labels(results))
+    ]
 
 
-def letter(number: int) -> str:
-    """Letters for a number: A, B, … Z, AA, AB, … for 0, 1, and so on."""
-    rest, last = divmod(number, 26)
-    return (letter(rest - 1) if rest else "") + chr(ord("A") + last)
-
-
-def _run(result: Result, number: int, count: int) -> ReportRun:
+def _run(result: PosedResult, label: str, prefix: str) -> ReportRun:
     ticks = report_ticks(result)
     rows = figure_rows(result, ticks)
-    alone = count == 1
     return ReportRun(
         result=result,
-        label=result.method or UNNAMED if alone else f"{letter(number)}: {result.method or UNNAMED}",
-        prefix="" if alone else f"{letter(number).lower()}-",
+        label=label,
+        prefix=prefix,
         rows=rows,
         session=() if result.live is None else session_rows(result.summary),
         phases=tuple(phase_figures(result, ticks)),

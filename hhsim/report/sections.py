@@ -13,6 +13,7 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.report.compare import Comparison, compared
 from hhsim.report.html import Html, commands, element, joined, listed, number, paragraph, table
+from hhsim.report.key_table import key_table
 from hhsim.report.provenance import NONE, option_facts, origin_facts, run_facts
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
@@ -37,7 +38,35 @@ PHASE_HEADINGS = (
 )
 
 
+BRIEF_FACTS = (
+    "object",
+    "object, extent",
+    "sphere tree",
+    "motion",
+    "ticks",
+    "hand",
+    "method",
+    "coupling",
+    "not modelled",
+)
+"""Of `run_facts` those that stand beside the picture."""
+
+
 def run_section(runs: Sequence[ReportRun], overview: Html) -> Html:
+    """The hands, and of a single result what was run."""
+    if len(runs) > 1:
+        return overview
+    facts = run_facts(runs[0].result)
+    brief = [(name, facts[name]) for name in BRIEF_FACTS]
+    return element(
+        "div",
+        element("div", overview),
+        element("div", table("In short", ("what", "value"), brief)),
+        class_="beside",
+    )
+
+
+def settings_section(runs: Sequence[ReportRun]) -> Html:
     """What was run, and the commands that do so again."""
     typed = [shlex.join(run.result.command) for run in runs if run.result.command]
     made = [
@@ -47,7 +76,6 @@ def run_section(runs: Sequence[ReportRun], overview: Html) -> Html:
     again = [line for run in runs for line in looking_again(run.result)]
     return joined(
         [
-            overview,
             facts_table("What was run", runs, run_facts),
             *(made if typed else [paragraph("It was made by a program that calls the library: there is no command.")]),
             paragraph("To look at every tick, to check every claim, to run the same ticks again:"),
@@ -76,13 +104,29 @@ def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result
     return table(f"{caption}; ≠ marks what is not the same" if several else caption, headings, rows)
 
 
+def key_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
+    """The key figures of all results, and with which of them the first one can be compared."""
+    said: dict[str, list[str]] = {}
+    for run, comparison in zip(runs[1:], comparisons):
+        said.setdefault(comparison.sentence(), []).append(run.letter)
+    lines = [joined([element("b", ", ".join(letters)), f": {text}"]) for text, letters in said.items()]
+    return joined([key_table(runs, comparisons), listed(lines, class_="tight") if lines else Html("")])
+
+
+def verdict_section(runs: Sequence[ReportRun]) -> Html:
+    """The verdict of each result in full."""
+    return listed(
+        joined([element("b", f"{run.label}: {run.verdict.word}. "), " ".join(run.verdict.sentences)]) for run in runs
+    )
+
+
 def figures_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
     """The table that replay prints, beside the paper's figures; with others, beside the first result's."""
     first = runs[0]
     if len(runs) == 1:
         rows = [(row.label, row.shown, row.unit, row.paper) for row in first.rows]
         whole = first.result.complete and first.result.live is None
-        source = "as its replay printed them" if whole else "computed from the ticks in the file"
+        source = "as its replay found them, depths by its poses" if whole else "computed from the ticks in the file"
         caption = f"Figures, {source}; the paper's are of its own machine (an Intel Core i7-8700) and scenes"
         return table(caption, ("figure", "hhsim", "unit", "paper"), rows, numbers=(1, 3))
     return _side_by_side(runs, comparisons)
@@ -158,24 +202,22 @@ def origin_section(runs: Sequence[ReportRun]) -> Html:
 
 def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
     names = [name for name in run_metrics() if any(_row(run, name) is not None for run in runs)]
-    headings = ["figure", "unit", runs[0].label]
-    for run in runs[1:]:
-        headings += [run.label, f"to {runs[0].letter}"]
     rows = []
     for name in names:
         found = [_row(run, name) for run in runs]
         first = next(row for row in found if row is not None)
         cells = [first.label, first.unit, found[0].shown if found[0] else NONE]
         for row, comparison in zip(found[1:], comparisons):
-            cells.append(row.shown if row else NONE)
-            cells.append(_against(found[0], row, comparison))
+            against = _against(found[0], row, comparison)
+            shown = row.shown if row else NONE
+            cells.append(joined([shown, " ", element("small", against)]) if against else shown)
         rows.append((*cells, first.paper))
     caption = (
-        "Figures side by side; to the right of each its ratio to the first result's and, where both were fed with the "
+        f"Figures side by side; with each its ratio to that of {runs[0].letter} and, where both were fed with the "
         "same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
     )
-    numbers = range(2, len(headings) + 1)
-    return table(caption, (*headings, "paper"), rows, numbers=numbers)
+    headings = ("figure", "unit", *(run.label for run in runs), "paper")
+    return table(caption, headings, rows, numbers=range(2, len(headings)))
 
 
 def _row(run: ReportRun, name: str) -> SummaryRow | None:

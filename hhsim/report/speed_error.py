@@ -20,9 +20,8 @@ from hhsim.report.figure import (
     BUDGET,
     LEFT,
     LIMIT,
-    PAGE_INCHES,
-    PHONE_INCHES,
     SOFT,
+    Drawing,
     ReportFigure,
     drawn_figure,
     gridded,
@@ -110,12 +109,10 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
             _draw_panel(axes, axis, points)
         _draw_names(figure, points)
 
-    heights = [
-        LINE * _legend(points, width)[1] + rows * (TITLE + PANEL + BOTTOM) + 0.05
-        for rows, width in ((1, PAGE_INCHES), (3, PHONE_INCHES))
-    ]
-    title = "Speed against error"
-    return drawn_figure("speed-error", title, _caption(points), _alt(points), draw, heights[0], heights[1])
+    def height(width: float, narrow: bool) -> float:
+        return LINE * _legend(points, width)[1] + (3 if narrow else 1) * (TITLE + PANEL + BOTTOM) + 0.05
+
+    return drawn_figure("speed-error", "Speed against error", _caption(points), _alt(points), Drawing(draw, height))
 
 
 def _measured(label: str, result: Result) -> SpeedError:

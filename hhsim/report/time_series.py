@@ -18,6 +18,7 @@ from hhsim.report.figure import (
     LIMIT,
     SKY,
     SOFT,
+    Drawing,
     ReportFigure,
     drawn_figure,
     gridded,
@@ -120,10 +121,8 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
         for panel, place in zip(panels, axes):
             _draw_legend(place, panel, len(runs), narrow)
 
-    heights = [_height(panels, narrow) for narrow in (False, True)]
-    return drawn_figure(
-        "series", "Force, time and contacts over the run", _caption(runs), _alt(runs), draw, heights[0], heights[1]
-    )
+    drawing = Drawing(draw, lambda width, narrow: _height(panels, narrow))
+    return drawn_figure("series", "Force, time and contacts over the run", _caption(runs), _alt(runs), drawing)
 
 
 TITLE, LEGEND_LINE, TOP, BOTTOM = 0.27, 0.17, 0.02, 0.42

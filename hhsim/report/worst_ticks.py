@@ -6,8 +6,7 @@ from typing import Literal
 import numpy as np
 
 from hhsim.metrics import metrics
-from hhsim.metrics.run.registry import run_figure
-from hhsim.metrics.run_ticks import HOLD, result_ticks
+from hhsim.metrics.run_ticks import HOLD
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 
@@ -76,9 +75,10 @@ def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: 
     phase = result.phase_at(tick)
     where = f"tick {tick:,} at {result['time'][tick]:.3f} s" + (f", {phase}" if phase else "")
     if kind == "slowest":
-        # The median of the table: free space is quick, and would make any tick look slow.
-        median = run_figure("tick_cpu_p50", result_ticks(result))
-        ratio = f", {value / median:.1f} times the median in contact" if median > 0.0 else ""
+        # Of the ticks that the table's median is of.
+        contact = result["contacts/candidates"] > 0
+        median = float(np.median(values[contact])) if contact.any() else 0.0
+        ratio = f", {value / median:.1f} times the median of ticks in contact" if median > 0.0 else ""
         return f"The slowest tick took {1e6 * value:,.1f} µs of CPU time{ratio}: {where}."
     if kind == "deepest":
         return f"The deepest penetration is {1e6 * value:,.3f} µm: {where}."

@@ -143,7 +143,7 @@ class RerunScene:
 
         scene = self.scene
         self._fixed("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        self._fixed(OBJECT, _mesh(_object_surface(scene.mesh), STONE_COLOR))
+        self._fixed(OBJECT, rerun_mesh(object_surface(scene.mesh), STONE_COLOR))
         if scene.spheres:
             spheres = rr.Ellipsoids3D(
                 centers=scene.tree.leaf_center,
@@ -153,9 +153,9 @@ class RerunScene:
             )
             self._fixed("world/spheres", spheres)
         for name, surface in zip(PIECES, piece_surfaces(scene.hand)):
-            self._fixed(f"world/graphic/{name}", _mesh(surface))
+            self._fixed(f"world/graphic/{name}", rerun_mesh(surface))
             inner = replace(surface, points=surface.points - INNER * surface.normals)
-            self._fixed(f"world/haptic/{name}", _mesh(inner, HAPTIC_COLOR))
+            self._fixed(f"world/haptic/{name}", rerun_mesh(inner, HAPTIC_COLOR))
         self._fixed("world/contacts/points", rr.Points3D.from_fields(colors=CONTACT_COLOR, radii=POINT_RADIUS))
         self._fixed("world/contacts/normals", rr.Arrows3D.from_fields(colors=CONTACT_COLOR, radii=NORMAL_RADIUS))
         self._fixed("world/forces", rr.Arrows3D.from_fields(colors=FORCE_COLOR, radii=FORCE_RADIUS))
@@ -271,7 +271,8 @@ def force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, 
     return places.reshape(count, 16, 3)
 
 
-def _object_surface(mesh: Mesh) -> Surface:
+def object_surface(mesh: Mesh) -> Surface:
+    """A mesh as it is shown: sharp at its edges, or smooth where there are very many."""
     if len(mesh.faces) <= SMOOTH_ABOVE:
         return mesh_surface(mesh, STONE)
     a, b, c = mesh.triangles.transpose(1, 0, 2)
@@ -283,7 +284,8 @@ def _object_surface(mesh: Mesh) -> Surface:
     return Surface(mesh.vertices, normals, np.tile(STONE, (len(normals), 1)), mesh.faces)
 
 
-def _mesh(surface: Surface, color: tuple[int, int, int, int] | None = None) -> Any:
+def rerun_mesh(surface: Surface, color: tuple[int, int, int, int] | None = None) -> Any:
+    """A surface as rerun takes it, in its own colours or in one."""
     import rerun as rr
 
     return rr.Mesh3D(

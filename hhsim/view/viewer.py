@@ -92,28 +92,44 @@ def view_result(
     if every < 1:
         raise InputError(f"every {every} ticks: expected 1 or more")
     scene = shown_scene(result, spheres=spheres)
-    with _opened(result.path) as file:
+    with opened(result.path) as file:
         group = file["tick"]
         plots = LIVE_PLOTS if LIVE_TICK in file else RESULT_PLOTS
         arrangement = arranged(result, scene, group, plots)
         with rerun_stream(target, APPLICATION, arrangement) as stream:
             stream.send_recording_name(result.path.name)
-            viewer = RerunScene(stream, scene)
-            viewer.log_static(plots)
-            log_phases(viewer, result, group["time"])
-            time = group["time"][: result.ticks]
-            log_lane(viewer, "ticks", time, group["status"][: result.ticks], status_words)
-            if LIVE_TICK in file:
-                log_session(viewer, file, time)
-            # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
-            step = max(1, BLOCK_TICKS // every) * every
-            for first in range(0, result.ticks, step):
-                if progress is not None:
-                    progress("ticks", first, result.ticks)
-                viewer.log_ticks(read_ticks(file, first, min(first + step, result.ticks), every))
-            if progress is not None:
-                progress("ticks", result.ticks, result.ticks)
+            send_ticks(RerunScene(stream, scene), result, file, plots, every, progress)
     return Viewed(result.ticks, -(-result.ticks // every), target)
+
+
+def send_ticks(
+    viewer: RerunScene, result: Result, file: h5py.File, plots: Sequence[Plot], every: int, progress: Progress | None
+) -> None:
+    """Send all of a result, what is fixed first.
+
+    Args:
+        viewer: Where it goes.
+        result: What is sent.
+        file: Its file, open.
+        plots: That it has.
+        every: As of `view_result`.
+        progress: The same.
+    """
+    group = file["tick"]
+    viewer.log_static(plots)
+    log_phases(viewer, result, group["time"])
+    time = group["time"][: result.ticks]
+    log_lane(viewer, "ticks", time, group["status"][: result.ticks], status_words)
+    if LIVE_TICK in file:
+        log_session(viewer, file, time)
+    # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
+    step = max(1, BLOCK_TICKS // every) * every
+    for first in range(0, result.ticks, step):
+        if progress is not None:
+            progress("ticks", first, result.ticks)
+        viewer.log_ticks(read_ticks(file, first, min(first + step, result.ticks), every))
+    if progress is not None:
+        progress("ticks", result.ticks, result.ticks)
 
 
 def get_ready() -> None:
@@ -233,7 +249,12 @@ def log_session(viewer: RerunScene, file: h5py.File, time: Array) -> None:
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
+def opened(path: Path) -> Iterator[h5py.File]:
+    """A result's file.
+
+    Raises:
+        InputError: It cannot be read.
+    """
     try:
         file = h5py.File(path, "r")
     except OSError as error:

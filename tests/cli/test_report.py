@@ -12,9 +12,8 @@ from report_reader import Page, read_page
 from short_grasp import short_result
 
 from hhsim.errors import InputError
-from hhsim.report.html import Html
 from hhsim.report.run import report_runs
-from hhsim.report.sections import run_section
+from hhsim.report.sections import settings_section
 from hhsim.result.reader import load_result
 
 Run = Callable[..., Any]
@@ -117,7 +116,7 @@ def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_pa
     assert answer.code == 0, answer.err
     result = load_result(tmp_path / "x.h5")
     assert list(result.command) == shlex.split(typed)
-    page = read_page(run_section(report_runs([result]), Html("")))
+    page = read_page(settings_section(report_runs([result])))
     commands = [line for block in page.all("pre") for line in block.text.splitlines()]
     assert commands == [typed, "hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
 
@@ -125,4 +124,26 @@ def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_pa
 def test_a_result_of_the_library_has_no_command(tmp_path: Path) -> None:
     result = short_result(tmp_path / "x.h5")
     assert result.command == ()
-    assert "there is no command" in run_section(report_runs([result]), Html(""))
+    assert "there is no command" in settings_section(report_runs([result]))
+
+
+def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path, short: str) -> None:
+    assert run("replay", "cube", short, "--level", "2", "--out", "x.h5", "--quiet").code == 0
+    answer = run("report", "x.h5", "--figure", "series", "--width", "88mm", "--out", "fig.pdf")
+    assert (answer.code, answer.out) == (0, "Force, time and contacts over the run, 88 mm wide, is in fig.pdf\n"), (
+        answer.err
+    )
+    assert (tmp_path / "fig.pdf").read_bytes().startswith(b"%PDF")
+    document = json.loads(run("report", "x.h5", "--figure", "ticks", "--out", "fig.svg", "--json").out)
+    assert (document["figure"], round(document["width"], 6)) == ("fig.svg", 0.18)
+    for arguments, message in (
+        (("--width", "88mm"), "--width is of a figure"),
+        (("--figure", "series", "--width", "88"), "expected a number with mm, cm or in"),
+        (("--figure", "series", "--out", "fig.html"), "ends in .pdf, .svg or .png"),
+        (("--figure", "curves"), "'curves' is not one of"),
+    ):
+        answer = run("report", "x.h5", *arguments)
+        assert (answer.code, answer.out) == (2, ""), arguments
+        assert message in answer.err
+        assert answer.err.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"short.toml", "x.h5", "fig.pdf", "fig.svg"}

@@ -53,3 +53,35 @@ def test_what_cannot_be_shown_is_told_before_the_replay(run: Run, tmp_path: Path
         run("view", "missing.h5", "--rerun", "x.rrd").err
         == "hhsim: error: missing.h5: no such file; expected a result (.h5)\n"
     )
+
+
+def test_a_film_is_made_without_a_viewer(run: Run, tmp_path: Path, short: str) -> None:
+    assert run("replay", "cube", short, "--level", "2", "--out", "short.h5", "--quiet").code == 0
+    answer = run("view", "short.h5", "--video", "short.gif", "--pixels", "160")
+    assert (answer.code, answer.out) == (0, "5 frames of 150 ticks, 0.2 s, are in short.gif\n"), answer.err
+    assert (tmp_path / "short.gif").read_bytes().startswith(b"GIF89a")
+    for arguments, message in (
+        (("short.h5", "--slow", "2"), "are of a film"),
+        (("short.h5", "short.h5", "--video", "two.gif"), "is of one result"),
+        (("short.toml", "--video", "x.gif"), "expected a result"),
+        (("short.h5", "--video", "x.avi"), ".gif or .mp4"),
+        (("short.h5", "--video", "x.gif", "--slow", "0.001"), "expected 0.01 to 1000"),
+    ):
+        answer = run("view", *arguments)
+        assert (answer.code, answer.out) == (2, ""), arguments
+        assert message in answer.err
+        assert answer.err.count("\n") == 1
+    assert not {"two.gif", "x.gif", "x.avi"} & {path.name for path in tmp_path.iterdir()}
+
+
+def test_files_of_several_kinds_are_shown_together(run: Run, tmp_path: Path, short: str) -> None:
+    assert run("replay", "cube", short, "--level", "2", "--out", "short.h5", "--quiet").code == 0
+    (tmp_path / "ball.off").write_text("OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n")
+    answer = run("view", "short.h5", "ball.off", "short.h5", "--unit", "cm", "--rerun", "all.rrd")
+    assert answer.code == 0, answer.err
+    assert answer.out == "short.h5 (result), ball.off (mesh), short.h5 (result) went to all.rrd\n"
+    document = json.loads(run("view", "short.h5", "ball.off", "--rerun", "all.rrd", "--json").out)
+    assert document["files"] == [
+        {"file": "short.h5", "kind": "result", "samples": 150},
+        {"file": "ball.off", "kind": "mesh", "samples": 0},
+    ]

@@ -1,6 +1,7 @@
 """How far contacts float over the true mesh: against another library's distances, and a ball in closed form."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,9 +37,10 @@ def test_it_is_what_trimesh_measures_at_every_contact(grasp: Result) -> None:
     placed = PlacedHand(*(grasp[name] for name in PLACED))
     points = contact_points(touched.tree, touched.shape, placed, touched.touch)
     surface = trimesh.Trimesh(touched.mesh.vertices, touched.mesh.faces, process=False)
+    closest: Any = trimesh.proximity.closest_point
     expected = np.full(grasp.ticks, np.nan)
     for tick in np.flatnonzero([len(found) > 0 for found in points])[::7]:
-        expected[tick] = trimesh.proximity.closest_point(surface, points[tick])[1].max()
+        expected[tick] = closest(surface, points[tick])[1].max()
     looked = np.isfinite(expected)
     assert looked.sum() > 10
     np.testing.assert_allclose(run.contact_error[looked], expected[looked], atol=1e-9)

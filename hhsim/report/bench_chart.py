@@ -1,0 +1,203 @@
+"""A chart of a table of `hhsim bench`: what its suite is run for, at a glance."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from hhsim.bench.table import Cell, Table
+from hhsim.report.bench_units import shown_unit
+from hhsim.report.figure import GRID, LIMIT, SOFT, Drawing, ReportFigure, drawn_figure, panel_title, run_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Row: TypeAlias = Mapping[str, Cell]
+
+MARKS = ("o", "s", "D", "^", "v", "P", "X", "*")
+MOST_LABELS = 40
+"""Lines of a chart; of a longer table the first ones."""
+LINE, TITLE, BOTTOM, LEGEND, PANEL = 0.2, 0.3, 0.5, 0.22, 2.6
+"""Room [inches] for a line of a chart, a title, the axis below, a line of the legend, and a panel of points."""
+LETTER = 0.075
+"""Room [inches] for a letter of a name."""
+SPREAD = 8.0
+"""Largest value over least from which on an axis is logarithmic."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """What is drawn of a suite.
+
+    Attributes:
+        title: In a few words.
+        series: Column that has a colour for each of its values.
+        x: Column of the numbers along.
+        y: Column of the numbers up; "" where each line is one of `labels`.
+        labels: Columns that name a line.
+        of: Makes the number along of a row, where it is no column's.
+        axis: What that number is.
+        mark: Number that is marked by a line; None for none.
+        chosen: Which rows are drawn.
+    """
+
+    title: str
+    series: str
+    x: str = ""
+    y: str = ""
+    labels: tuple[str, ...] = ()
+    of: Callable[[Row], float] | None = None
+    axis: str = ""
+    mark: float | None = None
+    chosen: Callable[[Row], bool] = lambda row: True
+
+
+def _share_of_bar(row: Row) -> float:
+    value, bar = float(row["value"]), float(row["bar"])
+    return math.nan if row["at_least"] or not bar > 0.0 else value / bar
+
+
+CHARTS: Mapping[str, Chart] = {
+    "paper": Chart("How many times below the paper's figure", "method", x="ratio", labels=("label",), mark=1.0),
+    "speed-error": Chart(
+        "Time of a tick against distance from the true mesh",
+        "method",
+        x="tick_cpu_p50",
+        y="mesh_error",
+        chosen=lambda row: row["object"] != "all" and not row["stretch"],
+    ),
+    "hard": Chart(
+        "Share of the bar that is used",
+        "method",
+        labels=("case", "figure"),
+        of=_share_of_bar,
+        axis="of the bar",
+        mark=1.0,
+    ),
+    "stress": Chart("Slowest hundredth of the ticks", "method", x="cpu_p99", labels=("object", "level")),
+    "recorded": Chart("Slowest hundredth of the ticks", "method", x="cpu_p99", labels=("recording", "object")),
+    "qp": Chart("Time of a program", "solver", x="native_p50", labels=("program",)),
+    "trees": Chart("How far the spheres protrude", "method", x="spheres", y="protrusion_max"),
+    "threads": Chart("Wall time of a tick by threads", "case", x="threads", y="total"),
+}
+"""What is drawn of each suite."""
+
+
+def bench_figure(found: Table) -> ReportFigure | None:
+    """The chart of a table; None where its suite has none, or no row has the numbers."""
+    chart = CHARTS.get(found.suite)
+    names = {column.name for column in found.columns}
+    if chart is None or not {chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names:
+        return None
+    try:
+        rows = [row for row in found.rows if chart.chosen(row) and _is_number(_along(chart, row))]
+    except (KeyError, TypeError, ValueError):
+        return None
+    if chart.y:
+        rows = [row for row in rows if _is_number(row[chart.y])]
+    if not rows:
+        return None
+    series = list(dict.fromkeys(str(row[chart.series]) for row in rows))
+    labels = list(dict.fromkeys(_label(chart, row) for row in rows))
+    shown, more = labels[:MOST_LABELS], len(labels) - MOST_LABELS
+
+    def height(width: float, narrow: bool) -> float:
+        panel = PANEL if chart.y else LINE * (len(shown) + 1)
+        return LEGEND * _legend(series, width)[1] + TITLE + panel + BOTTOM
+
+    def draw(figure: "Figure", narrow: bool) -> None:
+        width, tall = (float(side) for side in figure.get_size_inches())
+        names = LEGEND * _legend(series, width)[1]
+        left = 0.65 if chart.y else min(0.5 * width, 0.2 + LETTER * max(map(len, shown)))
+        box = (left / width, BOTTOM / tall, 1.0 - (left + 0.15) / width, (tall - names - TITLE - BOTTOM) / tall)
+        axes = figure.add_axes(box)
+        (_draw_points if chart.y else _draw_lines)(axes, found, chart, rows, series, shown)
+        panel_title(axes, chart.title, 4, left - 0.05)
+        _draw_legend(figure, series, width)
+
+    caption = f"{len(rows):,} rows of the table." + (
+        f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
+    )
+    alt = f"{chart.title}: {len(rows):,} points, by {chart.series} ({', '.join(series)})."
+    return drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, Drawing(draw, height))
+
+
+def _draw_points(
+    axes: "Axes", found: Table, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
+) -> None:
+    units = {name: shown_unit(found, name) for name in (chart.x, chart.y)}
+    for number, name in enumerate(series):
+        of = [row for row in rows if row[chart.series] == name]
+        x, y = ([float(row[column]) / units[column].factor for row in of] for column in (chart.x, chart.y))
+        axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.0, alpha=0.75)
+    for axis, scale, column in (("x", axes.set_xscale, chart.x), ("y", axes.set_yscale, chart.y)):
+        values = [float(row[column]) for row in rows]
+        if _is_wide(values):
+            scale("log")
+        unit = units[column].name
+        text = f"{column.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
+        (axes.set_xlabel if axis == "x" else axes.set_ylabel)(text)
+    axes.grid()
+
+
+def _draw_lines(
+    axes: "Axes", found: Table, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
+) -> None:
+    unit = shown_unit(found, chart.x) if chart.x else None
+    factor = unit.factor if unit else 1.0
+    values = []
+    for number, name in enumerate(series):
+        of = [row for row in rows if row[chart.series] == name and _label(chart, row) in labels]
+        x = [_along(chart, row) / factor for row in of]
+        values += x
+        y = [labels.index(_label(chart, row)) for row in of]
+        axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.5, alpha=0.8)
+    axes.set_yticks(range(len(labels)), [label if len(label) <= 60 else f"{label[:59]}…" for label in labels])
+    axes.set_ylim(len(labels) - 0.4, -0.6)
+    for place in range(len(labels)):
+        axes.axhline(place, color=GRID, linewidth=0.6, zorder=0)
+    if _is_wide(values):
+        axes.set_xscale("log")
+    else:
+        axes.set_xlim(left=min(0.0, *values))
+    if chart.mark is not None:
+        axes.axvline(chart.mark, color=LIMIT, linewidth=1.0)
+    text = chart.axis or (chart.x.replace("_", " ") + (f" [{unit.name}]" if unit and unit.name else ""))
+    axes.set_xlabel(text, color=SOFT)
+
+
+def _along(chart: Chart, row: Row) -> float:
+    return chart.of(row) if chart.of is not None else float(row[chart.x])
+
+
+def _label(chart: Chart, row: Row) -> str:
+    return ", ".join(str(row[name]) for name in chart.labels)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def _is_wide(values: Sequence[float]) -> bool:
+    known = [value for value in values if math.isfinite(value)]
+    return bool(known) and min(known) > 0.0 and max(known) / min(known) > SPREAD
+
+
+def _legend(series: Sequence[str], width: float) -> tuple[int, int]:
+    """Columns and lines of the legend in a figure of so many inches."""
+    columns = max(1, min(len(series), int(width / (0.4 + LETTER * max(map(len, series))))))
+    return columns, -(-len(series) // columns)
+
+
+def _draw_legend(figure: "Figure", series: Sequence[str], width: float) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], marker=MARKS[number % len(MARKS)], color=run_style(number)[0], linestyle="", label=name)
+        for number, name in enumerate(series)
+    ]
+    figure.legend(
+        handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=_legend(series, width)[0],
+        borderaxespad=0.1, borderpad=0.1, handletextpad=0.2, columnspacing=1.0,
+    )  # fmt: skip

@@ -1,0 +1,119 @@
+"""One figure of a report as a file of its own, as wide as a journal's column."""
+
+import io
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hhsim.errors import InputError
+from hhsim.report.figure import ReportFigure, new_figure, png_bytes
+from hhsim.report.histogram import histogram_figure
+from hhsim.report.labels import result_labels
+from hhsim.report.pictures import overview_picture
+from hhsim.report.posed_result import posed_result
+from hhsim.report.speed_error import speed_error_figure
+from hhsim.report.time_series import series_figure
+from hhsim.result.reader import Result, load_result
+from hhsim.system.atomic_write import write_atomically
+from hhsim.system.output_path import check_output_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
+    "series": series_figure,
+    "ticks": histogram_figure,
+    "speed-error": speed_error_figure,
+    "hand": lambda results: _hand(results),
+}
+"""Makers of the figures by their names on the command line."""
+FORMATS = (".pdf", ".svg", ".png")
+UNITS = {"mm": 25.4, "cm": 2.54, "in": 1.0}
+"""How many of it an inch has."""
+LEAST_WIDTH, MOST_WIDTH = 50.0, 600.0
+"""Of a figure [mm]."""
+NARROW = 6.4
+"""Figures that are less wide [inches] are laid out as on a phone: one below another is what stood side by side."""
+
+
+def parse_width(text: str) -> float:
+    """Read a width such as 88mm, 8.8cm or 3.5in; in inches.
+
+    Raises:
+        InputError: No such width, or one that no figure has.
+    """
+    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(mm|cm|in)\s*", text)
+    if found is None:
+        raise InputError(f"a width of {text!r}: expected a number with mm, cm or in, such as 88mm")
+    inches = float(found[1]) / UNITS[found[2]]
+    if not LEAST_WIDTH <= 25.4 * inches <= MOST_WIDTH:
+        raise InputError(f"a width of {text}: expected {LEAST_WIDTH:g} to {MOST_WIDTH:g} mm")
+    return inches
+
+
+def check_figure_path(output_path: Path) -> None:
+    """Look, before the work, for what would keep a figure from being written.
+
+    Raises:
+        InputError: A name that ends in none of `FORMATS`.
+        OutputError: As `hhsim.system.output_path.check_output_path`.
+    """
+    if output_path.suffix.lower() not in FORMATS:
+        raise InputError(f"{output_path}: a figure is a file that ends in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
+    check_output_path(output_path)
+
+
+def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
+    """Draw one figure of results.
+
+    Args:
+        paths: Files, in the order of the legend.
+        name: One of `FIGURES`.
+
+    Raises:
+        InputError: No such figure, a file that is no result, or more results than the figure can show.
+    """
+    if name not in FIGURES:
+        raise InputError(f"there is no figure {name!r}: expected {', '.join(FIGURES)}")
+    results = [posed_result(load_result(path)) for path in paths]
+    if not results:
+        raise InputError("a figure needs at least one result")
+    return FIGURES[name](dict(zip(result_labels(results), results)))
+
+
+def write_figure(figure: ReportFigure, output_path: Path, width: float) -> None:
+    """Write a figure: text stays letters of at least 9 pt, lines stay lines.
+
+    Args:
+        figure: One that can be drawn again.
+        output_path: Its ending says what it becomes; an existing file is replaced.
+        width: [inches].
+
+    Raises:
+        InputError, OutputError: As `check_figure_path`; or a full disk.
+    """
+    check_figure_path(output_path)
+    if figure.drawing is None:
+        raise InputError(f"the figure {figure.name} is a picture, which has the one size that it is rendered at")
+    narrow = width < NARROW
+    with new_figure(width, figure.drawing.height(width, narrow)) as drawn:
+        figure.drawing.draw(drawn, narrow)
+        write_atomically(output_path, _encoded(drawn, output_path.suffix.lower(), figure.title))
+
+
+def _encoded(figure: "Figure", suffix: str, title: str) -> bytes:
+    """The figure as a file, without the date."""
+    if suffix == ".png":
+        return png_bytes(figure)
+    dates: dict[str, Any] = {"CreationDate": None} if suffix == ".pdf" else {"Date": None}
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=suffix[1:], metadata={"Title": title, "Creator": "hhsim report", **dates})
+    return buffer.getvalue()
+
+
+def _hand(results: Mapping[str, Result]) -> ReportFigure:
+    if len(results) > 1:
+        raise InputError("the figure hand shows one result: name one, or draw the figure of each")
+    (result,) = results.values()
+    return overview_picture(result)

@@ -1,0 +1,83 @@
+"""The table at the top of a report: the figures that a run is judged by, of all its results."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, WITHIN, WORSE
+from hhsim.replay.summary_table import SummaryRow
+from hhsim.replay.verdict import MISSED, OK
+from hhsim.report.compare import Comparison, compared
+from hhsim.report.html import Html, element, joined, table
+from hhsim.report.run import ReportRun
+
+KEY_FIGURES: Mapping[str, tuple[str, ...]] = {
+    "depth, max": ("penetration_max",),
+    "off the mesh, max": ("contact_error_max",),
+    "force, mean": ("force_contact_mean", "force_hold_mean"),
+    "force step": ("force_contact_step", "force_step"),
+    "variation": ("force_variation_tremor", "force_variation_contact", "force_variation_hold"),
+    "tick, p50": ("tick_cpu_p50",),
+    "tick, p99": ("tick_cpu_p99",),
+    "stuck ticks": ("stuck_ticks",),
+    "lag, max": ("lag_max",),
+}
+"""Short headings, and the run metrics that may stand below each: the first of those that most results have."""
+SHOWN_WORDS = (BETTER, WORSE, WITHIN, NOT_COMPARABLE)
+"""Words that stand below a figure; where both are the same there is nothing to say."""
+MOODS = {OK: "good", MISSED: "bad"}
+"""Class of a verdict by its word."""
+
+
+def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
+    """A line for each result; of the others than the first each figure has a word where it is better or worse.
+
+    Args:
+        runs: Results.
+        comparisons: Of each but the first one with the first one.
+    """
+    figures = {heading: name for heading, names in KEY_FIGURES.items() if (name := _chosen(runs, names))}
+    headings = ["result", "verdict", *(_heading(runs, name, heading) for heading, name in figures.items())]
+    rows = []
+    for run, comparison in zip(runs, (None, *comparisons)):
+        rows.append([run.label, _verdict(run), *(_cell(run, name, runs[0], comparison) for name in figures.values())])
+    caption = (
+        "Key figures. Times are CPU times of ticks in contact. Red: over the limit that hhsim gate has by default."
+    )
+    if len(runs) > 1:
+        caption += f" Below a figure: beside that of {runs[0].letter}, where both were fed with the same."
+    return table(caption, headings, rows, numbers=range(2, len(headings)), kind="cards")
+
+
+def _heading(runs: Sequence[ReportRun], name: str, heading: str) -> str:
+    row = next(row for run in runs if (row := _row(run, name)) is not None)
+    return f"{heading} [{row.unit}]" if row.unit else heading
+
+
+def _verdict(run: ReportRun) -> Html:
+    return element("b", run.verdict.word, class_=MOODS.get(run.verdict.word, "note"))
+
+
+def _cell(run: ReportRun, name: str, first: ReportRun, comparison: Comparison | None) -> Html:
+    row = _row(run, name)
+    if row is None:
+        return Html("—")
+    shown = element("b", row.shown, class_="bad") if name in run.verdict.missed else Html(row.shown)
+    base = _row(first, name)
+    if comparison is None or base is None:
+        return shown
+    word = compared(base, row, comparison).word
+    return joined([shown, element("small", word)]) if word in SHOWN_WORDS else shown
+
+
+def _chosen(runs: Sequence[ReportRun], names: Sequence[str]) -> str:
+    having = {name: sum(_known(run, name) for run in runs) for name in names}
+    return next((name for name in names if having[name] == max(having.values()) > 0), "")
+
+
+def _known(run: ReportRun, name: str) -> bool:
+    row = _row(run, name)
+    return row is not None and math.isfinite(row.value)
+
+
+def _row(run: ReportRun, name: str) -> SummaryRow | None:
+    return next((row for row in run.rows if row.name == name), None)

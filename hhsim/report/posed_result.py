@@ -1,0 +1,123 @@
+"""A result whose depths are those of the poses that the report shows, whatever the file's own columns say."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand.fingers import FINGERS
+from hhsim.metrics.metrics import penetration
+from hhsim.metrics.run.registry import run_metrics
+from hhsim.metrics.run_ticks import result_ticks
+from hhsim.replay.stored_scene import stored_tree
+from hhsim.result.reader import Result
+
+Array = NDArray[Any]
+
+DEPTH, PALM, FINGER = "penetration_depth", "penetration_palm", "penetration_finger"
+"""The datasets of /tick that follow from the poses."""
+POSES = ("graphic/joints", "graphic/position", "graphic/orientation")
+BLOCK_TICKS = 16_384
+"""Ticks that are read at a time."""
+ROUNDING = 1e-9
+"""Depths that differ by no more are the same [m]."""
+
+
+@dataclass(frozen=True)
+class PosedResult(Result):
+    """A result with depths of its poses in its object's spheres.
+
+    Attributes:
+        depths: The datasets that are computed, by name [m].
+        stated_depth: Deepest by the file's own column [m]; NaN where that has no number.
+    """
+
+    depths: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
+    stated_depth: float = np.nan
+
+    def __getitem__(self, name: str) -> Array:
+        return self.depths[name] if name in self.depths else super().__getitem__(name)
+
+    def blocks(self, names: Sequence[str], size: int = BLOCK_TICKS) -> Iterator[dict[str, Array]]:
+        """As of `Result`."""
+        first = 0
+        for block in super().blocks(names, size):
+            part = slice(first, min(first + size, self.ticks))
+            yield {**block, **{name: self.depths[name][part] for name in names if name in self.depths}}
+            first = part.stop
+
+    def at(self, tick: int, names: Sequence[str]) -> dict[str, Array]:
+        """As of `Result`."""
+        found = super().at(tick, names)
+        return {**found, **{name: np.asarray(self.depths[name][tick]) for name in names if name in self.depths}}
+
+    @property
+    def deepest(self) -> float:
+        """Deepest of all ticks, by their poses [m]; 0 where none has a depth."""
+        return _deepest(self.depths[DEPTH])
+
+    def contradiction(self) -> str:
+        """What the file's own column says otherwise, in a sentence; "" where it says the same."""
+        if self.ticks == 0 or abs(self.stated_depth - self.deepest) <= ROUNDING:
+            return ""
+        return (
+            f"The file says that the deepest penetration is {1e6 * self.stated_depth:,.3f} µm; its poses are "
+            f"{1e6 * self.deepest:,.3f} µm deep, and that is what is shown here. hhsim verify looks further."
+        )
+
+
+def posed_result(result: Result) -> PosedResult:
+    """Compute the depths of a result from its poses, in its columns and in its summary.
+
+    Raises:
+        InputError: The file cannot be read, or the arrays of its tree are none.
+    """
+    static = result.static
+    tree = stored_tree(result).arrays()
+    used = [finger in result.fingers for finger in FINGERS]
+    depths = {
+        DEPTH: np.empty(result.ticks),
+        PALM: np.empty(result.ticks),
+        FINGER: np.empty((result.ticks, len(FINGERS))),
+    }
+    stated, first = 0.0, 0
+    for block in result.blocks([*POSES, DEPTH], BLOCK_TICKS):
+        joints, position, orientation = (block[name] for name in POSES)
+        found = penetration(
+            tree,
+            static["hand/phalanx_radius"],
+            static["hand/palm_center"],
+            static["hand/palm_radius"],
+            joints,
+            position,
+            orientation,
+            used,
+        )
+        part = slice(first, first + len(block[DEPTH]))
+        finite = np.logical_and.reduce(
+            [np.isfinite(block[name]).reshape(len(block[DEPTH]), -1).all(1) for name in POSES]
+        )
+        for name, values in ((DEPTH, found.depth), (PALM, found.palm), (FINGER, found.finger)):
+            values[~finite] = np.nan
+            depths[name][part] = values
+        stated, first = max(stated, _deepest(block[DEPTH])), part.stop
+    given = {one.name: getattr(result, one.name) for one in fields(Result)}
+    summary = {**result.summary, **_figures(result, depths)}
+    stated = max(stated, float(result.summary.get("penetration_max", 0.0)))
+    return PosedResult(**{**given, "summary": summary}, depths=depths, stated_depth=stated)
+
+
+def _deepest(depth: Array) -> float:
+    return float(np.fmax.reduce(depth[np.isfinite(depth)], initial=0.0))
+
+
+def _figures(result: Result, depths: dict[str, Array]) -> dict[str, float]:
+    """Figures of the summary that follow from depths alone."""
+    ticks = result_ticks(result, depths)
+    return {
+        name: float(metric.compute(ticks))
+        for name, metric in run_metrics().items()
+        if name in result.summary and metric.compute is not None and metric.needs and set(metric.needs) <= depths.keys()
+    }

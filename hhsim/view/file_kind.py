@@ -1,0 +1,53 @@
+"""What a file is that is to be looked at, told by its content."""
+
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import h5py
+
+from hhsim.errors import InputError
+
+Kind: TypeAlias = Literal["result", "motion", "tree", "mesh"]
+
+HDF5_START = b"\x89HDF\r\n\x1a\n"
+"""First bytes of every HDF5 file."""
+FORMATS: dict[str, Kind] = {"hhsim-result": "result", "hhsim-trajectory": "motion", "hhsim-tree": "tree"}
+"""Kinds by the format that an HDF5 file says it has."""
+MESHES = (".stl", ".ply", ".obj", ".off")
+"""Text has no mark of its own: these are known by their names."""
+EXPECTED = "a result, a trajectory, a sphere tree (.h5) or a mesh (.stl, .ply, .obj, .off)"
+
+
+def file_kind(path: Path) -> Kind:
+    """Tell a result, a motion, a sphere tree and a mesh apart.
+
+    Raises:
+        InputError: No such file, or one of another kind.
+    """
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: expected {EXPECTED}")
+    if not path.is_file():
+        raise InputError(f"there is no file {path}")
+    try:
+        with path.open("rb") as file:
+            start = file.read(len(HDF5_START))
+        if start != HDF5_START:
+            return _by_name(path)
+        with h5py.File(path, "r") as content:
+            stated = content.attrs.get("format", "")
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
+    name = stated.decode("utf-8", "replace") if isinstance(stated, bytes) else str(stated)
+    if name not in FORMATS:
+        what = f"its format is {name!r}" if name else "it does not say what it holds"
+        raise InputError(f"{path} cannot be looked at: {what}; expected {EXPECTED}")
+    return FORMATS[name]
+
+
+def _by_name(path: Path) -> Kind:
+    suffix = path.suffix.lower()
+    if suffix in MESHES:
+        return "mesh"
+    if suffix == ".csv":
+        return "motion"
+    raise InputError(f"{path} cannot be looked at: expected {EXPECTED}")

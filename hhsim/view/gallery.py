@@ -1,0 +1,230 @@
+"""Results, motions, meshes and sphere trees together in the rerun viewer, a view for each, on one time axis."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.hand.model import HandModel
+from hhsim.mesh.file import read_triangles
+from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
+from hhsim.motion.file import load_trajectory
+from hhsim.motion.trajectory import Trajectory
+from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import LIVE_TICK
+from hhsim.trees.file import load_tree
+from hhsim.view.blueprint import BACKGROUND, DISTANCE, VIEW
+from hhsim.view.file_kind import Kind, file_kind
+from hhsim.view.plots import LIVE_PLOTS, RESULT_PLOTS
+from hhsim.view.scene_log import (
+    APPLICATION,
+    SPHERE_COLOR,
+    STONE_COLOR,
+    RerunScene,
+    object_surface,
+    rerun_mesh,
+)
+from hhsim.view.sink import RerunTarget, rerun_stream
+from hhsim.view.viewer import opened, send_ticks, shown_scene
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+STILLS = 50
+"""Poses of a motion that decide about where it is looked at from."""
+
+
+class Bounds(NamedTuple):
+    """Least and largest corner of what is shown [m], shape (3,) each."""
+
+    low: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One of the files that are shown.
+
+    Attributes:
+        path: Of the file.
+        kind: What it is.
+        root: Before the names of its entities.
+        content: What was read: `Result`, `Trajectory`, `SphereTree` or `Mesh`.
+        bounds: Of it.
+        samples: Ticks or samples that it has; 0 where it does not move.
+    """
+
+    path: Path
+    kind: Kind
+    root: str
+    content: Any
+    bounds: Bounds
+    samples: int
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {"file": str(self.path), "kind": self.kind, "samples": self.samples}
+
+
+def view_files(
+    paths: Sequence[Path],
+    target: RerunTarget,
+    *,
+    every: int = 1,
+    spheres: bool = False,
+    unit: str = "m",
+    progress: Progress | None = None,
+) -> list[Shown]:
+    """Show files side by side.
+
+    Args:
+        paths: Results, trajectories, sphere trees and meshes, told apart by their content.
+        target: Where they go.
+        every: Of results, only every so-manieth tick is shown.
+        spheres: Of results, show the leaf spheres in the place of the object's mesh.
+        unit: Of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Raises:
+        InputError: No file, one that is none of these or cannot be read, or a result without a tick.
+        OutputError: As `hhsim.view.sink.rerun_stream`.
+    """
+    if not paths:
+        raise InputError("expected at least one file to look at")
+    if every < 1:
+        raise InputError(f"every {every} ticks: expected 1 or more")
+    shown = [_read(path, f"file-{number + 1}", unit) for number, path in enumerate(paths)]
+    with rerun_stream(target, APPLICATION, _arranged(shown, spheres=spheres)) as stream:
+        stream.send_recording_name(", ".join(dict.fromkeys(path.name for path in paths)))
+        for number, one in enumerate(shown):
+            if progress is not None:
+                progress(one.path.name, number, len(shown))
+            _send(_Rooted(stream, one.root), one, every, spheres=spheres)
+    return shown
+
+
+class _Rooted:
+    """A recording whose entities have a root before their names."""
+
+    def __init__(self, stream: "rr.RecordingStream", root: str) -> None:
+        self._stream, self._root = stream, root
+
+    def log(self, path: str, *what: Any, **how: Any) -> None:
+        self._stream.log(f"{self._root}/{path}", *what, **how)
+
+    def send_columns(self, path: str, *what: Any, **how: Any) -> None:
+        self._stream.send_columns(f"{self._root}/{path}", *what, **how)
+
+
+def _read(path: Path, root: str, unit: str) -> Shown:
+    kind = file_kind(path)
+    if kind == "result":
+        result = load_result(path)
+        if result.ticks == 0:
+            raise InputError(f"{path} holds no tick")
+        some = result["graphic/joints"][:: max(1, result.ticks // STILLS)].reshape(-1, 3)
+        corners = np.concatenate([result.static["object/vertices"], some])
+        return Shown(path, kind, root, result, _bounds(corners), result.ticks)
+    if kind == "motion":
+        motion = load_trajectory(path)
+        hand = HandModel.default()
+        still = slice(None, None, max(1, len(motion.time) // STILLS))
+        poses = (motion.position, motion.orientation, motion.flexion, motion.abduction)
+        places = piece_poses(hand, *(values[still] for values in poses)).translation.reshape(-1, 3)
+        reach = hand.hand_breadth
+        return Shown(path, kind, root, motion, Bounds(places.min(0) - reach, places.max(0) + reach), len(motion.time))
+    if kind == "tree":
+        tree = load_tree(path)
+        wide = tree.leaf_radius[:, None]
+        corners = np.concatenate([tree.leaf_center - wide, tree.leaf_center + wide])
+        return Shown(path, kind, root, tree, _bounds(corners), 0)
+    vertices, faces = read_triangles(path)
+    mesh = Mesh(METRES_PER_UNIT[unit] * vertices, faces, path.stem, str(path))
+    return Shown(path, kind, root, mesh, _bounds(mesh.vertices), 0)
+
+
+def _bounds(points: FloatArray) -> Bounds:
+    return Bounds(points.min(axis=0), points.max(axis=0))
+
+
+def _send(stream: Any, one: Shown, every: int, *, spheres: bool) -> None:
+    import rerun as rr
+
+    if one.kind == "result":
+        result: Result = one.content
+        viewer = RerunScene(stream, shown_scene(result, spheres=spheres))
+        with opened(one.path) as file:
+            send_ticks(viewer, result, file, LIVE_PLOTS if LIVE_TICK in file else RESULT_PLOTS, every, None)
+        return
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    if one.kind == "motion":
+        _send_motion(stream, one.content)
+    elif one.kind == "tree":
+        leaves = rr.Ellipsoids3D(
+            centers=one.content.leaf_center, radii=one.content.leaf_radius, colors=SPHERE_COLOR, fill_mode="solid"
+        )
+        stream.log("world/spheres", leaves, static=True)
+    else:
+        stream.log("world/object", rerun_mesh(object_surface(one.content), STONE_COLOR), static=True)
+
+
+def _send_motion(stream: Any, motion: Trajectory) -> None:
+    import rerun as rr
+
+    hand = HandModel.default()
+    poses = piece_poses(hand, motion.position, motion.orientation, motion.flexion, motion.abduction)
+    since = np.asarray(motion.time, np.float64) - float(motion.time[0])
+    times = [rr.TimeColumn("tick", sequence=np.arange(len(since))), rr.TimeColumn("time", duration=since)]
+    for number, (name, surface) in enumerate(zip(PIECES, piece_surfaces(hand))):
+        stream.log(f"world/hand/{name}", rerun_mesh(surface), static=True)
+        columns = rr.Transform3D.columns(
+            translation=poses.translation[:, number].astype(np.float32),
+            quaternion=poses.quaternion[:, number][:, [1, 2, 3, 0]].astype(np.float32),
+        )
+        stream.send_columns(f"world/hand/{name}", indexes=times, columns=columns, strict=True)
+
+
+def _arranged(shown: Sequence[Shown], *, spheres: bool) -> "rrb.Blueprint":
+    import rerun.blueprint as rrb
+
+    views = []
+    for one in shown:
+        middle = 0.5 * (one.bounds.low + one.bounds.high)
+        away = DISTANCE * float(np.linalg.norm(one.bounds.high - one.bounds.low)) * VIEW.towards
+        hidden = [f"{one.root}/world/object"] if spheres and one.kind == "result" else []
+        views.append(
+            rrb.Spatial3DView(
+                origin=f"{one.root}/world",
+                name=f"{one.path.name} ({one.kind})",
+                eye_controls=rrb.EyeControls3D(
+                    kind=rrb.Eye3DKind.Orbital, position=middle + away, look_target=middle, eye_up=(0.0, 0.0, 1.0)
+                ),
+                line_grid=rrb.LineGrid3D(visible=False),
+                background=BACKGROUND,
+                overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
+            )
+        )
+    results = [one for one in shown if one.kind == "result"]
+    plots = [
+        rrb.Vertical(
+            *(rrb.TimeSeriesView(origin=f"{one.root}/{plot.path}", name=plot.title) for plot in RESULT_PLOTS),
+            name=one.path.name,
+        )
+        for one in results
+    ]
+    scenes = rrb.Grid(*views)
+    return rrb.Blueprint(
+        rrb.Horizontal(scenes, rrb.Tabs(*plots), column_shares=[3, 2]) if plots else scenes,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
+    )

@@ -1,0 +1,83 @@
+"""Charts of benches: every suite that can be run has one, its points are the rows, and its units keep the numbers."""
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hhsim.bench import speed_error_table, threads, trees
+from hhsim.bench.paper import table as paper
+from hhsim.bench.qp import bench as qp
+from hhsim.bench.robustness import hard, recorded_metrics, stress_metrics
+from hhsim.bench.table import Column, Table, load_table, write_table
+from hhsim.report import bench_chart
+from hhsim.report.bench_chart import CHARTS, bench_figure
+from hhsim.report.bench_units import shown_unit
+
+COLUMNS = {
+    "paper": paper.ROW_COLUMNS,
+    "speed-error": speed_error_table.COLUMNS,
+    "hard": hard.COLUMNS,
+    "stress": stress_metrics.COLUMNS,
+    "recorded": recorded_metrics.COLUMNS,
+    "qp": qp.COLUMNS,
+    "trees": trees.COLUMNS,
+    "threads": threads.COLUMNS,
+}
+
+
+@pytest.mark.parametrize("suite", sorted(CHARTS))
+def test_a_chart_names_columns_that_its_suite_has(suite: str) -> None:
+    chart, names = CHARTS[suite], {column.name for column in COLUMNS[suite]}
+    assert {chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names
+
+
+def test_every_suite_has_a_chart() -> None:
+    assert CHARTS.keys() == set(importlib.import_module("hhsim.cli.bench").SUITES)
+
+
+def table(tmp_path: Path, suite: str, columns: tuple[Column, ...], rows: list[dict[str, Any]]) -> Table:
+    write_table(tmp_path / "t.h5", suite, columns, rows, {})
+    return load_table(tmp_path / "t.h5")
+
+
+THREADS = (Column("threads", "threads"), Column("total", "whole tick", "s"), Column("case", "case"))
+
+
+def test_the_points_are_the_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows: list[dict[str, Any]] = [
+        {"threads": n, "total": 1e-5 * (k + 1) / n, "case": case} for k, case in enumerate("SW") for n in (1, 2, 4)
+    ]
+    found = table(tmp_path, "threads", THREADS, [*rows, {"threads": 8, "total": None, "case": "S"}])
+    drawn: list[np.ndarray] = []
+    points = bench_chart._draw_points
+
+    def kept(axes: Any, *arguments: Any) -> None:
+        points(axes, *arguments)
+        drawn.extend(np.column_stack(line.get_data()) for line in axes.lines)
+
+    monkeypatch.setattr(bench_chart, "_draw_points", kept)
+    figure = bench_figure(found)
+    assert figure is not None
+    assert "6 points" in figure.alt
+    expected = [[[row["threads"], 1e6 * row["total"]] for row in rows if row["case"] == case] for case in "SW"]
+    np.testing.assert_allclose(np.array(drawn[:2]), np.array(expected, dtype=np.float64))
+
+
+def test_a_table_without_numbers_or_of_another_suite_has_none(tmp_path: Path) -> None:
+    assert bench_figure(table(tmp_path, "threads", THREADS, [{"threads": 1, "total": None, "case": "S"}])) is None
+    assert bench_figure(table(tmp_path, "threads", THREADS[:2], [{"threads": 1, "total": 1.0}])) is None
+    assert bench_figure(table(tmp_path, "own", THREADS, [{"threads": 1, "total": 1.0, "case": "S"}])) is None
+
+
+@pytest.mark.parametrize(
+    ("largest", "unit"), [(2.0, "s"), (0.9, "ms"), (1e-3, "ms"), (9e-4, "µs"), (5e-8, "ns"), (0.0, "s"), (None, "s")]
+)
+def test_the_unit_keeps_the_largest_number_at_one_or_more(tmp_path: Path, largest: float | None, unit: str) -> None:
+    rows = [{"threads": 1, "total": value, "case": "S"} for value in (largest, None)]
+    found = shown_unit(table(tmp_path, "threads", THREADS, rows), "total")
+    assert found.name == unit
+    if largest:
+        assert 1.0 <= largest / found.factor < 1e3 or unit in ("s", "ns")

@@ -1,0 +1,97 @@
+"""Figures as files: as wide as they are asked for, the same bytes again, letters that stay letters."""
+
+import importlib
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from short_grasp import short_result
+
+from hhsim.errors import InputError, OutputError
+from hhsim.report.figure import DPI, PAGE_INCHES, ReportFigure
+from hhsim.report.figure_file import FIGURES, make_figure, parse_width, write_figure
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("result")
+    short_result(folder / "short.h5")
+    return folder / "short.h5"
+
+
+@pytest.fixture(scope="module")
+def series(path: Path) -> ReportFigure:
+    return make_figure([path, path], "series")
+
+
+@pytest.mark.parametrize(("text", "inches"), [("88mm", 88 / 25.4), ("8.8cm", 8.8 / 2.54), (" 3.5 in ", 3.5)])
+def test_a_width_has_a_unit(text: str, inches: float) -> None:
+    assert parse_width(text) == pytest.approx(inches)
+
+
+@pytest.mark.parametrize("text", ["88", "mm", "-88mm", "88pt", "49mm", "601mm", "nan mm", "1e3mm", "8.8.8cm"])
+def test_what_is_no_width_is_told(text: str) -> None:
+    with pytest.raises(InputError, match="expected"):
+        parse_width(text)
+
+
+@pytest.mark.parametrize("millimetres", [88.0, 180.0])
+def test_a_file_is_as_wide_as_it_is_asked_for(series: ReportFigure, tmp_path: Path, millimetres: float) -> None:
+    inches = millimetres / 25.4
+    for suffix in (".pdf", ".svg", ".png"):
+        write_figure(series, tmp_path / f"figure{suffix}", inches)
+    box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", (tmp_path / "figure.pdf").read_bytes())
+    assert box is not None
+    assert float(box[1]) == pytest.approx(72.0 * inches, abs=0.01)
+    root = ElementTree.parse(tmp_path / "figure.svg").getroot()
+    assert float(root.attrib["width"].removesuffix("pt")) == pytest.approx(72.0 * inches, abs=0.01)
+    assert float(root.attrib["height"].removesuffix("pt")) == pytest.approx(float(box[2]), abs=0.01)
+    with Image.open(tmp_path / "figure.png") as picture:
+        assert picture.width == pytest.approx(DPI * inches, abs=1.0)
+
+
+def test_letters_of_a_pdf_are_letters_and_no_date_is_in_it(series: ReportFigure, tmp_path: Path) -> None:
+    write_figure(series, tmp_path / "one.pdf", 3.46)
+    data = (tmp_path / "one.pdf").read_bytes()
+    assert b"/CIDFontType2" in data or b"/TrueType" in data
+    assert b"/Type3" not in data
+    assert b"CreationDate" not in data
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg", ".png"])
+def test_the_same_results_give_the_same_bytes(path: Path, series: ReportFigure, tmp_path: Path, suffix: str) -> None:
+    for name in ("one", "two"):
+        write_figure(make_figure([path, path], "series"), tmp_path / f"{name}{suffix}", 3.46)
+    one, two = ((tmp_path / f"{name}{suffix}").read_bytes() for name in ("one", "two"))
+    assert one == two
+
+
+@pytest.mark.parametrize("name", ["ticks", "speed-error", "hand"])
+def test_every_figure_is_drawn_within_its_page(path: Path, tmp_path: Path, name: str) -> None:
+    figure = make_figure([path], name)
+    for inches in (3.46, PAGE_INCHES):
+        write_figure(figure, tmp_path / "figure.png", inches)
+        with Image.open(tmp_path / "figure.png") as file:
+            picture = file.convert("L")
+        # Ink at the upper or the lower edge is a word that was cut.
+        for row in (0, picture.height - 1):
+            assert np.asarray(picture)[row].min() > 200, (name, inches, row)
+
+
+def test_what_cannot_be_drawn_is_told(path: Path, series: ReportFigure, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected series, ticks"):
+        make_figure([path], "serie")
+    with pytest.raises(InputError, match="shows one result"):
+        make_figure([path, path], "hand")
+    with pytest.raises(InputError, match=r"\.pdf, \.svg or \.png"):
+        write_figure(series, tmp_path / "figure.jpeg", 3.46)
+    with pytest.raises(OutputError, match="no folder"):
+        write_figure(series, tmp_path / "nowhere" / "figure.pdf", 3.46)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_line_names_the_same_figures() -> None:
+    assert tuple(FIGURES) == importlib.import_module("hhsim.cli.report").FIGURES

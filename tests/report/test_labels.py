@@ -1,0 +1,65 @@
+"""What results are called: what differs between them is said, and nothing else."""
+
+import itertools
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from short_grasp import short_result
+
+from hhsim.report.labels import letter, option_words, result_labels
+from hhsim.result.reader import Result
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return short_result(tmp_path_factory.mktemp("result") / "a-very-long-name-of-a-file-that-says-nothing.h5")
+
+
+def otherwise(result: Result, solver: dict[str, Any] | None = None, **scene: Any) -> Result:
+    """The same result with other options."""
+    return replace(result, scene={**result.scene, **scene, "solver": {**result.scene["solver"], **(solver or {})}})
+
+
+def test_one_result_is_its_method(plain: Result) -> None:
+    assert result_labels([plain]) == ["coupled"]
+    assert result_labels([otherwise(plain, {"method": ""})]) == ["method"]
+
+
+def test_methods_are_told_without_what_follows_from_them(plain: Result) -> None:
+    other = otherwise(plain, {"method": "paper", "force": "paper", "margin": 5e-4, "linearisations": 1})
+    assert result_labels([plain, other]) == ["A: coupled", "B: paper"]
+
+
+def test_object_and_motion_are_told_where_they_differ(plain: Result) -> None:
+    cup, pinch = otherwise(plain, object_name="cup"), otherwise(plain, motion="pinch")
+    assert result_labels([plain, cup]) == ["A: cylinder coupled", "B: cup coupled"]
+    assert result_labels([plain, pinch]) == ["A: short coupled", "B: pinch coupled"]
+
+
+def test_options_are_told_where_they_are_not_what_most_have(plain: Result) -> None:
+    soft = otherwise(plain, {"stiffness": {**plain.scene["solver"]["stiffness"], "translation": 200.0}})
+    thin = otherwise(plain, {"margin": 2e-3})
+    one, two, three = result_labels([plain, soft, thin])
+    assert one == "A: coupled"
+    assert two == "B: coupled, stiffness 200, 5, 0.5"
+    assert three == "C: coupled, margin 2 mm"
+    # Of two, neither is what most have.
+    assert result_labels([plain, thin]) == ["A: coupled, margin 1 mm", "B: coupled, margin 2 mm"]
+
+
+def test_the_same_again_is_told_by_its_letter(plain: Result) -> None:
+    assert result_labels([plain, plain, plain]) == ["A: coupled", "B: coupled", "C: coupled"]
+
+
+def test_no_label_holds_a_files_name(plain: Result) -> None:
+    assert not any("a-very-long" in word for word in option_words(plain).values())
+
+
+@given(st.integers(0, 5000))
+def test_letters_are_those_of_a_counter_of_letters(number: int) -> None:
+    alphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+    every = itertools.chain.from_iterable(itertools.product(alphabet, repeat=length) for length in (1, 2, 3))
+    assert letter(number) == "".join(next(itertools.islice(every, number, None)))
