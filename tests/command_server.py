@@ -72,7 +72,9 @@ class CommandServer:
 
 
 def _serve() -> None:
-    from hhsim.cli.main import main
+    import importlib
+
+    main = importlib.import_module("hhsim.cli.main").main
 
     # Whatever the commands print, the answers alone go to the pipe.
     answers = os.fdopen(os.dup(1), "w")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hhsim.errors import DamagedFileError
-from hhsim.system import hdf5_input
+from hhsim.system import hdf5_input, hdf5_probe
 from hhsim.system.atomic_write import hdf5_image
 from hhsim.system.checksummed_file import SIZE, seal_file, seal_holds, sealed
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
@@ -86,7 +86,7 @@ def test_a_reader_that_never_ends_is_ended(image: bytes, tmp_path: Path, monkeyp
     path, script = tmp_path / "bare.h5", tmp_path / "spin.py"
     path.write_bytes(image)
     script.write_text("while True: pass\n")
-    monkeypatch.setattr(hdf5_input.hdf5_probe, "__file__", str(script))
+    monkeypatch.setattr(hdf5_probe, "__file__", str(script))
     monkeypatch.setattr(hdf5_input, "SECONDS", 0.3)
     begin = time.perf_counter()
     with pytest.raises(DamagedFileError, match="reading it does not end within"):
@@ -100,7 +100,7 @@ def test_a_reader_that_breaks_down_takes_nothing_with_it(
     path, script = tmp_path / "bare.h5", tmp_path / "crash.py"
     path.write_bytes(image)
     script.write_text("import os\nos.abort()\n")
-    monkeypatch.setattr(hdf5_input.hdf5_probe, "__file__", str(script))
+    monkeypatch.setattr(hdf5_probe, "__file__", str(script))
     with pytest.raises(DamagedFileError, match="breaks down"):
         open_hdf5(path)
 
