@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hhsim.gate.suite import default_suite
+from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
 
@@ -42,7 +43,7 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     }
     missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
     parts = [] if result.complete else [f"The run was stopped after {result.ticks:,} ticks; what follows is of these."]
-    parts += [_contact(figures), _speed(result, figures)]
+    parts += [_contact(figures), *_assumed(result), _speed(result, figures)]
     # A tick that never was is in no figure of the ticks.
     late = int(result.summary.get("missed", 0))
     if late:
@@ -67,6 +68,12 @@ def _contact(figures: dict[str, SummaryRow]) -> str:
     if depth.shown == depth.figure.shown(0.0):
         return "The shown hand stays out of the object's spheres in every tick."
     return f"The shown hand is up to {depth.shown} {depth.unit} inside the object's spheres."
+
+
+def _assumed(result: Result) -> list[str]:
+    """What of the object's own surface no guarantee is of."""
+    said = [text for text in result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
+    return [f"{text[:1].upper()}{text[1:]}." for text in said]
 
 
 def _speed(result: Result, figures: dict[str, SummaryRow]) -> str:

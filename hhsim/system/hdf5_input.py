@@ -8,8 +8,8 @@ another program, is read once from end to end by a child with limits of time and
 import subprocess
 import sys
 import time
-from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import h5py
 
@@ -19,13 +19,26 @@ from hhsim.system.checksummed_file import seal_holds
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """What h5py raises on a file with wrong bytes in it."""
-SECONDS = 10.0
+SECONDS = 8.0
 """What reading a small file may take its child, by the wall clock and by the processor's."""
 BYTES_PER_SECOND = 20e6
 """A larger file gets as much more time as it takes at this rate."""
 
 _SETTLED_NS = 100_000_000
 """A file that was changed this recently may be changed again within one tick of its time stamp."""
+
+
+class _State(NamedTuple):
+    """What tells that a file is the one that was looked at."""
+
+    path: Path
+    size: int
+    changed_ns: int
+    number: int
+
+
+_KNOWN: dict[_State, str] = {}
+"""What is wrong with files that were looked at; "" for nothing."""
 
 
 def open_hdf5(path: Path) -> h5py.File:
@@ -36,11 +49,14 @@ def open_hdf5(path: Path) -> h5py.File:
         BlockingIOError: Another process is writing it.
         OSError: No HDF5 file, or one that cannot be opened.
     """
-    state = path.stat()
-    if time.time_ns() - state.st_mtime_ns > _SETTLED_NS:
-        _vouch_once(path.resolve(), state.st_size, state.st_mtime_ns, state.st_ino)
-    else:
-        _vouch(path)
+    state = _state(path)
+    fault = _KNOWN.get(state)
+    if fault is None:
+        fault = _fault(path)
+        if time.time_ns() - state.changed_ns > _SETTLED_NS and _state(path) == state:
+            _KNOWN[state] = fault
+    if fault:
+        raise DamagedFileError(fault)
     return h5py.File(path, "r")
 
 
@@ -60,38 +76,37 @@ def hdf5_format(path: Path) -> str:
     return found if isinstance(found, str) else ""
 
 
-@lru_cache(maxsize=256)
-def _vouch_once(path: Path, size: int, changed_ns: int, number: int) -> None:
-    _vouch(path)
+def _state(path: Path) -> _State:
+    found = path.stat()
+    return _State(path.resolve(), found.st_size, found.st_mtime_ns, found.st_ino)
 
 
-def _vouch(path: Path) -> None:
+def _fault(path: Path) -> str:
+    """What is wrong with a file; "" for nothing."""
     holds = seal_holds(path)
     if holds is None:
-        _read_by_child(path)
-    elif not holds:
-        raise DamagedFileError("a damaged file: its bytes are not those that its checksum is of")
+        return _read_by_child(path)
+    return "" if holds else "a damaged file: its bytes are not those that its checksum is of"
 
 
-def _read_by_child(path: Path) -> None:
+def _read_by_child(path: Path) -> str:
     if not _is_signed(path):
         raise OSError("no HDF5 file: its signature is not there")
     size, end = path.stat().st_size, hdf5_probe.stated_end(path)
     if end is not None and size < end:
-        raise DamagedFileError(f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there")
+        return f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there"
     seconds = SECONDS + size / BYTES_PER_SECOND
     # -P: the folder of the probe is no place to import from.
     command = [sys.executable, "-P", hdf5_probe.__file__, str(path), str(int(seconds) + 1)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=seconds, check=False)
     except subprocess.TimeoutExpired:
-        raise DamagedFileError(f"a damaged file: reading it does not end within {seconds:.0f} s") from None
+        return f"a damaged file: reading it does not end within {seconds:.0f} s"
     if done.returncode == hdf5_probe.BUSY:
         raise BlockingIOError("another process is writing it")
     if done.returncode == hdf5_probe.UNSOUND:
-        raise DamagedFileError(f"a damaged HDF5 file: {done.stdout.strip()}")
-    if done.returncode:
-        raise DamagedFileError("a damaged file: the HDF5 library breaks down over it")
+        return f"a damaged HDF5 file: {done.stdout.strip()}"
+    return "a damaged file: the HDF5 library breaks down over it" if done.returncode else ""
 
 
 def _is_signed(path: Path) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, MeshError
+from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.verify.again import again_claims
@@ -171,5 +172,7 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
     promised = judge.safe and covers
     verdict = NOT_CLAIMED if not promised else FAILS if depth > MESH_EXACT else HOLDS
     note = "" if promised else "neither the method nor the tree promises it"
+    assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
+    note = "; ".join([*([note] if note else []), *assumed])
     tick = int(judge.chosen[worst]) if depth > 0.0 else None
     return Claim(name, says, verdict, depth, MESH_EXACT, "m", tick, len(different), why, note), depth

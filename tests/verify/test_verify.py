@@ -28,6 +28,7 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay
 from hhsim.replay.stored_scene import checksums
+from hhsim.report.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import STATIC_COLUMNS
 from hhsim.scene.open_scene import open_scene
@@ -647,6 +648,18 @@ def test_a_lag_that_is_left_out_is_found(lagging: Result, tmp_path: Path) -> Non
 
     assert {"palm balance", "free hand"} & failing(verify(planted(lagging.path, tmp_path, unflagged), every=40))
     assert run_anew(planted(lagging.path, tmp_path, understated))["again: ticks"].failed
+
+
+def test_an_assumed_solid_is_named_with_what_is_outside_of_it(honest: Result, tmp_path: Path) -> None:
+    said = "the guarantee is of the assumed solid: 3 % of the surface, up to 0.4 mm, lies outside it"
+
+    def assumed(file: h5py.File) -> None:
+        forge_scene(file, lambda scene: scene.update(object_repairs=["turned 1 triangle to face outward", said]))
+
+    result = planted(honest.path, tmp_path, assumed)
+    mesh = next(claim for claim in verify(result, every=100).claims if claim.name == "mesh")
+    assert (mesh.verdict, mesh.note) == (HOLDS, said)
+    assert f"T{said[1:]}." in report_verdict(result, ()).sentences
 
 
 def test_a_depth_set_to_zero_where_the_hand_penetrates_is_found(tmp_path: Path) -> None:
