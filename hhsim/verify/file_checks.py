@@ -126,6 +126,8 @@ def _durations(result: Result) -> Claim:
     negative = np.min([detect, palm, fingers, force, total, result["duration/total_cpu"]], axis=0)
     off = np.maximum(0, np.maximum(parts - total, -negative)) * 1e-9
     method, contact = result.scene["solver"]["method"], np.asarray(result["work/rows"]) > 0
+    if result.live is not None:
+        method = ""
     if method == "coupled":
         off = np.where(fingers != 0, np.inf, off)
     elif method == "progressive" and contact.any() and not fingers[contact].any():
