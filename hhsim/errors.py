@@ -26,6 +26,10 @@ class TrajectoryError(InputError):
     """A trajectory whose arrays, stamps or orientations cannot be replayed."""
 
 
+class DamagedFileError(InputError):
+    """A file whose bytes are not what they were; the message leaves it to the reader to name the file."""
+
+
 class UnknownNameError(InputError):
     """A name that no catalogue holds; the message lists the near ones."""
 

@@ -17,10 +17,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import DamagedFileError, InputError, OutputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import hdf5_image, write_atomically
+from hhsim.system.checksummed_file import sealed
+from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
 from hhsim.system.output_path import check_output_path
 
 FORMAT = "hhsim-bench"
@@ -87,12 +89,7 @@ def check_table_path(output_path: Path) -> None:
         raise OutputError(f"{output_path} must end in .h5: the CSV file of the same name goes beside it")
     check_output_path(output_path)
     if output_path.exists():
-        try:
-            with h5py.File(output_path, "r") as file:
-                is_table = file.attrs.get("format") == FORMAT
-        except OSError:
-            is_table = False
-        if not is_table:
+        if hdf5_format(output_path) != FORMAT:
             raise OutputError(
                 f"{output_path} exists and is no table of hhsim bench, so it is not replaced: name another with --out"
             )
@@ -145,7 +142,7 @@ def write_table(
 
     image = hdf5_image(fill)
     write_atomically(csv_path(output_path), _csv_text(columns, arrays).encode())
-    write_atomically(output_path, image)
+    write_atomically(output_path, sealed(image))
 
 
 def load_table(path: Path) -> Table:
@@ -157,9 +154,11 @@ def load_table(path: Path) -> Table:
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected a table of hhsim bench (.h5)")
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             return _read(file, path)
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+    except DamagedFileError as error:
+        raise InputError(f"{path}: {error}") from error
+    except DAMAGE as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{path} is no readable table of hhsim bench: {reason}") from error
 

@@ -51,6 +51,9 @@ SLABS = 3000
 
 _LEAST_REPORTED = 1e-5
 
+ASSUMED_SOLID = "the guarantee is of the assumed solid"
+"""How the sentence begins that says what of the file's surface lies outside of the solid that is made of it."""
+
 THICKEN = "pass --thickness to make a sheet of it"
 
 SEED = 20180
@@ -107,9 +110,11 @@ def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float,
         surface.vertices = surface.vertices + origin
         return surface
     if surface.repairs:
-        share, distance = _assumed(surface, np.ascontiguousarray(vertices[faces]), TOLERANCE * surface.size)
+        source = np.ascontiguousarray(vertices[faces])
+        share, distance = _assumed(surface, source, TOLERANCE * surface.size)
         if share > _LEAST_REPORTED:
             surface.repairs.append(_assumption(surface, share, distance))
+        _tell_outside(surface, source)
     return surface
 
 
@@ -200,6 +205,29 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
         )
     if share > _LEAST_REPORTED:
         surface.repairs.append(_assumption(surface, share, reach))
+    _tell_outside(surface, source)
+
+
+def _tell_outside(surface: MeshInRepair, source: FloatArray) -> None:
+    bare, farthest = outside_solid(surface, source)
+    if bare > _LEAST_REPORTED:
+        surface.repairs.append(
+            f"{ASSUMED_SOLID}: {100.0 * bare:.2g} % of the surface, up to {surface.millimetres(farthest)}, "
+            "lies outside it"
+        )
+
+
+def outside_solid(surface: MeshInRepair, source: FloatArray) -> tuple[float, float]:
+    """Share of the triangles of the file (F, 3, 3) that lies outside of a closed surface, and how far at most, sampled.
+
+    What is nearer to it than `BESIDE` of its size is on it.
+    """
+    bvh = build_mesh_bvh(surface.vertices, surface.faces)
+    corners = np.arange(3 * len(source)).reshape(-1, 3)
+    point, _, area = face_samples(source.reshape(-1, 3), corners, SAMPLES, np.random.default_rng(SEED))
+    distance = mesh_signed_distance(bvh, point)
+    out = distance > BESIDE * surface.size
+    return float(area[out].sum() / area.sum()), float(np.max(distance, where=out, initial=0.0))
 
 
 def _make_sheets(surface: MeshInRepair, sheet: BoolArray, thickness: float) -> None:

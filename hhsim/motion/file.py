@@ -14,20 +14,18 @@ from typing import Any
 import h5py
 import numpy as np
 
-from hhsim.errors import OutputError, TrajectoryError
+from hhsim.errors import DamagedFileError, OutputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX, TEXTS, format_csv, parse_csv
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
 from hhsim.system.atomic_write import hdf5_image, write_atomically
-from hhsim.system.checksummed_file import seal_holds, sealed
+from hhsim.system.checksummed_file import sealed
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.output_path import check_output_path
 
 FORMAT = "hhsim-trajectory"
 SCHEMA_VERSION = 1
 HDF5_SUFFIXES = (".h5", ".hdf5")
-
-DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
-"""What h5py raises on a file with wrong bytes in it."""
 
 SAMPLES = {
     "time": ("s", "time stamp of the sample"),
@@ -143,10 +141,10 @@ def read_fields(path: Path) -> dict[str, Any]:
     Raises:
         TrajectoryError: Another format, a newer schema, a missing part, or a damaged file.
     """
-    if seal_holds(path.read_bytes()) is False:
-        raise TrajectoryError("a damaged file: its bytes are not those that its checksum is of")
     try:
         return _read(path)
+    except DamagedFileError as error:
+        raise TrajectoryError(str(error)) from None
     except (TrajectoryError, PermissionError):
         raise
     except DAMAGE as error:
@@ -156,7 +154,7 @@ def read_fields(path: Path) -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        file = h5py.File(path, "r")
+        file = open_hdf5(path)
     except OSError as error:
         if isinstance(error, PermissionError):
             raise

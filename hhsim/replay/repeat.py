@@ -65,6 +65,8 @@ class RunAgain:
             were lost cannot be run.
         arrays: All that are computed.
         notes: What a reader should know besides, a sentence each.
+        made_elsewhere: Whether something differs, and hhsim or the machine is not the file's: other bits are then to
+            be expected.
     """
 
     path: Path
@@ -73,6 +75,7 @@ class RunAgain:
     ticks_stored: int
     arrays: tuple[ArrayComparison, ...]
     notes: tuple[str, ...]
+    made_elsewhere: bool = False
 
     @property
     def identical(self) -> bool:
@@ -139,9 +142,10 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     if progress is not None:
         progress("ticks", total, total)
     arrays = tuple(tally.comparison() for tally in tallies)
-    if not all(array.identical for array in arrays):
-        notes += _other_makers(result)
-    return RunAgain(result.path, result.complete, total, result.ticks, arrays, tuple(notes))
+    makers = [] if all(array.identical for array in arrays) else _other_makers(result)
+    return RunAgain(
+        result.path, result.complete, total, result.ticks, arrays, (*notes, *makers), made_elsewhere=bool(makers)
+    )
 
 
 class _Tally:

@@ -11,6 +11,8 @@ from hhsim import __version__
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE
 from hhsim.metrics import metrics
 from hhsim.metrics.contact_error import TouchedObject
@@ -136,7 +138,9 @@ def summarise(
             options.touch,
         ),
     )
-    figures = {**tick_figures(run), **_figures_of_own_runs(scene, options, run)}
+    haptic = HandConfiguration.of(ticks)
+    own = figures_of_own_runs(scene.hand, scene.tree.arrays(), options, haptic, run)
+    figures = {**tick_figures(run), **own}
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
         notes=(*_notes(scene, options, series["status"]), *_floating(scene, figures["contact_error_max"])),
@@ -148,19 +152,27 @@ def summarise(
     )
 
 
-def _figures_of_own_runs(scene: Scene, options: SolverOptions, run: RunTicks) -> dict[str, float]:
-    """The figures that further runs of the solver are needed for: the reference optimum, and a trembling hold."""
+def figures_of_own_runs(
+    hand: HandModel, tree: TreeArrays, options: SolverOptions, haptic: HandConfiguration, run: RunTicks
+) -> dict[str, float]:
+    """The figures that further runs of the solver are needed for: the reference optimum, and a trembling hold.
+
+    Args:
+        hand: The hand.
+        tree: The object's sphere tree, world.
+        options: Of the solver.
+        haptic: The haptic hand of every tick.
+        run: The ticks, with those of `GRAPHIC_HAND`.
+    """
     if not run.holds:
         return {"tracking_excess": np.nan}
-    haptic = HandConfiguration.of(scene.ticks)
     graphic = HandConfiguration(*(run[f"graphic/{name}"] for name in HandConfiguration._fields))
     held = np.flatnonzero(run.hold)
     chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
-    excess = reference_excess(scene.hand, scene.tree.arrays(), options, haptic, graphic, chosen)
+    excess = reference_excess(hand, tree, options, haptic, graphic, chosen)
     found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
     hold = run.holds[0]
-    tree, rate = scene.tree.arrays(), scene.ticks.rate
-    trembling = tremor_variation(scene.hand, tree, options, haptic.at(hold), graphic.at(hold), rate)
+    trembling = tremor_variation(hand, tree, options, haptic.at(hold), graphic.at(hold), run.rate)
     if trembling is not None:
         found |= {TREMBLING: trembling.mean, f"{TREMBLING}_std": trembling.std}
     return found

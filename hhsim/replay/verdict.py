@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.replay.limits import default_limits
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
@@ -36,11 +37,18 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     """Judge a result by the table of it; as `run_verdict`."""
     # A tick that never was is in no figure of the ticks.
     late = int(result.summary.get("missed", 0))
-    return run_verdict(rows, result.method, result.ticks, complete=result.complete, late=late)
+    repairs = [str(text) for text in result.scene.get("object_repairs") or []]
+    return run_verdict(rows, result.method, result.ticks, complete=result.complete, late=late, repairs=repairs)
 
 
 def run_verdict(
-    rows: Sequence[SummaryRow], method: str, ticks: int, *, complete: bool = True, late: int = 0
+    rows: Sequence[SummaryRow],
+    method: str,
+    ticks: int,
+    *,
+    complete: bool = True,
+    late: int = 0,
+    repairs: Sequence[str] = (),
 ) -> Verdict:
     """Judge a run by the limits that `hhsim gate` has where a project sets none.
 
@@ -52,6 +60,7 @@ def run_verdict(
         ticks: How many it has.
         complete: False where it was stopped.
         late: Periods of a session that had no tick.
+        repairs: Of the object's mesh; where its solid is an assumed one, they say what the guarantee is not of.
     """
     if ticks == 0:
         return Verdict(EMPTY, ("The file holds no tick.",), line=f"{EMPTY}: the file holds none")
@@ -65,7 +74,8 @@ def run_verdict(
     over = "; ".join(_over(figures[name], limits[name]) for name in missed)
     contact, touched = _contact(figures)
     stopped = "" if complete else f"The run was stopped after {ticks:,} ticks; what follows is of these."
-    parts = [stopped, contact, _speed(figures, ticks)]
+    assumed = [f"{text[:1].upper()}{text[1:]}." for text in repairs if text.startswith(ASSUMED_SOLID)]
+    parts = [stopped, contact, *assumed, _speed(figures, ticks)]
     if late:
         parts.append(f"{late:,} periods of the session had no tick at all, beside the {ticks:,} that had one.")
     if missed:

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
-
 from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
 from hhsim.report.bench_section import bench_section
@@ -39,6 +37,7 @@ from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks_section import worst_section
 from hhsim.result.reader import load_result
 from hhsim.system.atomic_write import write_atomically
+from hhsim.system.hdf5_input import hdf5_format
 from hhsim.system.output_path import check_output_path
 
 Progress = Callable[[str, int, int], None]
@@ -277,8 +276,7 @@ def _folded(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:
 
 def _is_table(path: Path) -> bool:
     try:
-        with h5py.File(path, "r") as file:
-            return bool(file.attrs.get("format") == bench_file.FORMAT)
+        return hdf5_format(path) == bench_file.FORMAT
     except OSError:
         # Whatever is wrong with it, the reader of results has the words for it.
         return False

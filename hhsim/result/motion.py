@@ -12,11 +12,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import TrajectoryError
-from hhsim.motion.file import DAMAGE
+from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
 from hhsim.result.schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, SCHEMA_VERSION, SUFFIXES, wrong_schema
+from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
 
 Array = NDArray[Any]
 
@@ -28,9 +28,8 @@ def holds_a_result(path: Path) -> bool:
     if path.suffix.lower() not in SUFFIXES or not path.is_file():
         return False
     try:
-        with h5py.File(path, "r") as file:
-            return bool(file.attrs.get("format") == FORMAT)
-    except DAMAGE:
+        return hdf5_format(path) == FORMAT
+    except OSError:
         return False
 
 
@@ -42,12 +41,12 @@ def load_result_motion(path: Path) -> Trajectory:
             line that begins with the path.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             version = file.attrs["schema_version"]
             if version != SCHEMA_VERSION:
                 raise TrajectoryError(wrong_schema(version))
             return _session(file, path) if LIVE_SAMPLE in file else _replay(file, path)
-    except TrajectoryError as error:
+    except (TrajectoryError, DamagedFileError) as error:
         raise TrajectoryError(f"{path}: {error}") from None
     except DAMAGE as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError, OutputError, UnknownNameError
+from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.schema import (
@@ -30,6 +30,7 @@ from hhsim.result.schema import (
     wrong_schema,
 )
 from hhsim.system.environment import UNKNOWN
+from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
 from hhsim.system.output_path import check_output_path
 
 Array: TypeAlias = NDArray[Any]
@@ -242,12 +243,9 @@ def check_result_path(path: Path) -> None:
     if not path.exists():
         return
     try:
-        with h5py.File(path, "r") as file:
-            is_result = file.attrs.get("format") == FORMAT
+        is_result = hdf5_format(path) == FORMAT
     except BlockingIOError as error:
         raise OutputError(f"{path} is being written by another process: name another file with --out") from error
-    except OSError:
-        is_result = False
     if not is_result:
         raise OutputError(f"{path} exists and is no result file, so it is not replaced: name another file with --out")
 
@@ -266,15 +264,17 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     if path.is_dir():
         raise InputError(f"{path} is a folder, not a result file")
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             yield file
+    except DamagedFileError as error:
+        raise InputError(f"{path}: {error}") from error
     except BlockingIOError as error:
         raise InputError(f"{path} is still being written by another process: wait for it to end") from error
     except PermissionError as error:
         raise InputError(f"no permission to read {path}") from error
     except KeyError as error:
         raise InputError(f"{path} is damaged or no result file: {error.args[0]}") from error
-    except (OSError, RuntimeError, ValueError) as error:
+    except DAMAGE as error:
         raise InputError(f"{path} is no HDF5 file, or one that is cut short or damaged") from error
 
 

@@ -1,8 +1,9 @@
 """Writes result files (format `hhsim-result`, see `hhsim.result.schema`) block by block.
 
 Each block is flushed, so that a run that is killed leaves a readable file whose attribute `complete` is 0; it becomes 1
-as the very last thing. Where a result of that name exists already, the new one grows beside it as NAME.partial.h5 and
-takes its place when it is complete: nothing of the old one is lost before.
+as the very last thing before the file is closed and sealed (`hhsim.system.checksummed_file`). Where a result of that
+name exists already, the new one grows beside it as NAME.partial.h5 and takes its place when it is complete: nothing of
+the old one is lost before.
 
 The space of each block is claimed from the file system before HDF5 writes into it. A full disk is thus found while the
 file is still sound; HDF5 itself cannot go on after a write that failed, not even to close the file.
@@ -26,6 +27,7 @@ from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
 from hhsim.result.schema import FORMAT, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column
 from hhsim.system import environment as info
+from hhsim.system.checksummed_file import seal_file
 from hhsim.system.output_path import free_name
 
 Array: TypeAlias = NDArray[Any]
@@ -95,10 +97,15 @@ class ResultWriter:
         if self._complete:
             return
         self._drop_half_a_block()
-        self._close()
+        size = self._close()
         if self.ticks == 0:
             self.path.unlink(missing_ok=True)
-        elif error is not None:
+            return
+        if size:
+            # What cannot be sealed any more is still read, by way of a child process.
+            with contextlib.suppress(OSError):
+                seal_file(self.path, size)
+        if error is not None:
             error.add_note(f"the {self.ticks:,} ticks so far are in {self.path} (complete = 0)")
 
     @property
@@ -160,8 +167,7 @@ class ResultWriter:
             self._file.flush()
             size = self._file.id.get_filesize()
             self._file.close()
-            if self.path.stat().st_size > size:
-                os.truncate(self.path, size)
+            seal_file(self.path, size)
             self._complete = True
             if self.path != self._output_path:
                 self.path.replace(self._output_path.resolve())
@@ -237,9 +243,17 @@ class ResultWriter:
                     if len(dataset) > table.rows:
                         dataset.resize(table.rows, axis=0)
 
-    def _close(self) -> None:
+    def _close(self) -> int:
+        """Close the file; how many bytes it has then, 0 where that failed."""
+        size = 0
         with contextlib.suppress(OSError, RuntimeError):
+            self._file.flush()
+            size = int(self._file.id.get_filesize())
+        try:
             self._file.close()
+        except (OSError, RuntimeError):
+            return 0
+        return size
 
 
 @dataclass

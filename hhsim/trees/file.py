@@ -1,4 +1,4 @@
-"""The hhsim-tree file: a sphere tree in HDF5, with units beside every number."""
+"""The hhsim-tree file: a sphere tree in HDF5, sealed, with units beside every number."""
 
 import json
 from dataclasses import asdict, fields
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.system.atomic_write import hdf5_image, write_atomically
+from hhsim.system.checksummed_file import sealed
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.sphere_tree import LENGTHS, LevelError, SphereTree
 
@@ -56,7 +58,7 @@ def save_tree(tree: SphereTree, path: str | Path) -> None:
     Raises:
         OutputError: The file cannot be written.
     """
-    write_atomically(Path(path), hdf5_image(lambda file: _write(tree, file)))
+    write_atomically(Path(path), sealed(hdf5_image(lambda file: _write(tree, file))))
 
 
 def _write(tree: SphereTree, file: h5py.File) -> None:
@@ -96,11 +98,11 @@ def load_tree(path: str | Path) -> SphereTree:
     if not source.is_file():
         raise InputError(f"{source}: no such file; expected a sphere tree (.h5)")
     try:
-        with h5py.File(source, "r") as file:
+        with open_hdf5(source) as file:
             return _read(file)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except DAMAGE as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{source}: not a readable hhsim-tree file ({reason})") from error
 

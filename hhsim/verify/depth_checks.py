@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from hhsim.verify.claim import NOT_CLAIMED, Claim, all_true, judged
 from hhsim.verify.coal_distance import EXACT, coal_distance
-from hhsim.verify.contacts import PALM
-from hhsim.verify.file_checks import leaves
-from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
+from hhsim.verify.contacts import PALM, Pairs
+from hhsim.verify.file_checks import follows, leaves
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, WHY_LENGTH, JudgedTicks
 
 FloatArray = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ def depth_claims(judge: JudgedTicks) -> list[Claim]:
     finger[:, ~judge.fingers] = np.nan
     most = np.fmax(depth[:, PALM], np.nanmax(finger, axis=1, initial=0.0))
     own = np.concatenate([most[:, None], depth[:, PALM:], finger], axis=1)
-    return [_depth(judge, own), _inside(judge, most), _touching(judge), _by_library(judge)]
+    return [_depth(judge, own), _inside(judge, most), _touching(judge), *_candidates(judge), _by_library(judge)]
 
 
 def _depth(judge: JudgedTicks, own: FloatArray) -> Claim:
@@ -57,6 +57,32 @@ def _touching(judge: JudgedTicks) -> Claim:
         return Claim("touching pairs", says, NOT_CLAIMED, checked=len(judge.chosen), note=note)
     why = "exact, but for pairs within 1 nm of the limit"
     return all_true("touching pairs", says, wrong, ticks=judge.chosen, why=why)
+
+
+def _candidates(judge: JudgedTicks) -> list[Claim]:
+    """A tick begins at the hand of the tick before, and what is within the margin there enters its first program."""
+    if not judge.safe:
+        return []
+    result, pairs, size = judge.result, judge.candidates, len(judge.chosen)
+    margin, after = float(judge.options["margin"]), np.minimum(judge.chosen + 1, result.ticks - 1)
+    steps = np.asarray(result["work/linearisations"])[after]
+    full = judge.status & CAPACITY_EXCEEDED > 0
+    looked = (after > judge.chosen) & follows(result)[after] & ~full[after] & ~full[judge.chosen] & (steps > 0)
+    wrong = np.zeros(size, bool)
+    for name, keys in (("contacts/candidates", np.arange(len(pairs.tick))), ("work/bodies", pairs.body)):
+        stored = np.asarray(result[name])[after]
+        least, most = (_distinct(pairs, keys, margin + slack, size) for slack in (-LENGTH, LENGTH))
+        wrong |= (stored < least) | ((steps == 1) & (stored > most))
+    says = "as many pairs and bodies are within the margin as stored; no fewer where a tick went on from there"
+    why = "exact, but for pairs within 1 nm of the margin"
+    return [all_true("candidates", says, wrong[looked], ticks=after[looked], why=why)]
+
+
+def _distinct(pairs: Pairs, keys: NDArray[np.int64], limit: float, size: int) -> NDArray[np.int64]:
+    """How many different keys the pairs of each tick have that are no more than `limit` [m] apart, shape (size,)."""
+    near = pairs.distance <= limit
+    found = np.unique(np.stack([pairs.tick[near], keys[near]]), axis=1)
+    return np.bincount(found[0], minlength=size)
 
 
 def _by_library(judge: JudgedTicks) -> Claim:

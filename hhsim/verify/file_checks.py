@@ -19,6 +19,7 @@ from hhsim.solver.method import never_penetrates
 from hhsim.verify.claim import HOLDS, NOT_CLAIMED, Claim, all_true, judged
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 SAMPLES = 10_000
 """Random points on the mesh, uniform by area, besides its vertices and the middles of its edges."""
@@ -82,14 +83,14 @@ def _time(result: Result) -> Claim:
         off = np.abs(result["time"] - 1e-9 * (deadline - deadline[0]))
         says, why = "the time of a tick is that of its deadline", "rounding of time stamps"
         return judged("time", says, off, 1e-9, "s", why, ticks=np.arange(result.ticks))
-    step, rate = np.diff(result["time"]), float(result.scene.get("rate", 0.0))
-    ticks = np.arange(1, result.ticks)
+    ticks, rate = np.arange(result.ticks), float(result.scene.get("rate", 0.0))
     if rate <= 0.0:
-        return all_true("time", "time goes on from tick to tick", ~(step > 0.0), ticks=ticks)
+        return all_true("time", "time goes on from tick to tick", ~(np.diff(result["time"]) > 0.0), ticks=ticks[1:])
+    period = float(result.scene["solver"].get("period", 1.0 / rate))
     return judged(
         "time",
-        f"a tick every {1e3 / rate:g} ms",
-        np.abs(step - 1.0 / rate),
+        f"a tick every {1e3 / rate:g} ms from 0 on, which is the solver's period",
+        np.maximum(np.abs(result["time"] - ticks / rate), abs(period - 1.0 / rate)),
         1e-9,
         "s",
         "rounding of time stamps",
@@ -123,13 +124,21 @@ def _durations(result: Result) -> Claim:
     detect, palm, fingers, force, total = (np.asarray(result[f"duration/{name}"], np.int64) for name in DURATIONS)
     parts = detect + palm + fingers + force
     negative = np.min([detect, palm, fingers, force, total, result["duration/total_cpu"]], axis=0)
+    off = np.maximum(0, np.maximum(parts - total, -negative)) * 1e-9
+    method, contact = result.scene["solver"]["method"], np.asarray(result["work/rows"]) > 0
+    if result.live is not None:
+        method = ""
+    if method == "coupled":
+        off = np.where(fingers != 0, np.inf, off)
+    elif method == "progressive" and contact.any() and not fingers[contact].any():
+        off = np.where(contact, np.inf, off)
     return judged(
         "durations",
-        "the parts of a tick's time fit in the whole",
-        np.maximum(0, np.maximum(parts - total, -negative)) * 1e-9,
+        "the parts of a tick's time fit in the whole, and are those that the method has",
+        off,
         0.0,
         "s",
-        "one clock measures all, the parts inside of the whole",
+        "one clock measures all, the parts inside of the whole; programs of the fingers alone are progressive's",
         ticks=np.arange(result.ticks),
     )
 
@@ -144,7 +153,9 @@ def _work(result: Result) -> list[Claim]:
     least += UNITS_NODE_TEST * work["node_tests"] + UNITS_PAIR_TEST * work["pair_tests"] + UNITS_ROW * rows
     most = least + UNITS_ROW * rows * np.maximum(steps - 1, 0)
     outside = (work["units"] < least) | (work["units"] > most)
-    return [all_true("work", "the weighted work is that of its parts", outside, ticks=np.arange(result.ticks))]
+    outside |= steps > int(result.scene["solver"]["linearisations"])
+    says = "the weighted work is that of its parts, in no more linearisations than are allowed"
+    return [all_true("work", says, outside, ticks=np.arange(result.ticks))]
 
 
 def _tree(result: Result) -> tuple[Any, ...]:
@@ -188,10 +199,23 @@ def _tree_encloses(result: Result) -> Claim:
 
 def cover(result: Result) -> Claim:
     """Whether the leaves hold the mesh: vertices, middles of edges and random points of it."""
+    vertices, faces = np.array(result.static["object/vertices"]), np.array(result.static["object/faces"])
+    gap = outside_spheres(vertices, faces, *leaves(result))
+    why = "less than any figure is stated to"
+    claim = judged("cover", "the leaf spheres cover the object's surface", gap, COVER, "m", why)
+    if covers(result):
+        return claim
+    return Claim(
+        *(claim.name, claim.says, NOT_CLAIMED, claim.worst, claim.tolerance, "m", None, claim.checked, why),
+        "this tree was not built to cover the mesh, or the file does not say how it was",
+    )
+
+
+def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray) -> FloatArray:
+    """How far points of a mesh are outside of spheres [m]: its vertices, its edges' middles, random points; (N,)."""
     from scipy.spatial import cKDTree
     from scipy.spatial.distance import cdist
 
-    vertices, faces = np.array(result.static["object/vertices"]), np.array(result.static["object/faces"])
     a, b, c = vertices[faces].transpose(1, 0, 2)
     rng = np.random.default_rng(0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -200,7 +224,6 @@ def cover(result: Result) -> Claim:
     s, t = np.where(s + t > 1.0, 1.0 - s, s), np.where(s + t > 1.0, 1.0 - t, t)
     inner = a[which] + s * (b - a)[which] + t * (c - a)[which]
     points = np.concatenate([vertices[np.unique(faces)], 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a), inner])
-    center, radius = leaves(result)
     count = min(NEIGHBOURS, len(radius))
     away, near = cKDTree(center).query(points, count)
     away, near = np.reshape(away, (-1, count)), np.reshape(near, (-1, count))
@@ -210,15 +233,7 @@ def cover(result: Result) -> Claim:
     for part in np.array_split(rest, max(1, len(rest) // 1000)):
         if part.size:
             out[part] = (cdist(points[part], center) - radius).min(axis=1)
-    gap = np.maximum(out, 0.0)
-    why = "less than any figure is stated to"
-    claim = judged("cover", "the leaf spheres cover the object's surface", gap, COVER, "m", why)
-    if covers(result):
-        return claim
-    return Claim(
-        *(claim.name, claim.says, NOT_CLAIMED, claim.worst, claim.tolerance, "m", None, claim.checked, why),
-        "this tree was not built to cover the mesh, or the file does not say how it was",
-    )
+    return np.asarray(np.maximum(out, 0.0), np.float64)
 
 
 def covers(result: Result) -> bool:

@@ -28,6 +28,8 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
     method, force = judge.options["method"], judge.options["force"]
     if method == "coupled":
         claims.append(_stationarity(judge))
+        if force == "kkt":
+            claims.append(_palm_balance(judge))
     if force == "paper":
         return [*claims, _eq_14(judge)]
     if judge.safe:
@@ -53,9 +55,9 @@ def _fingertips(judge: JudgedTicks) -> Claim:
     return judged("fingertips", says, off, room, "N", WHY_FORCE, ticks=judge.numbers)
 
 
-def _slack(judge: JudgedTicks, size: FloatArray) -> FloatArray:
-    """Tolerance [N] at the chosen ticks of forces of a size (n,): multipliers are of the program a step before."""
-    step = np.minimum(judge.moved[judge.chosen], float(judge.options["step_tolerance"]))
+def _slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
+    """Tolerance [N] at some ticks of forces of a size (n,): multipliers are of the program a step before."""
+    step = np.minimum(judge.moved[ticks], float(judge.options["step_tolerance"]))
     rolling = float(leaves(judge.result)[1].min() + min(judge.hand.radius.min(), judge.hand.palm_radius.min()))
     return FORCE * (1.0 + size) + TURN * size * step / rolling
 
@@ -74,9 +76,21 @@ def _stationarity(judge: JudgedTicks) -> Claim:
     """KKT: the coupling of a settled tick is balanced by pushes at what touches and joints at their limits."""
     chosen = _judgeable(judge, STUCK | LAG)
     off = np.array([balance(_moment(judge, int(i)), judge.scale) for i in chosen])
-    room = _slack(judge, np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1))[chosen]
+    size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
+    room = _slack(judge, size, judge.chosen)[chosen]
     says = "a settled tick is at the optimum: w = Jᵀλ + μ, λ ≥ 0 at what touches"
     return judged("stationarity", says, off, room, "N", WHY_SLACK, ticks=judge.chosen[chosen])
+
+
+def _palm_balance(judge: JudgedTicks) -> Claim:
+    """KKT of the palm's place, at all ticks: whatever touches pushes the whole hand, and the coupling holds it."""
+    settled = np.flatnonzero(judge.status & (STUCK | LAG | CAPACITY_EXCEEDED) == 0)
+    total = np.asarray(judge.result["force/total"])[settled]
+    size = np.linalg.norm(total, axis=1)
+    off = np.linalg.norm(judge.pull[settled, :3] - total, axis=1)
+    says = "a settled tick's contact forces add up to the pull on the palm"
+    room = _slack(judge, np.linalg.norm(judge.pull * judge.scale, axis=1)[settled], settled)
+    return judged("palm balance", says, off, np.maximum(room, FORCE * (1.0 + size)), "N", WHY_SLACK, ticks=settled)
 
 
 def _complementarity(judge: JudgedTicks) -> Claim:
@@ -95,7 +109,7 @@ def _balance(judge: JudgedTicks) -> Claim:
     stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
     size, lags = np.linalg.norm(stored, axis=1), judge.status[judge.chosen] & LAG > 0
     # On its way, the program is solved once more where the tick stands.
-    slack = np.where(lags, FORCE * (1.0 + size), _slack(judge, size))
+    slack = np.where(lags, FORCE * (1.0 + size), _slack(judge, size, judge.chosen))
     offset, progressive = float(judge.options["offset"]), judge.options["method"] == "progressive"
     off = np.empty(len(chosen))
     for n, i in enumerate(chosen):

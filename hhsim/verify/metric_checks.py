@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.result.reader import Result
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
@@ -14,6 +16,14 @@ FloatArray = NDArray[np.float64]
 SAME = 1e-9
 """Figures that differ by this share are the same: sums in another order differ by less."""
 FLOOR = 0.01
+REQUIRED = (
+    *("candidates_max", "touching_max", "penetration_max", "force_hold_mean", "force_variation_hold"),
+    *("force_ripple_hold", "force_step", "tracking_excess", "tracking_palm"),
+    *("tick_cpu_p50", "tick_cpu_p99", "tick_cpu_max", "tick_wall_p50", "tick_wall_over_1ms", "ticks"),
+    *("fingers_modelled", "bodies_near", "rows_max", "tests_mean", "tests_share", "work_mean"),
+    *("stuck_ticks", "lag_ticks", "lag_max"),
+)
+"""Figures that every complete summary of a replay has; those that came later need not be in an older file."""
 ROUNDING = {
     **dict.fromkeys(("force_ripple_hold", "force_variation_hold", "force_variation_hold_std"), 1e-09),
     "force_variation_contact": 1e-9,
@@ -81,6 +91,9 @@ def _summary_claims(result: Result) -> list[Claim]:
         for name, value in off.items()
         if value > SAME
     ]
+    gone = [name for name in required_figures(result) if name not in result.summary]
+    wrong += [f"{name} is not there" for name in gone]
+    values = np.concatenate([values, np.full(len(gone), np.inf)])
     missing = [name for name in result.summary if name not in own and name != CONTACT_ERROR]
     says = "the figures of the summary are those of the ticks"
     why = "sums in another order differ by less; 1e-9 N and 1e-9 % where rounding is all there is"
@@ -96,6 +109,18 @@ def _summary_claims(result: Result) -> list[Claim]:
             Claim("summary, rest", "figures that do not follow from the ticks", NOT_JUDGED, checked=0, note=note)
         )
     return claims
+
+
+def required_figures(result: Result) -> list[str]:
+    """What the summary of a complete replay has to have; of a trembling hand only where a hold stands still."""
+    names = list(REQUIRED)
+    hold = next((phase for phase in result.phases if phase.name == "hold"), None)
+    if hold is not None:
+        part = slice(hold.first_tick, hold.last_tick + 1)
+        haptic = [np.asarray(result[f"haptic/{name}"])[part] for name in HandConfiguration._fields]
+        if all(np.array_equal(values, np.broadcast_to(values[:1], values.shape)) for values in haptic):
+            names += [TREMBLING, f"{TREMBLING}_std"]
+    return names
 
 
 def own_summary(result: Result) -> dict[str, float]:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from hhsim.verify.claim import Claim, judged
+from hhsim.verify.kinematics import turn_between
 from hhsim.verify.tick_data import (
     ABDUCTION_HELD,
     CAPACITY_EXCEEDED,
@@ -36,6 +37,7 @@ def posture_claims(judge: JudgedTicks) -> list[Claim]:
         ),
         _abduction(judge),
         _lag(judge),
+        *_free(judge),
         *_stuck(judge),
     ]
 
@@ -53,6 +55,23 @@ def _lag(judge: JudgedTicks) -> Claim:
     over = np.where(late, np.maximum(0.0, np.maximum(lag - far, -lag)), np.abs(lag))
     says = "a settled tick has none, another no more than the way left"
     return judged("lag", says, over, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)
+
+
+def _free(judge: JudgedTicks) -> list[Claim]:
+    """Where a tick had no contact to mind, nothing kept the hand: it is the user's, or as far off as it says."""
+    if not judge.safe:
+        return []
+    clear = np.asarray(judge.result["work/rows"]) == 0
+    settled = clear & (judge.status & (STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED) == 0)
+    at, wanted = judge.shown, judge.wanted
+    bend = np.clip(wanted.flexion, judge.hand.flexion_min, judge.hand.flexion_max)
+    off = np.maximum(
+        np.linalg.norm(at.position - wanted.position, axis=1),
+        np.linalg.norm(turn_between(wanted.orientation, at.orientation), axis=1),
+    )
+    off = np.maximum(off, np.abs(at.flexion - bend).max(axis=(1, 2)))[settled]
+    says = "a settled tick without a contact shows the user's hand"
+    return [judged("free hand", says, off, ANGLE, "m, rad", WHY_ANGLE, ticks=judge.numbers[settled])]
 
 
 def _stuck(judge: JudgedTicks) -> list[Claim]:

@@ -100,10 +100,16 @@ class JudgedTicks:
         return np.concatenate([[np.inf], moved])
 
     @cached_property
-    def pairs(self) -> Pairs:
-        """Near pairs of the chosen ticks."""
+    def candidates(self) -> Pairs:
+        """Pairs of the chosen ticks within the margin, and a nanometre more."""
         center, radius = leaves(self.result)
-        return near_pairs(self.hand, self.chosen_posed, center, radius, self.fingers, 2.0 * self.touch)
+        near = max(float(self.options["margin"]) + 2.0 * LENGTH, 2.0 * self.touch) if self.safe else 2.0 * self.touch
+        return near_pairs(self.hand, self.chosen_posed, center, radius, self.fingers, near)
+
+    @cached_property
+    def pairs(self) -> Pairs:
+        """Pairs of the chosen ticks that touch, or nearly so."""
+        return self.candidates.within(2.0 * self.touch)
 
     @cached_property
     def touching(self) -> Pairs:

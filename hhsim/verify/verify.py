@@ -14,14 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, MeshError
+from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
+from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
 from hhsim.verify.contact_error_check import contact_error_claim
 from hhsim.verify.depth_checks import depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.metric_checks import metric_claims
+from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.session_checks import session_claims
 from hhsim.verify.tick_data import JudgedTicks
@@ -77,12 +80,13 @@ class Verification:
         }
 
 
-def verify(result: Result, *, every: int = 10, progress: Progress | None = None) -> Verification:
+def verify(result: Result, *, every: int = 10, again: bool = False, progress: Progress | None = None) -> Verification:
     """Judge a result.
 
     Args:
         result: Of a replay or a session, complete or not.
         every: Geometry and forces are judged at one tick in so many, and where the file says it is worst.
+        again: Whether the motion is made and the ticks are run once more, with what the file holds and names.
         progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
@@ -103,7 +107,15 @@ def verify(result: Result, *, every: int = 10, progress: Progress | None = None)
     report("forces", 3, 4)
     claims += force_claims(judge)
     mesh, depth = _mesh_claim(judge, claims, report)
-    claims += [mesh, contact_error_claim(judge), *metric_claims(result), *session_claims(result)]
+    claims += [
+        mesh,
+        contact_error_claim(judge),
+        *metric_claims(result),
+        *session_claims(result),
+        *origin_claims(result, again),
+    ]
+    if again:
+        claims += again_claims(result, report)
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
     return Verification(tuple(claims), result.ticks, len(chosen), every, judge.sphere_penetration, depth, stationarity)
 
@@ -167,5 +179,7 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
     promised = judge.safe and covers
     verdict = NOT_CLAIMED if not promised else FAILS if depth > MESH_EXACT else HOLDS
     note = "" if promised else "neither the method nor the tree promises it"
+    assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
+    note = "; ".join([*([note] if note else []), *assumed])
     tick = int(judge.chosen[worst]) if depth > 0.0 else None
     return Claim(name, says, verdict, depth, MESH_EXACT, "m", tick, len(different), why, note), depth

@@ -23,6 +23,7 @@ from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
 from hhsim.solver.options import TOUCH
+from hhsim.system.hdf5_input import open_hdf5
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
 from hhsim.view.decimation import ShownTicks, shown_ticks
@@ -256,7 +257,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
         InputError: It cannot be read.
     """
     try:
-        file = h5py.File(path, "r")
+        file = open_hdf5(path)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error}") from error
     with file:

@@ -271,3 +271,29 @@ def test_loose_triangles_are_refused_and_become_sheets_on_demand(shared_data: Pa
     assert mesh.repairs[0] == "made 100 open parts a sheet 2 mm thick"
     assert is_closed(mesh.faces)
     assert mesh.volume > 0.0
+
+
+def test_what_lies_outside_the_assumed_solid_is_measured_and_said() -> None:
+    """A triangle outside of a ball and one inside, against the ball's closed form."""
+    ball = sphere(0.08, subdivisions=3)
+    outside, farthest = solidify.outside_solid(
+        MeshInRepair(ball.vertices, ball.faces, "ball"),
+        np.array(
+            [[[0.05, -0.01, 0.0], [0.05, 0.01, 0.0], [0.05, 0.0, 0.01]], [[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]]]
+        ),
+    )
+    assert outside == pytest.approx(1e-4 / (1e-4 + 5e-5), rel=1e-6)
+    assert farthest == pytest.approx(np.hypot(0.05, 0.01) - 0.04, rel=0.02)
+
+
+def test_a_surface_outside_of_the_assumed_solid_is_in_its_repairs() -> None:
+    mesh = BALL
+    kept = mesh.triangles.mean(axis=1)[:, 2] < 0.9 * mesh.vertices[:, 2].max()
+    spike = np.array([[0.0, 0.0, 0.039], [0.002, 0.0, 0.060], [0.0, 0.002, 0.060]])
+    vertices = np.concatenate([mesh.vertices, spike])
+    faces = np.concatenate([mesh.faces[kept], len(mesh.vertices) + np.arange(3)[None]])
+    surface = solid_surface(vertices, faces, "spiked")
+    (said,) = [text for text in surface.repairs if text.startswith(solidify.ASSUMED_SOLID)]
+    millimetres = float(re.search(r"up to ([\d.]+) mm, lies outside it", said)[1])  # type: ignore[index]
+    # Tips at 60 mm: 20 mm above the ball, and 25 mm above where its hole is closed flat.
+    assert 20.0 < millimetres < 25.0

@@ -30,6 +30,7 @@ from hhsim.result.schema import (
 )
 from hhsim.result.writer import ResultWriter
 from hhsim.system import environment as info
+from hhsim.system.checksummed_file import seal_holds
 
 Arrays = dict[str, NDArray[Any]]
 SCENE = {"object": "bunny", "trajectory": "grasp", "stiffness": [200.0, 2.0, 0.5], "seed": 0}
@@ -497,7 +498,7 @@ def spoil_folder(path: Path) -> None:
     ("spoil", "says"),
     [
         (spoil_text, "is no HDF5 file"),
-        (spoil_cut, "cut short or damaged"),
+        (spoil_cut, "a damaged HDF5 file: cut short"),
         (spoil_empty, "is no HDF5 file"),
         (spoil_newer, r"newer hhsim \(schema 4; this one reads 3\): upgrade hhsim"),
         (spoil_format, "its format is 'hhsim-tree', not 'hhsim-result'"),
@@ -536,3 +537,22 @@ def test_the_keys_are_the_datasets(tmp_path: Path) -> None:
     assert {name: array.shape for name, array in dict(result).items()} == {
         column.name: (100, *column.shape) for column in TICK_COLUMNS
     }
+
+
+def test_a_result_is_sealed_when_it_is_closed_whole_or_not(tmp_path: Path) -> None:
+    whole, stopped = tmp_path / "whole.h5", tmp_path / "stopped.h5"
+    write(whole, [block(600)])
+    with (
+        pytest.raises(KeyboardInterrupt),
+        ResultWriter(stopped, scene=SCENE, static=static(), phases=PHASES) as writer,
+    ):
+        writer.append(block(30))
+        raise KeyboardInterrupt
+    for path, ticks in ((whole, 600), (stopped, 30)):
+        assert seal_holds(path) is True
+        assert load_result(path).ticks == ticks
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(data)
+        with pytest.raises(InputError, match="a damaged file: its bytes are not those that its checksum is of"):
+            load_result(path)

@@ -124,5 +124,5 @@ def test_files_that_are_no_tree_are_refused(tmp_path: Path) -> None:
         load_tree(path)
     save_tree(random_tree(), path)
     path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(InputError, match="not a readable hhsim-tree"):
+    with pytest.raises(InputError, match="a damaged HDF5 file: cut short"):
         load_tree(path)

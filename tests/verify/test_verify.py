@@ -1,5 +1,6 @@
 """The referee: honest results pass, planted faults are found under their own name, and its own geometry has oracles."""
 
+import json
 import os
 import shutil
 import sys
@@ -23,15 +24,21 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_distance
+from hhsim.metrics.run.force import TREMBLING
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay
 from hhsim.replay.stored_scene import checksums
+from hhsim.report.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import STATIC_COLUMNS
+from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
+from hhsim.system.checksummed_file import seal_file
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, judged
+from hhsim.verify.again import again_claims
+from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import axis_places
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.kinematics import own_hand, pose
@@ -46,13 +53,21 @@ ALL = os.environ.get("HHSIM_VERIFY_ALL") == "1"
 
 HOLD = 200
 """A tick of the hold."""
+BEYOND_A_FILE = {"times", "machine and versions", "names"}
+"""What no file can show, and every verdict says so."""
 
 
 def run(folder: Path, name: str = "cylinder", level: int = 2, side: Side = "right", **options: Any) -> Result:
     """A short grasp, described as the command line does."""
     scene = short_scene(short_grasp(hold=0.09), name, level, side)
     path = folder / f"{name}.h5"
-    description = {"hand_file": None, "tree": None, "tree_options": asdict(TreeOptions(level=level))}
+    description = {
+        "hand_file": None,
+        "object": name,
+        "object_mesh": load_object(name).mesh.sha256,
+        "tree": None,
+        "tree_options": asdict(TreeOptions(level=level)),
+    }
     replay(scene, SolverOptions(**options), path, description=description)
     return load_result(path)
 
@@ -73,7 +88,7 @@ def verdict(found: Verification, name: str) -> str:
 def test_an_honest_result_holds_in_every_claim(honest: Result) -> None:
     found = verify(honest, every=5)
     assert failing(found) == set()
-    assert {claim.name for claim in found.claims if claim.verdict != HOLDS} == {"summary, rest"}
+    assert {claim.name for claim in found.claims if claim.verdict != HOLDS} == {"summary, rest", *BEYOND_A_FILE}
     claims = {claim.name: claim for claim in found.claims}
     assert claims["depth"].worst <= 1e-9
     assert claims["kinematics"].checked == honest.ticks
@@ -308,6 +323,107 @@ def smoothed_variation(file: h5py.File) -> None:
     file["tick/force_variation_finger"][120:125] = 0.0
 
 
+def halved_candidates(file: h5py.File) -> None:
+    file["tick/contacts/candidates"][...] //= 2
+    file["summary"].attrs["candidates_max"] = float(file["tick/contacts/candidates"][...].max())
+
+
+def fewer_bodies(file: h5py.File) -> None:
+    file["tick/work/bodies"][HOLD + 1] -= 1
+
+
+def shifted_time(file: h5py.File) -> None:
+    file["tick/time"][...] += 1.0
+
+
+def stretched_time(file: h5py.File) -> None:
+    file["tick/time"][...] *= 2.0
+    forge_scene(file, lambda scene: scene.update(rate=500.0))
+
+
+def slightly_shrunk_sphere(file: h5py.File) -> None:
+    file["object/tree/radius"][-1] -= 1e-6
+
+
+def pushed_vertex(file: h5py.File) -> None:
+    vertices = file["object/vertices"]
+    inward = vertices[...].mean(axis=0) - vertices[0]
+    vertices[0] = vertices[0] + 0.001 * inward / np.linalg.norm(inward)
+
+
+def dropped_palm_sphere(file: h5py.File) -> None:
+    """From the palm that collides, and from its tree."""
+    level = file["hand/palm_tree/level"][...]
+    drop(file["hand"], ("palm_center", "palm_radius"), 0)
+    drop(file["hand/palm_tree"], ("center", "radius", "level", "parent"), int(np.argmax(level == level.max())))
+    forge_scene(file, lambda scene: scene["hand"].update(palm_spheres=scene["hand"]["palm_spheres"] - 1))
+
+
+def loose_palm_sphere(file: h5py.File) -> None:
+    drop(file["hand"], ("palm_center", "palm_radius"), 0)
+
+
+def wider_margin(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["solver"].update(margin=2e-3))
+
+
+def narrower_margin(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["solver"].update(margin=5e-4))
+
+
+def fewer_linearisations(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["solver"].update(linearisations=1))
+
+
+def softer_coupling(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["solver"]["stiffness"].update(rotation=4.0))
+
+
+def wider_touch(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["solver"].update(touch=1e-3))
+
+
+def other_force_model(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["solver"].update(force="paper"))
+
+
+def fewer_fingers(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["solver"].update(fingers=["thumb", "index"]))
+
+
+def deleted_figure(file: h5py.File) -> None:
+    del file["summary"].attrs["tracking_excess"]
+
+
+def deleted_tremor(file: h5py.File) -> None:
+    del file["summary"].attrs[TREMBLING]
+
+
+def moved_in_the_air(file: h5py.File) -> None:
+    """A user's hand that was elsewhere in the approach, and the wrench that follows."""
+    file["tick/haptic/position"][5, 0] += 1e-6
+    file["tick/force/palm_wrench"][5, 0] -= 1e-3
+
+
+def forge_scene(file: h5py.File, change: Callable[[dict[str, Any]], object]) -> None:
+    scene = json.loads(file.attrs["scene"])
+    change(scene)
+    file.attrs["scene"] = json.dumps(scene)
+
+
+def drop(group: h5py.Group, names: tuple[str, ...], row: int) -> None:
+    for name in names:
+        kept, attributes = np.delete(group[name][...], row, axis=0), dict(group[name].attrs)
+        del group[name]
+        group[name] = kept
+        group[name].attrs.update(attributes)
+
+
+def renamed_method(file: h5py.File) -> None:
+    """A coupled run that says it is of another method, of which less is claimed."""
+    forge_scene(file, lambda scene: scene["solver"].update(method="progressive"))
+
+
 FAULTS: dict[Callable[[h5py.File], None], str] = {
     shifted: "kinematics",
     moved_hand: "non-penetration",
@@ -351,28 +467,47 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     not_a_number: "input",
     vanished_figure: "summary",
     smoothed_variation: "finger variation",
+    halved_candidates: "candidates",
+    fewer_bodies: "candidates",
+    shifted_time: "time",
+    stretched_time: "time",
+    slightly_shrunk_sphere: "tree",
+    pushed_vertex: "object",
+    dropped_palm_sphere: "palm",
+    loose_palm_sphere: "palm",
+    wider_margin: "candidates",
+    narrower_margin: "candidates",
+    fewer_linearisations: "work",
+    softer_coupling: "palm wrench",
+    wider_touch: "touching pairs",
+    other_force_model: "Eq. 14",
+    fewer_fingers: "depth",
+    deleted_figure: "summary",
+    deleted_tremor: "summary",
+    moved_in_the_air: "free hand",
+    renamed_method: "durations",
 }
 SEALED = {missing_sphere, wrong_parent, edited_mesh, longer_finger, thicker_finger, moved_sphere, shrunk_sphere}
+SEALED |= {slightly_shrunk_sphere, pushed_vertex, dropped_palm_sphere, loose_palm_sphere}
 """Faults whose forger also made the checksums fit."""
 EVERYWHERE = {scaled_force, longer_finger, thicker_finger, slower_clock, smoothed_variation}
-EVERYWHERE |= {moved_sphere}
+EVERYWHERE |= {moved_sphere, halved_candidates, shifted_time, stretched_time, wider_margin, narrower_margin}
+EVERYWHERE |= {fewer_linearisations, softer_coupling, wider_touch, other_force_model, fewer_fingers, moved_in_the_air}
+EVERYWHERE |= {fewer_bodies, renamed_method}
 """Faults of more than one tick."""
 
 
 def planted(source: Path, folder: Path, fault: Callable[[h5py.File], None]) -> Result:
-    import json
-
     path = folder / "planted.h5"
     shutil.copy(source, path)
     with h5py.File(path, "r+") as file:
         fault(file)
-    result = load_result(path)
-    if fault in SEALED:
-        scene = {**result.scene, "checksums": checksums(result.static)}
-        with h5py.File(path, "r+") as file:
-            file.attrs["scene"] = json.dumps(scene)
-        result = load_result(path)
-    return result
+        if fault in SEALED:
+            static = {column.name: file[column.name][...] for column in STATIC_COLUMNS}
+            forge_scene(file, lambda scene: scene.update(checksums=checksums(static)))
+    # A forger seals the file anew.
+    seal_file(path, path.stat().st_size)
+    return load_result(path)
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
@@ -389,6 +524,142 @@ def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault:
 
 def test_the_documentation_lists_what_is_planted(repository: Path) -> None:
     assert documented_faults(repository, 0) == {fault.__name__: claim for fault, claim in FAULTS.items()}
+
+
+# Faults that no cheap claim can know of: what the input gives when it is run again.
+
+
+def reversed_approach(file: h5py.File) -> None:
+    """All that ticks 5 to 24 hold is there, the other way round, but for their times and their samples' numbers."""
+
+    def turn(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and name not in ("time", "input_seq"):
+            item[5:25] = item[5:25][::-1]
+
+    file["tick"].visititems(turn)
+
+
+def swapped_ticks(file: h5py.File) -> None:
+    def swap(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and name not in ("time", "input_seq"):
+            item[10:12] = item[10:12][::-1]
+
+    file["tick"].visititems(swap)
+
+
+def wholly_stretched_time(file: h5py.File) -> None:
+    """Half the rate, in all that says so."""
+    file["tick/time"][...] *= 2.0
+    forge_scene(file, lambda scene: (scene.update(rate=500.0), scene["solver"].update(period=2e-3)))
+
+
+def edited_tremor(file: h5py.File) -> None:
+    file["summary"].attrs[TREMBLING] *= 0.5
+
+
+def edited_tracking(file: h5py.File) -> None:
+    file["summary"].attrs["tracking_excess"] = 0.01
+
+
+def option(name: str, value: float) -> Callable[[h5py.File], None]:
+    def changed(file: h5py.File) -> None:
+        forge_scene(file, lambda scene: scene["solver"].update({name: value}))
+
+    changed.__name__ = f"changed_{name}"
+    return changed
+
+
+def another_motion(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene.update(trajectory="pinch"))
+
+
+AGAIN: dict[Callable[[h5py.File], None], str] = {
+    reversed_approach: "again: motion",
+    swapped_ticks: "again: motion",
+    wholly_stretched_time: "again: motion",
+    another_motion: "again: motion",
+    edited_tremor: "again: figures",
+    edited_tracking: "again: figures",
+    less_work: "again: ticks",
+    renamed_method: "again: ticks",
+    option("skin", 1e-3): "again: ticks",
+    option("offset", 1e-6): "again: ticks",
+    option("step_tolerance", 1e-5): "again: ticks",
+}
+"""By the claim of a second run that finds it."""
+
+
+@pytest.fixture(scope="module")
+def named(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A run whose object and motion are in the catalogue."""
+    path = tmp_path_factory.mktemp("named") / "touch.h5"
+    scene = open_scene("cylinder", "touch", level=2)
+    replay(scene, SolverOptions(), path, description={**scene.description, "hand_file": None})
+    return load_result(path)
+
+
+def run_anew(result: Result) -> dict[str, Claim]:
+    return {claim.name: claim for claim in again_claims(result, lambda what, done, total: None)}
+
+
+def test_an_honest_input_gives_the_same_again(named: Result) -> None:
+    found = verify(named, every=500, again=True)
+    assert failing(found) == set()
+    assert {name: verdict(found, name) for name in ("again: motion", "again: ticks", "again: figures", "object")} == {
+        "again: motion": HOLDS, "again: ticks": HOLDS, "again: figures": HOLDS, "object": HOLDS
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", AGAIN, ids=lambda fault: fault.__name__)
+def test_what_the_input_does_not_give_again_is_found(
+    named: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
+) -> None:
+    assert run_anew(planted(named.path, tmp_path, fault))[AGAIN[fault]].failed
+
+
+def test_a_result_of_another_machine_is_not_judged_by_its_bits(named: Result, tmp_path: Path) -> None:
+    def elsewhere(file: h5py.File) -> None:
+        less_work(file)
+        file.attrs["machine"] = json.dumps({**named.machine, "cpu": "another processor"})
+
+    claim = run_anew(planted(named.path, tmp_path, elsewhere))["again: ticks"]
+    assert claim.verdict == NOT_JUDGED
+    assert "work/units differ, from tick 200 on" in claim.note and "another processor" in claim.note
+
+
+@pytest.fixture(scope="module")
+def lagging(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A run whose ticks may make one step."""
+    result = run(tmp_path_factory.mktemp("lagging"), budget=1)
+    assert (result["status"] & 2 > 0).sum() > 10, "nothing lags: the test shows nothing"
+    return result
+
+
+def test_a_lag_that_is_left_out_is_found(lagging: Result, tmp_path: Path) -> None:
+    def unflagged(file: h5py.File) -> None:
+        status = file["tick/status"]
+        status[...] = status[...] & ~2
+        file["tick/lag"][...] = 0.0
+        file["summary"].attrs.update(lag_ticks=0.0, lag_max=0.0)
+
+    def understated(file: h5py.File) -> None:
+        file["tick/lag"][...] *= 0.5
+        file["summary"].attrs["lag_max"] *= 0.5
+
+    assert {"palm balance", "free hand"} & failing(verify(planted(lagging.path, tmp_path, unflagged), every=40))
+    assert run_anew(planted(lagging.path, tmp_path, understated))["again: ticks"].failed
+
+
+def test_an_assumed_solid_is_named_with_what_is_outside_of_it(honest: Result, tmp_path: Path) -> None:
+    said = "the guarantee is of the assumed solid: 3 % of the surface, up to 0.4 mm, lies outside it"
+
+    def assumed(file: h5py.File) -> None:
+        forge_scene(file, lambda scene: scene.update(object_repairs=["turned 1 triangle to face outward", said]))
+
+    result = planted(honest.path, tmp_path, assumed)
+    mesh = next(claim for claim in verify(result, every=100).claims if claim.name == "mesh")
+    assert (mesh.verdict, mesh.note) == (HOLDS, said)
+    assert f"T{said[1:]}." in report_verdict(result, ()).sentences
 
 
 def test_a_depth_set_to_zero_where_the_hand_penetrates_is_found(tmp_path: Path) -> None:
@@ -539,8 +810,6 @@ def test_without_coal_it_says_what_to_install(honest: Result, monkeypatch: pytes
 
 
 def test_the_command_tells_its_verdict_and_exit_code(honest: Result, tmp_path: Path, run: Callable[..., Any]) -> None:
-    import json
-
     answer = run("verify", str(honest.path), "--every", "40")
     assert answer.code == 0
     assert "every claim that could be judged holds" in answer.out

@@ -1,0 +1,121 @@
+"""The one door by which HDF5 files come in: none is parsed before its seal, or a child process, has vouched for it.
+
+The HDF5 library can spin for ever, crash, or ask for all memory on a file with a few wrong bytes. A sealed file
+(`hhsim.system.checksummed_file`) is hashed first. One without a seal, of a run that was killed, of an older hhsim or of
+another program, is read once from end to end by a child with limits of time and memory (`hhsim.system.hdf5_probe`).
+"""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+
+from hhsim.errors import DamagedFileError
+from hhsim.system import hdf5_probe
+from hhsim.system.checksummed_file import seal_holds
+
+DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
+"""What h5py raises on a file with wrong bytes in it."""
+SECONDS = 8.0
+"""What reading a small file may take its child, by the wall clock and by the processor's."""
+BYTES_PER_SECOND = 20e6
+"""A larger file gets as much more time as it takes at this rate."""
+
+_SETTLED_NS = 100_000_000
+"""A file that was changed this recently may be changed again within one tick of its time stamp."""
+
+
+class _State(NamedTuple):
+    """What tells that a file is the one that was looked at."""
+
+    path: Path
+    size: int
+    changed_ns: int
+    number: int
+
+
+_KNOWN: dict[_State, str] = {}
+"""What is wrong with files that were looked at; "" for nothing."""
+
+
+def open_hdf5(path: Path) -> h5py.File:
+    """Open a file for reading, once it is known that the library gets through it.
+
+    Raises:
+        DamagedFileError: Its bytes are not those that were sealed; or it has no seal, and cannot be read to its end.
+        BlockingIOError: Another process is writing it.
+        OSError: No HDF5 file, or one that cannot be opened.
+    """
+    state = _state(path)
+    fault = _KNOWN.get(state)
+    if fault is None:
+        fault = _fault(path)
+        if time.time_ns() - state.changed_ns > _SETTLED_NS and _state(path) == state:
+            _KNOWN[state] = fault
+    if fault:
+        raise DamagedFileError(fault)
+    return h5py.File(path, "r")
+
+
+def hdf5_format(path: Path) -> str:
+    """What a file's attribute `format` says; "" where it says nothing, or is no sound HDF5 file.
+
+    Raises:
+        BlockingIOError: Another process is writing it.
+    """
+    try:
+        with open_hdf5(path) as file:
+            found = file.attrs.get("format")
+    except BlockingIOError:
+        raise
+    except (DamagedFileError, *DAMAGE):
+        return ""
+    return found if isinstance(found, str) else ""
+
+
+def _state(path: Path) -> _State:
+    found = path.stat()
+    return _State(path.resolve(), found.st_size, found.st_mtime_ns, found.st_ino)
+
+
+def _fault(path: Path) -> str:
+    """What is wrong with a file; "" for nothing."""
+    holds = seal_holds(path)
+    if holds is None:
+        return _read_by_child(path)
+    return "" if holds else "a damaged file: its bytes are not those that its checksum is of"
+
+
+def _read_by_child(path: Path) -> str:
+    if not _is_signed(path):
+        raise OSError("no HDF5 file: its signature is not there")
+    size, end = path.stat().st_size, hdf5_probe.stated_end(path)
+    if end is not None and size < end:
+        return f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there"
+    seconds = SECONDS + size / BYTES_PER_SECOND
+    # -P: the folder of the probe is no place to import from.
+    command = [sys.executable, "-P", hdf5_probe.__file__, str(path), str(int(seconds) + 1)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=seconds, check=False)
+    except subprocess.TimeoutExpired:
+        return f"a damaged file: reading it does not end within {seconds:.0f} s"
+    if done.returncode == hdf5_probe.BUSY:
+        raise BlockingIOError("another process is writing it")
+    if done.returncode == hdf5_probe.UNSOUND:
+        return f"a damaged HDF5 file: {done.stdout.strip()}"
+    return "a damaged file: the HDF5 library breaks down over it" if done.returncode else ""
+
+
+def _is_signed(path: Path) -> bool:
+    """Whether the signature stands where HDF5 looks for it: at 0, 512, 1,024, 2,048 and so on."""
+    size, place = path.stat().st_size, 0
+    with path.open("rb") as file:
+        while place + len(hdf5_probe.SIGNATURE) <= size:
+            file.seek(place)
+            if file.read(len(hdf5_probe.SIGNATURE)) == hdf5_probe.SIGNATURE:
+                return True
+            place = max(512, 2 * place)
+    return False

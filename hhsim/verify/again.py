@@ -1,0 +1,157 @@
+"""Claims that only a second run can judge: the motion made anew, every tick solved once more, every figure with it.
+
+It shares the solver with the file, so it says nothing of whether the solver is right; the other claims do. It says that
+the file is what this solver makes of this input.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import HhsimError, InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.metrics.run_ticks import result_ticks
+from hhsim.motion.trajectory import TickInput, Trajectory
+from hhsim.replay.repeat import RunAgain, run_again
+from hhsim.replay.stored_scene import stored_hand, stored_options, stored_tree
+from hhsim.replay.summary import figures_of_own_runs
+from hhsim.result.reader import Result
+from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
+from hhsim.scene.recorded_grasp_pose import place_at_grasp
+from hhsim.scene.scene import make_scene
+from hhsim.scene.script import Script
+from hhsim.verify.claim import NOT_JUDGED, Claim, judged
+from hhsim.verify.metric_checks import difference
+from hhsim.verify.origin_checks import own_object, own_tree
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+SAME_MOTION = 1e-9
+"""Hands that differ by this [m, rad] are the same motion: what resampling rounds to on another machine."""
+SAME_FIGURE = 1e-6
+"""Figures of a second run that differ by this share are the same."""
+
+
+def again_claims(result: Result, progress: Progress) -> list[Claim]:
+    """The motion, the ticks and the figures of runs of their own.
+
+    Args:
+        result: Of a replay or a session.
+        progress: Called with what is being done, how much is done and how much there is.
+    """
+    claims = [_motion(result)]
+    try:
+        hand, options, tree = stored_hand(result), stored_options(result), stored_tree(result)
+        again = run_again(result, progress=progress)
+    except HhsimError as error:
+        return [*claims, Claim("again: ticks", _TICKS, NOT_JUDGED, note=str(error))]
+    claims.append(_ticks(again))
+    if result.complete and result.live is None:
+        haptic = HandConfiguration(*(np.array(result[f"haptic/{name}"]) for name in HandConfiguration._fields))
+        own = figures_of_own_runs(hand, tree.arrays(), options, haptic, result_ticks(result))
+        claims.append(_figures(result, own, again))
+    return claims
+
+
+_TICKS = "the input run once more gives the same ticks, bit for bit, but for the times"
+
+
+def _ticks(again: RunAgain) -> Claim:
+    differ = [array for array in again.arrays if not array.identical]
+    note = "; ".join(again.notes)
+    if not differ:
+        return judged("again: ticks", _TICKS, np.zeros(again.ticks), 0.5, "1", "exact", note=note)
+    worst = max(differ, key=lambda array: array.ticks)
+    first = min(array.first_tick for array in differ)
+    what = f"{worst.name} and {len(differ) - 1} more" if len(differ) > 1 else worst.name
+    note = "; ".join([f"{worst.ticks:,} ticks of {what} differ, from tick {first:,} on", *again.notes])
+    if again.made_elsewhere:
+        return Claim("again: ticks", _TICKS, NOT_JUDGED, checked=again.ticks, note=note)
+    return judged("again: ticks", _TICKS, [float(worst.ticks)], 0.5, "1", "exact", ticks=[first], note=note)
+
+
+def _figures(result: Result, own: dict[str, float], again: RunAgain) -> Claim:
+    name, says = "again: figures", "runs of their own give the figures that do not follow from the ticks"
+    stored = np.array([float(result.summary.get(key, np.inf)) for key in own])
+    found = np.array(list(own.values()))
+    apart = difference(stored, found) / np.maximum(1.0, np.nan_to_num(np.abs(found)))
+    wrong = [
+        f"{key} is stored as {a:g}, a run gives {b:g}"
+        for key, a, b, off in zip(own, stored, found, apart)
+        if off > SAME_FIGURE
+    ]
+    why = "iterations that end a step earlier or later"
+    if wrong and again.made_elsewhere:
+        return Claim(name, says, NOT_JUDGED, note="; ".join([*wrong, *again.notes]))
+    return judged(name, says, apart, SAME_FIGURE, "1", why, note="; ".join(wrong))
+
+
+def _motion(result: Result) -> Claim:
+    name, says = "again: motion", "the user's hand is that of the motion that the scene names"
+    if result.live is not None:
+        return Claim(name, says, NOT_JUDGED, note="it came from a glove")
+    try:
+        ticks = _made_again(result)
+    except HhsimError as error:
+        return Claim(name, says, NOT_JUDGED, note=str(error))
+    count = min(result.ticks, ticks.tick_count)
+    wanted = HandConfiguration.of(ticks)
+    off = np.zeros(result.ticks)
+    # Of a run that was stopped, the ticks that are there.
+    off[count:] = np.inf
+    for part in HandConfiguration._fields:
+        stored = np.asarray(result[f"haptic/{part}"])[:count].reshape(count, -1)
+        made = np.asarray(getattr(wanted, part))[:count].reshape(count, -1)
+        off[:count] = np.maximum(off[:count], difference(stored, made).max(axis=1))
+    off[:count] = np.maximum(off[:count], np.abs(np.asarray(result["input_seq"])[:count] - ticks.input_seq[:count]))
+    if result.complete and ticks.tick_count > count:
+        off[-1] = np.inf
+    note = "" if str(result.scene.get("trajectory")) in trajectory_names() else f"as {_word(result)} is now"
+    return judged(
+        name, says, off, SAME_MOTION, "m, rad", "rounding on another machine", ticks=np.arange(result.ticks), note=note
+    )
+
+
+def _word(result: Result) -> str:
+    word = result.scene.get("trajectory")
+    if not word:
+        raise InputError("the file does not say which motion it was")
+    return str(word)
+
+
+def _made_again(result: Result) -> TickInput:
+    """The ticks' input, as the command that made the file has it.
+
+    Raises:
+        HhsimError: A motion that is not there any more, or that needs a tree that is not.
+    """
+    scene = result.scene
+    motion = resolve_trajectory(_word(result))
+    if isinstance(motion, Script) and scene.get("tremor_mm_deg"):
+        motion = _shaken(motion, scene["tremor_mm_deg"])
+    hand, mesh = stored_hand(result), own_object(result, True)
+    tree = None if mesh is None else own_tree(result, mesh, True)
+    if isinstance(motion, Trajectory) and scene.get("place_object") != "auto":
+        return motion.resampled(result.rate, scene.get("samples", "interpolate"))
+    if mesh is None or tree is None:
+        raise InputError("the motion was made for an object and a tree that are not to be had")
+    if isinstance(motion, Trajectory):
+        motion = place_at_grasp(motion, hand, tree).motion
+    made = make_scene(
+        *(mesh, tree, hand, motion),
+        rate=result.rate,
+        mode=scene.get("samples", "interpolate"),
+        seed=int(scene.get("seed") or 0),
+    )
+    return made.ticks
+
+
+def _shaken(script: Script, tremor: tuple[float, float]) -> Script:
+    import math
+    from dataclasses import replace
+
+    position, rotation = tremor
+    shaken = replace(script.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
+    return replace(script, disturbance=shaken)

@@ -1,0 +1,110 @@
+"""Commands of hhsim, run one after the other in a child process that is ended where one does not end by itself."""
+
+import contextlib
+import io
+import json
+import os
+import select
+import subprocess
+import sys
+import traceback
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+CRASHED = 70
+"""Exit code of a command that raised something, whose traceback is then its `err`."""
+
+
+class Served(NamedTuple):
+    """What a command gave back; `code` None where it did not end in time, negative where it took the process down."""
+
+    code: int | None
+    out: str
+    err: str
+
+
+class CommandServer:
+    """Runs commands in a folder; what they import and compile is there for the next one.
+
+    Args:
+        folder: That they run in.
+        seconds: That each of them may take.
+    """
+
+    def __init__(self, folder: Path, seconds: float) -> None:
+        self._folder, self._seconds = folder, seconds
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end()
+
+    def run(self, *arguments: str) -> Served:
+        """Run `hhsim` with these arguments."""
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self._folder
+            )
+        server = self._process
+        assert server.stdin is not None and server.stdout is not None
+        server.stdin.write(json.dumps(arguments).encode() + b"\n")
+        server.stdin.flush()
+        if not select.select([server.stdout], [], [], self._seconds)[0]:
+            self._end()
+            return Served(None, "", f"not done after {self._seconds} s")
+        answer = server.stdout.readline()
+        if not answer:
+            code = server.wait()
+            self._end()
+            return Served(code, "", f"the process ended with {code}")
+        return Served(**json.loads(answer))
+
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+            self._process = None
+
+
+def _serve() -> None:
+    import importlib
+
+    main = importlib.import_module("hhsim.cli.main").main
+
+    # Whatever the commands print, the answers alone go to the pipe.
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    for line in sys.stdin:
+        out, err = _Text(), _Text()
+        sys.argv = ["hhsim", *json.loads(line)]
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            try:
+                main()
+                code: Any = 0
+            except SystemExit as exit_:
+                code = exit_.code
+            except BaseException:
+                code = CRASHED
+                err.write(traceback.format_exc())
+        answers.write(json.dumps({"code": code, "out": out.getvalue(), "err": err.getvalue()}) + "\n")
+        answers.flush()
+
+
+class _Text(io.StringIO):
+    """A stream that the command line can prepare as it does those of a terminal."""
+
+    def reconfigure(self, **options: Any) -> None:
+        """Text has no encoding to change."""
+
+    def fileno(self) -> int:
+        """Where a C library would write."""
+        return 1
+
+
+if __name__ == "__main__":
+    _serve()

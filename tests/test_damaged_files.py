@@ -1,0 +1,157 @@
+"""Damaged files at every door: each command ends in time, in one line where it refuses, and never with a traceback.
+
+Of a sealed file, no change of a byte goes unnoticed. One without a seal (of a run that was killed, of an older hhsim,
+of another program) may be damaged where nobody can tell; there it is enough that everything ends, and ends well.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from command_server import CommandServer, Served
+from leap_document import document
+from recording_damage import damaged_bytes
+from recording_samples import smooth_recording
+from sampled import sampled
+from short_grasp import short_grasp, short_result
+
+from hhsim.mesh.catalogue import load_object
+from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.recordings.repair import repair
+from hhsim.system.checksummed_file import SIZE
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.file import save_tree
+from hhsim.trees.options import TreeOptions
+
+SECONDS = 20.0
+"""That a command may take over a damaged file."""
+BLOCK = 10
+"""Corruptions of a test: `make test` runs the first block of some kinds, `make soak` a thousand corruptions of each."""
+BLOCKS = 1000 // BLOCK
+
+
+class Kind(NamedTuple):
+    """A kind of file: the name of a sample, whether it is sealed, and the commands that take it."""
+
+    name: str
+    sealed: bool
+    commands: tuple[str, ...]
+
+
+RESULT_COMMANDS = (
+    "replay FILE --json",
+    "verify FILE --every 200 --json",
+    "report FILE --out page.html",
+    "view FILE --rerun out.rrd --every 10",
+    "import FILE --out taken.h5",
+    "replay cube FILE --level 2 --out again.h5",
+)
+KINDS = (
+    Kind("result.h5", True, RESULT_COMMANDS),
+    Kind("result.h5", False, RESULT_COMMANDS),
+    Kind("tree.h5", True, ("replay cup touch --tree FILE --out again.h5",)),
+    Kind("tree.h5", False, ("replay cup touch --tree FILE --out again.h5",)),
+    Kind("motion.h5", True, ("replay cube FILE --level 2 --out again.h5", "import FILE --out taken.h5")),
+    Kind("motion.h5", False, ("replay cube FILE --level 2 --out again.h5", "import FILE --out taken.h5")),
+    Kind("take.npz", False, ("import FILE --out taken.h5", "replay cube FILE --level 2 --out again.h5")),
+    Kind("take.json", False, ("import FILE --out taken.h5", "replay cube FILE --level 2 --out again.h5")),
+    Kind("ball.stl", False, ("replay FILE touch --unit m --level 2 --out again.h5",)),
+)
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """A sound file of each kind; of HDF5 files with their seal."""
+    import json
+
+    folder = tmp_path_factory.mktemp("samples")
+    short_result(folder / "result.h5", short_grasp(hold=0.03))
+    cup = load_object("cup").mesh
+    save_tree(cached_sphere_tree(cup, TreeOptions(level=2)), folder / "tree.h5")
+    recording = smooth_recording(60)
+    save_trajectory(repair(recording).trajectory, folder / "motion.h5")
+    motion = load_trajectory(folder / "motion.h5")
+    np.savez_compressed(
+        folder / "take.npz",
+        t=motion.time,
+        wrist_pos=motion.position,
+        wrist_quat=motion.orientation,
+        flex=motion.flexion,
+        abd=motion.abduction,
+    )
+    (folder / "take.json").write_text(json.dumps(document()))
+    (folder / "ball.stl").write_bytes(stl_of("sphere"))
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def stl_of(name: str) -> bytes:
+    """A binary STL file of an object of the catalogue."""
+    triangles = load_object(name).mesh.triangles
+    rows = np.zeros(len(triangles), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
+    rows["corners"] = triangles
+    return bytes(80) + np.uint32(len(rows)).tobytes() + rows.tobytes()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CommandServer]:
+    with CommandServer(tmp_path_factory.mktemp("served"), SECONDS) as server:
+        yield server
+
+
+def check(answer: Served, told: str) -> None:
+    assert answer.code is not None, f"{told}: {answer.err}"
+    assert answer.code in (0, 1, 2), f"{told}: exit code {answer.code}\n{answer.err}"
+    assert "Traceback" not in answer.err, f"{told}\n{answer.err}"
+    errors = [line for line in answer.err.splitlines() if line.startswith("hhsim: error: ")]
+    assert len(errors) == (answer.code == 2), f"{told}: exit code {answer.code}\n{answer.err}"
+
+
+CASES = [(kind, block) for kind in KINDS for block in range(BLOCKS)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "block"),
+    sampled(CASES, lambda place, case: case[1] == 0),
+    ids=lambda value: f"{value.name}-{'sealed' if value.sealed else 'bare'}" if isinstance(value, Kind) else str(value),
+)
+def test_a_damaged_file_is_refused_in_time_and_in_one_line(
+    kind: Kind, block: int, samples: dict[str, bytes], server: CommandServer, tmp_path: Path
+) -> None:
+    data = samples[kind.name]
+    if kind.name.endswith(".h5") and not kind.sealed:
+        data = data[:-SIZE]
+    codes: Counter[int | None] = Counter()
+    for number in range(BLOCK * block, BLOCK * (block + 1)):
+        random = np.random.default_rng([number, KINDS.index(kind)])
+        content = damaged_bytes(data, random)
+        path = tmp_path / f"{number}-{kind.name}"
+        path.write_bytes(content)
+        command = kind.commands[number % len(kind.commands)]
+        answer = server.run(*(str(path) if word == "FILE" else word for word in command.split()))
+        check(answer, f"corruption {number} of {kind.name}, hhsim {command}")
+        codes[answer.code] += 1
+        # Cut exactly at its end, a file has lost its seal and nothing else.
+        if kind.sealed and content not in (data, data[:-SIZE]):
+            assert answer.code == 2, f"corruption {number} of {kind.name} went through hhsim {command}"
+        path.unlink()
+    assert codes[2] > 0, codes
+
+
+@pytest.mark.parametrize(
+    ("kind",),
+    sampled([(kind,) for kind in KINDS], lambda place, case: case[0].name not in ("result.h5", "ball.stl")),
+    ids=lambda kind: f"{kind.name}-{'sealed' if kind.sealed else 'bare'}",
+)
+def test_the_sound_file_goes_through(
+    kind: Kind, samples: dict[str, bytes], server: CommandServer, tmp_path: Path
+) -> None:
+    data = samples[kind.name]
+    path = tmp_path / kind.name
+    path.write_bytes(data if kind.sealed or not kind.name.endswith(".h5") else data[:-SIZE])
+    for command in kind.commands:
+        answer = server.run(*(str(path) if word == "FILE" else word for word in command.split()))
+        check(answer, command)
+        assert answer.code in (0, 1), answer.err
