@@ -3,9 +3,8 @@
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-import h5py
-
 from hhsim.errors import InputError
+from hhsim.system.hdf5_input import hdf5_format
 
 Kind: TypeAlias = Literal["result", "motion", "tree", "mesh"]
 
@@ -33,13 +32,11 @@ def file_kind(path: Path) -> Kind:
             start = file.read(len(HDF5_START))
         if start != HDF5_START:
             return _by_name(path)
-        with h5py.File(path, "r") as content:
-            stated = content.attrs.get("format", "")
+        name = hdf5_format(path)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
-    name = stated.decode("utf-8", "replace") if isinstance(stated, bytes) else str(stated)
     if name not in FORMATS:
-        what = f"its format is {name!r}" if name else "it does not say what it holds"
+        what = f"its format is {name!r}" if name else "it is damaged, or does not say what it holds"
         raise InputError(f"{path} cannot be looked at: {what}; expected {EXPECTED}")
     return FORMATS[name]
 

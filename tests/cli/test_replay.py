@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from recording_samples import smooth_recording
 
-from hhsim.cli.replay import mended_remark
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.repair import repair
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 
+mended_remark: Callable[..., list[str]] = importlib.import_module("hhsim.cli.replay").mended_remark
 Run = Callable[..., Any]
 MAIN = "from hhsim.cli.main import main; main()"
 

@@ -28,7 +28,7 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay
 from hhsim.replay.stored_scene import checksums
-from hhsim.report.verdict import verdict as report_verdict
+from hhsim.replay.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import STATIC_COLUMNS
 from hhsim.scene.open_scene import open_scene
