@@ -53,7 +53,7 @@ def command(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Look at results, motions, meshes and sphere trees in the rerun viewer.
+    """Look at results, motions and meshes in the rerun viewer.
 
     FILE is what hhsim replay or hhsim live wrote, a trajectory (.h5, .csv), a sphere tree, or a mesh; which it is, its
     content tells. Of a result both hands are shown, the object, contacts, forces and plots of every tick: the graphic

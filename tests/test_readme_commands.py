@@ -30,7 +30,7 @@ def test_every_file_is_there_or_made_by_a_line_before(repository: Path) -> None:
         for place, word in enumerate(words):
             if not word.endswith(SUFFIXES):
                 continue
-            if words[place - 1] in ("--out", "--rerun"):
+            if words[place - 1] in ("--out", "--rerun", "--video") or (words[:2] == ["hhsim", "export"] and place == 3):
                 made.add(word)
             else:
                 named.add(word)

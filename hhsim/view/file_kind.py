@@ -26,7 +26,7 @@ def file_kind(path: Path) -> Kind:
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected {EXPECTED}")
     if not path.is_file():
-        raise InputError(f"there is no file {path}")
+        raise InputError(f"{path}: no such file; expected {EXPECTED}")
     try:
         with path.open("rb") as file:
             start = file.read(len(HDF5_START))

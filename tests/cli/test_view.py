@@ -49,10 +49,8 @@ def test_what_cannot_be_shown_is_told_before_the_replay(run: Run, tmp_path: Path
     assert answer.code == 2
     assert "there is no folder" in answer.err
     assert not (tmp_path / "short.h5").exists()
-    assert (
-        run("view", "missing.h5", "--rerun", "x.rrd").err
-        == "hhsim: error: missing.h5: no such file; expected a result (.h5)\n"
-    )
+    told = run("view", "missing.h5", "--rerun", "x.rrd").err
+    assert told.startswith("hhsim: error: missing.h5: no such file; expected a result, ") and told.count("\n") == 1
 
 
 def test_a_film_is_made_without_a_viewer(run: Run, tmp_path: Path, short: str) -> None:

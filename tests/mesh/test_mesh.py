@@ -313,6 +313,7 @@ def test_bunny_of_94_components(shared_data: Path) -> None:
         "removed 162 duplicate triangles",
         "closed 5 holes up to 45.1 mm wide",
         "1.9 % of the surface is assumed, up to 8.31 mm from any triangle",
+        "the guarantee is of the assumed solid: 0.11 % of the surface, up to 0.699 mm, lies outside it",
     )
 
 

@@ -20,4 +20,4 @@ def test_the_slowest_tick_is_compared_with_the_median_of_the_table(tmp_path: Pat
         cpu[-1] = 450_000
         file["tick/duration/total_cpu"][...] = cpu
     slowest = next(worst for worst in worst_ticks(load_result(path)) if worst.kind == "slowest")
-    assert "took 450.0 µs of CPU time, 45.0 times the median in contact" in slowest.sentence
+    assert "took 450.0 µs of CPU time, 45.0 times the median of ticks in contact" in slowest.sentence

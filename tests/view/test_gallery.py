@@ -80,7 +80,7 @@ def test_what_cannot_be_looked_at_is_told(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "foreign.h5", "w"):
         pass
     for name, message in (
-        ("none.h5", "there is no file"),
+        ("none.h5", "no such file"),
         ("", "is a folder"),
         ("text.txt", "expected a result"),
         ("other.h5", "its format is 'hhsim-bench'"),
