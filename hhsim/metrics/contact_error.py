@@ -46,7 +46,7 @@ class TouchedObject:
         a leaf sphere that it touches.
 
         Args:
-            placed: The ticks.
+            placed: Where the shown hand is at each of T ticks [m], world.
             contact: Ticks where something may touch, shape (T,).
         """
         error = np.full(len(contact), np.nan)

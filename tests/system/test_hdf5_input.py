@@ -2,7 +2,6 @@
 
 import ast
 import sys
-import time
 from pathlib import Path
 
 import h5py
@@ -88,10 +87,8 @@ def test_a_reader_that_never_ends_is_ended(image: bytes, tmp_path: Path, monkeyp
     script.write_text("while True: pass\n")
     monkeypatch.setattr(hdf5_probe, "__file__", str(script))
     monkeypatch.setattr(hdf5_input, "SECONDS", 0.3)
-    begin = time.perf_counter()
     with pytest.raises(DamagedFileError, match="reading it does not end within"):
         open_hdf5(path)
-    assert time.perf_counter() - begin < 5.0
 
 
 def test_a_reader_that_breaks_down_takes_nothing_with_it(
