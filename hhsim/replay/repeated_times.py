@@ -1,9 +1,9 @@
 """How far times differ from run to run of the same replay, of which nothing else does."""
 
+import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary import ReplaySummary
@@ -34,7 +34,7 @@ def repeated_times(runs: Sequence[ReplaySummary]) -> list[RepeatedTime]:
     """Every figure that has noise, over at least two runs of the same replay; what is undefined is left out."""
     found = []
     for row in runs[-1].rows:
-        values = np.array([other.value for run in runs for other in run.rows if other.name == row.name])
-        if run_metrics()[row.name].noise > 0.0 and np.isfinite(values).all():
-            found.append(RepeatedTime(row, float(values.mean()), float(values.std(ddof=1))))
+        values = [float(other.value) for run in runs for other in run.rows if other.name == row.name]
+        if run_metrics()[row.name].noise > 0.0 and all(map(math.isfinite, values)):
+            found.append(RepeatedTime(row, statistics.mean(values), statistics.stdev(values)))
     return found
