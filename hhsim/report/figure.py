@@ -212,6 +212,7 @@ def time_text(seconds: float) -> str:
     if seconds < 1e-6:
         return f"{1e9 * seconds:.0f} ns"
     if seconds < BUDGET:
-        micro = 1e6 * seconds
+        # Of the nanosecond, so that a tie is rounded alike whatever unit the time came in.
+        micro = round(1e6 * seconds, 3)
         return f"{micro:.0f} µs" if micro >= 100.0 else f"{micro:.1f} µs"
     return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"

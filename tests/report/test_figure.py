@@ -250,3 +250,9 @@ def test_a_tick_that_is_not_there_is_one_clear_line(result: Result) -> None:
 )
 def test_times_are_told_in_the_unit_that_suits_them(seconds: float, text: str) -> None:
     assert time_text(seconds) == text
+
+
+def test_a_tie_is_rounded_alike_whatever_unit_the_time_came_in() -> None:
+    for nanoseconds in range(1050, 100_000, 100):
+        micro = nanoseconds / 1e3
+        assert time_text(1e-6 * micro) == time_text(1e-9 * nanoseconds) == time_text(1e-6 * (1e9 * (1e-9 * micro)))
