@@ -23,6 +23,7 @@ CELLS: dict[str, Callable[["RecordedFigures"], str]] = {
     "ticks": lambda row: f"{row.ticks:,}",
     "tip [mm/tick]": lambda row: f"{1e3 * row.fastest:.2f}",
     "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
+    "off mesh [mm]": lambda row: number(row.contact_error_max, 2, 1e3),
     "in touch": lambda row: f"{row.touching:,}",
     "force [N]": lambda row: number(row.force_mean, 2),
     "step [N]": lambda row: number(row.force_step, 2),
@@ -80,9 +81,9 @@ def command(
 
     A FOLDER stands for all recordings in it: .h5 and .csv trajectories, and .npz, .json, .lz and .bvh files, which are
     imported on the way in. Penetration is recomputed from the hand that each tick shows. The exit code is 1 where
-    coupled or progressive penetrates by more than 1 µm, is not finite, or is stuck although there was a way, and where
-    a recording could not be run. --unit and --size are for the mesh files; --seed chooses the ticks that are recomputed
-    by brute force, and nothing else is random.
+    coupled or progressive penetrates by more than 1 µm, touches farther than 1 mm from the true mesh, is not finite, or
+    is stuck although there was a way, and where a recording could not be run. --unit and --size are for the mesh files;
+    --seed chooses the ticks that are recomputed by brute force, and nothing else is random.
 
     \b
     Examples:
@@ -162,6 +163,7 @@ def _print(figures: "Sequence[RecordedFigures]") -> None:
         if row.reason:
             print(f"NOT RUN: {', '.join(filter(None, (row.recording, row.object, row.method)))}: {row.reason}")
         elif row.missed:
-            print(f"LIMIT MISSED: {row.recording}, {row.object}, {row.method}")
+            why = f": touches up to {1e3 * row.contact_error_max:.2g} mm off the mesh"
+            print(f"LIMIT MISSED: {row.recording}, {row.object}, {row.method}{why if row.floats else ''}")
     if not any(row.missed for row in figures):
         print("no limit missed")

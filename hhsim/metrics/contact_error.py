@@ -17,6 +17,8 @@ from hhsim.metrics.contact_points import find_contact_points
 
 FloatArray = NDArray[np.float64]
 
+MOST_CONTACT_ERROR = 1e-3
+"""Contacts farther from the mesh than this [m] are worth a warning: a user sees the gap."""
 MOST_TICKS = 4000
 """Of a run with more ticks in contact, so many are looked at, spread evenly: a recording may be of ten minutes."""
 

@@ -15,7 +15,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE
 from hhsim.metrics import metrics
-from hhsim.metrics.contact_error import TouchedObject
+from hhsim.metrics.contact_error import MOST_CONTACT_ERROR, TouchedObject
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
@@ -32,9 +32,6 @@ Array = NDArray[Any]
 
 REFERENCE_TICKS = 16
 """Ticks of the hold at which the reference optimum is computed."""
-
-MOST_CONTACT_ERROR = 1e-3
-"""Contacts farther from the mesh than this [m] are worth a warning: a user sees the gap."""
 
 GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction")
 """Datasets that figures of runs of their own begin from."""

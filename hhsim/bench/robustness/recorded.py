@@ -18,12 +18,14 @@ from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_pene
 from hhsim.bench.robustness.recorded_metrics import RecordedFigures, longest_run
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import brute_clearance
+from hhsim.metrics.contact_error import MOST_TICKS, TouchedObject
 from hhsim.metrics.metrics import contact_force_step, force_variation_rate, sample_variation_rate, statistics
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes, load_recorded
@@ -217,6 +219,9 @@ def run_scene(
     blocks: list[tuple[NDArray[Any], ...]] = []
     cpu, candidates, unexplained = LogHistogram(), 0, 0
     brute = _BruteForce(scene, np.random.default_rng(seed))
+    fingers = np.array([finger in solver.fingers for finger in FINGERS])
+    touched_object = TouchedObject(scene.mesh, tree, hand_shape(scene.hand), fingers, solver.touch)
+    looked_at, off_mesh = max(1, ticks.tick_count // MOST_TICKS), [np.nan]
     for first in range(0, ticks.tick_count, BLOCK):
         part = slice(first, first + BLOCK)
         motion = HandConfiguration.of(ticks).at(part)
@@ -230,6 +235,9 @@ def run_scene(
         candidates = max(candidates, int(record.work[:, WORK_CANDIDATES].max(initial=0)))
         unexplained += unexplained_stuck(scene.hand, scene.tree, solver, motion, record)
         brute.look(record, np.flatnonzero(touching))
+        some = touching & ((first + np.arange(len(touching))) % looked_at == 0)
+        placed = PlacedHand(record.joints, record.position, record.orientation)
+        off_mesh.append(statistics(touched_object.contact_error(placed, some)).max)
         check()
     status, force, lag, depth, lost, touched = (np.concatenate(values) for values in zip(*blocks))
     stuck = (status & STATUS_STUCK) > 0
@@ -247,6 +255,7 @@ def run_scene(
         not_finite=int(lost.sum()),
         touching=int(touched.sum()),
         candidates_max=candidates,
+        contact_error_max=float(np.fmax.reduce(off_mesh)),
         force_mean=in_touch.mean,
         force_max=in_touch.max,
         force_step=contact_force_step(force, felt),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hhsim.bench.robustness.failure import SAFE_DEPTH
 from hhsim.bench.table import Column, metric_column
+from hhsim.metrics.contact_error import MOST_CONTACT_ERROR
 from hhsim.metrics.metrics import statistics
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
@@ -39,6 +40,7 @@ class RecordedFigures(CpuTimes):
     not_finite: int = 0
     touching: int = 0
     candidates_max: int = 0
+    contact_error_max: float = float("nan")
     force_mean: float = float("nan")
     force_max: float = float("nan")
     force_step: float = float("nan")
@@ -61,9 +63,14 @@ class RecordedFigures(CpuTimes):
         return shallow and self.not_finite == 0 and self.unexplained == 0
 
     @property
+    def floats(self) -> bool:
+        """Whether it touches farther from the true mesh than a user should feel."""
+        return self.contact_error_max > MOST_CONTACT_ERROR
+
+    @property
     def missed(self) -> bool:
-        """Whether a limit was missed: no run, or a method that promises safety and is not safe."""
-        return bool(self.reason) or (never_penetrates(self.method) and not self.safe)
+        """Whether a limit was missed: no run, or a method that promises safety and is not safe, or floats."""
+        return bool(self.reason) or (never_penetrates(self.method) and (self.floats or not self.safe))
 
 
 COLUMNS = (
@@ -83,6 +90,7 @@ COLUMNS = (
     Column("not_finite", "ticks whose hand or force is not finite"),
     Column("touching", "ticks in touch with the object"),
     metric_column("candidates_max"),
+    metric_column("contact_error_max"),
     Column("force_mean", "mean size of the total force in touch", "N"),
     Column("force_max", "largest size of the total force in touch", "N"),
     Column("force_step", "largest one-tick step of the total force in touch", "N"),
@@ -116,7 +124,7 @@ def longest_run(where: NDArray[np.bool_]) -> int:
 _ADDED = ("samples", "ticks", "penetrating", "brute_ticks", "not_finite", "touching", "stuck", "unexplained", "lagging")
 _LARGEST = (
     *("force_max", "force_step", "fastest", "penetration", "brute_depth"),
-    *("candidates_max", "longest_stuck", "lag", "started_inside"),
+    *("candidates_max", "contact_error_max", "longest_stuck", "lag", "started_inside"),
 )
 _MEANS = ("force_mean", "variation_tick", "variation_sample")
 

@@ -104,7 +104,8 @@ def test_a_row_says_what_the_ticks_show(folder: Path) -> None:
         expected = 100.0 * (np.abs(np.diff(new))[kept] / new[:-1][kept]).mean()
         assert row.variation_sample == pytest.approx(expected)
         assert row.stuck == int((record.status & STATUS_STUCK > 0).sum()) and row.lag == record.lag.max()
-        assert row.safe and not row.missed and 0.0 < row.cpu_p50 <= row.cpu_p99 <= row.cpu_max
+        assert row.safe and row.missed and row.floats, "the spheres of level 3 are 3 mm off the cup's thin wall"
+        assert 0.0 < row.cpu_p50 <= row.cpu_p99 <= row.cpu_max
 
 
 def test_rate_hold_and_a_window_around_the_grasp(folder: Path) -> None:
@@ -144,6 +145,8 @@ def test_a_method_that_penetrates_or_stands_still_for_nothing_misses_its_bar() -
         bad = replace(good, **fault)
         assert not bad.safe and bad.missed and not replace(bad, method="paper").missed
     assert replace(good, penetration=float("nan")).missed
+    floating = replace(good, contact_error_max=1.1e-3)
+    assert floating.safe and floating.missed and not replace(good, contact_error_max=0.9e-3).missed
     assert replace(good, stuck=3).safe, "a hand that nothing could move is stuck and safe"
     assert [longest_run(np.array(run, bool)) for run in ([], [0, 0], [1], [1, 1, 0, 1, 1, 1])] == [0, 0, 1, 3]
 
@@ -177,7 +180,7 @@ def test_files_and_folders(folder: Path, tmp_path: Path) -> None:
 
 
 def test_the_command(run: Run, folder: Path, tmp_path: Path) -> None:
-    where = ("bench", "recorded", "recordings", "--object", "cup", "--level", "3", "--ticks", "60", "--out", "t.h5")
+    where = ("bench", "recorded", "recordings", "--object", "cup", "--ticks", "60", "--out", "t.h5")
     answer = run(*where)
     assert answer.code == 0, answer.err
     assert "recorded hands, 1000 ticks a second" in answer.out and "no limit missed" in answer.out
@@ -207,6 +210,7 @@ def test_the_figures_of_force_are_those_of_a_replay(folder: Path, run: Run, tmp_
     document = json.loads(answer.out)
     for ours, theirs in (("force_mean", "mean"), ("force_max", "max"), ("force_step", "step")):
         assert getattr(row, ours) == pytest.approx(document[f"force_contact_{theirs}"], rel=1e-9), ours
+    assert row.contact_error_max == pytest.approx(document["contact_error_max"], rel=1e-9)
     assert row.force_max > 0.1
 
 
