@@ -41,6 +41,7 @@ CONTACTS = np.dtype(
         ("key", np.int64, (CONTACT_ROWS,)),
         ("point", np.float64, (3, CONTACT_ROWS)),
         ("normal", np.float64, (3, CONTACT_ROWS)),
+        ("straight", np.float64, (3, CONTACT_ROWS)),
         ("distance", np.float64, (CONTACT_ROWS,)),
         ("hand_radius", np.float64, (CONTACT_ROWS,)),
         ("object_radius", np.float64, (CONTACT_ROWS,)),
@@ -58,8 +59,9 @@ CONTACTS = np.dtype(
 | key | names the same pair at every tick, for warm starts |
 | point | contact point on the hand's surface [m], world |
 | normal | unit vector from the object to the hand, world |
+| straight | unit vector along which the object is straight there, as an edge is; zero where it is not |
 | distance | signed [m], negative inside |
-| hand_radius, object_radius | radii of curvature of the two surfaces at the contact [m] |
+| hand_radius, object_radius | radii of curvature of the two surfaces at the contact [m]; the object's infinite on a face |
 | slides | 1 where the nearest point of the phalanx can slide along its axis, else 0 |
 | start | first record of the palm, of each finger, and the end |
 | phalanx_end | where the records of each phalanx end |
@@ -167,13 +169,13 @@ def evaluate(
 
 
 @jit
-def pairs_near(surface: Any, candidates: Record, limit: float) -> tuple[int, int]:
+def pairs_near(surface: Any, hand: HandArrays, candidates: Record, limit: float) -> tuple[int, int]:
     """How many bodies, and how many pairs, are at most `limit` [m] from the object."""
     bodies, pairs = 0, 0
     for body in range(BODY_COUNT):
         if candidates.nearest[body] <= limit:
             bodies += 1
-            pairs += pairs_within(surface, candidates, body, limit)
+            pairs += pairs_within(surface, hand, candidates, body, limit)
     return bodies, pairs
 
 

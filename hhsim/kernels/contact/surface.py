@@ -72,7 +72,7 @@ def measure_pairs(surface: Any, hand: HandArrays, pose: Record, body: int, candi
 
 
 @generic
-def pairs_within(surface: Any, candidates: Record, body: int, limit: float) -> int:
+def pairs_within(surface: Any, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
     """How many measured pairs of a body are at most `limit` [m] apart."""
 
 

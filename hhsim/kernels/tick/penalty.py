@@ -459,7 +459,7 @@ def _tick(method: Penalty, hand: HandArrays, surface: Any, state: Record, qp: Qp
     update_kinematics(hand, state.pose)
     if not _evaluate(hand, surface, options, state):
         status |= STATUS_CAPACITY_EXCEEDED
-    _, state.work[WORK_TOUCHING] = pairs_near(surface, state.candidates, options.touch)
+    _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
     state.work[WORK_UNITS] = spent_units(state)
     moved = monotonic_ns()
     duration[DURATION_DETECT] += moved - solved

@@ -200,7 +200,7 @@ def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     _aim(state)
     state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]
-    bodies, pairs = pairs_near(surface, candidates, options.margin)
+    bodies, pairs = pairs_near(surface, hand, candidates, options.margin)
     state.work[WORK_BODIES] = max(state.work[WORK_BODIES], bodies)
     state.work[WORK_LINEARISATIONS] += 1
     state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], pairs)
@@ -415,7 +415,7 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
         _cap_lag(state)
-    _, touching = pairs_near(surface, candidates, options.touch)
+    _, touching = pairs_near(surface, hand, candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
     if (status & STATUS_LAG or strained) and options.force_model != FORCE_PAPER:
