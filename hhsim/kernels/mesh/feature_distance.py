@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit_inline, jit_vector
+from hhsim.kernels.jit import jit_inline
 from hhsim.kernels.mesh.features import FACE_FIELDS
 from hhsim.kernels.round_cone_distance import RoundCone
 
@@ -79,93 +79,78 @@ def edge_witness(
     return distance if foot >= -ON and foot <= extent + ON else ELSEWHERE, s
 
 
-@jit_vector
-def vertex_distances(
-    vertex: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array
-) -> None:
-    """Distances [m] of the vertices start … stop - 1, shape (3, ·), and the axis parameters s [m] of their witnesses."""
-    for i in range(start, stop):
-        dx, dy, dz = vertex[0, i] - cone.x, vertex[1, i] - cone.y, vertex[2, i] - cone.z
-        distance, s = vertex_witness(cone, dx, dy, dz)
-        distance_out[i] = distance
-        parameter_out[i] = s
+@jit_inline
+def vertex_distance(vertex: Array, i: int, cone: RoundCone) -> tuple[float, float]:
+    """(distance, s) [m] of vertex i, shape (·, 3)."""
+    return vertex_witness(cone, vertex[i, 0] - cone.x, vertex[i, 1] - cone.y, vertex[i, 2] - cone.z)
 
 
-@jit_vector
-def edge_distances(
-    edge: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array
-) -> None:
-    """The same of edges, shape (7, ·), in the order of `EDGE_FIELDS`."""
-    for i in range(start, stop):
-        dx, dy, dz = cone.x - edge[0, i], cone.y - edge[1, i], cone.z - edge[2, i]
-        distance, s = edge_witness(cone, dx, dy, dz, edge[3, i], edge[4, i], edge[5, i], edge[6, i])
-        distance_out[i] = distance
-        parameter_out[i] = s
+@jit_inline
+def edge_distance(edge: Array, i: int, cone: RoundCone) -> tuple[float, float]:
+    """(distance, s) [m] of edge i, shape (·, 7), in the order of `EDGE_FIELDS`."""
+    dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
+    return edge_witness(cone, dx, dy, dz, edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6])
 
 
 @jit_inline
 def above(face: Array, i: int, x: float, y: float, z: float) -> bool:
-    """Whether a point lies above or below the inside of face i, shape (16, ·)."""
+    """Whether a point lies above or below the inside of face i, shape (·, 16), in the order of `FACE_FIELDS`."""
     return bool(
         min(
             min(
-                face[4, i] * x + face[5, i] * y + face[6, i] * z - face[7, i],
-                face[8, i] * x + face[9, i] * y + face[10, i] * z - face[11, i],
+                face[i, 4] * x + face[i, 5] * y + face[i, 6] * z - face[i, 7],
+                face[i, 8] * x + face[i, 9] * y + face[i, 10] * z - face[i, 11],
             ),
-            face[12, i] * x + face[13, i] * y + face[14, i] * z - face[15, i],
+            face[i, 12] * x + face[i, 13] * y + face[i, 14] * z - face[i, 15],
         )
         >= -ON
     )
 
 
-@jit_vector
-def face_distances(face: Array, start: int, stop: int, cone: RoundCone, distance_out: Array) -> None:
-    """The same of faces, shape (16, ·), in the order of `FACE_FIELDS`: of the nearer end of the axis that is above."""
-    ax, ay, az, radius, drop = cone.x, cone.y, cone.z, cone.radius, cone.drop
+@jit_inline
+def face_distance(face: Array, i: int, cone: RoundCone) -> float:
+    """Distance [m] of the inside of face i, shape (·, 16): of the nearer end of the axis that is above it."""
+    nx, ny, nz, height = face[i, 0], face[i, 1], face[i, 2], face[i, 3]
+    ax, ay, az = cone.x, cone.y, cone.z
+    first = abs(nx * ax + ny * ay + nz * az - height) - cone.radius
+    first = first if above(face, i, ax, ay, az) else ELSEWHERE
     bx, by, bz = ax + cone.length * cone.ux, ay + cone.length * cone.uy, az + cone.length * cone.uz
-    for i in range(start, stop):
-        nx, ny, nz, height = face[0, i], face[1, i], face[2, i], face[3, i]
-        first = abs(nx * ax + ny * ay + nz * az - height) - radius
-        first = first if above(face, i, ax, ay, az) else ELSEWHERE
-        second = abs(nx * bx + ny * by + nz * bz - height) - radius + drop
-        second = second if above(face, i, bx, by, bz) else ELSEWHERE
-        distance_out[i] = min(first, second)
+    second = abs(nx * bx + ny * by + nz * bz - height) - cone.radius + cone.drop
+    second = second if above(face, i, bx, by, bz) else ELSEWHERE
+    return min(first, second)
 
 
-@jit_vector
-def face_bounds(
-    face: Array, start: int, stop: int, cone: RoundCone, one_sided: bool, triangle_out: Array, face_out: Array
-) -> None:
-    """How far a round cone must move at least, before it touches triangles or the insides of their faces [m].
+@jit_inline
+def face_bounds(face: Array, i: int, cone: RoundCone, one_sided: bool) -> tuple[float, float]:
+    """How far a round cone must move at least, before it touches triangle i, shape (·, 16) [m].
 
     Args:
-        face: Shape (16, ·), in the order of `FACE_FIELDS`.
-        start: First face.
-        stop: End of the faces.
+        face: In the order of `FACE_FIELDS`.
+        i: Which.
         cone: The body.
         one_sided: Behind a face is inside, and the body is not: it must come round first.
-        triangle_out: For each triangle, by its plane and sides.
-        face_out: For the inside of the face: besides, an end of the axis must come above it.
+
+    Returns:
+        For the whole triangle, by its plane and sides; and for the inside of the face: besides, an end of the axis must
+        come above it.
     """
+    nx, ny, nz, height = face[i, 0], face[i, 1], face[i, 2], face[i, 3]
     ax, ay, az, radius, drop = cone.x, cone.y, cone.z, cone.radius, cone.drop
     bx, by, bz = ax + cone.length * cone.ux, ay + cone.length * cone.uy, az + cone.length * cone.uz
-    for i in range(start, stop):
-        nx, ny, nz, height = face[0, i], face[1, i], face[2, i], face[3, i]
-        first = nx * ax + ny * ay + nz * az - height
-        second = nx * bx + ny * by + nz * bz - height
-        over = min(first - radius, second - radius + drop)
-        under = min(-first - radius, -second - radius + drop)
-        bound = max(over, under)
-        first_beside, second_beside = -ELSEWHERE, -ELSEWHERE
-        for k in range(4, FACE_FIELDS, 4):
-            mx, my, mz, side = face[k, i], face[k + 1, i], face[k + 2, i], face[k + 3, i]
-            first_out, second_out = side - mx * ax - my * ay - mz * az, side - mx * bx - my * by - mz * bz
-            bound = max(bound, min(first_out - radius, second_out - radius + drop))
-            first_beside, second_beside = max(first_beside, first_out), max(second_beside, second_out)
-        behind = -max(first, second)
-        bound = max(bound, behind) if one_sided else bound
-        triangle_out[i] = bound
-        face_out[i] = max(bound, min(first_beside, second_beside))
+    first = nx * ax + ny * ay + nz * az - height
+    second = nx * bx + ny * by + nz * bz - height
+    over = min(first - radius, second - radius + drop)
+    under = min(-first - radius, -second - radius + drop)
+    bound = max(over, under)
+    if one_sided:
+        bound = max(bound, -max(first, second))
+    first_beside, second_beside = -ELSEWHERE, -ELSEWHERE
+    for k in range(4, FACE_FIELDS, 4):
+        mx, my, mz, side = face[i, k], face[i, k + 1], face[i, k + 2], face[i, k + 3]
+        first_out, second_out = side - mx * ax - my * ay - mz * az, side - mx * bx - my * by - mz * bz
+        bound = max(bound, min(first_out - radius, second_out - radius + drop))
+        first_beside, second_beside = max(first_beside, first_out), max(second_beside, second_out)
+    return bound, max(bound, min(first_beside, second_beside))
 
 
 @jit_inline
@@ -195,13 +180,15 @@ def outside_cone(
 
 
 @jit_inline
-def edge_bound(edge: Array, cone: RoundCone, wing: Array, wing_start: int, wing_stop: int, tolerance: float) -> float:
-    """How far a round cone must move at least, before it touches the inside of an edge, shape (7,) [m].
+def edge_bound(
+    edge: Array, i: int, cone: RoundCone, wing: Array, wing_start: int, wing_stop: int, tolerance: float
+) -> float:
+    """How far a round cone must move at least, before it touches the inside of edge i, shape (·, 7) [m].
 
     By its line, by the ends, and by its normal cone, which counts only by what is more than `tolerance` [m].
     """
-    wx, wy, wz, extent = edge[3], edge[4], edge[5], edge[6]
-    dx, dy, dz = cone.x - edge[0], cone.y - edge[1], cone.z - edge[2]
+    wx, wy, wz, extent = edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6]
+    dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
     line, _, _ = line_witness(cone, dx, dy, dz, wx, wy, wz)
     dw = dx * wx + dy * wy + dz * wz
     uw = cone.length * (cone.ux * wx + cone.uy * wy + cone.uz * wz)
@@ -212,10 +199,10 @@ def edge_bound(edge: Array, cone: RoundCone, wing: Array, wing_start: int, wing_
 
 @jit_inline
 def vertex_bound(
-    vertex: Array, cone: RoundCone, spoke: Array, spoke_start: int, spoke_stop: int, tolerance: float
+    vertex: Array, i: int, cone: RoundCone, spoke: Array, spoke_start: int, spoke_stop: int, tolerance: float
 ) -> float:
-    """The same for a vertex, shape (3,)."""
-    dx, dy, dz = cone.x - vertex[0], cone.y - vertex[1], cone.z - vertex[2]
-    distance, _ = vertex_witness(cone, -dx, -dy, -dz)
+    """The same for vertex i, shape (·, 3)."""
+    distance, _ = vertex_distance(vertex, i, cone)
+    dx, dy, dz = cone.x - vertex[i, 0], cone.y - vertex[i, 1], cone.z - vertex[i, 2]
     out = outside_cone(spoke, spoke_start, spoke_stop, cone.length, dx, dy, dz, cone.ux, cone.uy, cone.uz)
     return max(distance, out - tolerance)

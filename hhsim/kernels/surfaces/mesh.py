@@ -29,15 +29,15 @@ from hhsim.kernels.mesh.feature_distance import (
     ON,
     above,
     edge_bound,
-    edge_distances,
+    edge_distance,
     edge_witness,
     face_bounds,
-    face_distances,
+    face_distance,
     vertex_bound,
-    vertex_distances,
+    vertex_distance,
     vertex_witness,
 )
-from hhsim.kernels.mesh.features import EDGE_FIELDS, FACE_FIELDS, MeshFeatures
+from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE, gather_round_cone, node_distance
 from hhsim.kernels.triangle import Triangle, closest_on_triangle
@@ -58,17 +58,16 @@ NEAR_CONE = 0.03
 Two edges of a face that a phalanx lies on take turns in being the nearest; a body of radius 8 mm is lifted by no more
 than 4 µm for the time of one linearisation.
 """
+SOON = 0.75
+"""A palm sphere is gathered with the others where its slack is less than this share of the reach."""
 FLAT = np.inf
 """Radius of curvature of a face [m]."""
 
 CANDIDATES = np.dtype(
     [
-        ("face", np.float64, (FACE_FIELDS, ROOM)),
-        ("edge", np.float64, (EDGE_FIELDS, ROOM)),
-        ("vertex", np.float64, (3, ROOM)),
-        ("face_index", np.int64, (ROOM,)),
-        ("edge_index", np.int64, (ROOM,)),
-        ("vertex_index", np.int64, (ROOM,)),
+        ("face", np.int64, (ROOM,)),
+        ("edge", np.int64, (ROOM,)),
+        ("vertex", np.int64, (ROOM,)),
         ("face_distance", np.float64, (ROOM,)),
         ("edge_distance", np.float64, (ROOM,)),
         ("vertex_distance", np.float64, (ROOM,)),
@@ -89,8 +88,7 @@ CANDIDATES = np.dtype(
 
 | field | meaning |
 |---|---|
-| face, edge, vertex | as in `MeshFeatures` |
-| face_index, edge_index, vertex_index | their place there |
+| face, edge, vertex | features near the parts, by their place in `MeshFeatures` |
 | face_distance, … | signed distances [m] |
 | edge_parameter, vertex_parameter | s of the witness on the axis [m] |
 | faces, edges, vertices | how many each part has |
@@ -160,68 +158,83 @@ def _gather_part(
     if count < 0 or count > room:
         return -np.inf
     start, one_sided = _start(hand, part), mesh.pseudonormal.shape[0] > 0
-    faces, edges, vertices = candidates.face, candidates.edge, candidates.vertex
-    face_index, edge_index, vertex_index = candidates.face_index, candidates.edge_index, candidates.vertex_index
-    bound, face_bound = candidates.edge_distance, candidates.face_distance
-    for i in range(count):
-        index = -1 - mesh.spheres.first_child[walk.scratch[i]]
-        face_index[start + i] = index
-        for j in range(FACE_FIELDS):
-            faces[j, start + i] = mesh.face[index, j]
-    face_bounds(faces, start, start + count, cone, one_sided, bound, face_bound)
+    face_out, edge_out, vertex_out = candidates.face, candidates.edge, candidates.vertex
+    first_child, face_edge, face_vertex = mesh.spheres.first_child, mesh.face_edge, mesh.face_vertex
+    wing_start, spoke_start = mesh.wing_start, mesh.spoke_start
     tolerance = NEAR_CONE * (cone.radius + reach)
-    face_end, edge_end, vertex_end = start, start, start
-    for i in range(start, start + count):
-        if bound[i] > reach:
-            slack = min(slack, bound[i])
+    faces, edges, vertices = start, start, start
+    for i in range(count):
+        face = -1 - first_child[walk.scratch[i]]
+        triangle, inside = face_bounds(mesh.face, face, cone, one_sided)
+        if triangle > reach:
+            slack = min(slack, triangle)
             continue
-        index = face_index[i]
-        if face_bound[i] > reach:
-            slack = min(slack, face_bound[i])
+        if inside > reach:
+            slack = min(slack, inside)
         else:
-            if face_end < i:
-                face_index[face_end] = index
-                for j in range(FACE_FIELDS):
-                    faces[j, face_end] = faces[j, i]
-            face_end += 1
+            face_out[faces] = face
+            faces += 1
         for k in range(3):
-            own = mesh.face_edge[index, k]
-            if own >= 0:
-                near = edge_bound(
-                    mesh.edge[own], cone, mesh.wing, mesh.wing_start[own], mesh.wing_start[own + 1], tolerance
-                )
+            edge = face_edge[face, k]
+            if edge >= 0:
+                near = edge_bound(mesh.edge, edge, cone, mesh.wing, wing_start[edge], wing_start[edge + 1], tolerance)
                 if near > reach:
                     slack = min(slack, near)
-                elif edge_end >= start + room:
+                elif edges >= start + room:
                     return -np.inf
                 else:
-                    edge_index[edge_end] = own
-                    for j in range(EDGE_FIELDS):
-                        edges[j, edge_end] = mesh.edge[own, j]
-                    edge_end += 1
-            own = mesh.face_vertex[index, k]
-            if own >= 0:
+                    edge_out[edges] = edge
+                    edges += 1
+            vertex = face_vertex[face, k]
+            if vertex >= 0:
                 near = vertex_bound(
-                    mesh.vertex[own], cone, mesh.spoke, mesh.spoke_start[own], mesh.spoke_start[own + 1], tolerance
+                    mesh.vertex, vertex, cone, mesh.spoke, spoke_start[vertex], spoke_start[vertex + 1], tolerance
                 )
                 if near > reach:
                     slack = min(slack, near)
-                elif vertex_end >= start + room:
+                elif vertices >= start + room:
                     return -np.inf
                 else:
-                    vertex_index[vertex_end] = own
-                    for j in range(3):
-                        vertices[j, vertex_end] = mesh.vertex[own, j]
-                    vertex_end += 1
-    candidates.faces[part] = face_end - start
-    candidates.edges[part] = edge_end - start
-    candidates.vertices[part] = vertex_end - start
+                    vertex_out[vertices] = vertex
+                    vertices += 1
+    candidates.faces[part] = faces - start
+    candidates.edges[part] = edges - start
+    candidates.vertices[part] = vertices - start
     return slack
 
 
 @jit
 def _pair_count(candidates: Record, part: int) -> int:
     return candidates.faces[part] + candidates.edges[part] + candidates.vertices[part]
+
+
+@jit
+def _gather_palm(
+    mesh: MeshFeatures, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
+) -> bool:
+    # Only the spheres whose own slack is used up, or soon will be: the others' lists are as good as they were.
+    spheres = hand.palm_radius.shape[0]
+    if spheres > PALM_SPHERES:
+        return False
+    spare, used = candidates.spare, candidates.slack[PALM_BODY]
+    total = 0
+    slack = np.inf
+    for part in range(PALM_BODY, PALM_BODY + spheres):
+        own = used + spare[part]
+        if not own > SOON * reach:
+            own = _gather_part(mesh, hand, pose, part, reach, candidates, walk, work)
+            if own == -np.inf:
+                # What has been gathered anew has no common measure with what has not.
+                candidates.slack[PALM_BODY] = -np.inf
+                return False
+        spare[part] = own
+        slack = min(slack, own)
+        total += _pair_count(candidates, part)
+    for part in range(PALM_BODY, PALM_BODY + spheres):
+        spare[part] = spare[part] - slack if spare[part] < np.inf else np.inf
+    candidates.count[PALM_BODY] = total
+    candidates.slack[PALM_BODY] = slack
+    return True
 
 
 @gather_pairs.of(MeshFeatures)
@@ -243,28 +256,7 @@ def _gather(
         candidates.count[body] = _pair_count(candidates, body)
         candidates.slack[body] = slack
         return True
-    if hand.palm_radius.shape[0] > PALM_SPHERES:
-        return False
-    total = 0
-    slack = np.inf
-    for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
-        own = _gather_part(mesh, hand, pose, part, reach, candidates, walk, work)
-        if own == -np.inf:
-            return False
-        slack = min(slack, own)
-        total += _pair_count(candidates, part)
-    candidates.count[PALM_BODY] = total
-    candidates.slack[PALM_BODY] = slack
-    return True
-
-
-@jit_vector
-def _least(values: Array, start: int, stop: int) -> float:
-    least = 1e300
-    for i in range(start, stop):
-        v = values[i]
-        least = v if v < least else least
-    return least
+    return _gather_palm(mesh, hand, pose, reach, candidates, walk, work)
 
 
 @jit_vector
@@ -276,35 +268,35 @@ def _count_within(distance: Array, start: int, stop: int, limit: float) -> int:
 
 
 @jit
-def _measure_part(hand: HandArrays, pose: Record, part: int, candidates: Record) -> float:
-    start = _start(hand, part)
-    cone = _cone(hand, pose, part)
-    faces, edges, vertices = (
-        start + candidates.faces[part],
-        start + candidates.edges[part],
-        start + candidates.vertices[part],
-    )
-    face_distances(candidates.face[:], start, faces, cone, candidates.face_distance[:])
-    edge_distances(candidates.edge[:], start, edges, cone, candidates.edge_distance[:], candidates.edge_parameter[:])
-    vertex_distances(
-        candidates.vertex[:], start, vertices, cone, candidates.vertex_distance[:], candidates.vertex_parameter[:]
-    )
-    least = _least(candidates.face_distance[:], start, faces)
-    least = min(least, _least(candidates.edge_distance[:], start, edges))
-    return min(least, _least(candidates.vertex_distance[:], start, vertices))
+def _measure_part(mesh: MeshFeatures, hand: HandArrays, pose: Record, part: int, candidates: Record) -> float:
+    start, cone = _start(hand, part), _cone(hand, pose, part)
+    least = np.inf
+    index, distance = candidates.face, candidates.face_distance
+    for i in range(start, start + candidates.faces[part]):
+        distance[i] = face_distance(mesh.face, index[i], cone)
+        least = min(least, distance[i])
+    index, distance, parameter = candidates.edge, candidates.edge_distance, candidates.edge_parameter
+    for i in range(start, start + candidates.edges[part]):
+        distance[i], parameter[i] = edge_distance(mesh.edge, index[i], cone)
+        least = min(least, distance[i])
+    index, distance, parameter = candidates.vertex, candidates.vertex_distance, candidates.vertex_parameter
+    for i in range(start, start + candidates.vertices[part]):
+        distance[i], parameter[i] = vertex_distance(mesh.vertex, index[i], cone)
+        least = min(least, distance[i])
+    return least
 
 
 @measure_pairs.of(MeshFeatures)
 @jit
 def _measure(mesh: MeshFeatures, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
     if body < PALM_BODY:
-        candidates.least[body] = _measure_part(hand, pose, body, candidates)
+        candidates.least[body] = _measure_part(mesh, hand, pose, body, candidates)
         return float(candidates.least[body])
     least = np.inf
     for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
         candidates.least[part] = np.inf
-        if candidates.faces[part] > 0:
-            candidates.least[part] = _measure_part(hand, pose, part, candidates)
+        if _pair_count(candidates, part) > 0:
+            candidates.least[part] = _measure_part(mesh, hand, pose, part, candidates)
             least = min(least, candidates.least[part])
     return least
 
@@ -324,7 +316,7 @@ def _within(mesh: MeshFeatures, hand: HandArrays, candidates: Record, body: int,
         return _within_part(hand, candidates, body, limit)
     within = 0
     for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
-        if candidates.faces[part] > 0 and candidates.least[part] <= limit:
+        if candidates.least[part] <= limit:
             within += _within_part(hand, candidates, part, limit)
     return within
 
@@ -365,25 +357,26 @@ def _face_rows(
     contacts: Record,
 ) -> int:
     ends = 2 if cone.length > 0.0 else 1
-    face, index, distance = candidates.face, candidates.face_index, candidates.face_distance
+    face, index, distance = mesh.face, candidates.face, candidates.face_distance
     for i in range(start, stop):
         if distance[i] > limit:
             continue
-        nx, ny, nz = face[0, i], face[1, i], face[2, i]
+        f = index[i]
+        nx, ny, nz = face[f, 0], face[f, 1], face[f, 2]
         for end in range(ends):
             s = end * cone.length
             x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
             radius = cone.radius - end * cone.drop
-            height = nx * x + ny * y + nz * z - face[3, i]
+            height = nx * x + ny * y + nz * z - face[f, 3]
             if abs(height) - radius > limit:
                 continue
-            if not above(face, i, x, y, z):
+            if not above(face, f, x, y, z):
                 continue
             if row >= contacts.key.shape[0]:
                 return -1
             side = 1.0 if height >= 0.0 else -1.0
             normal = (side * nx, side * ny, side * nz)
-            _write(contacts, row, (x, y, z), normal, radius, abs(height) - radius, FLAT, first_key + 3 * index[i] + end)
+            _write(contacts, row, (x, y, z), normal, radius, abs(height) - radius, FLAT, first_key + 3 * f + end)
             row += 1
     return row
 
@@ -410,8 +403,8 @@ def _edge_rows(
 ) -> int:
     tries = 3 if cone.length > 0.0 else 1
     edge, index, distance, parameter = (
+        mesh.edge,
         candidates.edge,
-        candidates.edge_index,
         candidates.edge_distance,
         candidates.edge_parameter,
     )
@@ -419,7 +412,8 @@ def _edge_rows(
     for i in range(start, stop):
         if distance[i] > limit:
             continue
-        wx, wy, wz = edge[3, i], edge[4, i], edge[5, i]
+        e = index[i]
+        wx, wy, wz = edge[e, 3], edge[e, 4], edge[e, 5]
         for which in range(tries):
             s = parameter[i]
             if which > 0:
@@ -429,16 +423,15 @@ def _edge_rows(
                     continue
                 s = end
             x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
-            dx, dy, dz = x - edge[0, i], y - edge[1, i], z - edge[2, i]
+            dx, dy, dz = x - edge[e, 0], y - edge[e, 1], z - edge[e, 2]
             foot = dx * wx + dy * wy + dz * wz
-            if which > 0 and not -ON <= foot <= edge[6, i] + ON:
+            if which > 0 and not -ON <= foot <= edge[e, 6] + ON:
                 continue
             dx, dy, dz = dx - foot * wx, dy - foot * wy, dz - foot * wz
             size = math.sqrt(dx * dx + dy * dy + dz * dz)
             radius = cone.radius - slope * s
             if which > 0 and size - radius > limit:
                 continue
-            e = index[i]
             if not _in_cone(mesh.wing, mesh.wing_start[e], mesh.wing_start[e + 1], dx, dy, dz, size):
                 continue
             if row >= contacts.key.shape[0]:
@@ -481,8 +474,8 @@ def _vertex_rows(
     contacts: Record,
 ) -> int:
     vertex, index, distance, parameter = (
+        mesh.vertex,
         candidates.vertex,
-        candidates.vertex_index,
         candidates.vertex_distance,
         candidates.vertex_parameter,
     )
@@ -493,7 +486,7 @@ def _vertex_rows(
             continue
         s, v = parameter[i], index[i]
         x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
-        dx, dy, dz = x - vertex[0, i], y - vertex[1, i], z - vertex[2, i]
+        dx, dy, dz = x - vertex[v, 0], y - vertex[v, 1], z - vertex[v, 2]
         size = math.sqrt(dx * dx + dy * dy + dz * dz)
         if not _in_cone(mesh.spoke, mesh.spoke_start[v], mesh.spoke_start[v + 1], dx, dy, dz, size):
             continue
@@ -552,7 +545,7 @@ def _record(
     if body < PALM_BODY:
         return _record_part(mesh, hand, pose, body, candidates, limit, row, contacts)
     for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
-        if candidates.faces[part] > 0 and candidates.least[part] <= limit:
+        if candidates.least[part] <= limit:
             row = _record_part(mesh, hand, pose, part, candidates, limit, row, contacts)
             if row < 0:
                 return -1
@@ -597,7 +590,7 @@ def _corner_distance(mesh: MeshFeatures, face: int, cone: RoundCone) -> tuple[fl
             if not 0.0 < s < cone.length:
                 continue
         x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
-        if above(plane.reshape(-1, 1), 0, x, y, z):
+        if above(mesh.face, face, x, y, z):
             distance = abs(height + s * rise) - cone.radius + slope * s
             if distance < best:
                 best, parameter = distance, s
