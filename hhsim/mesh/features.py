@@ -15,7 +15,7 @@ from hhsim.kernels.mesh.features import (
     EDGE_FIELDS,
     FACE_FIELDS,
     MeshFeatures,
-    sphere_hierarchy,
+    face_spheres,
     touchable_vertices,
 )
 
@@ -98,7 +98,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
 
     corner = np.ascontiguousarray(place[corners].reshape(-1, 9))
     features = MeshFeatures(
-        spheres=sphere_hierarchy(corner),
+        spheres=face_spheres(corner),
         corner=corner,
         face=_faces(place, corners, normal),
         face_edge=face_edge.reshape(-1, 3),

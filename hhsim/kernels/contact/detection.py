@@ -72,11 +72,28 @@ FAR = 4.0
 """A body whose clearance is this many times the reach of a walk has no lists to lose by another walk."""
 
 
+AHEAD = 0.5
+"""A body whose slack is within this share of the skin of what it must be may be gathered ahead of need."""
+
+
 @jit
-def _to_be_gathered(margin: float, skin: float, candidates: Record, body: int) -> bool:
-    # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
-    slack, fresh = candidates.slack[body], candidates.fresh[body]
-    return slack < margin or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
+def choose_gathers(margin: float, skin: float, candidates: Record) -> None:
+    """Say which bodies are to be gathered: those that must be, and where none must, the one that will soonest.
+
+    Bodies that move together would else be gathered together, and their tick take many times another's.
+    """
+    soonest, least = -1, margin + AHEAD * skin
+    for body in range(BODY_COUNT):
+        # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
+        slack, fresh = candidates.slack[body], candidates.fresh[body]
+        due = slack < margin or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
+        candidates.due[body] = 1 if due else 0
+        if due:
+            least = -np.inf
+        elif slack < least and slack < fresh:
+            soonest, least = body, slack
+    if soonest >= 0 and least > -np.inf:
+        candidates.due[soonest] = 2
 
 
 @jit_inline
@@ -98,7 +115,7 @@ def evaluate_range(
     """
     status = 0
     for body in range(first, last):
-        if not _to_be_gathered(margin, skin, candidates, body):
+        if candidates.due[body] == 0:
             continue
         work[COUNT_GATHERS] += 1
         gathered = False
@@ -124,15 +141,15 @@ WALK_COST = 2000
 
 
 @jit_once
-def part_cost(margin: float, skin: float, part: int, candidates: Record) -> int:
+def part_cost(part: int, candidates: Record) -> int:
     """What `evaluate_range` will cost for a finger (0 to 4) or the palm (5), roughly, in distances."""
     if part == FINGER_COUNT:
-        walk = 10 * WALK_COST if _to_be_gathered(margin, skin, candidates, as_int64(PALM_BODY)) else 0
+        walk = 10 * WALK_COST if candidates.due[PALM_BODY] > 0 else 0
         return walk + candidates.count[PALM_BODY]
     cost = 0
     for body in range(PHALANX_COUNT * part, PHALANX_COUNT * (part + 1)):
         cost += candidates.count[body]
-        if _to_be_gathered(margin, skin, candidates, body):
+        if candidates.due[body] > 0:
             cost += WALK_COST
     return cost
 
@@ -163,6 +180,7 @@ def evaluate(
     Returns:
         0, or FULL.
     """
+    choose_gathers(margin, skin, candidates)
     walk = Walk(candidates.stack[:], candidates.scratch[:])
     first, last = as_int64(0), as_int64(BODY_COUNT)
     return evaluate_range(hand, pose, surface, margin, skin, first, last, candidates, walk, work[:])

@@ -21,6 +21,7 @@ SHARED_CANDIDATES = [
     ("slack", np.float64, (BODY_COUNT,)),
     ("fresh", np.float64, (BODY_COUNT,)),
     ("nearest", np.float64, (BODY_COUNT,)),
+    ("due", np.int64, (BODY_COUNT,)),
 ]
 """Fields of the candidates of every surface.
 
@@ -29,6 +30,7 @@ SHARED_CANDIDATES = [
 | count | pairs of each body |
 | slack | least distance that any piece left out can still have [m]; negative infinity: to be gathered |
 | fresh | slack when the body was gathered [m] |
+| due | 1 where the body is to be gathered now, 2 where ahead of need, else 0 |
 | nearest | least signed distance of each body, infinite where it has no pair [m] |
 
 And two of the surface's own size, int64: `scratch` and `stack`, for a walk.

@@ -132,7 +132,7 @@ def face_bounds(face: Array, i: int, cone: RoundCone, one_sided: bool) -> tuple[
 
     Returns:
         For the whole triangle, by its plane and sides; and for the inside of the face: besides, an end of the axis must
-        come above it.
+        come above it. (Its sides and corners are met from behind too, by way of the faces that they share.)
     """
     nx, ny, nz, height = face[i, 0], face[i, 1], face[i, 2], face[i, 3]
     ax, ay, az, radius, drop = cone.x, cone.y, cone.z, cone.radius, cone.drop
@@ -142,15 +142,14 @@ def face_bounds(face: Array, i: int, cone: RoundCone, one_sided: bool) -> tuple[
     over = min(first - radius, second - radius + drop)
     under = min(-first - radius, -second - radius + drop)
     bound = max(over, under)
-    if one_sided:
-        bound = max(bound, -max(first, second))
+    behind = -max(first, second) if one_sided else -ELSEWHERE
     first_beside, second_beside = -ELSEWHERE, -ELSEWHERE
     for k in range(4, FACE_FIELDS, 4):
         mx, my, mz, side = face[i, k], face[i, k + 1], face[i, k + 2], face[i, k + 3]
         first_out, second_out = side - mx * ax - my * ay - mz * az, side - mx * bx - my * by - mz * bz
         bound = max(bound, min(first_out - radius, second_out - radius + drop))
         first_beside, second_beside = max(first_beside, first_out), max(second_beside, second_out)
-    return bound, max(bound, min(first_beside, second_beside))
+    return bound, max(max(bound, behind), min(first_beside, second_beside))
 
 
 @jit_inline

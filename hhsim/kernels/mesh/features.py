@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating
+from hhsim.kernels.jit import jit, jit_allocating, jit_inline, jit_vector
 from hhsim.kernels.kd_tree import select
-from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.round_cone_distance import RoundCone
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -23,11 +23,26 @@ Indices = NDArray[np.int64]
 BRANCHING = 8
 ALONG = 1e-9
 """Sine of an angle that is none."""
+NOWHERE = 1e150
+"""Centre of the spheres that fill up a block [m]: no walk gets there."""
 FACE_FIELDS = 16
 """Of a face: its unit normal n and n · x on it, then for each side the unit normal m in the plane, inward, and m · x on
 the side [m]."""
 EDGE_FIELDS = 7
 """Of an edge: its first end [m], the unit vector along it, its length [m]."""
+
+
+class FaceSpheres(NamedTuple):
+    """Spheres around faces, in groups of eight of eight: block 0 is the root's.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | block | x, y, z and radius of the eight spheres of each group [m] | (N, 4, 8) |
+    | child | each one's own block, or -1 - face | (N, 8) |
+    """
+
+    block: Array
+    child: Indices
 
 
 class MeshFeatures(NamedTuple):
@@ -38,7 +53,7 @@ class MeshFeatures(NamedTuple):
 
     | field | meaning | shape |
     |---|---|---|
-    | spheres | around the faces and around groups of them; a leaf's first child is -1 - its face | |
+    | spheres | around the faces and around groups of them | |
     | corner | a, b, c of each face [m] | (F, 9) |
     | face | see `FACE_FIELDS` | (F, 16) |
     | face_edge | edges that belong to the face, -1 for none | (F, 3) |
@@ -52,7 +67,7 @@ class MeshFeatures(NamedTuple):
     | pseudonormal | outward, by the feature codes of `closest_on_triangle`; no rows where nothing is inside | (F, 7, 3) |
     """
 
-    spheres: TreeArrays
+    spheres: FaceSpheres
     corner: Array
     face: Array
     face_edge: Indices
@@ -136,63 +151,115 @@ def _halve(middle: Array, order: Indices, start: int, end: int) -> int:
 
 
 @jit_allocating
-def sphere_hierarchy(corner: Array) -> TreeArrays:
-    """Spheres around faces, shape (F, 9), in groups of eight: by halving at the median of the widest axis, three times.
-
-    Breadth first, as `TreeArrays`; a leaf's first child is -1 - its face.
-    """
+def face_spheres(corner: Array) -> FaceSpheres:
+    """Spheres around faces, shape (F, 9), in groups of eight: by halving at the median of the widest axis, three times."""
     faces = corner.shape[0]
     middle = np.empty((3, faces))
     for i in range(faces):
         for m in range(3):
             middle[m, i] = (corner[i, m] + corner[i, 3 + m] + corner[i, 6 + m]) / 3.0
     order = np.arange(faces)
-    most = 2 * faces + 8
-    x, y, z, radius = np.empty(most), np.empty(most), np.empty(most), np.empty(most)
-    first_child, child_count = np.full(most, -1), np.zeros(most, np.int64)
+    most = faces + 1
+    block, child = np.full((most, 4, BRANCHING), NOWHERE), np.full((most, BRANCHING), -1)
+    block[:, 3] = 0.0
     start, end = np.empty(most, np.int64), np.empty(most, np.int64)
     bound = np.empty(BRANCHING + 1, np.int64)
     center = np.empty(3)
     start[0], end[0] = 0, faces
-    nodes, node = 1, 0
-    while node < nodes:
-        s, e = start[node], end[node]
-        if e - s == 1:
-            _triangle_sphere(corner[order[s]], center)
-            first_child[node] = -1 - order[s]
-        else:
-            _middle_of_box(corner, order, s, e, center)
-            pieces = 1
-            bound[0], bound[1] = s, e
-            while pieces < BRANCHING:
-                # Halve every piece that has more than one face; the pieces stay in order.
-                last = pieces
-                for i in range(last - 1, -1, -1):
-                    low, high = bound[i], bound[i + 1]
-                    if high - low > 1 and pieces < BRANCHING:
-                        half = _halve(middle, order, low, high)
-                        for j in range(pieces, i, -1):
-                            bound[j + 1] = bound[j]
-                        bound[i + 1] = half
-                        pieces += 1
-                if pieces == last:
-                    break
-            first_child[node], child_count[node] = nodes, pieces
-            for i in range(pieces):
-                start[nodes + i], end[nodes + i] = bound[i], bound[i + 1]
-            nodes += pieces
-        x[node], y[node], z[node] = center[0], center[1], center[2]
-        radius[node] = _reach(corner, order, s, e, center)
+    blocks, node = 1, 0
+    while node < blocks:
+        pieces = 1
+        bound[0], bound[1] = start[node], end[node]
+        while pieces < BRANCHING:
+            # Halve every piece that has more than one face; the pieces stay in order.
+            last = pieces
+            for i in range(last - 1, -1, -1):
+                low, high = bound[i], bound[i + 1]
+                if high - low > 1 and pieces < BRANCHING:
+                    half = _halve(middle, order, low, high)
+                    for j in range(pieces, i, -1):
+                        bound[j + 1] = bound[j]
+                    bound[i + 1] = half
+                    pieces += 1
+            if pieces == last:
+                break
+        for i in range(pieces):
+            low, high = bound[i], bound[i + 1]
+            if high - low == 1:
+                _triangle_sphere(corner[order[low]], center)
+                child[node, i] = -1 - order[low]
+            else:
+                _middle_of_box(corner, order, low, high, center)
+                child[node, i] = blocks
+                start[blocks], end[blocks] = low, high
+                blocks += 1
+            for m in range(3):
+                block[node, m, i] = center[m]
+            block[node, 3, i] = _reach(corner, order, low, high, center)
         node += 1
-    return TreeArrays(
-        x[:nodes].copy(),
-        y[:nodes].copy(),
-        z[:nodes].copy(),
-        radius[:nodes].copy(),
-        first_child[:nodes].copy(),
-        child_count[:nodes].copy(),
-        nodes - faces,
-    )
+    return FaceSpheres(block[:blocks].copy(), child[:blocks].copy())
+
+
+@jit_inline
+def block_distance(block: Array, node: int, i: int, cone: RoundCone) -> float:
+    """Signed distance [m] of a round cone to sphere i of a block."""
+    dx, dy, dz = block[node, 0, i] - cone.x, block[node, 1, i] - cone.y, block[node, 2, i] - cone.z
+    t = dx * cone.ux + dy * cone.uy + dz * cone.uz
+    px, py, pz = dx - t * cone.ux, dy - t * cone.uy, dz - t * cone.uz
+    h2 = px * px + py * py + pz * pz
+    s = t - math.sqrt(h2) * cone.tan_slope
+    s = 0.0 if s < 0.0 else s
+    s = cone.length if s > cone.length else s
+    away = math.sqrt(h2 + (t - s) * (t - s))
+    return away - cone.radius + cone.drop * cone.inverse_length * s - block[node, 3, i]
+
+
+@jit_vector
+def _block_distances(block: Array, node: int, cone: RoundCone, distance_out: Array) -> None:
+    for i in range(BRANCHING):
+        distance_out[i] = block_distance(block, node, i, cone)
+
+
+@jit
+def gather_faces(
+    spheres: FaceSpheres, cone: RoundCone, reach: float, stack: Indices, near: Array, face_out: Indices
+) -> tuple[int, float, int]:
+    """Faces whose spheres are within `reach` [m] of a round cone.
+
+    Args:
+        spheres: Around the faces.
+        cone: The body.
+        reach: [m].
+        stack: Workspace, shape (STACK_SIZE,).
+        near: Workspace, shape (8,).
+        face_out: The faces; as many as there is room for.
+
+    Returns:
+        (count, clearance, tests) as `kernels.sphere_tree.gather_round_cone`.
+    """
+    clearance = np.inf
+    count, tests = 0, 0
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        _block_distances(spheres.block, node, cone, near)
+        tests += 1
+        for i in range(BRANCHING):
+            if near[i] > reach:
+                clearance = min(clearance, near[i])
+                continue
+            child = spheres.child[node, i]
+            if child >= 0:
+                stack[top] = child
+                top += 1
+            elif count >= face_out.shape[0]:
+                return -1, 0.0, tests
+            else:
+                face_out[count] = -1 - child
+                count += 1
+    return count, clearance, tests
 
 
 @jit

@@ -37,9 +37,9 @@ from hhsim.kernels.mesh.feature_distance import (
     vertex_distance,
     vertex_witness,
 )
-from hhsim.kernels.mesh.features import MeshFeatures
+from hhsim.kernels.mesh.features import BRANCHING, NOWHERE, MeshFeatures, block_distance, gather_faces
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
-from hhsim.kernels.sphere_tree import STACK_SIZE, gather_round_cone, node_distance
+from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.triangle import Triangle, closest_on_triangle
 
 Array = NDArray[np.float64]
@@ -58,6 +58,8 @@ NEAR_CONE = 0.03
 Two edges of a face that a phalanx lies on take turns in being the nearest; a body of radius 8 mm is lifted by no more
 than 4 µm for the time of one linearisation.
 """
+LOOK_OUT = 3.0
+AHEAD_SOON = 0.9
 SOON = 0.75
 """A palm sphere is gathered with the others where its slack is less than this share of the reach."""
 FLAT = np.inf
@@ -78,6 +80,7 @@ CANDIDATES = np.dtype(
         ("vertices", np.int64, (PARTS,)),
         ("spare", np.float64, (PARTS,)),
         ("least", np.float64, (PARTS,)),
+        ("near", np.float64, (PARTS, BRANCHING)),
         *SHARED_CANDIDATES,
         ("scratch", np.int64, (PHALANX_ROOM,)),
         ("stack", np.int64, (STACK_SIZE,)),
@@ -94,7 +97,7 @@ CANDIDATES = np.dtype(
 | faces, edges, vertices | how many each part has |
 | spare | slack of each of the palm's spheres beyond that of the palm [m] |
 | least | least distance of each part [m] |
-| scratch, stack | of a walk |
+| near, scratch, stack | of a walk |
 """
 
 
@@ -140,6 +143,11 @@ def _cone(hand: HandArrays, pose: Record, part: int) -> RoundCone:
 
 
 @jit
+def _pair_count(candidates: Record, part: int) -> int:
+    return candidates.faces[part] + candidates.edges[part] + candidates.vertices[part]
+
+
+@jit
 def _gather_part(
     mesh: MeshFeatures,
     hand: HandArrays,
@@ -150,21 +158,23 @@ def _gather_part(
     walk: Walk,
     work: Indices,
 ) -> float:
-    # Returns the part's slack; a negative infinity where there is no room.
+    # Returns the part's slack; a negative infinity where there is no room. A part that was near nothing looks farther
+    # than it lists, for a slack that lasts.
     cone = _cone(hand, pose, part)
-    count, slack, tests = gather_round_cone(mesh.spheres, cone, reach, walk.stack, walk.scratch)
+    wide = reach if _pair_count(candidates, part) > 0 else LOOK_OUT * reach
+    count, slack, tests = gather_faces(mesh.spheres, cone, wide, walk.stack, candidates.near[part], walk.scratch)
     work[COUNT_NODE_TESTS] += tests
     room = PHALANX_ROOM if part < PALM_BODY else _palm_room(hand)
     if count < 0 or count > room:
         return -np.inf
     start, one_sided = _start(hand, part), mesh.pseudonormal.shape[0] > 0
     face_out, edge_out, vertex_out = candidates.face, candidates.edge, candidates.vertex
-    first_child, face_edge, face_vertex = mesh.spheres.first_child, mesh.face_edge, mesh.face_vertex
+    face_edge, face_vertex = mesh.face_edge, mesh.face_vertex
     wing_start, spoke_start = mesh.wing_start, mesh.spoke_start
     tolerance = NEAR_CONE * (cone.radius + reach)
     faces, edges, vertices = start, start, start
     for i in range(count):
-        face = -1 - first_child[walk.scratch[i]]
+        face = walk.scratch[i]
         triangle, inside = face_bounds(mesh.face, face, cone, one_sided)
         if triangle > reach:
             slack = min(slack, triangle)
@@ -203,9 +213,16 @@ def _gather_part(
     return slack
 
 
-@jit
-def _pair_count(candidates: Record, part: int) -> int:
-    return candidates.faces[part] + candidates.edges[part] + candidates.vertices[part]
+@jit_inline
+def _group_cone(hand: HandArrays, pose: Record, group: int) -> RoundCone:
+    position, rotation, sphere = pose.position, pose.rotation, hand.palm_group
+    x, y, z = sphere[0, group], sphere[1, group], sphere[2, group]
+    return sphere_cone(
+        position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+        sphere[3, group],
+    )
 
 
 @jit
@@ -217,19 +234,41 @@ def _gather_palm(
     if spheres > PALM_SPHERES:
         return False
     spare, used = candidates.spare, candidates.slack[PALM_BODY]
+    # Ahead of need only a few of them are, in a tick that has nothing else to gather.
+    soon = (SOON if candidates.due[PALM_BODY] == 1 else AHEAD_SOON) * reach
     total = 0
     slack = np.inf
-    for part in range(PALM_BODY, PALM_BODY + spheres):
-        own = used + spare[part]
-        if not own > SOON * reach:
-            own = _gather_part(mesh, hand, pose, part, reach, candidates, walk, work)
-            if own == -np.inf:
-                # What has been gathered anew has no common measure with what has not.
-                candidates.slack[PALM_BODY] = -np.inf
-                return False
-        spare[part] = own
-        slack = min(slack, own)
-        total += _pair_count(candidates, part)
+    for group in range(hand.palm_group_start.shape[0] - 1):
+        first, last = PALM_BODY + hand.palm_group_start[group], PALM_BODY + hand.palm_group_start[group + 1]
+        due, listed = 0, 0
+        for part in range(first, last):
+            due += 0 if used + spare[part] > soon else 1
+            listed += _pair_count(candidates, part)
+        if due > 1 and listed == 0:
+            # Where the sphere around a group is near nothing, nor is any of them.
+            count, clearance, tests = gather_faces(
+                mesh.spheres,
+                _group_cone(hand, pose, group),
+                LOOK_OUT * reach,
+                walk.stack,
+                candidates.near[PALM_BODY],
+                walk.scratch,
+            )
+            work[COUNT_NODE_TESTS] += tests
+            if count == 0:
+                for part in range(first, last):
+                    spare[part] = max(used + spare[part], clearance) - used
+        for part in range(first, last):
+            own = used + spare[part]
+            if not own > soon:
+                own = _gather_part(mesh, hand, pose, part, reach, candidates, walk, work)
+                if own == -np.inf:
+                    # What has been gathered anew has no common measure with what has not.
+                    candidates.slack[PALM_BODY] = -np.inf
+                    return False
+            spare[part] = own
+            slack = min(slack, own)
+            total += _pair_count(candidates, part)
     for part in range(PALM_BODY, PALM_BODY + spheres):
         spare[part] = spare[part] - slack if spare[part] < np.inf else np.inf
     candidates.count[PALM_BODY] = total
@@ -609,26 +648,17 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
     while top > 0:
         top -= 1
         node = stack[top]
-        if node_distance(spheres, cone, node) > best:
-            continue
-        first = spheres.first_child[node]
-        if first < 0:
-            distance, s = _corner_distance(mesh, -1 - first, cone)
-            if distance < best:
-                best, found, parameter = distance, -1 - first, s
-            continue
-        nearest = np.inf
-        for child in range(first, first + spheres.child_count[node]):
-            distance = node_distance(spheres, cone, child)
-            if not distance <= best:
+        for i in range(BRANCHING):
+            child, away = spheres.child[node, i], block_distance(spheres.block, node, i, cone)
+            if not away <= best or away > 0.1 * NOWHERE:
                 continue
-            stack[top] = child
-            if nearest < distance:
-                # The nearest stays on top and is looked at first: the others may then be too far.
-                stack[top], stack[top - 1] = stack[top - 1], stack[top]
+            if child < 0:
+                distance, s = _corner_distance(mesh, -1 - child, cone)
+                if distance < best:
+                    best, found, parameter = distance, -1 - child, s
             else:
-                nearest = distance
-            top += 1
+                stack[top] = child
+                top += 1
     if signed and found >= 0:
         c = mesh.corner[found]
         x, y, z = cone.x + parameter * cone.ux, cone.y + parameter * cone.uy, cone.z + parameter * cone.uz
@@ -641,7 +671,7 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
 
 
 def _center(mesh: MeshFeatures) -> Array:
-    return np.array([mesh.spheres.x[0], mesh.spheres.y[0], mesh.spheres.z[0]])
+    return mesh.corner.reshape(-1, 3).mean(axis=0)
 
 
 SURFACE = Surface(
