@@ -33,6 +33,7 @@ of a *right* hand (x from thumb to little finger, y to the fingers, z out of the
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -228,6 +229,7 @@ class HandModel:
             palm_radius=np.ascontiguousarray(self.palm_tree.leaf_radius, dtype=np.float64),
             palm_group=group,
             palm_group_start=group_start,
+            palm_box=np.array(list(product(*np.stack([center.min(axis=0), center.max(axis=0)]).T))),
             palm_reach=np.array([np.linalg.norm(center, axis=1).max()]),
         )
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, HandArrays
 from hhsim.kernels.jit import Record, generic
 from hhsim.kernels.round_cone_distance import RoundCone
 
@@ -20,6 +20,7 @@ SHARED_CANDIDATES = [
     ("count", np.int64, (BODY_COUNT,)),
     ("slack", np.float64, (BODY_COUNT,)),
     ("fresh", np.float64, (BODY_COUNT,)),
+    ("anchor", np.float64, (BODY_COUNT, BOX_CORNERS, 3)),
     ("nearest", np.float64, (BODY_COUNT,)),
     ("due", np.int64, (BODY_COUNT,)),
 ]
@@ -29,7 +30,8 @@ SHARED_CANDIDATES = [
 |---|---|
 | count | pairs of each body |
 | slack | least distance that any piece left out can still have [m]; negative infinity: to be gathered |
-| fresh | slack when the body was gathered [m] |
+| fresh | slack when the body was gathered [m]; negative infinity before that, infinity where it never is |
+| anchor | where the body was then: the ends of its axis, or the corners of a box around the palm's centres [m] |
 | due | 1 where the body is to be gathered now, 2 where ahead of need, else 0 |
 | nearest | least signed distance of each body, infinite where it has no pair [m] |
 

@@ -23,7 +23,7 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.jit import Record, jit, jit_inline, jit_once, jit_vector
 from hhsim.kernels.mesh.feature_distance import (
     ELSEWHERE,
     ON,

@@ -109,7 +109,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
     pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
-    if state.thread_team.members > 1 and worth_sharing(margin, skin, candidates, state.thread_team):
+    if state.thread_team.members > 1 and worth_sharing(hand, pose, margin, skin, candidates, state.thread_team):
         return evaluate_in_parallel(hand, pose, surface, margin, skin, candidates, state.thread_team, state.work)
     return evaluate(hand, pose, surface, margin, skin, candidates, state.work)
 
@@ -227,7 +227,6 @@ def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
 def _take_back(state: Record) -> None:
     copy_configuration(state.safe, state.pose)
     for body in range(BODY_COUNT):
-        state.candidates.slack[body] -= state.since_safe[body]
         state.since_safe[body] = 0.0
     state.bad_steps = 0
 
@@ -317,9 +316,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     fraction, longest = _shortening(hand, options, state)
     move(state.pose, step.delta, problem.abduction_step, fraction)
     for body in range(BODY_COUNT):
-        moved = fraction * state.motion[body]
-        candidates.slack[body] -= moved
-        state.since_safe[body] += moved
+        state.since_safe[body] += fraction * state.motion[body]
     status = evaluate_pose(hand, surface, options, state)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
     state.moved += fraction * longest
@@ -471,7 +468,6 @@ def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, sta
     state = states[0]
     for body in range(BODY_COUNT):
         # A body that the scene does not use is never due for a walk and never near.
-        state.candidates.slack[body] = -np.inf if state.modelled[body] == 1 else np.inf
+        state.candidates.fresh[body] = -np.inf if state.modelled[body] == 1 else np.inf
         state.candidates.count[body] = 0
-        state.candidates.fresh[body] = 0.0
     return evaluate_pose(hand, surface, options, state)
