@@ -4,11 +4,11 @@ Two stages. *Gathering* walks the object's hierarchy once for a body with a marg
 into contiguous arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time
 the hand moves.
 
-No pair is missed. When a body is gathered, every piece left out is at least `clearance` away. A point of the body is now
-no further from where it then was than an end of its axis is, or a corner of a box around the palm: points between are
-means of them, in both places by the same shares. So every piece left out is still at least slack = clearance - that way
-away. A body is gathered anew before its slack falls below the margin that the next step may use up; hence all pairs
-within the margin are among the gathered ones, at every step.
+No pair is missed. When a body is gathered, every piece left out is at least `clearance` away. A point of the body is
+now no further from where it then was than an end of its axis is, or a corner of a box around the palm: points between
+are means of them, in both places by the same shares. So every piece left out is still at least
+slack = clearance - that way away. A body is gathered anew before its slack falls below the margin that the next step
+may use up; hence all pairs within the margin are among the gathered ones, at every step.
 """
 
 import math
@@ -62,7 +62,7 @@ CONTACTS = np.dtype(
 | normal | unit vector from the object to the hand, world |
 | straight | unit vector along which the object is straight there, as an edge is; zero where it is not |
 | distance | signed [m], negative inside |
-| hand_radius, object_radius | radii of curvature of the two surfaces at the contact [m]; the object's infinite on a face |
+| hand_radius, object_radius | radii of curvature of the two surfaces at the contact [m]; infinite on a face |
 | slides | 1 where the nearest point of the phalanx can slide along its axis, else 0 |
 | start | first record of the palm, of each finger, and the end |
 | phalanx_end | where the records of each phalanx end |

@@ -47,6 +47,7 @@ def face_normals(vertices: Array, faces: Indices) -> Array:
 
 
 def pseudonormals(vertices: Array, faces: Indices) -> Array:
+    """Outward angle-weighted normals by the features of `closest_on_triangle`, not of unit length, shape (F, 7, 3)."""
     normal = face_normals(vertices, faces)
     result = np.empty((len(faces), 7, 3))
     result[:, 0] = normal

@@ -1,7 +1,7 @@
 """Signed distances in closed form: round cone to vertices, edges and faces of a mesh.
 
-A round cone is the union of the spheres with centre x(s) on its axis and radius r(s) = r_a - k s, 0 <= s <= l, here with
-s in metres. Its distance to a convex piece of the mesh is convex in s, so that there is one minimum.
+A round cone is the union of the spheres with centre x(s) on its axis and radius r(s) = r_a - k s, 0 <= s <= l, here
+with s in metres. Its distance to a convex piece of the mesh is convex in s, so that there is one minimum.
 
 Vertex: as a sphere of radius 0 (`kernels.round_cone_distance`). Edge: without the component along the edge the axis is
 a straight line q(s) = q_0 + s q_1 in a plane, and |q(s)| + k s is least at

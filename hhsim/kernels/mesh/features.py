@@ -64,7 +64,7 @@ class MeshFeatures(NamedTuple):
     | vertex | [m] | (V, 3) |
     | spoke_start | first spoke of each vertex, and the end | (V + 1,) |
     | spoke | unit vectors from a vertex along its edges | (·, 3) |
-    | pseudonormal | outward, by the feature codes of `closest_on_triangle`; no rows where nothing is inside | (F, 7, 3) |
+    | pseudonormal | outward, by the features of `closest_on_triangle`; no rows where nothing is inside | (F, 7, 3) |
     """
 
     spheres: FaceSpheres
@@ -152,7 +152,7 @@ def _halve(middle: Array, order: Indices, start: int, end: int) -> int:
 
 @jit_allocating
 def face_spheres(corner: Array) -> FaceSpheres:
-    """Spheres around faces, shape (F, 9), in groups of eight: by halving at the median of the widest axis, three times."""
+    """Spheres around faces, shape (F, 9), in groups of eight: halved at the median of the widest axis, three times."""
     faces = corner.shape[0]
     middle = np.empty((3, faces))
     for i in range(faces):
