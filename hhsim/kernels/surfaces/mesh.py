@@ -162,10 +162,14 @@ def _gather_part(
     # than it lists, for a slack that lasts.
     cone = _cone(hand, pose, part)
     wide = reach if _pair_count(candidates, part) > 0 else LOOK_OUT * reach
-    count, slack, tests = gather_faces(mesh.spheres, cone, wide, walk.stack, candidates.near[part], walk.scratch)
+    near, found = candidates.near[part], walk.scratch
+    count, slack, tests = gather_faces(mesh.spheres, cone, wide, walk.stack, near, found)
     work[COUNT_NODE_TESTS] += tests
+    if count < 0 and wide > reach:
+        count, slack, tests = gather_faces(mesh.spheres, cone, reach, walk.stack, near, found)
+        work[COUNT_NODE_TESTS] += tests
     room = PHALANX_ROOM if part < PALM_BODY else _palm_room(hand)
-    if count < 0 or count > room:
+    if count < 0:
         return -np.inf
     start, one_sided = _start(hand, part), mesh.pseudonormal.shape[0] > 0
     face_out, edge_out, vertex_out = candidates.face, candidates.edge, candidates.vertex
@@ -174,7 +178,7 @@ def _gather_part(
     tolerance = NEAR_CONE * (cone.radius + reach)
     faces, edges, vertices = start, start, start
     for i in range(count):
-        face = walk.scratch[i]
+        face = found[i]
         triangle, inside = face_bounds(mesh.face, face, cone, one_sided)
         if triangle > reach:
             slack = min(slack, triangle)
@@ -182,6 +186,8 @@ def _gather_part(
         if inside > reach:
             slack = min(slack, inside)
         else:
+            if faces >= start + room:
+                return -np.inf
             face_out[faces] = face
             faces += 1
         for k in range(3):
