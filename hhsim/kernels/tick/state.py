@@ -81,6 +81,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
     | full | this tick met more pairs than the arrays hold |
     | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
+    | unfinished | a tick came nowhere, and the hand has not arrived since: the next begins with what it found out |
     | work | counters of this tick |
     | excess | workspace of `kernels.contact.redundant_contacts` |
     | stiffness | G |
@@ -120,6 +121,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("latch_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
             ("start_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
             ("accepted", np.bool_),
+            ("unfinished", np.bool_),
             ("full", np.bool_),
             ("bad_steps", np.int64),
             ("work", np.int64, (WORK_COUNTERS,)),

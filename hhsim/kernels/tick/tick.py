@@ -76,6 +76,11 @@ REACH_GROWTH = 4.0
 
 A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin.
 """
+TRUST_DECAY = 0.25
+TRUST_GROWTH = 4.0
+LEAST_TRUST = 1e-6
+"""What is left of the longest step after penetrating ones, what it grows by, and the share of the margin that is none.
+"""
 LATCH_MARGINS = 10.0
 """How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
@@ -140,16 +145,31 @@ def switch_to_coupled(state: Record) -> None:
     copy_values(state.haptic.joints[:], state.latch_joints[:])
 
 
+@jit_once
+def _take_over(options: TickOptions, state: Record) -> None:
+    # A tick whose work ran out before it came anywhere would else begin the next one as it began, for ever: what it
+    # found too long, or without solution, is not tried again until the hand has arrived.
+    if state.unfinished:
+        if state.accepted:
+            state.trust = min(options.margin, TRUST_GROWTH * state.trust)
+        elif state.bad_steps > 0:
+            state.trust *= TRUST_DECAY
+    if not state.unfinished or state.trust < LEAST_TRUST * options.margin:
+        state.unfinished = False
+        state.trust = options.margin
+        state.relaxed = False
+        state.hold_abduction = False
+        state.in_one_program = state.decoupling_latched
+
+
 @jit
 def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     copy_configuration(state.pose, state.safe)
     for body in range(BODY_COUNT):
         state.since_safe[body] = 0.0
-    state.relaxed = False
-    state.hold_abduction = False
     state.decoupling_latched = _stays_latched(options, state)
-    state.in_one_program = state.decoupling_latched
+    _take_over(options, state)
     state.progressive.variables = 6
     state.accepted = False
     state.full = False
@@ -157,7 +177,6 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.work[:] = 0
     state.step.duration[:] = 0
     state.step.iterations = 0
-    state.trust = options.margin
     # What moves as fast as in the last tick, or stands still, needs no more; what does not, gains reach as it goes.
     state.reach = min(options.margin, max(REACH_FLOOR * options.step_tolerance, REACH_PACE * state.moved))
     state.moved = 0.0
@@ -243,7 +262,7 @@ def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
         moved += state.since_safe[body]
     if moved > 0.0:
         _take_back(state)
-        state.trust *= 0.25
+        state.trust *= TRUST_DECAY
         state.full = evaluate_pose(hand, surface, options, state) != 0
         return not state.full
     if not state.hold_abduction:
@@ -348,7 +367,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
                 switch_to_coupled(state)
             _take_back(state)
             state.lag = wanted
-            state.trust *= 0.25
+            state.trust *= TRUST_DECAY
             state.full = evaluate_pose(hand, surface, options, state) != 0
             done = state.full
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
@@ -397,8 +416,10 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     unsafe = 0.0
     for body in range(BODY_COUNT):
         unsafe += state.since_safe[body]
+    bad_steps = state.bad_steps
     if unsafe > 0.0:
         _take_back(state)
+        state.bad_steps = bad_steps
         if evaluate_pose(hand, surface, options, state) != 0:
             status |= STATUS_CAPACITY_EXCEEDED
     if state.full:
@@ -408,6 +429,7 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
         state.lag = np.inf
     elif state.lag > 0.0:
         status |= STATUS_LAG
+    state.unfinished = not state.accepted or (state.unfinished and state.lag > 0.0)
     if state.accepted and state.hold_abduction:
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
