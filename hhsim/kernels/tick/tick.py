@@ -36,7 +36,7 @@ from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
-from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program, tick
+from hhsim.kernels.tick.method import WAY_STEPS, Coupled, Progressive, is_oscillating, is_strained, solve_program, tick
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -162,6 +162,19 @@ def _take_over(options: TickOptions, state: Record) -> None:
         state.in_one_program = state.decoupling_latched
 
 
+@jit_once
+def _follow_way(state: Record) -> None:
+    # A tick of few linearisations is too short to see whether the hand goes to and fro: several make one way.
+    if state.lag > 0.0 and state.way_steps < WAY_STEPS:
+        state.way_steps += state.work[WORK_LINEARISATIONS]
+        state.way_moved += state.moved
+    else:
+        state.way_steps = 0
+        state.way_moved = 0.0
+        copy_values(state.pose.joints[:], state.way_joints[:])
+    state.work[:] = 0
+
+
 @jit
 def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
@@ -174,14 +187,13 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.accepted = False
     state.full = False
     state.bad_steps = 0
-    state.work[:] = 0
     state.step.duration[:] = 0
     state.step.iterations = 0
     # What moves as fast as in the last tick, or stands still, needs no more; what does not, gains reach as it goes.
     state.reach = min(options.margin, max(REACH_FLOOR * options.step_tolerance, REACH_PACE * state.moved))
+    _follow_way(state)
     state.moved = 0.0
     state.lag = 0.0
-    copy_values(state.pose.joints[:], state.start_joints[:])
 
 
 @jit
