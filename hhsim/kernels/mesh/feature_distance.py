@@ -29,10 +29,11 @@ Array = NDArray[np.float64]
 ELSEWHERE = 1e300
 """Stands for a feature whose nearest point belongs to another one [m]."""
 ON = 1e-9
-"""A foot this far beyond the end of an edge or the side of a face still lies on it [m]: between two features of a
-surface there is no gap."""
-PARALLEL = 1e-14
-"""Squared sine of an angle under which axis and edge are parallel: every point of the axis is as near."""
+"""A foot this far beyond the end of an edge, or at most so far beyond the side of a face, still lies on it [m]: between
+two features of a surface there is no gap."""
+PARALLEL = 1e-25
+"""Squared sine of an angle under which axis and edge are parallel: where on the axis the distance is least is rounding,
+and it is less by 1e-14 m at most."""
 
 
 @jit_inline
@@ -103,7 +104,7 @@ def above(face: Array, i: int, x: float, y: float, z: float) -> bool:
             ),
             face[i, 12] * x + face[i, 13] * y + face[i, 14] * z - face[i, 15],
         )
-        >= -ON
+        >= 0.0
     )
 
 

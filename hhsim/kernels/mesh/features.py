@@ -26,8 +26,8 @@ ALONG = 1e-9
 NOWHERE = 1e150
 """Centre of the spheres that fill up a block [m]: no walk gets there."""
 FACE_FIELDS = 16
-"""Of a face: its unit normal n and n · x on it, then for each side the unit normal m in the plane, inward, and m · x on
-the side [m]."""
+"""Of a face: its unit normal n and n · x on it, then for each side the unit normal m in the plane, inward, and the
+least m · x that counts as inside [m]: a little less than on the side itself."""
 EDGE_FIELDS = 7
 """Of an edge: its first end [m], the unit vector along it, its length [m]."""
 

@@ -455,12 +455,15 @@ def _edge_rows(
     )
     slope = cone.drop * cone.inverse_length
     for i in range(start, stop):
-        if distance[i] > limit:
+        # Where the nearest point of the axis is beyond the edge, an end of it may still be over it.
+        if limit < distance[i] < ELSEWHERE:
             continue
         e = index[i]
         wx, wy, wz = edge[e, 3], edge[e, 4], edge[e, 5]
         for which in range(tries):
             s = parameter[i]
+            if which == 0 and distance[i] == ELSEWHERE:
+                continue
             if which > 0:
                 # The ends of a phalanx that lies along the edge.
                 end = (which - 1) * cone.length
