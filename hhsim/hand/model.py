@@ -33,6 +33,7 @@ of a *right* hand (x from thumb to little finger, y to the fingers, z out of the
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -208,6 +209,7 @@ class HandModel:
             for i in range(k + 1):
                 lever[:, k, i] = self.length[:, i : k + 1].sum(axis=1)
         center = np.ascontiguousarray(self.palm_tree.leaf_center, dtype=np.float64)
+        group, group_start = _palm_groups(self.palm_tree)
         return HandArrays(
             base=self.base.copy(),
             distal=self.distal.copy(),
@@ -225,6 +227,9 @@ class HandModel:
             palm_y=np.ascontiguousarray(center[:, 1]),
             palm_z=np.ascontiguousarray(center[:, 2]),
             palm_radius=np.ascontiguousarray(self.palm_tree.leaf_radius, dtype=np.float64),
+            palm_group=group,
+            palm_group_start=group_start,
+            palm_box=np.array(list(product(*np.stack([center.min(axis=0), center.max(axis=0)]).T))),
             palm_reach=np.array([np.linalg.norm(center, axis=1).max()]),
         )
 
@@ -345,6 +350,15 @@ def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
         palm_tree=tree,
         **{key: np.ascontiguousarray(value) for key, value in arrays.items()},
     )
+
+
+def _palm_groups(tree: SphereTree) -> tuple[FloatArray, NDArray[np.int64]]:
+    # The spheres above the leaves, as rows x, y, z, radius, and the first leaf of each, and the end.
+    leaves = np.flatnonzero(tree.level == tree.depth)
+    parent, first = np.unique(tree.parent[leaves], return_index=True)
+    nodes = np.maximum(parent, 0)
+    group = np.concatenate([tree.center[nodes].T, tree.radius[None, nodes]])
+    return np.ascontiguousarray(group), np.append(first, len(leaves)).astype(np.int64)
 
 
 def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:

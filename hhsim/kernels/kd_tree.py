@@ -28,7 +28,7 @@ class MedianTree(NamedTuple):
 
 
 @jit
-def _select(keys: Array, order: Indices, low: int, high: int, middle: int) -> None:
+def select(keys: Array, order: Indices, low: int, high: int, middle: int) -> None:
     """Permute order[low:high] so that the keys before `middle` are not above those from `middle` on (Hoare)."""
     high -= 1
     while low < high:
@@ -81,7 +81,7 @@ def _split(
                 if high - low > widest:
                     axis, widest = k, high - low
             middle = (start + end) // 2
-            _select(keys[axis], order, start, end, middle)
+            select(keys[axis], order, start, end, middle)
             stack[top, 0], stack[top, 1], stack[top, 2] = middle, end, node
             stack[top + 1, 0], stack[top + 1, 1], stack[top + 1, 2] = start, middle, -1
             top += 2

@@ -42,7 +42,7 @@ class TreeArrays(NamedTuple):
 
 
 @jit_inline
-def _node_distance(tree: TreeArrays, cone: RoundCone, node: int) -> float:
+def node_distance(tree: TreeArrays, cone: RoundCone, node: int) -> float:
     """Signed distance [m] of a round cone to a node's sphere."""
     ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     dx, dy, dz = tree.x[node] - ax, tree.y[node] - ay, tree.z[node] - az
@@ -112,7 +112,7 @@ def nearest_leaf_round_cone(tree: TreeArrays, cone: RoundCone, limit: float, sta
     while top > 0:
         top -= 1
         node = stack[top]
-        distance = _node_distance(tree, cone, node)
+        distance = node_distance(tree, cone, node)
         first = tree.first_child[node]
         if first < 0:
             # Of leaves as near the last one, in whatever order they are met.
@@ -124,7 +124,7 @@ def nearest_leaf_round_cone(tree: TreeArrays, cone: RoundCone, limit: float, sta
             continue
         nearest = np.inf
         for child in range(first, first + tree.child_count[node]):
-            distance = _node_distance(tree, cone, child)
+            distance = node_distance(tree, cone, child)
             if not distance <= best:
                 continue
             stack[top] = child

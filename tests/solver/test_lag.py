@@ -88,3 +88,21 @@ def test_a_hand_waits_for_its_first_sound_sample_where_that_is(value: float) -> 
     assert not (record.status & STATUS_START_INSIDE).any()
     np.testing.assert_allclose(record.position, np.tile([0.0, 0.0, 0.3], (6, 1)), atol=1e-12)
     assert record_clearance(HAND, tree, record).min() > 0.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("limits", [{"budget": 5000}, {"budget": 20000}, {"linearisations": 1}, {"linearisations": 3}])
+def test_any_budget_gets_there_in_the_end(method: str, limits: dict[str, int]) -> None:
+    # Small budgets end a tick in the middle of what it tries; begun anew as it began, the next would end there too.
+    tree = bumpy_ball(300)
+    hold = 2000
+    motion = random_targets(HAND, 4 * hold, 4, hold=hold)
+    record = HandSolver(HAND, tree.arrays(), SolverOptions(method=method, **limits)).run(*motion)  # type: ignore[arg-type]
+    assert record_clearance(HAND, tree, record).min() >= 0.0
+    stuck = record.status & STATUS_STUCK > 0
+    assert stuck.any(), "the budget is no hindrance"
+    longest = max(map(len, "".join("x" if s else " " for s in stuck).split()))
+    assert longest <= 5
+    # Each target is held for longer than the way to it takes.
+    arrived = record.status & (STATUS_STUCK | STATUS_LAG) == 0
+    assert arrived[hold - 1 :: hold].all()

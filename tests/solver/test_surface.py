@@ -84,7 +84,7 @@ def _measure(plane, hand, pose, body, candidates):
 
 @pairs_within.of(PlaneArrays)
 @jit
-def _within(plane, candidates, body, limit):
+def _within(plane, hand, candidates, body, limit):
     count = 0
     for i in range(candidates.count[body]):
         count += 1 if candidates.distance[body, i] <= limit else 0
@@ -140,7 +140,7 @@ def plane(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 def test_the_spheres_are_a_surface() -> None:
-    assert list(SURFACES) == ["spheres"]
+    assert list(SURFACES) == ["spheres", "mesh"]
     tree = bumpy_ball(20).arrays()
     assert surface_of(tree) is SURFACES["spheres"]
     np.testing.assert_array_equal(SURFACES["spheres"].center(tree), [tree.x[0], tree.y[0], tree.z[0]])

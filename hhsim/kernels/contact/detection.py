@@ -4,20 +4,21 @@ Two stages. *Gathering* walks the object's hierarchy once for a body with a marg
 into contiguous arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time
 the hand moves.
 
-No pair is missed. When a body is gathered, every piece left out is at least `clearance` away. No point of the body can
-since have moved further than the sum of its motion bounds (`kernels.hand.motion_bounds`), so every piece left out is
-still at least
-slack = clearance - Σ motion away. A body is gathered anew before its slack falls below the margin that the next step
+No pair is missed. When a body is gathered, every piece left out is at least `clearance` away. A point of the body is
+now no further from where it then was than an end of its axis is, or a corner of a box around the palm: points between
+are means of them, in both places by the same shares. So every piece left out is still at least
+slack = clearance - that way away. A body is gathered anew before its slack falls below the margin that the next step
 may use up; hence all pairs within the margin are among the gathered ones, at every step.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
-from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once
 
 Array = NDArray[np.float64]
@@ -41,6 +42,7 @@ CONTACTS = np.dtype(
         ("key", np.int64, (CONTACT_ROWS,)),
         ("point", np.float64, (3, CONTACT_ROWS)),
         ("normal", np.float64, (3, CONTACT_ROWS)),
+        ("straight", np.float64, (3, CONTACT_ROWS)),
         ("distance", np.float64, (CONTACT_ROWS,)),
         ("hand_radius", np.float64, (CONTACT_ROWS,)),
         ("object_radius", np.float64, (CONTACT_ROWS,)),
@@ -58,8 +60,9 @@ CONTACTS = np.dtype(
 | key | names the same pair at every tick, for warm starts |
 | point | contact point on the hand's surface [m], world |
 | normal | unit vector from the object to the hand, world |
+| straight | unit vector along which the object is straight there, as an edge is; zero where it is not |
 | distance | signed [m], negative inside |
-| hand_radius, object_radius | radii of curvature of the two surfaces at the contact [m] |
+| hand_radius, object_radius | radii of curvature of the two surfaces at the contact [m]; infinite on a face |
 | slides | 1 where the nearest point of the phalanx can slide along its axis, else 0 |
 | start | first record of the palm, of each finger, and the end |
 | phalanx_end | where the records of each phalanx end |
@@ -70,11 +73,68 @@ FAR = 4.0
 """A body whose clearance is this many times the reach of a walk has no lists to lose by another walk."""
 
 
+@jit_inline
+def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, float, float]:
+    # End i of a phalanx, corner i of the palm's box [m], world.
+    if body < PALM_BODY:
+        joint = pose.joints[body // PHALANX_COUNT, body % PHALANX_COUNT + i]
+        return (joint[0], joint[1], joint[2])
+    position, rotation, box = pose.position, pose.rotation, hand.palm_box
+    x, y, z = box[i, 0], box[i, 1], box[i, 2]
+    return (
+        position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+    )
+
+
 @jit
-def _to_be_gathered(margin: float, skin: float, candidates: Record, body: int) -> bool:
-    # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
-    slack, fresh = candidates.slack[body], candidates.fresh[body]
-    return slack < margin or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
+def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
+    """Take from the slack of each body how far it is from where it was gathered."""
+    for body in range(BODY_COUNT):
+        fresh = candidates.fresh[body]
+        if not -np.inf < fresh < np.inf:
+            candidates.slack[body] = fresh
+            continue
+        most = 0.0
+        for i in range(2 if body < PALM_BODY else BOX_CORNERS):
+            x, y, z = _point(hand, pose, body, i)
+            anchor = candidates.anchor[body, i]
+            most = max(most, (x - anchor[0]) ** 2 + (y - anchor[1]) ** 2 + (z - anchor[2]) ** 2)
+        candidates.slack[body] = fresh - math.sqrt(most)
+
+
+@jit
+def _set_anchor(hand: HandArrays, pose: Record, body: int, candidates: Record) -> None:
+    candidates.fresh[body] = candidates.slack[body]
+    for i in range(2 if body < PALM_BODY else BOX_CORNERS):
+        x, y, z = _point(hand, pose, body, i)
+        anchor = candidates.anchor[body, i]
+        anchor[0], anchor[1], anchor[2] = x, y, z
+
+
+AHEAD = 0.5
+"""A body whose slack is within this share of the skin of what it must be may be gathered ahead of need."""
+
+
+@jit
+def choose_gathers(margin: float, skin: float, candidates: Record) -> None:
+    """Say which bodies are to be gathered: those that must be, and where none must, the one that will soonest.
+
+    Bodies that move together would else be gathered together, and their tick take many times another's.
+    """
+    soonest, least = -1, margin + AHEAD * skin
+    for body in range(BODY_COUNT):
+        # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
+        slack, fresh = candidates.slack[body], candidates.fresh[body]
+        due = slack < margin or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
+        candidates.due[body] = 1 if due else 0
+        if due:
+            least = -np.inf
+        elif slack < least and slack < fresh:
+            soonest, least = body, slack
+    if soonest >= 0 and least > -np.inf:
+        candidates.due[soonest] = 2
 
 
 @jit_inline
@@ -96,7 +156,7 @@ def evaluate_range(
     """
     status = 0
     for body in range(first, last):
-        if not _to_be_gathered(margin, skin, candidates, body):
+        if candidates.due[body] == 0:
             continue
         work[COUNT_GATHERS] += 1
         gathered = False
@@ -104,9 +164,10 @@ def evaluate_range(
             if not gathered:
                 gathered = gather_pairs(surface, hand, pose, body, reach, candidates, walk, work)
         if gathered:
-            candidates.fresh[body] = candidates.slack[body]
+            _set_anchor(hand, pose, body, candidates)
         else:
             # The others go on, so that what is left behind does not hang on who came first.
+            candidates.fresh[body] = -np.inf
             status = FULL
     for body in range(first, last):
         if candidates.count[body] == 0:
@@ -122,15 +183,15 @@ WALK_COST = 2000
 
 
 @jit_once
-def part_cost(margin: float, skin: float, part: int, candidates: Record) -> int:
+def part_cost(part: int, candidates: Record) -> int:
     """What `evaluate_range` will cost for a finger (0 to 4) or the palm (5), roughly, in distances."""
     if part == FINGER_COUNT:
-        walk = 10 * WALK_COST if _to_be_gathered(margin, skin, candidates, as_int64(PALM_BODY)) else 0
+        walk = 10 * WALK_COST if candidates.due[PALM_BODY] > 0 else 0
         return walk + candidates.count[PALM_BODY]
     cost = 0
     for body in range(PHALANX_COUNT * part, PHALANX_COUNT * (part + 1)):
         cost += candidates.count[body]
-        if _to_be_gathered(margin, skin, candidates, body):
+        if candidates.due[body] > 0:
             cost += WALK_COST
     return cost
 
@@ -161,19 +222,21 @@ def evaluate(
     Returns:
         0, or FULL.
     """
+    follow_motion(hand, pose, candidates)
+    choose_gathers(margin, skin, candidates)
     walk = Walk(candidates.stack[:], candidates.scratch[:])
     first, last = as_int64(0), as_int64(BODY_COUNT)
     return evaluate_range(hand, pose, surface, margin, skin, first, last, candidates, walk, work[:])
 
 
 @jit
-def pairs_near(surface: Any, candidates: Record, limit: float) -> tuple[int, int]:
+def pairs_near(surface: Any, hand: HandArrays, candidates: Record, limit: float) -> tuple[int, int]:
     """How many bodies, and how many pairs, are at most `limit` [m] from the object."""
     bodies, pairs = 0, 0
     for body in range(BODY_COUNT):
         if candidates.nearest[body] <= limit:
             bodies += 1
-            pairs += pairs_within(surface, candidates, body, limit)
+            pairs += pairs_within(surface, hand, candidates, body, limit)
     return bodies, pairs
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import evaluate_range, part_cost
+from hhsim.kernels.contact.detection import choose_gathers, evaluate_range, follow_motion, part_cost
 from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
@@ -24,12 +24,16 @@ Indices = NDArray[np.int64]
 
 
 @jit_once
-def worth_sharing(margin: float, skin: float, candidates: Record, thread_team: Record) -> bool:
+def worth_sharing(
+    hand: HandArrays, pose: Record, margin: float, skin: float, candidates: Record, thread_team: Record
+) -> bool:
     """Whether the coming evaluation is long enough to be shared; if so, its parts are put in order."""
+    follow_motion(hand, pose, candidates)
+    choose_gathers(margin, skin, candidates)
     thread_team.parts = 0
     total = 0
     for part in range(PARTS):
-        cost = part_cost(margin, skin, part, candidates)
+        cost = part_cost(part, candidates)
         # Without a pair and with slack to spare there is nothing to compute: `nearest` stays infinite.
         if cost > 0:
             thread_team.part[thread_team.parts] = part

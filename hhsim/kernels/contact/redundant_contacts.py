@@ -73,6 +73,7 @@ def _move(contacts: Record, source: int, target: int) -> None:
     for j in range(3):
         contacts.point[j, target] = contacts.point[j, source]
         contacts.normal[j, target] = contacts.normal[j, source]
+        contacts.straight[j, target] = contacts.straight[j, source]
     contacts.distance[target] = contacts.distance[source]
     contacts.hand_radius[target] = contacts.hand_radius[source]
     contacts.object_radius[target] = contacts.object_radius[source]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, HandArrays
 from hhsim.kernels.jit import Record, generic
 from hhsim.kernels.round_cone_distance import RoundCone
 
@@ -20,7 +20,9 @@ SHARED_CANDIDATES = [
     ("count", np.int64, (BODY_COUNT,)),
     ("slack", np.float64, (BODY_COUNT,)),
     ("fresh", np.float64, (BODY_COUNT,)),
+    ("anchor", np.float64, (BODY_COUNT, BOX_CORNERS, 3)),
     ("nearest", np.float64, (BODY_COUNT,)),
+    ("due", np.int64, (BODY_COUNT,)),
 ]
 """Fields of the candidates of every surface.
 
@@ -28,7 +30,9 @@ SHARED_CANDIDATES = [
 |---|---|
 | count | pairs of each body |
 | slack | least distance that any piece left out can still have [m]; negative infinity: to be gathered |
-| fresh | slack when the body was gathered [m] |
+| fresh | slack when the body was gathered [m]; negative infinity before that, infinity where it never is |
+| anchor | where the body was then: the ends of its axis, or the corners of a box around the palm's centres [m] |
+| due | 1 where the body is to be gathered now, 2 where ahead of need, else 0 |
 | nearest | least signed distance of each body, infinite where it has no pair [m] |
 
 And two of the surface's own size, int64: `scratch` and `stack`, for a walk.
@@ -72,7 +76,7 @@ def measure_pairs(surface: Any, hand: HandArrays, pose: Record, body: int, candi
 
 
 @generic
-def pairs_within(surface: Any, candidates: Record, body: int, limit: float) -> int:
+def pairs_within(surface: Any, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
     """How many measured pairs of a body are at most `limit` [m] apart."""
 
 

@@ -20,6 +20,7 @@ PHALANX_COUNT = 3
 BODY_COUNT = 16
 PALM_BODY = 15
 """Bodies 0 to 14 are the phalanges, finger by finger, proximal to distal; body 15 is the palm."""
+BOX_CORNERS = 8
 DOF = 21
 """Palm translation [m] 0 to 2, palm rotation vector [rad] 3 to 5, flexion [rad] 6 + 3 finger + joint."""
 
@@ -40,6 +41,9 @@ class HandArrays(NamedTuple):
     | reach | farthest that an axis point of the phalanx can be from the palm's origin [m] | (5, 3) |
     | lever | farthest that an axis point of phalanx k can be from joint i [m], 0 for i > k | (5, 3, 3) |
     | palm_x, palm_y, palm_z, palm_radius | leaf spheres of the palm's tree [m] | (P,) |
+    | palm_group | spheres around groups of the palm's: centres (3 rows) and radii [m] | (4, G) |
+    | palm_group_start | first sphere of each group, and the end | (G + 1,) |
+    | palm_box | corners of the box around the centres of the palm's spheres [m] | (8, 3) |
     | palm_reach | farthest palm sphere centre from the palm's origin [m] | (1,) |
     """
 
@@ -59,6 +63,9 @@ class HandArrays(NamedTuple):
     palm_y: Array
     palm_z: Array
     palm_radius: Array
+    palm_group: Array
+    palm_group_start: NDArray[np.int64]
+    palm_box: Array
     palm_reach: Array
 
 

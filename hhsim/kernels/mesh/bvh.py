@@ -46,7 +46,8 @@ def face_normals(vertices: Array, faces: Indices) -> Array:
     return np.asarray(normal / np.where(length > 0.0, length, 1.0)[:, None])
 
 
-def _pseudonormals(vertices: Array, faces: Indices) -> Array:
+def pseudonormals(vertices: Array, faces: Indices) -> Array:
+    """Outward angle-weighted normals by the features of `closest_on_triangle`, not of unit length, shape (F, 7, 3)."""
     normal = face_normals(vertices, faces)
     result = np.empty((len(faces), 7, 3))
     result[:, 0] = normal
@@ -82,7 +83,7 @@ def build_mesh_bvh(vertices: Array, faces: Indices, signed: bool = True) -> Mesh
     bound = np.empty((nodes, 11))
     corner = np.ascontiguousarray(corners.reshape(-1, 9))
     _bound(corner, tree.start, tree.end, tree.right, bound)
-    normal = _pseudonormals(vertices, faces)[tree.order] if signed else np.zeros((len(faces), 7, 3))
+    normal = pseudonormals(vertices, faces)[tree.order] if signed else np.zeros((len(faces), 7, 3))
     pseudonormal = np.ascontiguousarray(normal)
     return MeshBvh(corner, pseudonormal, tree.order, bound, tree.start, tree.end, tree.right)
 

@@ -212,7 +212,7 @@ def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candid
 
 @pairs_within.of(TreeArrays)
 @jit
-def _within(tree: TreeArrays, candidates: Record, body: int, limit: float) -> int:
+def _within(tree: TreeArrays, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
     if body < PALM_BODY:
         return _count_within(candidates.distance[body], candidates.count[body], limit)
     return _count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], limit)
@@ -228,7 +228,7 @@ def _palm_contacts(
     hand_radius, object_radius = candidates.hand_radius, candidates.object_radius
     distance, sphere, leaf = candidates.palm_distance, candidates.palm_sphere, candidates.palm_leaf
     body_out, key_out, point_out, normal_out = contacts.body, contacts.key, contacts.point, contacts.normal
-    distance_out, slides_out = contacts.distance, contacts.slides
+    distance_out, slides_out, straight_out = contacts.distance, contacts.slides, contacts.straight
     hand_radius_out, object_radius_out = contacts.hand_radius, contacts.object_radius
     position, rotation, leaf_total = pose.position, pose.rotation, tree.radius.shape[0]
     px, py, pz = position[0], position[1], position[2]
@@ -262,6 +262,7 @@ def _palm_contacts(
         point_out[0, row] = object_x[i] + reach * nx
         point_out[1, row] = object_y[i] + reach * ny
         point_out[2, row] = object_z[i] + reach * nz
+        straight_out[0, row] = straight_out[1, row] = straight_out[2, row] = 0.0
         distance_out[row] = d
         hand_radius_out[row] = hand_radius[i]
         object_radius_out[row] = object_radius[i]
@@ -285,7 +286,7 @@ def _phalanx_contacts(
     x, y, z, radius = candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body]
     distance, parameter, leaf = candidates.distance[body], candidates.parameter[body], candidates.leaf[body]
     body_out, key_out, point_out, normal_out = contacts.body, contacts.key, contacts.point, contacts.normal
-    distance_out, slides_out = contacts.distance, contacts.slides
+    distance_out, slides_out, straight_out = contacts.distance, contacts.slides, contacts.straight
     hand_radius_out, object_radius_out = contacts.hand_radius, contacts.object_radius
     joint, direction, rotation, leaf_total = (
         pose.joints[f, k],
@@ -322,6 +323,7 @@ def _phalanx_contacts(
         point_out[0, row] = cx + reach * nx
         point_out[1, row] = cy + reach * ny
         point_out[2, row] = cz + reach * nz
+        straight_out[0, row] = straight_out[1, row] = straight_out[2, row] = 0.0
         distance_out[row] = d
         hand_radius_out[row] = radius_a - s * radius_drop
         object_radius_out[row] = radius[i]

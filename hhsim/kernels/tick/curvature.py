@@ -5,6 +5,7 @@ around c has the distance D = |x - c| - r - R. With ρ = |x - c|, n the normal a
 
     ∂²D/∂q² = Vᵀ (I - n nᵀ) V / ρ + n · ∂²x/∂q².
 
+At an edge, which is straight along e, I - n nᵀ - e eᵀ takes the place of I - n nᵀ; on a face ρ is infinite.
 Where the nearest point slides along a phalanx (axis parameter 0 < s < 1), d = min over s of D, and its Hessian is the
 Schur complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed.
 """
@@ -75,14 +76,21 @@ def curvature_product(
         tx, ty, tz = wy * rz - wz * ry, wz * rx - wx * rz, wx * ry - wy * rx
         vx, vy, vz = step[0] + tx + jx, step[1] + ty + jy, step[2] + tz + jz
         along = vx * nx + vy * ny + vz * nz
-        fx, fy, fz = (vx - along * nx) / rho, (vy - along * ny) / rho, (vz - along * nz) / rho
+        ex, ey, ez = contacts.straight[0, row], contacts.straight[1, row], contacts.straight[2, row]
+        ve = vx * ex + vy * ey + vz * ez
+        fx, fy, fz = (
+            (vx - along * nx - ve * ex) / rho,
+            (vy - along * ny - ve * ey) / rho,
+            (vz - along * nz - ve * ez) / rho,
+        )
         mx, my, mz = 0.0, 0.0, 0.0
         if contacts.slides[row] == 1:
             ux = pose.direction[finger, joints - 1, 0]
             uy = pose.direction[finger, joints - 1, 1]
             uz = pose.direction[finger, joints - 1, 2]
             un = ux * nx + uy * ny + uz * nz
-            sx, sy, sz = ux - un * nx, uy - un * ny, uz - un * nz
+            ue = ux * ex + uy * ey + uz * ez
+            sx, sy, sz = ux - un * nx - ue * ex, uy - un * ny - ue * ey, uz - un * nz - ue * ez
             across = (sx * sx + sy * sy + sz * sz) / rho
             if across > 0.0:
                 ox, oy, oz = wx + flexion * ax, wy + flexion * ay, wz + flexion * az
@@ -92,15 +100,15 @@ def curvature_product(
                 mx, my, mz = -slide * cx, -slide * cy, -slide * cz
         # (w × r) and r × (n × w), halved: the exponential map's second derivative, symmetric in the two increments.
         hx, hy, hz = ny * wz - nz * wy, nz * wx - nx * wz, nx * wy - ny * wx
-        ex = 0.5 * (ty * nz - tz * ny + ry * hz - rz * hy) + jy * nz - jz * ny
-        ey = 0.5 * (tz * nx - tx * nz + rz * hx - rx * hz) + jz * nx - jx * nz
-        ez = 0.5 * (tx * ny - ty * nx + rx * hy - ry * hx) + jx * ny - jy * nx
+        gx = 0.5 * (ty * nz - tz * ny + ry * hz - rz * hy) + jy * nz - jz * ny
+        gy = 0.5 * (tz * nx - tx * nz + rz * hx - rx * hz) + jz * nx - jx * nz
+        gz = 0.5 * (tx * ny - ty * nx + rx * hy - ry * hx) + jx * ny - jy * nx
         product_out[0] += force * fx
         product_out[1] += force * fy
         product_out[2] += force * fz
-        product_out[3] += force * (ry * fz - rz * fy + ex + mx)
-        product_out[4] += force * (rz * fx - rx * fz + ey + my)
-        product_out[5] += force * (rx * fy - ry * fx + ez + mz)
+        product_out[3] += force * (ry * fz - rz * fy + gx + mx)
+        product_out[4] += force * (rz * fx - rx * fz + gy + my)
+        product_out[5] += force * (rx * fy - ry * fx + gz + mz)
         for k in range(joints):
             qx = x - pose.joints[finger, k, 0]
             qy = y - pose.joints[finger, k, 1]

@@ -24,6 +24,10 @@ class Progressive(NamedTuple):
     options: TickOptions
 
 
+WAY_STEPS = 6
+"""Linearisations after which it shows whether a way leads on or to and fro."""
+
+
 @generic
 def tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Bring the graphic hand towards the haptic hand (`set_haptic`); returns status bits."""
@@ -36,7 +40,7 @@ def solve_program(method: Any, state: Record, qp: QpWork) -> int:
 
 @generic
 def is_oscillating(method: Any, state: Record, done: int) -> bool:
-    """Whether the tick has been pulled to and fro, after `done` linearisations, by programs solved apart."""
+    """Whether the hand has been pulled to and fro, this tick's first `done` linearisations too, by programs apart."""
 
 
 @generic

@@ -68,7 +68,6 @@ from hhsim.kernels.hand.kinematics import (
     PALM_BODY,
     PHALANX_COUNT,
     HandArrays,
-    motion_bounds,
 )
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once, jit_vector
@@ -452,14 +451,11 @@ def _tick(method: Penalty, hand: HandArrays, surface: Any, state: Record, qp: Qp
     solved = monotonic_ns()
     duration[DURATION_PALM] += solved - found
 
-    motion_bounds(hand, state.step.delta, problem.abduction_step, state.motion)
-    for body in range(BODY_COUNT):
-        state.candidates.slack[body] -= state.motion[body]
     move(state.pose, state.step.delta, problem.abduction_step, 1.0)
     update_kinematics(hand, state.pose)
     if not _evaluate(hand, surface, options, state):
         status |= STATUS_CAPACITY_EXCEEDED
-    _, state.work[WORK_TOUCHING] = pairs_near(surface, state.candidates, options.touch)
+    _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
     state.work[WORK_UNITS] = spent_units(state)
     moved = monotonic_ns()
     duration[DURATION_DETECT] += moved - solved

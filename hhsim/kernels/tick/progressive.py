@@ -24,7 +24,7 @@ from hhsim.kernels.parallel.thread_team import NOTHING, TASK_FINGERS, await_done
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.coupled import solve_coupled
-from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program
+from hhsim.kernels.tick.method import WAY_STEPS, Coupled, Progressive, is_oscillating, is_strained, solve_program
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import CORRECTION_WORK, Lagrangian, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
@@ -37,7 +37,7 @@ YIELD_WEIGHT = 1e-4
 YIELD_SCALE = 100.0
 """1 / √YIELD_WEIGHT: what its columns are multiplied by there."""
 OSCILLATION_RATIO = 3.0
-"""A tick that has moved the hand this many times as far as it got solves palm and fingers together."""
+"""A way that has moved the hand this many times as far as it got goes on with palm and fingers together."""
 PALM_GROUPS = 1 + 2 * FINGER_COUNT
 
 FINGER_WORK = np.dtype(
@@ -380,9 +380,10 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
 def _is_oscillating(method: Progressive, state: Record, done: int) -> bool:
     # A palm that yields to a finger and is pulled back by the next program can do so until the tick ends, without one
     # step that fails. A long way that leads nowhere is known by its ends.
-    if state.in_one_program or 2 * done < method.options.linearisations:
+    if state.in_one_program or state.way_steps + done < WAY_STEPS:
         return False
-    return state.moved > OSCILLATION_RATIO * farthest_joint(state.pose.joints, state.start_joints)
+    moved = state.way_moved + state.moved
+    return moved > OSCILLATION_RATIO * farthest_joint(state.pose.joints, state.way_joints)
 
 
 @is_strained.of(Progressive)

@@ -77,10 +77,11 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
     | in_one_program | whatever the method, this tick solves palm and fingers in one: apart they found no step |
     | decoupling_latched, latch_joints | palm and fingers apart led nowhere near the haptic joints there [m] |
-    | start_joints | joints of the graphic hand where this tick began [m] |
+    | way_joints, way_steps, way_moved | joints [m] where the way at hand began, and what earlier ticks did of it |
     | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
     | full | this tick met more pairs than the arrays hold |
     | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
+    | unfinished | a tick came nowhere, and the hand has not arrived since: the next begins with what it found out |
     | work | counters of this tick |
     | excess | workspace of `kernels.contact.redundant_contacts` |
     | stiffness | G |
@@ -118,8 +119,11 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("in_one_program", np.bool_),
             ("decoupling_latched", np.bool_),
             ("latch_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
-            ("start_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+            ("way_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+            ("way_steps", np.int64),
+            ("way_moved", np.float64),
             ("accepted", np.bool_),
+            ("unfinished", np.bool_),
             ("full", np.bool_),
             ("bad_steps", np.int64),
             ("work", np.int64, (WORK_COUNTERS,)),

@@ -36,7 +36,7 @@ from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
-from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program, tick
+from hhsim.kernels.tick.method import WAY_STEPS, Coupled, Progressive, is_oscillating, is_strained, solve_program, tick
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -76,6 +76,11 @@ REACH_GROWTH = 4.0
 
 A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin.
 """
+TRUST_DECAY = 0.25
+TRUST_GROWTH = 4.0
+LEAST_TRUST = 1e-6
+"""What is left of the longest step after penetrating ones, what it grows by, and the share of the margin that is none.
+"""
 LATCH_MARGINS = 10.0
 """How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
@@ -109,7 +114,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
     pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
-    if state.thread_team.members > 1 and worth_sharing(margin, skin, candidates, state.thread_team):
+    if state.thread_team.members > 1 and worth_sharing(hand, pose, margin, skin, candidates, state.thread_team):
         return evaluate_in_parallel(hand, pose, surface, margin, skin, candidates, state.thread_team, state.work)
     return evaluate(hand, pose, surface, margin, skin, candidates, state.work)
 
@@ -140,29 +145,55 @@ def switch_to_coupled(state: Record) -> None:
     copy_values(state.haptic.joints[:], state.latch_joints[:])
 
 
+@jit_once
+def _take_over(options: TickOptions, state: Record) -> None:
+    # A tick whose work ran out before it came anywhere would else begin the next one as it began, for ever: what it
+    # found too long, or without solution, is not tried again until the hand has arrived.
+    if state.unfinished:
+        if state.accepted:
+            state.trust = min(options.margin, TRUST_GROWTH * state.trust)
+        elif state.bad_steps > 0:
+            state.trust *= TRUST_DECAY
+    if not state.unfinished or state.trust < LEAST_TRUST * options.margin:
+        state.unfinished = False
+        state.trust = options.margin
+        state.relaxed = False
+        state.hold_abduction = False
+        state.in_one_program = state.decoupling_latched
+
+
+@jit_once
+def _follow_way(state: Record) -> None:
+    # A tick of few linearisations is too short to see whether the hand goes to and fro: several make one way.
+    if state.lag > 0.0 and state.way_steps < WAY_STEPS:
+        state.way_steps += state.work[WORK_LINEARISATIONS]
+        state.way_moved += state.moved
+    else:
+        state.way_steps = 0
+        state.way_moved = 0.0
+        copy_values(state.pose.joints[:], state.way_joints[:])
+    state.work[:] = 0
+
+
 @jit
 def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     copy_configuration(state.pose, state.safe)
     for body in range(BODY_COUNT):
         state.since_safe[body] = 0.0
-    state.relaxed = False
-    state.hold_abduction = False
     state.decoupling_latched = _stays_latched(options, state)
-    state.in_one_program = state.decoupling_latched
+    _take_over(options, state)
     state.progressive.variables = 6
     state.accepted = False
     state.full = False
     state.bad_steps = 0
-    state.work[:] = 0
     state.step.duration[:] = 0
     state.step.iterations = 0
-    state.trust = options.margin
     # What moves as fast as in the last tick, or stands still, needs no more; what does not, gains reach as it goes.
     state.reach = min(options.margin, max(REACH_FLOOR * options.step_tolerance, REACH_PACE * state.moved))
+    _follow_way(state)
     state.moved = 0.0
     state.lag = 0.0
-    copy_values(state.pose.joints[:], state.start_joints[:])
 
 
 @jit
@@ -200,7 +231,7 @@ def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     _aim(state)
     state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]
-    bodies, pairs = pairs_near(surface, candidates, options.margin)
+    bodies, pairs = pairs_near(surface, hand, candidates, options.margin)
     state.work[WORK_BODIES] = max(state.work[WORK_BODIES], bodies)
     state.work[WORK_LINEARISATIONS] += 1
     state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], pairs)
@@ -227,7 +258,6 @@ def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
 def _take_back(state: Record) -> None:
     copy_configuration(state.safe, state.pose)
     for body in range(BODY_COUNT):
-        state.candidates.slack[body] -= state.since_safe[body]
         state.since_safe[body] = 0.0
     state.bad_steps = 0
 
@@ -244,7 +274,7 @@ def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
         moved += state.since_safe[body]
     if moved > 0.0:
         _take_back(state)
-        state.trust *= 0.25
+        state.trust *= TRUST_DECAY
         state.full = evaluate_pose(hand, surface, options, state) != 0
         return not state.full
     if not state.hold_abduction:
@@ -317,9 +347,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     fraction, longest = _shortening(hand, options, state)
     move(state.pose, step.delta, problem.abduction_step, fraction)
     for body in range(BODY_COUNT):
-        moved = fraction * state.motion[body]
-        candidates.slack[body] -= moved
-        state.since_safe[body] += moved
+        state.since_safe[body] += fraction * state.motion[body]
     status = evaluate_pose(hand, surface, options, state)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
     state.moved += fraction * longest
@@ -351,7 +379,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
                 switch_to_coupled(state)
             _take_back(state)
             state.lag = wanted
-            state.trust *= 0.25
+            state.trust *= TRUST_DECAY
             state.full = evaluate_pose(hand, surface, options, state) != 0
             done = state.full
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
@@ -400,8 +428,10 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     unsafe = 0.0
     for body in range(BODY_COUNT):
         unsafe += state.since_safe[body]
+    bad_steps = state.bad_steps
     if unsafe > 0.0:
         _take_back(state)
+        state.bad_steps = bad_steps
         if evaluate_pose(hand, surface, options, state) != 0:
             status |= STATUS_CAPACITY_EXCEEDED
     if state.full:
@@ -411,11 +441,12 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
         state.lag = np.inf
     elif state.lag > 0.0:
         status |= STATUS_LAG
+    state.unfinished = not state.accepted or (state.unfinished and state.lag > 0.0)
     if state.accepted and state.hold_abduction:
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
         _cap_lag(state)
-    _, touching = pairs_near(surface, candidates, options.touch)
+    _, touching = pairs_near(surface, hand, candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
     if (status & STATUS_LAG or strained) and options.force_model != FORCE_PAPER:
@@ -471,7 +502,6 @@ def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, sta
     state = states[0]
     for body in range(BODY_COUNT):
         # A body that the scene does not use is never due for a walk and never near.
-        state.candidates.slack[body] = -np.inf if state.modelled[body] == 1 else np.inf
+        state.candidates.fresh[body] = -np.inf if state.modelled[body] == 1 else np.inf
         state.candidates.count[body] = 0
-        state.candidates.fresh[body] = 0.0
     return evaluate_pose(hand, surface, options, state)

@@ -18,8 +18,11 @@ from hhsim.kernels.contact.detection import (
     COUNT_PAIR_TESTS,
     FULL,
     evaluate,
+    evaluate_range,
     find_contacts,
+    follow_motion,
 )
+from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, motion_bounds
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
@@ -134,9 +137,54 @@ def test_no_pair_is_ever_missed_while_the_hand_wanders(seed: int, skin: float) -
         fraction = min(1.0, float(np.min(np.maximum(state.candidates.slack, margin) / motion)))
         move(state.pose, step, turn, fraction)
         update_kinematics(arrays, state.pose)
-        state.candidates.slack -= fraction * motion
     if skin > 0.0:
         assert state.work[COUNT_GATHERS] < 0.9 * steps * BODY_COUNT, "the lists never last"
+
+
+def listed_pairs(state: Any, hand: HandModel, tree: SphereTree) -> NDArray[np.bool_]:
+    """Which pairs (row of `brute_pairs`, leaf) the lists hold, however far apart they are now."""
+    arrays, nodes, candidates = hand.arrays(), tree.arrays(), state.candidates
+    candidates.due[:] = 0
+    walk = Walk(candidates.stack, candidates.scratch)
+    assert evaluate_range(arrays, state.pose, nodes, 0.0, 0.0, 0, BODY_COUNT, candidates, walk, state.work) == 0
+    assert find_contacts(nodes, arrays, state.pose, candidates, np.inf, state.contacts) == 0
+    held = np.zeros((PALM + len(hand.palm_tree.leaf_radius), len(tree.leaf_radius)), dtype=bool)
+    for pair in found_pairs(state, tree):
+        held[pair] = True
+    return held
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-3, 5e-3, 0.05]))
+@settings(max_examples=20)
+def test_slack_bounds_what_the_lists_do_not_hold_however_the_hand_came_there(seed: int, size: float) -> None:
+    random = np.random.default_rng(seed)
+    tree = cloud(random, 60)
+    state, arrays = new_state(), RIGHT.arrays()
+    # A palm in the midst of them, so that there are pairs.
+    first = random_pose(random, RIGHT)
+    first.position[:] *= 0.2
+    set_pose(RIGHT, state.pose, first)
+    detect(state, RIGHT, tree, 1e-3, 9e-3)
+    fresh = np.array(state.candidates.slack)
+    held = listed_pairs(state, RIGHT, tree)
+    assert held.any() and not held.all()
+    for _ in range(5):
+        step, turn = random.normal(size=DOF), random.normal(size=5)
+        step[:3] *= size
+        step[3:] *= 5.0 * size
+        move(state.pose, step, 5.0 * size * turn, 1.0)
+        update_kinematics(arrays, state.pose)
+        follow_motion(arrays, state.pose, state.candidates)
+        distance = brute_pairs(RIGHT, tree.leaf_center, tree.leaf_radius, pose_of(state))
+        left_out = np.where(held, np.inf, distance)
+        least = np.append(left_out[:PALM].min(axis=1), left_out[PALM:].min())
+        assert (state.candidates.slack <= least + ROUNDING).all()
+    # Where the way ends counts, not how long it was: a shift costs its length, and coming back costs nothing.
+    shift = size * np.array([2.0, -3.0, 6.0]) / 7.0
+    for way, cost in ((shift, size), (np.zeros(3), 0.0)):
+        set_pose(RIGHT, state.pose, first._replace(position=first.position + way))
+        follow_motion(arrays, state.pose, state.candidates)
+        np.testing.assert_allclose(state.candidates.slack, fresh - cost, rtol=0.0, atol=ROUNDING)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -171,7 +219,7 @@ def test_records_are_ordered_palm_first_then_finger_by_finger() -> None:
     for _ in range(20):
         tree = cloud(random, 400)
         set_pose(RIGHT, state.pose, random_pose(random, RIGHT))
-        state.candidates.slack[:] = -np.inf
+        state.candidates.fresh[:] = -np.inf
         detect(state, RIGHT, tree, 5e-3, 0.0)
         start, body = state.contacts.start, state.contacts.body
         assert (body[: start[1]] == PALM).all()
@@ -230,7 +278,7 @@ def test_more_pairs_than_there_is_room_for_are_reported() -> None:
     below = np.array([0.0, 0.0, 1e-3 + 5e-4])
     places = [joints[f, 3] - below - [0.0, 0.0, RIGHT.radius[f, 3]] for f in (1, 3)]
     two = sphere_tree(np.repeat(places, half, axis=0), np.full(2 * half, 1e-3))
-    state.candidates.slack[:] = -np.inf
+    state.candidates.fresh[:] = -np.inf
     assert evaluate(arrays, state.pose, two.arrays(), 1e-3, 0.0, state.candidates, state.work) == 0
     assert find_contacts(two.arrays(), arrays, state.pose, state.candidates, 1e-3, state.contacts) == FULL
 

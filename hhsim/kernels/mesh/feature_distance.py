@@ -1,0 +1,208 @@
+"""Signed distances in closed form: round cone to vertices, edges and faces of a mesh.
+
+A round cone is the union of the spheres with centre x(s) on its axis and radius r(s) = r_a - k s, 0 <= s <= l, here
+with s in metres. Its distance to a convex piece of the mesh is convex in s, so that there is one minimum.
+
+Vertex: as a sphere of radius 0 (`kernels.round_cone_distance`). Edge: without the component along the edge the axis is
+a straight line q(s) = q_0 + s q_1 in a plane, and |q(s)| + k s is least at
+
+    s = s_0 - k h / sqrt(q (q - k²)),   s_0 = -q_0 · q_1 / q,   q = |q_1|²,   h = |q_0 + s_0 q_1|,
+
+or, where q <= k², at the large end. The minimum counts where its foot lies on the edge; beyond it, it is a vertex's.
+Face: along its normal the distance is linear in s, so that an end is nearest; it counts where the end lies above the
+inside of the face.
+
+Where a body's witness lies on none of them the distance is `ELSEWHERE`.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.jit import jit_inline
+from hhsim.kernels.mesh.features import FACE_FIELDS
+from hhsim.kernels.round_cone_distance import RoundCone
+
+Array = NDArray[np.float64]
+
+ELSEWHERE = 1e300
+"""Stands for a feature whose nearest point belongs to another one [m]."""
+ON = 1e-9
+"""A foot this far beyond the end of an edge, or at most so far beyond the side of a face, still lies on it [m]: between
+two features of a surface there is no gap."""
+PARALLEL = 1e-25
+"""Squared sine of an angle under which axis and edge are parallel: where on the axis the distance is least is rounding,
+and it is less by 1e-14 m at most."""
+
+
+@jit_inline
+def vertex_witness(cone: RoundCone, dx: float, dy: float, dz: float) -> tuple[float, float]:
+    """(distance, s) [m] of a round cone and the vertex at a + (dx, dy, dz)."""
+    t = dx * cone.ux + dy * cone.uy + dz * cone.uz
+    px, py, pz = dx - t * cone.ux, dy - t * cone.uy, dz - t * cone.uz
+    h2 = px * px + py * py + pz * pz
+    s = t - math.sqrt(h2) * cone.tan_slope
+    s = 0.0 if s < 0.0 else s
+    s = cone.length if s > cone.length else s
+    return math.sqrt(h2 + (t - s) * (t - s)) - cone.radius + cone.drop * cone.inverse_length * s, s
+
+
+@jit_inline
+def line_witness(
+    cone: RoundCone, dx: float, dy: float, dz: float, wx: float, wy: float, wz: float
+) -> tuple[float, float, float]:
+    """(distance, s, foot) [m] of a round cone and the line along w through a - (dx, dy, dz), where its foot is 0."""
+    slope = cone.drop * cone.inverse_length
+    dw = dx * wx + dy * wy + dz * wz
+    uw = cone.ux * wx + cone.uy * wy + cone.uz * wz
+    px, py, pz = dx - dw * wx, dy - dw * wy, dz - dw * wz
+    qx, qy, qz = cone.ux - uw * wx, cone.uy - uw * wy, cone.uz - uw * wz
+    q = qx * qx + qy * qy + qz * qz
+    crossing = q > slope * slope and q > PARALLEL
+    nearest = -(px * qx + py * qy + pz * qz) / (q if crossing else 1.0)
+    hx, hy, hz = px + nearest * qx, py + nearest * qy, pz + nearest * qz
+    h = math.sqrt(hx * hx + hy * hy + hz * hz)
+    s = nearest - slope * h / math.sqrt(q * (q - slope * slope) if crossing else 1.0)
+    s = s if crossing else 0.0
+    s = 0.0 if s < 0.0 else s
+    s = cone.length if s > cone.length else s
+    x, y, z = px + s * qx, py + s * qy, pz + s * qz
+    return math.sqrt(x * x + y * y + z * z) - cone.radius + slope * s, s, dw + s * uw
+
+
+@jit_inline
+def edge_witness(
+    cone: RoundCone, dx: float, dy: float, dz: float, wx: float, wy: float, wz: float, extent: float
+) -> tuple[float, float]:
+    """(distance, s) [m] of a round cone and the edge along w whose first end is at a - (dx, dy, dz)."""
+    distance, s, foot = line_witness(cone, dx, dy, dz, wx, wy, wz)
+    return distance if foot >= -ON and foot <= extent + ON else ELSEWHERE, s
+
+
+@jit_inline
+def vertex_distance(vertex: Array, i: int, cone: RoundCone) -> tuple[float, float]:
+    """(distance, s) [m] of vertex i, shape (·, 3)."""
+    return vertex_witness(cone, vertex[i, 0] - cone.x, vertex[i, 1] - cone.y, vertex[i, 2] - cone.z)
+
+
+@jit_inline
+def edge_distance(edge: Array, i: int, cone: RoundCone) -> tuple[float, float]:
+    """(distance, s) [m] of edge i, shape (·, 7), in the order of `EDGE_FIELDS`."""
+    dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
+    return edge_witness(cone, dx, dy, dz, edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6])
+
+
+@jit_inline
+def above(face: Array, i: int, x: float, y: float, z: float) -> bool:
+    """Whether a point lies above or below the inside of face i, shape (·, 16), in the order of `FACE_FIELDS`."""
+    return bool(
+        min(
+            min(
+                face[i, 4] * x + face[i, 5] * y + face[i, 6] * z - face[i, 7],
+                face[i, 8] * x + face[i, 9] * y + face[i, 10] * z - face[i, 11],
+            ),
+            face[i, 12] * x + face[i, 13] * y + face[i, 14] * z - face[i, 15],
+        )
+        >= 0.0
+    )
+
+
+@jit_inline
+def face_distance(face: Array, i: int, cone: RoundCone) -> float:
+    """Distance [m] of the inside of face i, shape (·, 16): of the nearer end of the axis that is above it."""
+    nx, ny, nz, height = face[i, 0], face[i, 1], face[i, 2], face[i, 3]
+    ax, ay, az = cone.x, cone.y, cone.z
+    first = abs(nx * ax + ny * ay + nz * az - height) - cone.radius
+    first = first if above(face, i, ax, ay, az) else ELSEWHERE
+    bx, by, bz = ax + cone.length * cone.ux, ay + cone.length * cone.uy, az + cone.length * cone.uz
+    second = abs(nx * bx + ny * by + nz * bz - height) - cone.radius + cone.drop
+    second = second if above(face, i, bx, by, bz) else ELSEWHERE
+    return min(first, second)
+
+
+@jit_inline
+def face_bounds(face: Array, i: int, cone: RoundCone, one_sided: bool) -> tuple[float, float]:
+    """How far a round cone must move at least, before it touches triangle i, shape (·, 16) [m].
+
+    Args:
+        face: In the order of `FACE_FIELDS`.
+        i: Which.
+        cone: The body.
+        one_sided: Behind a face is inside, and the body is not: it must come round first.
+
+    Returns:
+        For the whole triangle, by its plane and sides; and for the inside of the face: besides, an end of the axis must
+        come above it. (Its sides and corners are met from behind too, by way of the faces that they share.)
+    """
+    nx, ny, nz, height = face[i, 0], face[i, 1], face[i, 2], face[i, 3]
+    ax, ay, az, radius, drop = cone.x, cone.y, cone.z, cone.radius, cone.drop
+    bx, by, bz = ax + cone.length * cone.ux, ay + cone.length * cone.uy, az + cone.length * cone.uz
+    first = nx * ax + ny * ay + nz * az - height
+    second = nx * bx + ny * by + nz * bz - height
+    over = min(first - radius, second - radius + drop)
+    under = min(-first - radius, -second - radius + drop)
+    bound = max(over, under)
+    behind = -max(first, second) if one_sided else -ELSEWHERE
+    first_beside, second_beside = -ELSEWHERE, -ELSEWHERE
+    for k in range(4, FACE_FIELDS, 4):
+        mx, my, mz, side = face[i, k], face[i, k + 1], face[i, k + 2], face[i, k + 3]
+        first_out, second_out = side - mx * ax - my * ay - mz * az, side - mx * bx - my * by - mz * bz
+        bound = max(bound, min(first_out - radius, second_out - radius + drop))
+        first_beside, second_beside = max(first_beside, first_out), max(second_beside, second_out)
+    return bound, max(max(bound, behind), min(first_beside, second_beside))
+
+
+@jit_inline
+def outside_cone(
+    directions: Array,
+    start: int,
+    stop: int,
+    length: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    ux: float,
+    uy: float,
+    uz: float,
+) -> float:
+    """How far an axis must move at least, before a point of it lies in the normal cone of an edge or vertex [m].
+
+    `directions[start:stop]` lead from the feature into its faces or along its edges; the axis begins at (dx, dy, dz)
+    from it and goes along u.
+    """
+    most = -ELSEWHERE
+    for w in range(start, stop):
+        first = dx * directions[w, 0] + dy * directions[w, 1] + dz * directions[w, 2]
+        rise = length * (ux * directions[w, 0] + uy * directions[w, 1] + uz * directions[w, 2])
+        most = max(most, first + min(0.0, rise))
+    return most
+
+
+@jit_inline
+def edge_bound(
+    edge: Array, i: int, cone: RoundCone, wing: Array, wing_start: int, wing_stop: int, tolerance: float
+) -> float:
+    """How far a round cone must move at least, before it touches the inside of edge i, shape (·, 7) [m].
+
+    By its line, by the ends, and by its normal cone, which counts only by what is more than `tolerance` [m].
+    """
+    wx, wy, wz, extent = edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6]
+    dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
+    line, _, _ = line_witness(cone, dx, dy, dz, wx, wy, wz)
+    dw = dx * wx + dy * wy + dz * wz
+    uw = cone.length * (cone.ux * wx + cone.uy * wy + cone.uz * wz)
+    beyond = max(-max(dw, dw + uw), min(dw, dw + uw) - extent)
+    out = outside_cone(wing, wing_start, wing_stop, cone.length, dx, dy, dz, cone.ux, cone.uy, cone.uz)
+    return max(max(line, beyond - ON), out - tolerance)
+
+
+@jit_inline
+def vertex_bound(
+    vertex: Array, i: int, cone: RoundCone, spoke: Array, spoke_start: int, spoke_stop: int, tolerance: float
+) -> float:
+    """The same for vertex i, shape (·, 3)."""
+    distance, _ = vertex_distance(vertex, i, cone)
+    dx, dy, dz = cone.x - vertex[i, 0], cone.y - vertex[i, 1], cone.z - vertex[i, 2]
+    out = outside_cone(spoke, spoke_start, spoke_stop, cone.length, dx, dy, dz, cone.ux, cone.uy, cone.uz)
+    return max(distance, out - tolerance)

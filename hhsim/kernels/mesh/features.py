@@ -1,0 +1,299 @@
+"""The corners, edges and faces of a mesh as contacts meet them, and the spheres that find them.
+
+A body touches a mesh at its *features*: the inside of a face, the inside of an edge, a vertex. The least distance of a
+body to the mesh is the least of its distances to the features, each where its witness lies on the feature itself, and
+there the line to the body lies in the feature's *normal cone*: along a face's normal, between the two normals at an
+edge, away from every edge at a vertex (Johnson, Willemsen and Cohen, Six-degree-of-freedom haptic rendering using
+spatialized normal cone search, 2005). No inside is needed for it: a sheet is touched from both sides.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.jit import jit, jit_allocating, jit_inline, jit_vector
+from hhsim.kernels.kd_tree import select
+from hhsim.kernels.round_cone_distance import RoundCone
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+BRANCHING = 8
+ALONG = 1e-9
+"""Sine of an angle that is none."""
+NOWHERE = 1e150
+"""Centre of the spheres that fill up a block [m]: no walk gets there."""
+FACE_FIELDS = 16
+"""Of a face: its unit normal n and n · x on it, then for each side the unit normal m in the plane, inward, and the
+least m · x that counts as inside [m]: a little less than on the side itself."""
+EDGE_FIELDS = 7
+"""Of an edge: its first end [m], the unit vector along it, its length [m]."""
+
+
+class FaceSpheres(NamedTuple):
+    """Spheres around faces, in groups of eight of eight: block 0 is the root's.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | block | x, y, z and radius of the eight spheres of each group [m] | (N, 4, 8) |
+    | child | each one's own block, or -1 - face | (N, 8) |
+    """
+
+    block: Array
+    child: Indices
+
+
+class MeshFeatures(NamedTuple):
+    """A mesh of F faces, E edges and V vertices that can be touched, world.
+
+    Each edge and each vertex belongs to one of its faces, so that a walk that finds the faces finds it once. Edges
+    between coplanar faces are none.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | spheres | around the faces and around groups of them | |
+    | corner | a, b, c of each face [m] | (F, 9) |
+    | face | see `FACE_FIELDS` | (F, 16) |
+    | face_edge | edges that belong to the face, -1 for none | (F, 3) |
+    | face_vertex | vertices that belong to the face, -1 for none | (F, 3) |
+    | edge | see `EDGE_FIELDS` | (E, 7) |
+    | wing_start | first wing of each edge, and the end | (E + 1,) |
+    | wing | unit vectors from an edge into its faces, across the edge | (·, 3) |
+    | vertex | [m] | (V, 3) |
+    | spoke_start | first spoke of each vertex, and the end | (V + 1,) |
+    | spoke | unit vectors from a vertex along its edges | (·, 3) |
+    | pseudonormal | outward, by the features of `closest_on_triangle`; no rows where nothing is inside | (F, 7, 3) |
+    """
+
+    spheres: FaceSpheres
+    corner: Array
+    face: Array
+    face_edge: Indices
+    face_vertex: Indices
+    edge: Array
+    wing_start: Indices
+    wing: Array
+    vertex: Array
+    spoke_start: Indices
+    spoke: Array
+    pseudonormal: Array
+
+
+@jit
+def _triangle_sphere(corner: Array, center_out: Array) -> None:
+    # The least sphere around a triangle: over its longest side where the angle there is not acute, else the
+    # circumscribed one.
+    best, first = -1.0, 0
+    for k in range(3):
+        i, j = 3 * k, 3 * ((k + 1) % 3)
+        square = 0.0
+        for m in range(3):
+            square += (corner[i + m] - corner[j + m]) ** 2
+        if square > best:
+            best, first = square, k
+    i, j, o = 3 * first, 3 * ((first + 1) % 3), 3 * ((first + 2) % 3)
+    # With u, v from the corner off the longest side to its ends.
+    uu, vv, uv = 0.0, 0.0, 0.0
+    for m in range(3):
+        u, v = corner[i + m] - corner[o + m], corner[j + m] - corner[o + m]
+        uu += u * u
+        vv += v * v
+        uv += u * v
+    area2 = uu * vv - uv * uv
+    if uv <= 0.0 or not area2 > 0.0:
+        p, q = 0.5, 0.5
+    else:
+        p, q = 0.5 * vv * (uu - uv) / area2, 0.5 * uu * (vv - uv) / area2
+    for m in range(3):
+        u, v = corner[i + m] - corner[o + m], corner[j + m] - corner[o + m]
+        center_out[m] = corner[o + m] + p * u + q * v
+
+
+@jit
+def _reach(corner: Array, order: Indices, start: int, end: int, center: Array) -> float:
+    # Radius of the sphere about a centre around the corners of faces.
+    most = 0.0
+    for i in range(start, end):
+        c = corner[order[i]]
+        for k in range(0, 9, 3):
+            square = (c[k] - center[0]) ** 2 + (c[k + 1] - center[1]) ** 2 + (c[k + 2] - center[2]) ** 2
+            most = max(most, square)
+    return math.sqrt(most) * (1.0 + 1e-12)
+
+
+@jit
+def _middle_of_box(corner: Array, order: Indices, start: int, end: int, center_out: Array) -> None:
+    for m in range(3):
+        low, high = np.inf, -np.inf
+        for i in range(start, end):
+            for k in range(0, 9, 3):
+                low = min(low, corner[order[i], k + m])
+                high = max(high, corner[order[i], k + m])
+        center_out[m] = 0.5 * (low + high)
+
+
+@jit
+def _halve(middle: Array, order: Indices, start: int, end: int) -> int:
+    # Splits a range at the median of its widest axis; returns where.
+    widest, axis = -1.0, 0
+    for m in range(3):
+        low, high = np.inf, -np.inf
+        for i in range(start, end):
+            low = min(low, middle[m, order[i]])
+            high = max(high, middle[m, order[i]])
+        if high - low > widest:
+            widest, axis = high - low, m
+    half = (start + end) // 2
+    select(middle[axis], order, start, end, half)
+    return half
+
+
+@jit_allocating
+def face_spheres(corner: Array) -> FaceSpheres:
+    """Spheres around faces, shape (F, 9), in groups of eight: halved at the median of the widest axis, three times."""
+    faces = corner.shape[0]
+    middle = np.empty((3, faces))
+    for i in range(faces):
+        for m in range(3):
+            middle[m, i] = (corner[i, m] + corner[i, 3 + m] + corner[i, 6 + m]) / 3.0
+    order = np.arange(faces)
+    most = faces + 1
+    block, child = np.full((most, 4, BRANCHING), NOWHERE), np.full((most, BRANCHING), -1)
+    block[:, 3] = 0.0
+    start, end = np.empty(most, np.int64), np.empty(most, np.int64)
+    bound = np.empty(BRANCHING + 1, np.int64)
+    center = np.empty(3)
+    start[0], end[0] = 0, faces
+    blocks, node = 1, 0
+    while node < blocks:
+        pieces = 1
+        bound[0], bound[1] = start[node], end[node]
+        while pieces < BRANCHING:
+            # Halve every piece that has more than one face; the pieces stay in order.
+            last = pieces
+            for i in range(last - 1, -1, -1):
+                low, high = bound[i], bound[i + 1]
+                if high - low > 1 and pieces < BRANCHING:
+                    half = _halve(middle, order, low, high)
+                    for j in range(pieces, i, -1):
+                        bound[j + 1] = bound[j]
+                    bound[i + 1] = half
+                    pieces += 1
+            if pieces == last:
+                break
+        for i in range(pieces):
+            low, high = bound[i], bound[i + 1]
+            if high - low == 1:
+                _triangle_sphere(corner[order[low]], center)
+                child[node, i] = -1 - order[low]
+            else:
+                _middle_of_box(corner, order, low, high, center)
+                child[node, i] = blocks
+                start[blocks], end[blocks] = low, high
+                blocks += 1
+            for m in range(3):
+                block[node, m, i] = center[m]
+            block[node, 3, i] = _reach(corner, order, low, high, center)
+        node += 1
+    return FaceSpheres(block[:blocks].copy(), child[:blocks].copy())
+
+
+@jit_inline
+def block_distance(block: Array, node: int, i: int, cone: RoundCone) -> float:
+    """Signed distance [m] of a round cone to sphere i of a block."""
+    dx, dy, dz = block[node, 0, i] - cone.x, block[node, 1, i] - cone.y, block[node, 2, i] - cone.z
+    t = dx * cone.ux + dy * cone.uy + dz * cone.uz
+    px, py, pz = dx - t * cone.ux, dy - t * cone.uy, dz - t * cone.uz
+    h2 = px * px + py * py + pz * pz
+    s = t - math.sqrt(h2) * cone.tan_slope
+    s = 0.0 if s < 0.0 else s
+    s = cone.length if s > cone.length else s
+    away = math.sqrt(h2 + (t - s) * (t - s))
+    return away - cone.radius + cone.drop * cone.inverse_length * s - block[node, 3, i]
+
+
+@jit_vector
+def _block_distances(block: Array, node: int, cone: RoundCone, distance_out: Array) -> None:
+    for i in range(BRANCHING):
+        distance_out[i] = block_distance(block, node, i, cone)
+
+
+@jit
+def gather_faces(
+    spheres: FaceSpheres, cone: RoundCone, reach: float, stack: Indices, near: Array, face_out: Indices
+) -> tuple[int, float, int]:
+    """Faces whose spheres are within `reach` [m] of a round cone.
+
+    Args:
+        spheres: Around the faces.
+        cone: The body.
+        reach: [m].
+        stack: Workspace, shape (STACK_SIZE,).
+        near: Workspace, shape (8,).
+        face_out: The faces; as many as there is room for.
+
+    Returns:
+        (count, clearance, tests) as `kernels.sphere_tree.gather_round_cone`.
+    """
+    clearance = np.inf
+    count, tests = 0, 0
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        _block_distances(spheres.block, node, cone, near)
+        tests += 1
+        for i in range(BRANCHING):
+            if near[i] > reach:
+                clearance = min(clearance, near[i])
+                continue
+            child = spheres.child[node, i]
+            if child >= 0:
+                stack[top] = child
+                top += 1
+            elif count >= face_out.shape[0]:
+                return -1, 0.0, tests
+            else:
+                face_out[count] = -1 - child
+                count += 1
+    return count, clearance, tests
+
+
+@jit
+def touchable_vertices(spoke_start: Indices, spoke: Array, outward: Array, touchable_out: NDArray[np.bool_]) -> None:
+    """Which vertices have a normal cone: some direction that leads away from all of their edges.
+
+    A cone that is not empty has a direction across two of the edges, or is a half space or a wedge.
+
+    Args:
+        spoke_start: As in `MeshFeatures`.
+        spoke: As in `MeshFeatures`.
+        outward: Normals of the vertices where only the outside counts, shape (V, 3); no rows where both sides do.
+        touchable_out: Shape (V,).
+    """
+    for v in range(spoke_start.shape[0] - 1):
+        first, last = spoke_start[v], spoke_start[v + 1]
+        found = last - first < 3
+        for i in range(first, last):
+            for j in range(first, i):
+                x = spoke[i, 1] * spoke[j, 2] - spoke[i, 2] * spoke[j, 1]
+                y = spoke[i, 2] * spoke[j, 0] - spoke[i, 0] * spoke[j, 2]
+                z = spoke[i, 0] * spoke[j, 1] - spoke[i, 1] * spoke[j, 0]
+                size = math.sqrt(x * x + y * y + z * z)
+                # Along one line: what is across both is not one direction.
+                found = found or size < ALONG
+                for side in (-1.0, 1.0):
+                    if found or (
+                        outward.shape[0] > 0
+                        and side * (x * outward[v, 0] + y * outward[v, 1] + z * outward[v, 2]) <= 0.0
+                    ):
+                        continue
+                    away = True
+                    for k in range(first, last):
+                        rise = side * (x * spoke[k, 0] + y * spoke[k, 1] + z * spoke[k, 2])
+                        away = away and rise <= ALONG * size
+                    found = found or away
+        touchable_out[v] = found

@@ -1,0 +1,691 @@
+"""The triangles of the object's mesh themselves: faces, edges and vertices, in closed form.
+
+A row is kept where a feature's witness is a local minimum of the distance, in its normal cone: a row of a neighbour
+would allow half of the way to it only, and lift a finger that slides over a fine mesh. What is left out is nearer to
+nothing, its distance counts, and the true distances after the step decide. A phalanx that lies flat has a row at each
+end: that of the nearer one says nothing of the other.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
+from hhsim.kernels.contact.surface import (
+    SHARED_CANDIDATES,
+    Surface,
+    Walk,
+    cone_distance,
+    gather_pairs,
+    measure_pairs,
+    pairs_within,
+    record_pairs,
+)
+from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.jit import Record, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.mesh.feature_distance import (
+    ELSEWHERE,
+    ON,
+    above,
+    edge_bound,
+    edge_distance,
+    edge_witness,
+    face_bounds,
+    face_distance,
+    vertex_bound,
+    vertex_distance,
+    vertex_witness,
+)
+from hhsim.kernels.mesh.features import BRANCHING, NOWHERE, MeshFeatures, block_distance, gather_faces
+from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
+from hhsim.kernels.sphere_tree import STACK_SIZE
+from hhsim.kernels.triangle import Triangle, closest_on_triangle
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+PALM_SPHERES = 1024
+PARTS = PALM_BODY + PALM_SPHERES
+"""What is walked for: the phalanges, then the palm's spheres."""
+PHALANX_ROOM = 4096
+PALM_ROOM = 32768
+ROOM = PALM_BODY * PHALANX_ROOM + PALM_ROOM
+"""Faces near a phalanx and near the palm, and in all; as many edges, as many vertices."""
+NEAR_CONE = 0.03
+"""Sine of the angle by which a witness may lie outside of its feature's normal cone and still have a row.
+
+Two edges of a face that a phalanx lies on take turns in being the nearest; a body of radius 8 mm is lifted by no more
+than 4 µm for the time of one linearisation.
+"""
+LOOK_OUT = 3.0
+AHEAD_SOON = 0.9
+SOON = 0.75
+"""A palm sphere is gathered with the others where its slack is less than this share of the reach."""
+FLAT = np.inf
+"""Radius of curvature of a face [m]."""
+
+CANDIDATES = np.dtype(
+    [
+        ("face", np.int64, (ROOM,)),
+        ("edge", np.int64, (ROOM,)),
+        ("vertex", np.int64, (ROOM,)),
+        ("face_distance", np.float64, (ROOM,)),
+        ("edge_distance", np.float64, (ROOM,)),
+        ("vertex_distance", np.float64, (ROOM,)),
+        ("edge_parameter", np.float64, (ROOM,)),
+        ("vertex_parameter", np.float64, (ROOM,)),
+        ("faces", np.int64, (PARTS,)),
+        ("edges", np.int64, (PARTS,)),
+        ("vertices", np.int64, (PARTS,)),
+        ("spare", np.float64, (PARTS,)),
+        ("least", np.float64, (PARTS,)),
+        ("near", np.float64, (PARTS, BRANCHING)),
+        *SHARED_CANDIDATES,
+        ("scratch", np.int64, (PHALANX_ROOM,)),
+        ("stack", np.int64, (STACK_SIZE,)),
+    ],
+    align=True,
+)
+"""Gathered features and their distances; each part of the hand has its own stretch of the room.
+
+| field | meaning |
+|---|---|
+| face, edge, vertex | features near the parts, by their place in `MeshFeatures` |
+| face_distance, … | signed distances [m] |
+| edge_parameter, vertex_parameter | s of the witness on the axis [m] |
+| faces, edges, vertices | how many each part has |
+| spare | slack of each of the palm's spheres beyond that of the palm [m] |
+| least | least distance of each part [m] |
+| near, scratch, stack | of a walk |
+"""
+
+
+@jit_inline
+def _start(hand: HandArrays, part: int) -> int:
+    if part < PALM_BODY:
+        return part * PHALANX_ROOM
+    return PALM_BODY * PHALANX_ROOM + (part - PALM_BODY) * _palm_room(hand)
+
+
+@jit_inline
+def _palm_room(hand: HandArrays) -> int:
+    return min(PHALANX_ROOM, PALM_ROOM // hand.palm_radius.shape[0])
+
+
+@jit_inline
+def _cone(hand: HandArrays, pose: Record, part: int) -> RoundCone:
+    if part < PALM_BODY:
+        f, k = part // PHALANX_COUNT, part % PHALANX_COUNT
+        joint, direction = pose.joints[f, k], pose.direction[f, k]
+        return RoundCone(
+            joint[0],
+            joint[1],
+            joint[2],
+            direction[0],
+            direction[1],
+            direction[2],
+            hand.length[f, k] if hand.inverse_length[f, k] > 0.0 else 0.0,
+            hand.tan_slope[f, k],
+            hand.inverse_length[f, k],
+            hand.radius[f, k],
+            hand.radius[f, k] - hand.radius[f, k + 1] if hand.inverse_length[f, k] > 0.0 else 0.0,
+        )
+    i = part - PALM_BODY
+    position, rotation = pose.position, pose.rotation
+    x, y, z = hand.palm_x[i], hand.palm_y[i], hand.palm_z[i]
+    return sphere_cone(
+        position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+        hand.palm_radius[i],
+    )
+
+
+@jit
+def _pair_count(candidates: Record, part: int) -> int:
+    return candidates.faces[part] + candidates.edges[part] + candidates.vertices[part]
+
+
+@jit
+def _gather_part(
+    mesh: MeshFeatures,
+    hand: HandArrays,
+    pose: Record,
+    part: int,
+    reach: float,
+    candidates: Record,
+    walk: Walk,
+    work: Indices,
+) -> float:
+    # Returns the part's slack; a negative infinity where there is no room. A part that was near nothing looks farther
+    # than it lists, for a slack that lasts.
+    cone = _cone(hand, pose, part)
+    wide = reach if _pair_count(candidates, part) > 0 else LOOK_OUT * reach
+    near, found = candidates.near[part], walk.scratch
+    count, slack, tests = gather_faces(mesh.spheres, cone, wide, walk.stack, near, found)
+    work[COUNT_NODE_TESTS] += tests
+    if count < 0 and wide > reach:
+        count, slack, tests = gather_faces(mesh.spheres, cone, reach, walk.stack, near, found)
+        work[COUNT_NODE_TESTS] += tests
+    room = PHALANX_ROOM if part < PALM_BODY else _palm_room(hand)
+    if count < 0:
+        return -np.inf
+    start, one_sided = _start(hand, part), mesh.pseudonormal.shape[0] > 0
+    face_out, edge_out, vertex_out = candidates.face, candidates.edge, candidates.vertex
+    face_edge, face_vertex = mesh.face_edge, mesh.face_vertex
+    wing_start, spoke_start = mesh.wing_start, mesh.spoke_start
+    tolerance = NEAR_CONE * (cone.radius + reach)
+    faces, edges, vertices = start, start, start
+    for i in range(count):
+        face = found[i]
+        triangle, inside = face_bounds(mesh.face, face, cone, one_sided)
+        if triangle > reach:
+            slack = min(slack, triangle)
+            continue
+        if inside > reach:
+            slack = min(slack, inside)
+        else:
+            if faces >= start + room:
+                return -np.inf
+            face_out[faces] = face
+            faces += 1
+        for k in range(3):
+            edge = face_edge[face, k]
+            if edge >= 0:
+                near = edge_bound(mesh.edge, edge, cone, mesh.wing, wing_start[edge], wing_start[edge + 1], tolerance)
+                if near > reach:
+                    slack = min(slack, near)
+                elif edges >= start + room:
+                    return -np.inf
+                else:
+                    edge_out[edges] = edge
+                    edges += 1
+            vertex = face_vertex[face, k]
+            if vertex >= 0:
+                near = vertex_bound(
+                    mesh.vertex, vertex, cone, mesh.spoke, spoke_start[vertex], spoke_start[vertex + 1], tolerance
+                )
+                if near > reach:
+                    slack = min(slack, near)
+                elif vertices >= start + room:
+                    return -np.inf
+                else:
+                    vertex_out[vertices] = vertex
+                    vertices += 1
+    candidates.faces[part] = faces - start
+    candidates.edges[part] = edges - start
+    candidates.vertices[part] = vertices - start
+    return slack
+
+
+@jit_inline
+def _group_cone(hand: HandArrays, pose: Record, group: int) -> RoundCone:
+    position, rotation, sphere = pose.position, pose.rotation, hand.palm_group
+    x, y, z = sphere[0, group], sphere[1, group], sphere[2, group]
+    return sphere_cone(
+        position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+        sphere[3, group],
+    )
+
+
+@jit
+def _gather_palm(
+    mesh: MeshFeatures, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
+) -> bool:
+    # Only the spheres whose own slack is used up, or soon will be: the others' lists are as good as they were.
+    spheres = hand.palm_radius.shape[0]
+    if spheres > PALM_SPHERES:
+        return False
+    spare, used = candidates.spare, candidates.slack[PALM_BODY]
+    # Ahead of need only a few of them are, in a tick that has nothing else to gather.
+    soon = (SOON if candidates.due[PALM_BODY] == 1 else AHEAD_SOON) * reach
+    total = 0
+    slack = np.inf
+    for group in range(hand.palm_group_start.shape[0] - 1):
+        first, last = PALM_BODY + hand.palm_group_start[group], PALM_BODY + hand.palm_group_start[group + 1]
+        due, listed = 0, 0
+        for part in range(first, last):
+            due += 0 if used + spare[part] > soon else 1
+            listed += _pair_count(candidates, part)
+        if due > 1 and listed == 0:
+            # Where the sphere around a group is near nothing, nor is any of them.
+            count, clearance, tests = gather_faces(
+                mesh.spheres,
+                _group_cone(hand, pose, group),
+                LOOK_OUT * reach,
+                walk.stack,
+                candidates.near[PALM_BODY],
+                walk.scratch,
+            )
+            work[COUNT_NODE_TESTS] += tests
+            if count == 0:
+                for part in range(first, last):
+                    spare[part] = max(used + spare[part], clearance) - used
+        for part in range(first, last):
+            own = used + spare[part]
+            if not own > soon:
+                own = _gather_part(mesh, hand, pose, part, reach, candidates, walk, work)
+                if own == -np.inf:
+                    # What has been gathered anew has no common measure with what has not.
+                    candidates.slack[PALM_BODY] = -np.inf
+                    return False
+            spare[part] = own
+            slack = min(slack, own)
+            total += _pair_count(candidates, part)
+    for part in range(PALM_BODY, PALM_BODY + spheres):
+        spare[part] = spare[part] - slack if spare[part] < np.inf else np.inf
+    candidates.count[PALM_BODY] = total
+    candidates.slack[PALM_BODY] = slack
+    return True
+
+
+@gather_pairs.of(MeshFeatures)
+@jit
+def _gather(
+    mesh: MeshFeatures,
+    hand: HandArrays,
+    pose: Record,
+    body: int,
+    reach: float,
+    candidates: Record,
+    walk: Walk,
+    work: Indices,
+) -> bool:
+    if body < PALM_BODY:
+        slack = _gather_part(mesh, hand, pose, body, reach, candidates, walk, work)
+        if slack == -np.inf:
+            return False
+        candidates.count[body] = _pair_count(candidates, body)
+        candidates.slack[body] = slack
+        return True
+    return _gather_palm(mesh, hand, pose, reach, candidates, walk, work)
+
+
+@jit_vector
+def _count_within(distance: Array, start: int, stop: int, limit: float) -> int:
+    within = 0
+    for i in range(start, stop):
+        within += 1 if distance[i] <= limit else 0
+    return within
+
+
+@jit
+def _measure_part(mesh: MeshFeatures, hand: HandArrays, pose: Record, part: int, candidates: Record) -> float:
+    start, cone = _start(hand, part), _cone(hand, pose, part)
+    least = np.inf
+    index, distance = candidates.face, candidates.face_distance
+    for i in range(start, start + candidates.faces[part]):
+        distance[i] = face_distance(mesh.face, index[i], cone)
+        least = min(least, distance[i])
+    index, distance, parameter = candidates.edge, candidates.edge_distance, candidates.edge_parameter
+    for i in range(start, start + candidates.edges[part]):
+        distance[i], parameter[i] = edge_distance(mesh.edge, index[i], cone)
+        least = min(least, distance[i])
+    index, distance, parameter = candidates.vertex, candidates.vertex_distance, candidates.vertex_parameter
+    for i in range(start, start + candidates.vertices[part]):
+        distance[i], parameter[i] = vertex_distance(mesh.vertex, index[i], cone)
+        least = min(least, distance[i])
+    return least
+
+
+@measure_pairs.of(MeshFeatures)
+@jit
+def _measure(mesh: MeshFeatures, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
+    if body < PALM_BODY:
+        candidates.least[body] = _measure_part(mesh, hand, pose, body, candidates)
+        return float(candidates.least[body])
+    least = np.inf
+    for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
+        candidates.least[part] = np.inf
+        if _pair_count(candidates, part) > 0:
+            candidates.least[part] = _measure_part(mesh, hand, pose, part, candidates)
+            least = min(least, candidates.least[part])
+    return least
+
+
+@jit
+def _within_part(hand: HandArrays, candidates: Record, part: int, limit: float) -> int:
+    start = _start(hand, part)
+    within = _count_within(candidates.face_distance[:], start, start + candidates.faces[part], limit)
+    within += _count_within(candidates.edge_distance[:], start, start + candidates.edges[part], limit)
+    return within + _count_within(candidates.vertex_distance[:], start, start + candidates.vertices[part], limit)
+
+
+@pairs_within.of(MeshFeatures)
+@jit
+def _within(mesh: MeshFeatures, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
+    if body < PALM_BODY:
+        return _within_part(hand, candidates, body, limit)
+    within = 0
+    for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
+        if candidates.least[part] <= limit:
+            within += _within_part(hand, candidates, part, limit)
+    return within
+
+
+@jit_inline
+def _write(
+    contacts: Record,
+    row: int,
+    place: tuple[float, float, float],
+    normal: tuple[float, float, float],
+    radius: float,
+    distance: float,
+    object_radius: float,
+    key: int,
+) -> None:
+    # What all rows of a part share is written once, in `_record_part`.
+    contacts.key[row] = key
+    for j in range(3):
+        contacts.normal[j, row] = normal[j]
+        contacts.point[j, row] = place[j] - radius * normal[j]
+        contacts.straight[j, row] = 0.0
+    contacts.hand_radius[row] = radius
+    contacts.distance[row] = distance
+    contacts.object_radius[row] = object_radius
+    contacts.slides[row] = 0
+
+
+@jit_once
+def _face_rows(
+    mesh: MeshFeatures,
+    candidates: Record,
+    start: int,
+    stop: int,
+    cone: RoundCone,
+    limit: float,
+    first_key: int,
+    row: int,
+    contacts: Record,
+) -> int:
+    ends = 2 if cone.length > 0.0 else 1
+    face, index, distance = mesh.face, candidates.face, candidates.face_distance
+    for i in range(start, stop):
+        if distance[i] > limit:
+            continue
+        f = index[i]
+        nx, ny, nz = face[f, 0], face[f, 1], face[f, 2]
+        for end in range(ends):
+            s = end * cone.length
+            x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
+            radius = cone.radius - end * cone.drop
+            height = nx * x + ny * y + nz * z - face[f, 3]
+            if abs(height) - radius > limit:
+                continue
+            if not above(face, f, x, y, z):
+                continue
+            if row >= contacts.key.shape[0]:
+                return -1
+            side = 1.0 if height >= 0.0 else -1.0
+            normal = (side * nx, side * ny, side * nz)
+            _write(contacts, row, (x, y, z), normal, radius, abs(height) - radius, FLAT, first_key + 3 * f + end)
+            row += 1
+    return row
+
+
+@jit_inline
+def _in_cone(directions: Array, start: int, stop: int, dx: float, dy: float, dz: float, size: float) -> bool:
+    for w in range(start, stop):
+        if dx * directions[w, 0] + dy * directions[w, 1] + dz * directions[w, 2] > NEAR_CONE * size:
+            return False
+    return True
+
+
+@jit_once
+def _edge_rows(
+    mesh: MeshFeatures,
+    candidates: Record,
+    start: int,
+    stop: int,
+    cone: RoundCone,
+    limit: float,
+    first_key: int,
+    row: int,
+    contacts: Record,
+) -> int:
+    tries = 3 if cone.length > 0.0 else 1
+    edge, index, distance, parameter = (
+        mesh.edge,
+        candidates.edge,
+        candidates.edge_distance,
+        candidates.edge_parameter,
+    )
+    slope = cone.drop * cone.inverse_length
+    for i in range(start, stop):
+        # Where the nearest point of the axis is beyond the edge, an end of it may still be over it.
+        if limit < distance[i] < ELSEWHERE:
+            continue
+        e = index[i]
+        wx, wy, wz = edge[e, 3], edge[e, 4], edge[e, 5]
+        for which in range(tries):
+            s = parameter[i]
+            if which == 0 and distance[i] == ELSEWHERE:
+                continue
+            if which > 0:
+                # The ends of a phalanx that lies along the edge.
+                end = (which - 1) * cone.length
+                if s == end:
+                    continue
+                s = end
+            x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
+            dx, dy, dz = x - edge[e, 0], y - edge[e, 1], z - edge[e, 2]
+            foot = dx * wx + dy * wy + dz * wz
+            if which > 0 and not -ON <= foot <= edge[e, 6] + ON:
+                continue
+            dx, dy, dz = dx - foot * wx, dy - foot * wy, dz - foot * wz
+            size = math.sqrt(dx * dx + dy * dy + dz * dz)
+            radius = cone.radius - slope * s
+            if which > 0 and size - radius > limit:
+                continue
+            if not _in_cone(mesh.wing, mesh.wing_start[e], mesh.wing_start[e + 1], dx, dy, dz, size):
+                continue
+            if row >= contacts.key.shape[0]:
+                return -1
+            if size > 0.0:
+                scale = 1.0 / size
+                normal = (dx * scale, dy * scale, dz * scale)
+            else:
+                normal = _across(wx, wy, wz)
+            key = first_key + 3 * (mesh.face.shape[0] + e) + which
+            _write(contacts, row, (x, y, z), normal, radius, size - radius, 0.0, key)
+            contacts.straight[0, row] = wx
+            contacts.straight[1, row] = wy
+            contacts.straight[2, row] = wz
+            contacts.slides[row] = 1 if which == 0 and 0.0 < s < cone.length else 0
+            row += 1
+    return row
+
+
+@jit
+def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
+    # Some unit vector across w: where an axis meets an edge every direction is as good.
+    if abs(wx) <= abs(wy):
+        scale = 1.0 / math.sqrt(wy * wy + wz * wz)
+        return (0.0, wz * scale, -wy * scale)
+    scale = 1.0 / math.sqrt(wx * wx + wz * wz)
+    return (-wz * scale, 0.0, wx * scale)
+
+
+@jit_once
+def _vertex_rows(
+    mesh: MeshFeatures,
+    candidates: Record,
+    start: int,
+    stop: int,
+    cone: RoundCone,
+    limit: float,
+    first_key: int,
+    row: int,
+    contacts: Record,
+) -> int:
+    vertex, index, distance, parameter = (
+        mesh.vertex,
+        candidates.vertex,
+        candidates.vertex_distance,
+        candidates.vertex_parameter,
+    )
+    slope = cone.drop * cone.inverse_length
+    before = mesh.face.shape[0] + mesh.edge.shape[0]
+    for i in range(start, stop):
+        if distance[i] > limit:
+            continue
+        s, v = parameter[i], index[i]
+        x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
+        dx, dy, dz = x - vertex[v, 0], y - vertex[v, 1], z - vertex[v, 2]
+        size = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if not _in_cone(mesh.spoke, mesh.spoke_start[v], mesh.spoke_start[v + 1], dx, dy, dz, size):
+            continue
+        if row >= contacts.key.shape[0]:
+            return -1
+        if size > 0.0:
+            scale = 1.0 / size
+            normal = (dx * scale, dy * scale, dz * scale)
+        else:
+            normal = _across(cone.ux, cone.uy, 1.0 if cone.length == 0.0 else cone.uz)
+        key = first_key + 3 * (before + v)
+        _write(contacts, row, (x, y, z), normal, cone.radius - slope * s, distance[i], 0.0, key)
+        contacts.slides[row] = 1 if 0.0 < s < cone.length else 0
+        row += 1
+    return row
+
+
+@jit
+def _record_part(
+    mesh: MeshFeatures,
+    hand: HandArrays,
+    pose: Record,
+    part: int,
+    candidates: Record,
+    limit: float,
+    row: int,
+    contacts: Record,
+) -> int:
+    start, cone = _start(hand, part), _cone(hand, pose, part)
+    features = mesh.face.shape[0] + mesh.edge.shape[0] + mesh.vertex.shape[0]
+    key = 3 * features * part
+    first = row
+    row = _face_rows(mesh, candidates, start, start + candidates.faces[part], cone, limit, key, row, contacts)
+    if row >= 0:
+        row = _edge_rows(mesh, candidates, start, start + candidates.edges[part], cone, limit, key, row, contacts)
+    if row >= 0:
+        stop = start + candidates.vertices[part]
+        row = _vertex_rows(mesh, candidates, start, stop, cone, limit, key, row, contacts)
+    for i in range(first, row):
+        contacts.body[i] = min(part, PALM_BODY)
+    return row
+
+
+@record_pairs.of(MeshFeatures)
+@jit
+def _record(
+    mesh: MeshFeatures,
+    hand: HandArrays,
+    pose: Record,
+    body: int,
+    candidates: Record,
+    limit: float,
+    row: int,
+    contacts: Record,
+) -> int:
+    if body < PALM_BODY:
+        return _record_part(mesh, hand, pose, body, candidates, limit, row, contacts)
+    for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
+        if candidates.least[part] <= limit:
+            row = _record_part(mesh, hand, pose, part, candidates, limit, row, contacts)
+            if row < 0:
+                return -1
+    return row
+
+
+@jit
+def _corner_distance(mesh: MeshFeatures, face: int, cone: RoundCone) -> tuple[float, float]:
+    # (distance, s) of a round cone and one triangle with all its sides and corners; unsigned but for the radius.
+    corner, plane = mesh.corner[face], mesh.face[face]
+    best, parameter = ELSEWHERE, 0.0
+    for k in range(3):
+        i, j = 3 * k, 3 * ((k + 1) % 3)
+        distance, s = vertex_witness(cone, corner[i] - cone.x, corner[i + 1] - cone.y, corner[i + 2] - cone.z)
+        if distance < best:
+            best, parameter = distance, s
+        wx, wy, wz = corner[j] - corner[i], corner[j + 1] - corner[i + 1], corner[j + 2] - corner[i + 2]
+        extent = math.sqrt(wx * wx + wy * wy + wz * wz)
+        scale = 1.0 / extent
+        distance, s = edge_witness(
+            cone,
+            cone.x - corner[i],
+            cone.y - corner[i + 1],
+            cone.z - corner[i + 2],
+            wx * scale,
+            wy * scale,
+            wz * scale,
+            extent,
+        )
+        if distance < best:
+            best, parameter = distance, s
+    slope = cone.drop * cone.inverse_length
+    rise = plane[0] * cone.ux + plane[1] * cone.uy + plane[2] * cone.uz
+    height = plane[0] * cone.x + plane[1] * cone.y + plane[2] * cone.z - plane[3]
+    # The two ends, and where the axis goes through.
+    for which in range(3):
+        s = cone.length if which == 1 else 0.0
+        if which == 2:
+            if not abs(rise) > slope:
+                continue
+            s = -height / rise
+            if not 0.0 < s < cone.length:
+                continue
+        x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
+        if above(mesh.face, face, x, y, z):
+            distance = abs(height + s * rise) - cone.radius + slope * s
+            if distance < best:
+                best, parameter = distance, s
+    return best, parameter
+
+
+@cone_distance.of(MeshFeatures)
+@jit
+def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Indices) -> float:
+    # Where something can be inside the nearest triangle is looked for however far it is: its side decides.
+    spheres, signed = mesh.spheres, mesh.pseudonormal.shape[0] > 0
+    best = np.inf if signed else limit
+    found, parameter = -1, 0.0
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        for i in range(BRANCHING):
+            child, away = spheres.child[node, i], block_distance(spheres.block, node, i, cone)
+            if not away <= best or away > 0.1 * NOWHERE:
+                continue
+            if child < 0:
+                distance, s = _corner_distance(mesh, -1 - child, cone)
+                if distance < best:
+                    best, found, parameter = distance, -1 - child, s
+            else:
+                stack[top] = child
+                top += 1
+    if signed and found >= 0:
+        c = mesh.corner[found]
+        x, y, z = cone.x + parameter * cone.ux, cone.y + parameter * cone.uy, cone.z + parameter * cone.uz
+        triangle = Triangle(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
+        px, py, pz, square, feature = closest_on_triangle(x, y, z, triangle)
+        n = mesh.pseudonormal[found, feature]
+        if n[0] * (x - px) + n[1] * (y - py) + n[2] * (z - pz) < 0.0:
+            best -= 2.0 * math.sqrt(square)
+    return min(best, limit)
+
+
+def _center(mesh: MeshFeatures) -> Array:
+    return mesh.corner.reshape(-1, 3).mean(axis=0)
+
+
+SURFACE = Surface(
+    summary="the triangles of the object's mesh",
+    arrays=MeshFeatures,
+    candidates=CANDIDATES,
+    center=_center,
+)

@@ -1,0 +1,181 @@
+"""What of a mesh can be touched: its faces, edges and vertices, made ready for contacts.
+
+Any triangles will do: they may enclose nothing, meet three at an edge, lie loose. Vertices at the same place are one;
+triangles without area, and all but one of several on the same corners, are left out.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import MeshError
+from hhsim.kernels.mesh.bvh import pseudonormals
+from hhsim.kernels.mesh.feature_distance import ON
+from hhsim.kernels.mesh.features import (
+    EDGE_FIELDS,
+    FACE_FIELDS,
+    MeshFeatures,
+    face_spheres,
+    touchable_vertices,
+)
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+FLAT = 1e-8
+"""Sine of the angle between two faces under which their edge is none."""
+WITHOUT_AREA = 1e-13
+"""A triangle whose height is this share of its longest side, or less, has a normal that is noise."""
+
+BEYOND = 1e-7
+"""How far the inside of a face may reach beyond a corner [m]. At the tip of a sliver the sides, each moved by `ON`, would
+meet millimetres away; a body of millimetres takes this for a distance that is 1e-12 m too short."""
+
+
+class LeftOut(NamedTuple):
+    """How many triangles of a mesh cannot be touched.
+
+    | field | meaning |
+    |---|---|
+    | without_area | their corners lie on a line |
+    | repeated | another one has the same corners |
+    """
+
+    without_area: int
+    repeated: int
+
+
+def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[MeshFeatures, LeftOut]:
+    """Features of a mesh, and what was left out of it.
+
+    Args:
+        vertices: [m], shape (V, 3).
+        faces: Indices of the corners, shape (F, 3), counter-clockwise from outside where something is inside.
+        closed: Whether the triangles enclose something, so that a point near them is inside or outside.
+
+    Raises:
+        MeshError: No triangle has an area.
+    """
+    place, index = np.unique(np.asarray(vertices, np.float64), axis=0, return_inverse=True)
+    corners = index.reshape(-1)[faces]
+    key = np.sort(corners, axis=1)
+    _, kept = np.unique(key, axis=0, return_index=True)
+    kept.sort()
+    repeated = len(faces) - len(kept)
+    corners = corners[kept]
+    normal, high = _normals(place, corners)
+    corners, normal = corners[high], normal[high]
+    without_area = int(len(high) - high.sum())
+    if len(corners) == 0:
+        raise MeshError(f"none of {len(faces)} triangles has an area; expected a surface mesh")
+
+    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+    low, top = ends.min(axis=1), ends.max(axis=1)
+    _, first, edge = np.unique(low * np.int64(len(place)) + top, return_index=True, return_inverse=True)
+    edge = edge.reshape(-1)
+    start, along = place[low[first]], place[top[first]] - place[low[first]]
+    length = np.linalg.norm(along, axis=1)
+    along = along / length[:, None]
+    wing, wing_start = _wings(place, corners, normal, ends, edge, len(first))
+    bent = ~_is_flat(wing, wing_start)
+    outward = pseudonormals(place, corners) if closed else np.zeros((0, 7, 3))
+    if closed:
+        bent &= _is_convex(wing, wing_start, normal[np.argsort(edge, kind="stable") // 3])
+
+    face_edge = np.full(len(ends), -1, dtype=np.int64)
+    face_edge[first[bent]] = edge[first[bent]]
+    used, owner = np.unique(corners.reshape(-1), return_index=True)
+    face_vertex = np.full(len(ends), -1, dtype=np.int64)
+    face_vertex[owner] = used
+
+    origin = np.concatenate([low[first], top[first]])
+    order = np.argsort(origin, kind="stable")
+    spoke = np.ascontiguousarray(np.concatenate([along, -along])[order])
+    spoke_start = np.concatenate([[0], np.cumsum(np.bincount(origin, minlength=len(place)))]).astype(np.int64)
+
+    normal_at = np.zeros((len(place) if closed else 0, 3))
+    if closed:
+        normal_at[corners] = outward[:, 1:4]
+    touchable = np.empty(len(place), dtype=bool)
+    touchable_vertices(spoke_start, spoke, normal_at, touchable)
+    face_vertex[face_vertex >= 0] = np.where(touchable[used], used, -1)[np.argsort(owner)]
+
+    corner = np.ascontiguousarray(place[corners].reshape(-1, 9))
+    features = MeshFeatures(
+        spheres=face_spheres(corner),
+        corner=corner,
+        face=_faces(place, corners, normal),
+        face_edge=face_edge.reshape(-1, 3),
+        face_vertex=face_vertex.reshape(-1, 3),
+        edge=np.ascontiguousarray(np.concatenate([start, along, length[:, None]], axis=1)).reshape(-1, EDGE_FIELDS),
+        wing_start=wing_start,
+        wing=wing,
+        vertex=np.ascontiguousarray(place),
+        spoke_start=spoke_start,
+        spoke=spoke,
+        pseudonormal=outward,
+    )
+    return features, LeftOut(without_area, repeated)
+
+
+def _normals(place: FloatArray, corners: IntArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    # Unit normals by the two shorter sides, and which triangles have one.
+    a, b, c = (place[corners[:, k]] for k in range(3))
+    sides = np.stack([b - a, c - b, a - c], axis=1)
+    squares = np.einsum("fkm,fkm->fk", sides, sides)
+    longest = np.argmax(squares, axis=1)
+    rows = np.arange(len(corners))
+    cross = np.cross(sides[rows, (longest + 1) % 3], sides[rows, (longest + 2) % 3])
+    double_area = np.linalg.norm(cross, axis=1)
+    high = double_area > WITHOUT_AREA * squares[rows, longest]
+    return cross / np.where(high, double_area, 1.0)[:, None], high
+
+
+def _faces(place: FloatArray, corners: IntArray, normal: FloatArray) -> FloatArray:
+    a = place[corners[:, 0]]
+    face = np.empty((len(corners), FACE_FIELDS))
+    face[:, :3] = normal
+    face[:, 3] = np.einsum("ij,ij->i", normal, a)
+    slack = np.minimum(ON, BEYOND * _least_half_sine(place[corners]))
+    for k in range(3):
+        p, q = place[corners[:, k]], place[corners[:, (k + 1) % 3]]
+        inward = np.cross(normal, q - p)
+        inward /= np.linalg.norm(inward, axis=1)[:, None]
+        face[:, 4 + 4 * k : 7 + 4 * k] = inward
+        face[:, 7 + 4 * k] = np.einsum("ij,ij->i", inward, p) - slack
+    return face
+
+
+def _least_half_sine(triangle: FloatArray) -> FloatArray:
+    # Of half the sharpest corner of each triangle, shape (F, 3, 3).
+    out, back = np.roll(triangle, -1, axis=1) - triangle, np.roll(triangle, 1, axis=1) - triangle
+    angle = np.arctan2(np.linalg.norm(np.cross(out, back), axis=2), np.einsum("fkm,fkm->fk", out, back))
+    return np.asarray(np.sin(0.5 * angle.min(axis=1)))
+
+
+def _wings(
+    place: FloatArray, corners: IntArray, normal: FloatArray, ends: IntArray, edge: IntArray, edges: int
+) -> tuple[FloatArray, IntArray]:
+    # Of every side of every face the unit vector in the face, across the side and inward; sorted by edge.
+    inward = np.cross(np.repeat(normal, 3, axis=0), place[ends[:, 1]] - place[ends[:, 0]])
+    inward /= np.linalg.norm(inward, axis=1)[:, None]
+    start = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=edges))]).astype(np.int64)
+    return np.ascontiguousarray(inward[np.argsort(edge, kind="stable")]), start
+
+
+def _is_flat(wing: FloatArray, start: IntArray) -> NDArray[np.bool_]:
+    two = np.diff(start) == 2
+    flat = np.zeros(len(two), dtype=bool)
+    first = start[:-1][two]
+    flat[two] = np.linalg.norm(wing[first] + wing[first + 1], axis=1) < FLAT
+    return flat
+
+
+def _is_convex(wing: FloatArray, start: IntArray, normal: FloatArray) -> NDArray[np.bool_]:
+    # Seen from outside; what is not an edge of two faces counts as convex. The normals are of the wings' faces.
+    convex = np.ones(len(start) - 1, dtype=bool)
+    two = np.diff(start) == 2
+    first = start[:-1][two]
+    convex[two] = np.einsum("ij,ij->i", wing[first], normal[first + 1]) < 0.0
+    return convex

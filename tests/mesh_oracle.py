@@ -1,0 +1,105 @@
+"""Round cones against vertices, edges and triangles by search along the axis: what tests of mesh contact share.
+
+Nothing of the kernels is in it. The distance of a point to a triangle is that to its plane where the point projects
+inside of it, else the least of those to its sides. That of a round cone is sought along its axis, where it is convex:
+sampled densely, then narrowed by golden sections down to rounding.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
+
+Array = NDArray[np.float64]
+
+SAMPLES = 65
+SECTIONS = 80
+"""Golden sections after the samples: 2 / 64 of the axis shrinks by 1e-17."""
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+class Cones(NamedTuple):
+    """Round cones: ends of the axes [m] (n, 3), radii there [m] (n,), the first no smaller than the second."""
+
+    a: Array
+    b: Array
+    radius_a: Array
+    radius_b: Array
+
+    def kernel(self, i: int) -> RoundCone:
+        """One of them as the kernels take it; a sphere alone where that holds the other."""
+        axis = self.b[i] - self.a[i]
+        length = float(np.linalg.norm(axis))
+        radius_a, radius_b = float(self.radius_a[i]), float(self.radius_b[i])
+        tan_slope, inverse = cone_slope(length, radius_a, radius_b)
+        unit = axis / length if length > 0.0 else np.zeros(3)
+        if inverse == 0.0:
+            return RoundCone(*self.a[i].tolist(), *unit.tolist(), 0.0, 0.0, 0.0, radius_a, 0.0)
+        return RoundCone(*self.a[i].tolist(), *unit.tolist(), length, tan_slope, inverse, radius_a, radius_a - radius_b)
+
+
+def random_cones(random: np.random.Generator, count: int, spread: float = 0.03) -> Cones:
+    """Cones of the size of phalanges within `spread` [m]: most of them plain, some cylinders, some nearly spheres."""
+    a = random.normal(0.0, spread, (count, 3))
+    direction = random.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    length, radius = random.uniform(2e-3, 0.05, count), random.uniform(2e-3, 0.012, count)
+    share = random.choice([0.0, 0.1, 0.5, 0.999, 1.0 - 1e-9], count, p=[0.2, 0.4, 0.2, 0.1, 0.1])
+    length[random.random(count) < 0.1] = 0.0
+    return Cones(a, a + length[:, None] * direction, radius, radius - share * np.minimum(length, radius))
+
+
+def to_segment(x: Array, p: Array, q: Array) -> Array:
+    """Distances [m] of points x, shape (..., 3), to the segments pq."""
+    along = q - p
+    square = (along * along).sum(axis=-1)
+    share = ((x - p) * along).sum(axis=-1) / np.where(square > 0.0, square, 1.0)
+    return np.asarray(np.linalg.norm(x - p - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1))
+
+
+def to_line(x: Array, p: Array, q: Array) -> Array:
+    """The same to the lines through p and q."""
+    unit = (q - p) / np.linalg.norm(q - p, axis=-1)[..., None]
+    off = x - p
+    return np.asarray(np.linalg.norm(off - (off * unit).sum(axis=-1)[..., None] * unit, axis=-1))
+
+
+def to_triangle(x: Array, corners: Array) -> Array:
+    """The same to triangles, shape (..., 3, 3)."""
+    a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
+    sides = np.minimum(np.minimum(to_segment(x, a, b), to_segment(x, b, c)), to_segment(x, c, a))
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=-1)
+    normal = normal / np.where(size > 0.0, size, 1.0)[..., None]
+    inside = size > 0.0
+    for p, q in ((a, b), (b, c), (c, a)):
+        inside = inside & ((np.cross(normal, q - p) * (x - p)).sum(axis=-1) > 0.0)
+    return np.where(inside, np.abs(((x - a) * normal).sum(axis=-1)), sides)
+
+
+def along_axes(cones: Cones, distance: Callable[[Array], Array]) -> Array:
+    """Least of distance(centre) - radius [m] over the axis of each cone, shape (n,).
+
+    Args:
+        cones: n of them.
+        distance: Of points (n, 3), the i-th to the i-th thing: convex.
+    """
+
+    def value(share: Array) -> Array:
+        radius = cones.radius_a + share * (cones.radius_b - cones.radius_a)
+        return distance(cones.a + share[:, None] * (cones.b - cones.a)) - radius
+
+    shares = np.linspace(0.0, 1.0, SAMPLES)
+    sampled = np.array([value(np.full(len(cones.a), s)) for s in shares])
+    best, at = sampled.min(axis=0), sampled.argmin(axis=0)
+    low, high = shares[np.maximum(at - 1, 0)], shares[np.minimum(at + 1, SAMPLES - 1)]
+    for _ in range(SECTIONS):
+        first, second = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        left, right = value(first), value(second)
+        best = np.minimum(best, np.minimum(left, right))
+        low, high = np.where(left > right, first, low), np.where(left > right, high, second)
+    return best
