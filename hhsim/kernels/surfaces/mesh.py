@@ -232,7 +232,7 @@ def _group_cone(hand: HandArrays, pose: Record, group: int) -> RoundCone:
 
 
 @jit
-def _gather_palm(
+def _gather_palm_spheres(
     mesh: MeshFeatures, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
 ) -> bool:
     # Only the spheres whose own slack is used up, or soon will be: the others' lists are as good as they were.
@@ -301,7 +301,7 @@ def _gather(
         candidates.count[body] = _pair_count(candidates, body)
         candidates.slack[body] = slack
         return True
-    return _gather_palm(mesh, hand, pose, reach, candidates, walk, work)
+    return _gather_palm_spheres(mesh, hand, pose, reach, candidates, walk, work)
 
 
 @jit_vector
