@@ -29,8 +29,8 @@ WITHOUT_AREA = 1e-13
 """A triangle whose height is this share of its longest side, or less, has a normal that is noise."""
 
 BEYOND = 1e-7
-"""How far the inside of a face may reach beyond a corner [m]. At the tip of a sliver the sides, each moved by `ON`, would
-meet millimetres away; a body of millimetres takes this for a distance that is 1e-12 m too short."""
+"""How far the inside of a face may reach beyond a corner [m]. At the tip of a sliver the sides, each moved by `ON`,
+would meet millimetres away; this much makes the distance of a body of millimetres 1e-12 m too short."""
 
 
 class LeftOut(NamedTuple):

@@ -1,0 +1,189 @@
+"""Spheres around faces against what they must hold and find; normal cones of vertices against a linear program."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mesh_oracle import along_axes, random_cones, to_triangle
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from hhsim.kernels.mesh.features import (
+    ALONG,
+    BRANCHING,
+    NOWHERE,
+    FaceSpheres,
+    face_spheres,
+    gather_faces,
+    touchable_vertices,
+)
+from hhsim.kernels.sphere_tree import STACK_SIZE
+
+Array = NDArray[np.float64]
+
+COUNTS = (1, 2, 3, 7, 8, 9, 15, 16, 63, 64, 65, 66, 129, 513, 700)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def soup(random: np.random.Generator, count: int) -> Array:
+    """Corners of triangles of many sizes (count, 3, 3) [m]; some coincide, some are slivers, some are points."""
+    center = random.uniform(-0.05, 0.05, (count, 1, 3))
+    corners = center + 10.0 ** random.uniform(-5.0, -1.5, (count, 1, 1)) * random.normal(size=(count, 3, 3))
+    corners[random.random(count) < 0.1] = corners[0]
+    thin = random.random(count) < 0.1
+    corners[thin, 2] = 0.5 * (corners[thin, 0] + corners[thin, 1]) + 1e-9
+    point = random.random(count) < 0.02
+    corners[point] = corners[point, :1]
+    return np.asarray(corners)
+
+
+def spheres_of(corners: Array) -> FaceSpheres:
+    return face_spheres(np.ascontiguousarray(corners.reshape(-1, 9)))
+
+
+def under(spheres: FaceSpheres, node: int, i: int) -> list[int]:
+    """Faces below sphere i of a block."""
+    child = int(spheres.child[node, i])
+    if spheres.block[node, 0, i] == NOWHERE:
+        return []
+    if child < 0:
+        return [-1 - child]
+    return [face for j in range(BRANCHING) for face in under(spheres, child, j)]
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_spheres_enclose_the_faces_below_them_and_hold_each_face_once(count: int) -> None:
+    corners = soup(np.random.default_rng(count), count)
+    spheres = spheres_of(corners)
+    assert sorted(face for i in range(BRANCHING) for face in under(spheres, 0, i)) == list(range(count))
+    for node in range(len(spheres.child)):
+        for i in range(BRANCHING):
+            faces = under(spheres, node, i)
+            center, radius = spheres.block[node, :3, i], spheres.block[node, 3, i]
+            if faces:
+                assert np.linalg.norm(corners[faces] - center, axis=2).max() <= radius
+            else:
+                assert radius == 0.0
+    # No block but the root's is there for a single face, or for what another one holds.
+    assert len(spheres.child) <= max(1, count - 1)
+
+
+@given(SEEDS)
+@settings(max_examples=30)
+def test_the_sphere_of_a_face_is_the_least_one(seed: int) -> None:
+    corners = np.random.default_rng(seed).normal(0.0, 0.02, (1, 3, 3))
+    if seed % 3 == 0:
+        corners[0, 2] = corners[0, 0] + 0.4 * (corners[0, 1] - corners[0, 0]) + 1e-7
+    spheres = spheres_of(corners)
+    sides = np.sort(np.linalg.norm(corners[0] - np.roll(corners[0], 1, axis=0), axis=1))
+    area = 0.5 * np.linalg.norm(np.cross(corners[0, 1] - corners[0, 0], corners[0, 2] - corners[0, 0]))
+    obtuse = sides[2] ** 2 >= sides[0] ** 2 + sides[1] ** 2
+    expected = 0.5 * sides[2] if obtuse else float(np.prod(sides) / (4.0 * area))
+    assert spheres.block[0, 3, 0] == pytest.approx(expected, rel=1e-9)
+
+
+@given(SEEDS, st.sampled_from(COUNTS), st.sampled_from([1e-6, 1e-3, 4e-3, 0.02, 0.1]))
+@settings(max_examples=60)
+def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: float) -> None:
+    random = np.random.default_rng(seed)
+    corners, cones = soup(random, count), random_cones(random, 1, 0.05)
+    spheres = spheres_of(corners)
+    stack, near, found = np.zeros(STACK_SIZE, np.int64), np.zeros(BRANCHING), np.zeros(count, np.int64)
+    total, clearance, tests = gather_faces(spheres, cones.kernel(0), reach, stack, near, found)
+    faces = found[:total]
+    assert len(set(faces.tolist())) == total
+    assert 1 <= tests <= len(spheres.child)
+    many = cones._replace(
+        a=np.repeat(cones.a, count, axis=0),
+        b=np.repeat(cones.b, count, axis=0),
+        radius_a=np.repeat(cones.radius_a, count),
+        radius_b=np.repeat(cones.radius_b, count),
+    )
+    if cones.kernel(0).length == 0.0:
+        many = many._replace(b=many.a, radius_b=many.radius_a)
+    distance = along_axes(many, lambda x: to_triangle(x, corners))
+    left_out = np.setdiff1d(np.arange(count), faces)
+    assert set(np.flatnonzero(distance <= reach).tolist()) <= set(faces.tolist())
+    assert clearance > reach
+    assert distance[left_out].min(initial=np.inf) >= clearance - 1e-12
+    # None whose own sphere is beyond reach.
+    own = {
+        -1 - int(spheres.child[n, i]): (n, i)
+        for n, i in zip(*np.nonzero(spheres.block[:, 0] != NOWHERE))
+        if spheres.child[n, i] < 0
+    }
+    for face in faces.tolist():
+        n, i = own[face]
+        away = along_axes(
+            many._replace(a=many.a[:1], b=many.b[:1], radius_a=many.radius_a[:1], radius_b=many.radius_b[:1]),
+            lambda x, n=n, i=i: np.linalg.norm(x - spheres.block[n, :3, i], axis=1),
+        )[0]
+        assert away - spheres.block[n, 3, i] <= reach + 1e-12
+        if face > 20:
+            break
+    if total > 0:
+        room = gather_faces(spheres, cones.kernel(0), reach, stack, near, found[: total - 1])
+        assert room[0] == -1
+
+
+def widest(spokes: Array) -> tuple[float, Array]:
+    """The direction farthest from all spokes, and by how much it leads away from them: 0 where none does."""
+    # Greatest t with spokes · d <= -t, |d| <= 1 in each coordinate.
+    rows = np.column_stack([spokes, np.ones(len(spokes))])
+    best = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=np.zeros(len(spokes)), bounds=[(-1, 1)] * 3 + [(0, None)])
+    assert best.status == 0
+    return float(best.x[3]), np.asarray(best.x[:3])
+
+
+@given(SEEDS, st.integers(3, 9), st.booleans())
+@settings(max_examples=150)
+def test_vertices_are_touchable_where_a_direction_leads_away_from_all_spokes(
+    seed: int, count: int, one_sided: bool
+) -> None:
+    random = np.random.default_rng(seed)
+    spokes = random.normal(size=(count, 3)) + random.uniform(0.0, 1.5) * random.normal(size=3)
+    spokes /= np.linalg.norm(spokes, axis=1)[:, None]
+    away, direction = widest(spokes)
+    if 0.0 < away < 1e-6:
+        return  # as good as none
+    outward = np.zeros((0, 3))
+    expected = away > 0.0
+    if one_sided:
+        # A normal that has the whole cone on one side, as that of a closed mesh has.
+        outward = (1.0 if seed % 2 else -1.0) * -spokes.sum(axis=0)[None]
+        sampled = random.normal(size=(4000, 3))
+        inside = sampled[(sampled @ spokes.T <= 0.0).all(axis=1)]
+        rises = np.append(inside @ outward[0], direction @ outward[0])
+        if expected and rises.min() < 0.0 < rises.max():
+            return
+        expected = expected and bool(rises.max() > 0.0)
+    touchable = np.zeros(1, dtype=bool)
+    touchable_vertices(np.array([0, count]), np.ascontiguousarray(spokes), outward, touchable)
+    assert touchable[0] == expected
+
+
+def test_both_kinds_of_vertices_were_judged() -> None:
+    # The oracle above tells both, so that neither a kernel that says yes nor one that says no would pass.
+    random = np.random.default_rng(0)
+    away = [widest(random.normal(size=(count, 3)))[0] for count in (3, 4, 5, 6, 7) for _ in range(10)]
+    assert 5 < sum(a > 1e-6 for a in away) < 45
+
+
+def test_degenerate_cones() -> None:
+    x, y, z = np.eye(3)
+    half = math.sqrt(0.5)
+    kinds = {
+        "an end of one edge": ([x], True),
+        "a corner of two": ([x, y], True),
+        "along a straight edge": ([x, -x, -z, half * (y - z)], True),
+        "the middle of a flat face": ([x, y, -x, -y], True),
+        "a saddle": ([half * (x + z), half * (-x + z), half * (y - z), half * (-y - z)], False),
+        "a peak": ([half * (x - z), half * (-x - z), half * (y - z)], True),
+        "nearly along one line": ([x, -x + 0.1 * ALONG * y, y, -y + z], True),
+    }
+    for name, (spokes, expected) in kinds.items():
+        touchable = np.zeros(1, dtype=bool)
+        touchable_vertices(np.array([0, len(spokes)]), np.array(spokes), np.zeros((0, 3)), touchable)
+        assert touchable[0] == expected, name

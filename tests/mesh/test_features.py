@@ -1,0 +1,232 @@
+"""Features of meshes: whose they are, which are left out and why, and meshes that are no neat surface."""
+
+from collections import defaultdict
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from hhsim.errors import MeshError
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.features import MeshFeatures
+from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.features import mesh_features
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.0, 0.03, 0.0]])
+
+
+def bumpy() -> tuple[Array, Indices]:
+    """A closed ball with peaks, pits and saddles."""
+    ball = trimesh.creation.icosphere(2, 0.04)
+    random = np.random.default_rng(3)
+    return ball.vertices * random.uniform(0.8, 1.2, (len(ball.vertices), 1)), np.asarray(ball.faces, np.int64)
+
+
+def catalogue(name: str) -> tuple[Array, Indices]:
+    mesh = load_object(name).mesh
+    return mesh.vertices, mesh.faces
+
+
+def torus() -> tuple[Array, Indices]:
+    shape = trimesh.creation.torus(0.04, 0.012, 12, 10)
+    return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
+
+
+CLOSED = {
+    "bumpy": bumpy,
+    "torus": torus,
+    "bunny": lambda: catalogue("bunny"),
+    "cup": lambda: catalogue("cup"),
+    "cube": lambda: catalogue("cube"),
+}
+
+
+def edges_of(mesh: MeshFeatures) -> dict[tuple[tuple[float, ...], ...], list[int]]:
+    """Faces at each edge, by the places of its ends, from the corners alone."""
+    found: dict[tuple[tuple[float, ...], ...], list[int]] = defaultdict(list)
+    for f, corner in enumerate(mesh.corner.reshape(-1, 3, 3)):
+        for k in range(3):
+            ends = sorted((tuple(corner[k].tolist()), tuple(corner[(k + 1) % 3].tolist())))
+            found[tuple(ends)].append(f)
+    return found
+
+
+def owned(owner: Indices) -> list[int]:
+    return sorted(owner[owner >= 0].tolist())
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("name", CLOSED)
+def test_edges_and_vertices_are_owned_once_by_a_face_that_has_them(name: str, closed: bool) -> None:
+    mesh, left_out = mesh_features(*CLOSED[name](), closed=closed)
+    assert left_out == (0, 0)
+    for owner in (mesh.face_edge, mesh.face_vertex):
+        assert len(set(owned(owner))) == len(owned(owner))
+    corners = mesh.corner.reshape(-1, 3, 3)
+    for f, k in zip(*np.nonzero(mesh.face_edge >= 0)):
+        start, end = edge_ends(mesh, f, k)
+        for point in (start, end):
+            assert np.linalg.norm(corners[f] - point, axis=1).min() < 1e-15
+    for f, k in zip(*np.nonzero(mesh.face_vertex >= 0)):
+        assert (corners[f] == mesh.vertex[mesh.face_vertex[f, k]]).all(axis=1).any()
+    brute = edges_of(mesh)
+    assert len(brute) == len(mesh.edge)
+    wings = np.diff(mesh.wing_start)
+    for e, (start, end) in enumerate(zip(mesh.edge[:, :3], mesh.edge[:, :3] + mesh.edge[:, 6:] * mesh.edge[:, 3:6])):
+        # The other end by its direction and length is rounded: the nearest vertex is meant.
+        other = mesh.vertex[np.linalg.norm(mesh.vertex - end, axis=1).argmin()]
+        ends = tuple(sorted((tuple(start.tolist()), tuple(other.tolist()))))
+        assert wings[e] == len(brute[ends])
+        for w in mesh.wing[mesh.wing_start[e] : mesh.wing_start[e + 1]]:
+            assert abs(w @ mesh.edge[e, 3:6]) < 1e-9
+            third = [
+                corners[f][~(corners[f] == start).all(axis=1) & ~(corners[f] == other).all(axis=1)][0]
+                for f in brute[ends]
+            ]
+            assert max(w @ (t - start) / np.linalg.norm(t - start) for t in third) > 0.0
+
+
+def edge_ends(mesh: MeshFeatures, f: int, k: int) -> tuple[Array, Array]:
+    e = mesh.edge[mesh.face_edge[f, k]]
+    return e[:3], e[:3] + e[6] * e[3:6]
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_an_edge_is_one_where_the_middle_of_its_normal_cone_is_outside(name: str) -> None:
+    vertices, faces = CLOSED[name]()
+    mesh, _ = mesh_features(vertices, faces, closed=True)
+    first = mesh.wing_start[:-1]
+    assert (np.diff(mesh.wing_start) == 2).all()
+    middle = -(mesh.wing[first] + mesh.wing[first + 1])
+    bent = np.linalg.norm(middle, axis=1)
+    sharp = bent > 1e-4
+    at = mesh.edge[:, :3] + 0.5 * mesh.edge[:, 6:] * mesh.edge[:, 3:6]
+    points = at + 1e-3 * mesh.edge[:, 6:] * middle / np.where(bent > 0.0, bent, 1.0)[:, None]
+    outside = mesh_signed_distance(build_mesh_bvh(vertices, faces), points) > 0.0
+    kept = np.isin(np.arange(len(mesh.edge)), owned(mesh.face_edge))
+    np.testing.assert_array_equal(kept[sharp], outside[sharp])
+    assert sharp.any() and kept.any() and (name == "cube" or not kept[sharp].all())
+    if name == "cube":
+        assert kept.sum() == 12 and len(kept) == 18
+    # Seen from both sides every bent edge is one.
+    sheet, _ = mesh_features(vertices, faces, closed=False)
+    kept = np.isin(np.arange(len(sheet.edge)), owned(sheet.face_edge))
+    assert kept[sharp].all()
+    assert not kept[bent < 1e-9].any()
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("name", ["bumpy", "bunny"])
+def test_a_vertex_is_one_where_its_normal_cone_is_outside(name: str, closed: bool) -> None:
+    vertices, faces = CLOSED[name]()
+    mesh, _ = mesh_features(vertices, faces, closed=closed)
+    bvh = build_mesh_bvh(vertices, faces)
+    kept = set(owned(mesh.face_vertex))
+    answers = []
+    for v in np.random.default_rng(1).permutation(len(mesh.vertex))[:150].tolist():
+        spokes = mesh.spoke[mesh.spoke_start[v] : mesh.spoke_start[v + 1]]
+        rows = np.column_stack([spokes, np.ones(len(spokes))])
+        best = linprog([0, 0, 0, -1.0], A_ub=rows, b_ub=np.zeros(len(spokes)), bounds=[(-1, 1)] * 3 + [(0, None)])
+        if 0.0 < best.x[3] < 1e-5:
+            continue
+        expected = bool(best.x[3] > 0.0)
+        if closed and expected:
+            point = mesh.vertex[v] + 1e-5 * best.x[:3] / np.linalg.norm(best.x[:3])
+            expected = bool(mesh_signed_distance(bvh, point[None])[0] > 0.0)
+        assert (v in kept) == expected
+        answers.append(expected)
+    assert 10 < sum(answers) < len(answers) - 10
+
+
+def test_one_triangle_has_all_its_features() -> None:
+    mesh, left_out = mesh_features(TRIANGLE, np.array([[0, 1, 2]]), closed=False)
+    assert left_out == (0, 0)
+    assert owned(mesh.face_edge) == owned(mesh.face_vertex) == [0, 1, 2]
+    assert mesh.pseudonormal.shape == (0, 7, 3)
+    np.testing.assert_array_equal(np.diff(mesh.wing_start), 1)
+    np.testing.assert_array_equal(np.diff(mesh.spoke_start), 2)
+
+
+def test_a_sheet_has_no_edges_within_but_those_around_it() -> None:
+    n = 4
+    grid = np.array([[0.01 * i, 0.01 * j, 0.0] for i in range(n + 1) for j in range(n + 1)])
+    corner = np.array([(n + 1) * i + j for i in range(n) for j in range(n)])
+    faces = np.concatenate(
+        [np.stack([corner, corner + n + 1, corner + 1], 1), np.stack([corner + 1, corner + n + 1, corner + n + 2], 1)]
+    )
+    mesh, _ = mesh_features(grid, faces, closed=False)
+    kept = mesh.edge[owned(mesh.face_edge)]
+    assert len(kept) == 4 * n
+    middle = kept[:, :2] + 0.5 * kept[:, 6:] * kept[:, 3:5]
+    assert (np.abs(middle - 0.005 * n).max(axis=1) > 0.0049 * n).all()
+    # Both corners of the same sheet turned over have the same features, whichever way its faces look.
+    turned, _ = mesh_features(grid, faces[:, ::-1], closed=False)
+    assert owned(turned.face_edge) == owned(mesh.face_edge)
+    assert owned(turned.face_vertex) == owned(mesh.face_vertex)
+
+
+def test_duplicates_and_triangles_without_area_are_left_out() -> None:
+    place = np.concatenate([TRIANGLE, [[0.02, 0.0, 0.0], [-0.0, 0.0, -0.0], [0.0, 0.0, 1.0]]])
+    # The last names its corners by other vertices at the same places, one of them with zeros below zero.
+    faces = np.array([[0, 1, 2], [2, 0, 1], [1, 0, 2], [0, 3, 1], [2, 2, 1], [4, 1, 2]])
+    mesh, left_out = mesh_features(place, faces, closed=False)
+    assert left_out == (2, 3)
+    alone, _ = mesh_features(TRIANGLE, np.array([[0, 1, 2]]), closed=False)
+    np.testing.assert_array_equal(mesh.corner, alone.corner)
+    np.testing.assert_array_equal(mesh.face, alone.face)
+    assert len(owned(mesh.face_edge)) == len(owned(mesh.face_vertex)) == 3
+    # What no face uses is nowhere to be touched.
+    assert not (mesh.vertex[owned(mesh.face_vertex)] == [0.0, 0.0, 1.0]).all(axis=1).any()
+    with pytest.raises(MeshError, match="none of 2 triangles has an area"):
+        mesh_features(place, np.array([[0, 3, 1], [2, 2, 1]]), closed=False)
+
+
+def test_three_faces_at_an_edge_and_a_fold() -> None:
+    place = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, -0.03, 0.0], [0.0, 0.0, 0.03]])
+    mesh, _ = mesh_features(place, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]), closed=False)
+    wings = np.diff(mesh.wing_start)
+    assert sorted(wings.tolist()) == [1] * 6 + [3]
+    assert len(owned(mesh.face_edge)) == 7
+    # Two of them lie in one plane: with nothing else there the edge is none, folded back it is one.
+    flat, _ = mesh_features(place, np.array([[0, 1, 2], [0, 1, 3]]), closed=False)
+    assert len(owned(flat.face_edge)) == 4
+    place[3] = [0.04, 0.02, 0.0]
+    fold, _ = mesh_features(place, np.array([[0, 1, 2], [0, 1, 3]]), closed=False)
+    assert len(owned(fold.face_edge)) == 5
+
+
+def test_at_a_t_junction_every_side_is_an_edge() -> None:
+    # One long side against two short ones: none of them knows of the other.
+    place = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.02, 0.03, 0.0], [0.02, 0.0, 0.0], [0.02, -0.03, 0.0]])
+    mesh, _ = mesh_features(place, np.array([[0, 1, 2], [0, 4, 3], [3, 4, 1]]), closed=False)
+    kept = mesh.edge[owned(mesh.face_edge)]
+    along = (kept[:, 1] == 0.0) & (np.abs(kept[:, 4]) < 1e-15)
+    np.testing.assert_allclose(np.sort(kept[along, 6]), [0.02, 0.02, 0.04], atol=1e-15)
+    # The side that the two lower faces share is flat.
+    assert len(kept) == 3 + 2 + 2
+
+
+def test_fields_of_faces() -> None:
+    random = np.random.default_rng(5)
+    corners = random.normal(0.0, 0.02, (50, 3, 3))
+    mesh, _ = mesh_features(corners.reshape(-1, 3), np.arange(150).reshape(50, 3), closed=False)
+    triangle = mesh.corner.reshape(-1, 3, 3)
+    normal = mesh.face[:, :3]
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-14)
+    np.testing.assert_allclose(
+        np.einsum("fkm,fm->fk", triangle, normal), np.repeat(mesh.face[:, 3:4], 3, 1), atol=1e-15
+    )
+    order = np.einsum("fm,fm->f", np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]), normal)
+    assert (order > 0.0).all()
+    for k in range(3):
+        inward, least = mesh.face[:, 4 + 4 * k : 7 + 4 * k], mesh.face[:, 7 + 4 * k]
+        height = np.einsum("fkm,fm->fk", triangle, inward) - least[:, None]
+        # Both ends of the side are inside by the same rounding of a nanometre at most, the third corner by far.
+        assert (height[:, [k, (k + 1) % 3]] >= 0.0).all()
+        assert (height[:, [k, (k + 1) % 3]] <= 1.001e-9).all()
+        assert (height[:, (k + 2) % 3] > 1e-6).all()
