@@ -44,7 +44,9 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     tables = [figure_rows(result, report_ticks(result)) for result in results]
     verdicts = [verdict(result, rows) for result, rows in zip(results, tables)]
     ours = {row.name: row for row in tables[0]}
-    shared = [row for row in whole_table(tables[1]) if row.name in ours]
+    # What happened in one of them alone is a difference.
+    either = {row.name for table in tables for row in whole_table(table)}
+    shared = [row for row in tables[1] if row.name in ours and row.name in either]
     rows = [(ours[row.name], row, compared(ours[row.name], row, found)) for row in shared]
     if as_json:
         print_json(_document(base, head, found, rows, [each.word for each in verdicts]))

@@ -33,9 +33,12 @@ def number(value: float) -> str:
 def headline(report: GateReport) -> str:
     """The verdict in one line."""
     missed, unlike = len(report.missed), sum(row.verdict == "not comparable" for row in report.rows)
-    parts = [f"{missed} of {len(report.rows)} figures missed their limit"] if missed else []
+    judged = sum(_state(row) in (OK, MISSED) for row in report.rows)
+    parts = [f"{missed} of {judged} figures missed their limit"] if missed else []
     parts += [f"{unlike} cannot be compared"] if unlike else []
-    outcome = "; ".join(parts) or f"all {len(report.rows)} figures within their limits"
+    # What has no limit, or no value, is within none.
+    within = "all within their limits" if judged else "none has a limit and a value"
+    outcome = "; ".join(parts) or f"{judged} of {len(report.rows)} figures judged, {within}"
     word = f"{report.verdict}: " if report.verdict else ""
     return f"{word}{outcome}{f', against {report.against}' if report.against else ''}"
 
@@ -98,8 +101,10 @@ def _legal(text: str) -> str:
 def _state(row: GateRow) -> str:
     if not row.passed:
         return MISSED
-    judged = row.kind in ("counter", "time") or not math.isnan(row.limit)
-    return OK if judged or (row.kind == "inputs" and not _unlike(row)) else ""
+    if _unlike(row):
+        return ""
+    judged = row.kind in ("inputs", "counter", "time") or not (math.isnan(row.limit) or math.isnan(row.head))
+    return OK if judged else ""
 
 
 def _unlike(row: GateRow) -> bool:

@@ -23,6 +23,18 @@ MOST_TICKS = 4000
 """Of a run with more ticks in contact, so many are looked at, spread evenly: a recording may be of ten minutes."""
 
 
+def ticks_looked_at(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The ticks that the figure is of, ascending: all in contact, or `MOST_TICKS` of them, spread evenly.
+
+    Args:
+        contact: Ticks where something may touch, shape (T,).
+    """
+    near = np.flatnonzero(contact)
+    if near.size == 0:
+        return near
+    return np.unique(near[np.linspace(0, near.size - 1, min(MOST_TICKS, near.size)).astype(int)])
+
+
 @dataclass(frozen=True, eq=False)
 class TouchedObject:
     """What contacts are looked for on, and measured against.
@@ -52,13 +64,10 @@ class TouchedObject:
             contact: Ticks where something may touch, shape (T,).
         """
         error = np.full(len(contact), np.nan)
-        near = np.flatnonzero(contact)
-        if near.size == 0:
+        chosen = ticks_looked_at(contact)
+        if chosen.size == 0:
             return error
-        chosen = near[np.linspace(0, near.size - 1, min(MOST_TICKS, near.size)).astype(int)]
-        found = find_contact_points(
-            self.tree, self.shape, placed, self.touch, chosen=np.unique(chosen), fingers=self.fingers
-        )
+        found = find_contact_points(self.tree, self.shape, placed, self.touch, chosen=chosen, fingers=self.fingers)
         if len(found.tick) == 0:
             return error
         # A hand at rest touches at the same points over and over.

@@ -79,7 +79,7 @@ class RunMetric(Figure):
         moving_hold_only: Whether it is shown there alone.
         short: Line of the short table that it stands in, or ""; of several figures for one line the last that is
             defined stands there.
-        unless_zero: Name of a count without which it has no line at all: of nothing there is no largest.
+        unless_zero: Whether it has no line where it is 0: of nothing there is no largest.
     """
 
     place: int = 1000
@@ -92,4 +92,4 @@ class RunMetric(Figure):
     moving_hold: Figure | None = None
     moving_hold_only: bool = False
     short: str = ""
-    unless_zero: str = ""
+    unless_zero: bool = False

@@ -1,5 +1,6 @@
 """The table that `hhsim replay` prints: our figures beside the paper's."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -140,7 +141,7 @@ def summarise(
     figures = {**tick_figures(run), **own}
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
-        notes=(*_notes(scene, options, series["status"]), *_floating(scene, figures["contact_error_max"])),
+        notes=(*_notes(scene, options, series["status"]), *_floating(scene, figures)),
         ticks=series.ticks,
         warm_up=prepared,
         method=options.method,
@@ -175,9 +176,11 @@ def figures_of_own_runs(
     return found
 
 
-def _floating(scene: Scene, error: float) -> tuple[str, ...]:
-    """What mends contacts that are farther from the mesh [m] than a user should feel."""
-    if not error > MOST_CONTACT_ERROR:
+def _floating(scene: Scene, figures: Mapping[str, float]) -> tuple[str, ...]:
+    """What mends contacts that are farther from the mesh than a user should feel."""
+    error = figures["contact_error_max"]
+    # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
+    if not error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
         return ()
     level = scene.tree.depth
     finer = f"--level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"

@@ -81,8 +81,7 @@ def stored_rows(summary: Mapping[str, Any], rate: float, *, of_paper: bool = Fal
 
 def whole_table(rows: Sequence[SummaryRow]) -> tuple[SummaryRow, ...]:
     """Every line that says something: without the largest of what never happened."""
-    values = {row.name: row.value for row in rows}
-    return tuple(row for row in rows if values.get(run_metrics()[row.name].unless_zero, 1.0) != 0.0)
+    return tuple(row for row in rows if row.value != 0.0 or not run_metrics()[row.name].unless_zero)
 
 
 def short_table(rows: Sequence[SummaryRow], missed: Sequence[str] = ()) -> tuple[SummaryRow, ...]:
@@ -99,5 +98,5 @@ def short_table(rows: Sequence[SummaryRow], missed: Sequence[str] = ()) -> tuple
         if line and (line not in chosen or not math.isnan(row.value)):
             chosen[line] = row
     names = {row.name for row in chosen.values()}.union(missed)
-    names |= {row.name for row in rows if run_metrics()[row.name].unless_zero in names - {""} and row.value > 0.0}
+    names |= {row.name for row in rows if run_metrics()[row.name].unless_zero and row.value > 0.0}
     return tuple(row for row in whole_table(rows) if row.name in names)

@@ -8,6 +8,7 @@ from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
 from hhsim.verify.forces import Moment, balance, explained, fingertip_normals, moment, on_its_way, proxy_forces
 from hhsim.verify.kinematics import Posed, turn_between
+from hhsim.verify.paper_contacts import on_another_part
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
 
 FloatArray = NDArray[np.float64]
@@ -134,13 +135,16 @@ def _stuck_forces(judge: JudgedTicks) -> list[Claim]:
 
 
 def _eq_14(judge: JudgedTicks) -> Claim:
-    """Eq. 14 over what touches; left out are ticks with a pair within a nanometre of the limit, or not found."""
+    """Eq. 14 over what touches; left out are ticks with a pair within a nanometre of the limit, or found otherwise."""
     from scipy.spatial.transform import Rotation
 
     close = np.abs(judge.pairs.distance - judge.touch) <= LENGTH
     unclear = np.isin(np.arange(len(judge.chosen)), judge.pairs.tick[close])
     if judge.options["method"] == "paper":
         unclear |= judge.miscounted
+        closed = judge.options["frustum_ends"] == "spheres"
+        other = on_another_part(judge.hand, judge.chosen_posed, judge.touching, *leaves(judge.result), closed)
+        unclear[judge.touching.tick[other]] = True
     chosen = np.flatnonzero(~unclear & (judge.status[judge.chosen] & CAPACITY_EXCEEDED == 0))
     wanted = Posed(*(values[judge.chosen] for values in judge.wanted_posed))
     there = judge.wanted.at(judge.chosen).orientation
@@ -161,5 +165,5 @@ def _eq_14(judge: JudgedTicks) -> Claim:
         "N",
         WHY_FORCE,
         ticks=judge.chosen[chosen],
-        note=f"{int(unclear.sum())} ticks left out, where it is unclear which pairs touch" if unclear.any() else "",
+        note=f"{int(unclear.sum())} ticks left out: what touches, or where, is unclear" if unclear.any() else "",
     )

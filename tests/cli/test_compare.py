@@ -55,6 +55,18 @@ def test_a_time_within_noise_is_called_so(
     assert word(run("compare", "a.h5", "b.h5").out, "tick in contact, CPU, p50") == expected
 
 
+@pytest.mark.parametrize("lags", ["a.h5", "b.h5"])
+def test_lag_of_one_alone_is_a_difference(run: Run, results: Path, tmp_path: Path, lags: str) -> None:
+    for name in ("a.h5", "b.h5"):
+        shutil.copy(results / "coupled.h5", tmp_path / name)
+    with h5py.File(tmp_path / lags, "r+") as file:
+        file["summary"].attrs.update(lag_ticks=2.0, lag_max=0.0268)
+    for options in ([], ["--all"]):
+        answer = run("compare", str(tmp_path / "a.h5"), str(tmp_path / "b.h5"), *options)
+        assert "26.80" in answer.out
+        assert word(answer.out, "lag, max") == ("better" if lags == "a.h5" else "worse")
+
+
 def test_what_is_no_result_is_told(run: Run) -> None:
     assert run("compare", "a.h5", "b.h5").err == "hhsim: error: a.h5: no such file; expected a result (.h5)\n"
 

@@ -19,7 +19,7 @@ from hhsim.gate.baseline import RecordedScene, load_baseline, write_baseline
 from hhsim.gate.gate import GateReport, gate_result
 from hhsim.gate.input_hash import TOLERANCE, differences
 from hhsim.gate.metrics import COUNTERS, RunFigures, run_figures
-from hhsim.gate.report import junit, markdown, number
+from hhsim.gate.report import cells, headline, junit, markdown, number
 from hhsim.gate.suite import default_suite, default_suite_text, load_suite, parse_suite
 from hhsim.gate.verdict import GateRow, judge_counters, judge_errors, judge_time, overall
 from hhsim.metrics.run.registry import judged_metrics
@@ -463,6 +463,27 @@ def test_numbers_are_shown_short(value: float, shown: str) -> None:
 
 def report_of(*rows: GateRow) -> GateReport:
     return GateReport("suite", "base", rows, ("a note",))
+
+
+def test_what_has_no_limit_or_is_undefined_is_not_within_its_limit() -> None:
+    held = GateRow("s", "error", "a", "a", head=1.0, limit=2.0)
+    without_limit = GateRow("s", "error", "b", "b", head=49.0)
+    undefined = GateRow("s", "error", "c", "c", limit=1.0, reason="undefined here, so not judged")
+    missed = GateRow("s", "error", "d", "d", head=3.0, limit=2.0, passed=False)
+    told = [
+        headline(GateReport("suite", "", rows, ()))
+        for rows in (
+            (held, without_limit, undefined),
+            (held, without_limit, undefined, missed),
+            (without_limit, undefined),
+        )
+    ]
+    assert told == [
+        "1 of 3 figures judged, all within their limits",
+        "worse: 1 of 2 figures missed their limit",
+        "0 of 2 figures judged, none has a limit and a value",
+    ]
+    assert [cells(each)[-1] for each in (held, without_limit, undefined, missed)] == ["ok", "", "", "MISSED"]
 
 
 def test_markdown_shows_what_changed_and_folds_the_rest() -> None:

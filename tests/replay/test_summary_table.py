@@ -9,7 +9,7 @@ from hhsim.replay.limits import default_limits
 from hhsim.replay.summary_table import SummaryRow, short_table, summary_rows, whole_table
 from hhsim.solver.method import METHODS
 
-EVERY = dict.fromkeys(run_metrics(), 1.0) | {"lag_ticks": 0.0, "force_variation_hold": 0.0}
+EVERY = dict.fromkeys(run_metrics(), 1.0) | {"lag_ticks": 0.0, "lag_max": 0.0, "force_variation_hold": 0.0}
 
 
 def names(rows: tuple[SummaryRow, ...]) -> list[str]:
@@ -36,11 +36,13 @@ def test_what_is_over_its_limit_is_in_the_short_table() -> None:
     assert "force_ripple_hold" in names(short_table(summary_rows(EVERY, 1000.0), ["force_ripple_hold"]))
 
 
-def test_the_largest_lag_stands_where_there_is_lag() -> None:
-    without, with_lag = (summary_rows(EVERY | {"lag_ticks": ticks}, 1000.0) for ticks in (0.0, 3.0))
+def test_the_largest_lag_stands_where_there_is_lag_or_a_stuck_hand_has_way_left() -> None:
+    without, with_lag = (summary_rows(EVERY | {"lag_max": most}, 1000.0) for most in (0.0, 0.03))
+    stuck = summary_rows(EVERY | {"lag_ticks": 0.0, "stuck_ticks": 2.0, "lag_max": 0.1}, 1000.0)
     for table in (short_table, whole_table):
         assert "lag_max" not in names(table(without))
         assert "lag_max" in names(table(with_lag))
+        assert "lag_max" in names(table(stuck))
     assert names(whole_table(with_lag)) == names(with_lag)
 
 

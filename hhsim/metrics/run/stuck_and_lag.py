@@ -31,7 +31,7 @@ METRICS = (
         unit="mm",
         scale=1e-3,
         place=72,
-        unless_zero="lag_ticks",
+        unless_zero=True,
         needs=("lag",),
         compute=lambda run: run["lag"].max(initial=0.0),
         judged=Judged(rounding=1e-9),
