@@ -33,7 +33,8 @@ class ChildProcess:
         self.reported = False
         self._output = os.memfd_create(f"hhsim-{name}-output")
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            # -P: a folder of clones, or a file that is named as a module, may be where the command was typed.
+            [sys.executable, "-P", "-m", module, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=self._output,

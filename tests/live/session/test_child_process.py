@@ -75,3 +75,14 @@ def test_what_it_writes_never_blocks_it(start: Start) -> None:
     child = start("print('x' * 10_000_000)")
     assert child.wait(60.0), time.monotonic() - began
     assert child.code == 0
+
+
+def test_nothing_is_imported_from_where_the_command_was_typed(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "clones" / "hhsim").mkdir(parents=True)
+    (tmp_path / "clones" / "signal.py").write_text("raise SystemExit('not this one')\n")
+    monkeypatch.chdir(tmp_path / "clones")
+    child = start("import signal\nfrom hhsim import __version__")
+    assert child.wait(20.0)
+    assert (child.code, child.complaint()) == (0, "")
