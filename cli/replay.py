@@ -199,7 +199,7 @@ def command(
     """Replay a hand motion against an object, every tick measured.
 
     OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
-    recording, .csv or .h5, or .npz, .json, .bvh as hhsim import reads them. Without them, five fingers grasp the
+    recording, .h5 or .csv, or any file that hhsim import reads without options. Without them, five fingers grasp the
     bunny. Above the table stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's
     figures; every tick is in the file. A recording whose hand touches nothing, or begins inside the object, gets its
     object placed. The exit code is 0 whatever the verdict: hhsim gate fails on it. Ctrl-C stops the replay and keeps
@@ -353,11 +353,9 @@ def mended_remark(motion: "Script | Demonstration | Trajectory", trajectory: str
 
     from hhsim.motion.sample_flags import MENDED, marked
     from hhsim.motion.trajectory import Trajectory
-    from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES
+    from hhsim.scene.motion_catalogue import is_imported
 
-    if not isinstance(motion, Trajectory) or motion.flags is None:
-        return []
-    if Path(trajectory).suffix.lower() in RECORDING_SUFFIXES:
+    if not isinstance(motion, Trajectory) or motion.flags is None or not is_imported(Path(trajectory)):
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
     if not mended:
