@@ -67,14 +67,14 @@ picture = click.option(
 def place_object(default: str | None) -> Any:
     """The option that says where the object of a recording is, with the default of the command.
 
-    None: as it was recorded, and auto where the hand then touches nothing.
+    None: as it was recorded, and auto where the hand then touches nothing or begins inside.
     """
     return option(
         "--place-object",
         type=click.Choice(["recorded", "auto"]),
         default=default,
         help="recorded: the object is where the recording says; auto: where the closing fingers of the recorded hand "
-        "meet it, as hhsim replay tries by itself where the hand touches nothing.",
+        "meet it, as hhsim replay tries by itself where the hand touches nothing or begins inside the object.",
     )
 
 

@@ -199,10 +199,11 @@ def command(
     """Replay a hand motion against an object, every tick measured.
 
     OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
-    recording, .csv or .h5, or .npz, .json, .bvh as hhsim import reads them. Without them, five fingers grasp the
+    recording, .h5 or .csv, or any file that hhsim import reads without options. Without them, five fingers grasp the
     bunny. Above the table stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's
-    figures; every tick is in the file. A recording whose hand touches nothing gets its object placed. Ctrl-C stops the
-    replay and keeps the ticks so far.
+    figures; every tick is in the file. A recording whose hand touches nothing, or begins inside the object, gets its
+    object placed. The exit code is 0 whatever the verdict: hhsim gate fails on it. Ctrl-C stops the replay and keeps
+    the ticks so far.
 
     OBJECT may also be a result or a recorded live session: its ticks are run again with the options that it holds, and
     every array is compared bit for bit; the exit code is 1 where one differs. As TRAJECTORY, such a file is the motion
@@ -352,11 +353,9 @@ def mended_remark(motion: "Script | Demonstration | Trajectory", trajectory: str
 
     from hhsim.motion.sample_flags import MENDED, marked
     from hhsim.motion.trajectory import Trajectory
-    from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES
+    from hhsim.scene.motion_catalogue import is_imported
 
-    if not isinstance(motion, Trajectory) or motion.flags is None:
-        return []
-    if Path(trajectory).suffix.lower() in RECORDING_SUFFIXES:
+    if not isinstance(motion, Trajectory) or motion.flags is None or not is_imported(Path(trajectory)):
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
     if not mended:

@@ -93,9 +93,10 @@ def openxr_csv(sample: JointSample, side: HandSide = "right", *, unity: bool = F
     return text.getvalue()
 
 
-def webxr_json(sample: JointSample, side: Side = "right") -> str:
-    """Frames of 25 named joints with position, quaternion and radius."""
-    points, radius = sample.named(WEBXR_JOINTS), sample.radius[1:]
+def webxr_json(sample: JointSample, side: Side = "right", *, unity: bool = False) -> str:
+    """Frames of 25 named joints with position, quaternion and radius; in Unity's world z points the other way."""
+    points = sample.named(WEBXR_JOINTS) * ([1.0, 1.0, -1.0] if unity else [1.0, 1.0, 1.0])
+    radius = sample.radius[1:]
     frames = [
         {
             "timeStamp": 1e3 * float(stamp),

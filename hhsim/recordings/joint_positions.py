@@ -31,6 +31,8 @@ HAND_LENGTHS = (0.12, 0.26)
 """Hands are this long from the wrist to the middle fingertip [m], children's too: the units' ranges do not meet."""
 BENT = np.radians(8.0)
 """Fingers that are bent by more than this on average say which side of the hand is the palm."""
+UNITY = np.array([1.0, 1.0, -1.0])
+"""From Unity's left-handed world to a right-handed one, y up in both."""
 HELD = 0.2
 """Where a larger share of samples repeats the one before, the device is slower than the file."""
 
@@ -233,6 +235,24 @@ def bends_as(points: Array) -> HandSide:
     bend = {side: _bend(points, side) for side in _SIDES}
     side = max(_SIDES, key=lambda each: bend[each])
     return side if bend[side] >= BENT else ""
+
+
+def in_right_handed_world(points: Array, hand: HandSide) -> tuple[Array, list[Finding]]:
+    """Joint centres in a right-handed world, y up, and what there is to say of it.
+
+    In Unity's world z points the other way: there a right hand is a left one's mirror, which its fingers tell.
+
+    Args:
+        points: In the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
+        hand: Which hand it is, as the file or the user says; "" where nobody does: then nothing is turned.
+    """
+    if not hand or bends_as(points) in ("", hand):
+        return points, []
+    text = (
+        f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is "
+        "turned round; if it is the other hand, say --mirror"
+    )
+    return points * UNITY, [note(text)]
 
 
 _SIDES: tuple[HandSide, HandSide] = ("right", "left")

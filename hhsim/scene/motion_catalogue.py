@@ -13,15 +13,16 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError
+from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.scene.script import Script, parse_script
 from hhsim.system.toml_document import parse_toml, read_toml_text
 
 SCRIPT_SUFFIX = ".toml"
-RECORDING_SUFFIXES = (".h5", ".hdf5", ".csv")
-"""Of trajectories and results; a recording of any other format is imported on the way in."""
+RECORDING_SUFFIXES = (".h5", ".hdf5", CSV_SUFFIX)
+"""Of trajectories and results; a recording of any other format, a .csv too, is imported on the way in."""
 ORDER = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence", "never")
 """Those for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
 
@@ -58,6 +59,22 @@ def imported_suffixes() -> tuple[str, ...]:
     from hhsim.recordings.registry import recording_suffixes
 
     return tuple(suffix for suffix in recording_suffixes() if suffix not in RECORDING_SUFFIXES)
+
+
+def is_imported(path: Path) -> bool:
+    """Whether a recording is imported on the way in: by its suffix, or a .csv by the names of its columns."""
+    if path.suffix.lower() != CSV_SUFFIX:
+        return path.suffix.lower() in imported_suffixes()
+    if not path.is_file():
+        return False
+    from hhsim.recordings.recording_format import Content, ReadOptions
+    from hhsim.recordings.registry import format_of
+
+    try:
+        # Our own columns, and those that nobody knows, are of the format csv.
+        return format_of(Content(path), ReadOptions()).name != "csv"
+    except TrajectoryError:
+        return False
 
 
 def trajectory_names() -> list[str]:
@@ -134,7 +151,7 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
     """The script, the demonstration or the recording that a word on the command line means.
 
     A catalogue name wins; then the suffix decides: .toml is a script, or a demonstration where it names a recording,
-    .h5, .hdf5 and .csv are trajectories, and those of `imported_suffixes` are imported.
+    .h5, .hdf5 and .csv are trajectories, and what `is_imported` is imported.
 
     Raises:
         UnknownNameError: Neither a name of the catalogue nor a path with a known suffix.
@@ -156,20 +173,13 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
 
 
 def load_recorded(path: Path) -> Trajectory:
-    """A recorded motion from a trajectory file or a result, or imported from a file of `imported_suffixes`.
+    """A recorded motion from a trajectory file or a result, or imported where `is_imported`.
 
     Raises:
         TrajectoryError: No such file, none of the formats, or one that cannot be mended safely.
     """
-    if path.suffix.lower() in imported_suffixes():
-        from hhsim.recordings.registry import read_recording
-        from hhsim.recordings.repair import repair
-
-        recording = read_recording(path)
-        try:
-            return repair(recording).trajectory
-        except TrajectoryError as error:
-            raise TrajectoryError(f"{path}: {error}") from None
+    if is_imported(path):
+        return _imported(path)
     from hhsim.motion.file import load_trajectory
     from hhsim.result.motion import holds_a_result, load_result_motion
 
@@ -181,6 +191,24 @@ def load_recorded(path: Path) -> Trajectory:
         if path.suffix.lower() == ".csv" and path.is_file():
             raise TrajectoryError(f"{error} (hhsim import reads other tables, and mends)") from None
         raise
+
+
+def _imported(path: Path) -> Trajectory:
+    from hhsim.recordings.registry import read_recording
+    from hhsim.recordings.repair import repair
+
+    try:
+        recording = read_recording(path)
+    except InputError as error:
+        if "--" not in str(error):
+            raise
+        # The reader names options of the import; a replay has others of the same name.
+        kind = TrajectoryError if isinstance(error, TrajectoryError) else InputError
+        raise kind(f"{error} (of hhsim import, whose output is replayed)") from None
+    try:
+        return repair(recording).trajectory
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{path}: {error}") from None
 
 
 def _shipped(name: str) -> Script | Demonstration:

@@ -1,4 +1,8 @@
-"""A scene whose object is put where the hand of a recording touches it, where it would touch nothing otherwise."""
+"""A scene whose object is put where the hand of a recording touches it.
+
+So where it would touch nothing otherwise, or would begin in the object: keypoints of a camera, or a glove without a
+tracker, are in no world, and their palm stands at its origin, in the middle of whatever object is there.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,10 +17,13 @@ from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import Script
-from hhsim.scene.touch import touches
+from hhsim.scene.touch import depth_at_start, touches
 from hhsim.trees.sphere_tree import SphereTree
 
 Place = Literal["recorded", "auto"]
+
+MOST_START_DEPTH = 0.005
+"""A hand that begins deeper [m] in the object was not recorded at it: fit, tracker and spheres are off by less."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +33,7 @@ class PlacedScene:
     Attributes:
         scene: The scene.
         placement: Where the object was put for a recording; None where the motion says it, or finds it.
-        by_itself: Whether it was put there because it was touched nowhere else, and not because somebody asked.
+        by_itself: Whether it was put there because it says nothing where it was, and not because somebody asked.
         note: What there is to say of it, or "".
     """
 
@@ -66,7 +73,8 @@ def placed_scene(
         tree: Its sphere tree, in the same frame.
         hand: The hand.
         motion: Of the hand; only a recording is placed.
-        asked: Where the object of a recording is to be; None: as recorded, unless the hand touches nothing there.
+        asked: Where the object of a recording is to be; None: as recorded, unless the hand touches nothing there, or
+            begins in it, of an import (which has flags) that places no object.
         fingers: That the scene uses.
         rate, mode, seed: As of `hhsim.scene.scene.make_scene`.
 
@@ -81,11 +89,18 @@ def placed_scene(
         found = place_at_grasp(motion, hand, tree)
         return PlacedScene(make(found.motion), found, note=found.text)
     scene = make(motion)
-    if asked == "recorded" or not isinstance(motion, Trajectory) or touches(scene, fingers):
+    if asked == "recorded" or not isinstance(motion, Trajectory):
         return PlacedScene(scene)
-    nothing = "as the recording has it, the hand touches nothing"
+    # Only an import says nothing of the object. A session, or a motion that was made, may well begin in it.
+    imported = motion.flags is not None and not motion.object_position.any()
+    inside = imported and depth_at_start(scene, fingers) > MOST_START_DEPTH
+    if not inside and touches(scene, fingers):
+        return PlacedScene(scene)
+    why = f"as the recording has it, the hand {'begins inside the object' if inside else 'touches nothing'}"
     try:
         found = place_at_grasp(motion, hand, tree)
+        if inside and found.start_gap <= 0.0:
+            raise TrajectoryError("the hand would begin inside wherever its fingers close on the object")
     except TrajectoryError as error:
-        return PlacedScene(scene, note=f"{nothing}, and no other place was found: {error}")
-    return PlacedScene(make(found.motion), found, by_itself=True, note=f"{nothing}, so {found.text}")
+        return PlacedScene(scene, note=f"{why}, and no other place was found: {error}")
+    return PlacedScene(make(found.motion), found, by_itself=True, note=f"{why}, so {found.text}")

@@ -1,4 +1,7 @@
-"""Whether a motion ever brings the hand to the object: without a touch, a replay says nothing about contact."""
+"""Whether a motion ever brings the hand to the object, and how deep in it the hand begins.
+
+Without a touch, or from deep inside, a replay says nothing about contact.
+"""
 
 from collections.abc import Sequence
 
@@ -21,12 +24,24 @@ def touches(scene: Scene, fingers: Sequence[str] = FINGERS, distance: float = 1e
         fingers: That count, beside the palm; the others go through the object.
         distance: From the leaf spheres within which it touches [m].
     """
-    haptic = HandConfiguration.of(scene.ticks)
+    return bool(_nearest(scene, HandConfiguration.of(scene.ticks), fingers, distance) < distance)
+
+
+def depth_at_start(scene: Scene, fingers: Sequence[str] = FINGERS) -> float:
+    """How deep the haptic hand is in the leaf spheres at the first tick [m]; 0 where it begins outside.
+
+    Args:
+        scene: Object, hand and motion.
+        fingers: That count, beside the palm; the others go through the object.
+    """
+    first = HandConfiguration(*(values[:1] for values in HandConfiguration.of(scene.ticks)))
+    return -_nearest(scene, first, fingers, 0.0)
+
+
+def _nearest(scene: Scene, haptic: HandConfiguration, fingers: Sequence[str], limit: float) -> float:
+    """Least signed distance of a hand to the leaf spheres over some ticks [m], at most `limit`."""
     joints = forward_kinematics(scene.hand, *haptic).joints
     shape = hand_shape(scene.hand)
-    palm, finger = hand_clearance(
-        scene.tree.arrays(), *shape, joints, haptic.position, haptic.orientation, limit=distance
-    )
+    palm, finger = hand_clearance(scene.tree.arrays(), *shape, joints, haptic.position, haptic.orientation, limit=limit)
     modelled = finger[:, [name in fingers for name in FINGERS]]
-    nearest = min(np.nanmin(palm, initial=distance), np.nanmin(modelled, initial=distance))
-    return bool(nearest < distance)
+    return float(min(np.nanmin(palm, initial=limit), np.nanmin(modelled, initial=limit)))

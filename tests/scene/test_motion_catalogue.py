@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from joint_samples import joint_sample, openxr_csv
 from numpy.typing import NDArray
 from sampled import sampled
 
@@ -17,7 +18,7 @@ from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.finger_closure import body_distances, make_work
-from hhsim.scene.motion_catalogue import describe, load_script, resolve_trajectory, script_names
+from hhsim.scene.motion_catalogue import describe, is_imported, load_script, resolve_trajectory, script_names
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import synthesize
 from hhsim.trees.cache import cached_sphere_tree
@@ -73,6 +74,25 @@ def test_names_scripts_and_recordings_are_resolved(tmp_path: Path) -> None:
         save_trajectory(motion, tmp_path / name)
         recording = resolve_trajectory(str(tmp_path / name))
         assert isinstance(recording, Trajectory) and recording.sample_count == 3
+
+
+def test_a_table_of_another_maker_is_imported_by_its_columns(tmp_path: Path) -> None:
+    path = tmp_path / "quest.csv"
+    path.write_text(openxr_csv(joint_sample()))
+    motion = resolve_trajectory(path)
+    assert is_imported(path) and isinstance(motion, Trajectory) and motion.flags is not None
+    assert np.abs(motion.flexion - joint_sample().motion.flexion).max() < 1e-5
+    path.write_text("time,a,b\n0,1,2\n1,2,3\n")
+    assert not is_imported(path)
+    with pytest.raises(TrajectoryError, match=r"the header lacks px, .*\(hhsim import reads other tables, and mends\)"):
+        resolve_trajectory(path)
+
+
+def test_an_option_that_a_recording_lacks_is_one_of_the_import(tmp_path: Path) -> None:
+    np.save(tmp_path / "points.npy", joint_sample().named())
+    said = r"points\.npy: 40 samples without a stamp; .*: --rate \(of hhsim import, whose output is replayed\)$"
+    with pytest.raises(TrajectoryError, match=said):
+        resolve_trajectory(tmp_path / "points.npy")
 
 
 def test_what_is_no_trajectory_is_refused(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """A recording's object goes where the hand touches it, where it would touch nothing otherwise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.placed_scene import Place, PlacedScene, placed_scene
 from hhsim.scene.scene import Scene
-from hhsim.scene.touch import touches
+from hhsim.scene.touch import depth_at_start, touches
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -38,6 +39,11 @@ def fist(at: float = 0.4) -> Trajectory:
     )
 
 
+def imported(at: float) -> Trajectory:
+    """The same as `hhsim import` would make it, with flags."""
+    return replace(fist(at), flags=np.zeros(20, dtype=np.uint32))
+
+
 def placed(motion: Trajectory, asked: Place | None = None) -> PlacedScene:
     return placed_scene(MESH, TREE, HAND, motion, asked=asked, rate=100.0)
 
@@ -59,6 +65,23 @@ def test_it_stays_where_it_was_recorded_if_that_was_asked_or_if_the_hand_touches
     assert (touched.place, touched.note, touches(touched.scene)) == ("recorded", "", True)
     asked = placed(fist(), "auto")
     assert (asked.place, asked.by_itself) == ("auto", False)
+
+
+def test_it_is_placed_by_itself_where_the_hand_would_begin_inside() -> None:
+    found = placed(imported(0.0))
+    assert found.by_itself and found.placement is not None and found.placement.start_gap > 0.0
+    assert found.note.startswith("as the recording has it, the hand begins inside the object, so object placed where ")
+    assert depth_at_start(placed(fist(0.0), "recorded").scene) > 0.01
+    assert depth_at_start(found.scene) == 0.0
+    of_a_session = imported(0.0).placed(np.array([0.0, 0.0, 0.001]), np.array([1.0, 0.0, 0.0, 0.0]))
+    assert placed(of_a_session).place == placed(fist(0.0)).place == "recorded"
+
+
+def test_where_it_begins_inside_anyway_it_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hhsim.scene.placed_scene.place_at_grasp", lambda *_: SimpleNamespace(start_gap=-0.001))
+    found = placed(imported(0.0))
+    assert (found.place, found.placement) == ("recorded", None)
+    assert "begins inside the object, and no other place was found: the hand would begin inside" in found.note
 
 
 def test_where_no_place_is_found_it_says_so_and_stays(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,9 +15,9 @@ from hhsim.recordings.csv_table import Table, read_header, read_table
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name, joints_found, joints_missing
 from hhsim.recordings.joint_positions import (
     JointPositions,
-    bends_as,
     chosen_side,
     evenly,
+    in_right_handed_world,
     joints_by_name,
     recording_of_joints,
 )
@@ -30,8 +30,6 @@ Array = NDArray[np.float64]
 
 FEWEST = 4
 """So many joints with coordinates are no coincidence of names."""
-UNITY = np.array([1.0, 1.0, -1.0])
-"""From Unity's left-handed world to a right-handed one, y up in both."""
 
 Columns = dict[HandSide, dict[str, dict[str, str]]]
 """Of each hand the columns of each joint, by their part."""
@@ -86,16 +84,9 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         joint: _numbers(table, [joints[joint][axis] for axis in "xyz"], findings)
         for joint in named[side] & set(KEYPOINTS)
     }
-    points = joints_by_name(positions, count)
     stated = side or options.hand
-    if not options.hand and stated and bends_as(points) not in ("", stated):
-        points = points * UNITY
-        findings.append(
-            note(
-                f"the {stated} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, "
-                "and z is turned round; if the hand is another one, say --hand"
-            )
-        )
+    points, turned = in_right_handed_world(joints_by_name(positions, count), stated)
+    findings += turned
     radii = {joint: parts["radius"] for joint, parts in joints.items() if "radius" in parts and joint in KEYPOINTS}
     radius = None
     if len(radii) == len(KEYPOINTS):

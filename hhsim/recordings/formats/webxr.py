@@ -4,7 +4,8 @@ A frame is an object with a stamp and, wherever in it, hands: objects whose keys
 name their joint, or lists of 25 (WebXR's order) or 26 (OpenXR's). A joint is a position [m], a list of three numbers or
 an object with x, y and z, under the joint itself or under its pose or transform.
 
-iwer's recorder (`schema` and `frames`) gives joints relative to the pointing ray of their hand. The world has y up.
+iwer's recorder (`schema` and `frames`) gives joints relative to the pointing ray of their hand. The world has y up, and
+is right handed or, as Unity writes it, left handed, which the fingers tell.
 """
 
 import re
@@ -25,7 +26,13 @@ from hhsim.recordings.joint_names import (
     joints_found,
     joints_missing,
 )
-from hhsim.recordings.joint_positions import JointPositions, chosen_side, evenly, recording_of_joints
+from hhsim.recordings.joint_positions import (
+    JointPositions,
+    chosen_side,
+    evenly,
+    in_right_handed_world,
+    recording_of_joints,
+)
 from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
@@ -84,6 +91,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     joints = [[hand.get(joint, none) for joint in KEYPOINTS] for _, hand in shown]
     position = np.array([[joint.position for joint in hand] for hand in joints])
     radius = np.array([[joint.radius for joint in hand] for hand in joints])
+    position, mirrored = in_right_handed_world(position, side or options.hand)
+    findings += mirrored
     time, stated = _stamps([stamp for stamp, _ in shown], what, options, findings)
     return recording_of_joints(
         JointPositions(

@@ -10,6 +10,7 @@ from hhsim.recordings.column_map import parse_column_map
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import format_of, read_content
+from hhsim.recordings.repair import RepairOptions, repair
 
 
 def words(recording: Recording) -> str:
@@ -36,13 +37,32 @@ def test_our_own_hand_comes_back(side: Side, unity: bool, radii: bool) -> None:
         assert recording.bones.hand_length == pytest.approx(0.1903, abs=1e-4)
 
 
-def test_both_hands_in_one_table() -> None:
-    right, left = (openxr_csv(joint_sample(side), side).splitlines() for side in ("right", "left"))
+@pytest.mark.parametrize("unity", [False, True])
+def test_both_hands_in_one_table(unity: bool) -> None:
+    right, left = (openxr_csv(joint_sample(side), side, unity=unity).splitlines() for side in ("right", "left"))
     both = "\n".join(f"{a},{b.split(',', 2)[2]}" for a, b in zip(right, left)) + "\n"
     assert "the left one is there too: --hand" in words(read_as("openxr", both))
     recording = read_as("openxr", both, hand="left")
     assert recording.hand == "left"
     assert np.abs(recording.flexion - joint_sample("left").motion.flexion).max() < 1e-6
+    assert ("left-handed, as Unity's" in words(recording)) is unity
+
+
+@pytest.mark.parametrize("named", ["right_", ""])
+def test_the_users_word_for_the_hand_turns_a_left_handed_world_as_the_files_own_does(named: str) -> None:
+    text = openxr_csv(joint_sample(), unity=True).replace("right_", named)
+    recording = read_as("openxr", text, hand="right")
+    assert "left-handed, as Unity's" in words(recording)
+    assert np.abs(recording.flexion - joint_sample().motion.flexion).max() < 1e-6
+
+
+def test_a_turned_hand_that_is_the_other_one_comes_back_with_mirror() -> None:
+    sample = joint_sample("left")
+    turned = read_as("openxr", openxr_csv(sample, "right"))
+    assert "if it is the other hand, say --mirror" in words(turned)
+    other = repair(turned, RepairOptions(mirror=True)).trajectory
+    assert other.hand == "left"
+    assert np.abs(other.flexion - sample.motion.flexion).max() < 1e-6
 
 
 def test_stamps_of_two_clocks_and_samples_that_are_not_valid() -> None:

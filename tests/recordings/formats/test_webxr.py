@@ -36,6 +36,16 @@ def test_our_own_hand_comes_back(side: Side, write: Any) -> None:
     assert "25 WebXR joints" in words(recording) and "world y up" in words(recording)
 
 
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("asked", [False, True])
+def test_joints_that_unity_wrote_are_turned_to_a_right_handed_world(side: Side, asked: bool) -> None:
+    sample = joint_sample(side)
+    recording = read_as("webxr", webxr_json(sample, side, unity=True), hand=side if asked else "")
+    assert "left-handed, as Unity's" in words(recording)
+    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
+    assert np.allclose(recording.position, sample.motion.position, atol=1e-9)
+
+
 def shapes(sample_frames: list[dict[str, Any]]) -> dict[str, Any]:
     """The same frames as other pages write them."""
     stamps = [frame["timeStamp"] for frame in sample_frames]
