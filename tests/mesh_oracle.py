@@ -37,9 +37,10 @@ class Cones(NamedTuple):
         radius_a, radius_b = float(self.radius_a[i]), float(self.radius_b[i])
         tan_slope, inverse = cone_slope(length, radius_a, radius_b)
         unit = axis / length if length > 0.0 else np.zeros(3)
+        (x, y, z), (ux, uy, uz) = self.a[i].tolist(), unit.tolist()
         if inverse == 0.0:
-            return RoundCone(*self.a[i].tolist(), *unit.tolist(), 0.0, 0.0, 0.0, radius_a, 0.0)
-        return RoundCone(*self.a[i].tolist(), *unit.tolist(), length, tan_slope, inverse, radius_a, radius_a - radius_b)
+            return RoundCone(x, y, z, ux, uy, uz, 0.0, 0.0, 0.0, radius_a, 0.0)
+        return RoundCone(x, y, z, ux, uy, uz, length, tan_slope, inverse, radius_a, radius_a - radius_b)
 
 
 def random_cones(random: np.random.Generator, count: int, spread: float = 0.03) -> Cones:
@@ -95,7 +96,8 @@ def along_axes(cones: Cones, distance: Callable[[Array], Array]) -> Array:
 
     shares = np.linspace(0.0, 1.0, SAMPLES)
     sampled = np.array([value(np.full(len(cones.a), s)) for s in shares])
-    best, at = sampled.min(axis=0), sampled.argmin(axis=0)
+    best: Array = sampled.min(axis=0)
+    at = sampled.argmin(axis=0)
     low, high = shares[np.maximum(at - 1, 0)], shares[np.minimum(at + 1, SAMPLES - 1)]
     for _ in range(SECTIONS):
         first, second = high - GOLDEN * (high - low), low + GOLDEN * (high - low)

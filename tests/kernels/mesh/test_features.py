@@ -1,6 +1,7 @@
 """Spheres around faces against what they must hold and find; normal cones of vertices against a linear program."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -114,12 +115,10 @@ def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: flo
         for n, i in zip(*np.nonzero(spheres.block[:, 0] != NOWHERE))
         if spheres.child[n, i] < 0
     }
+    first = many._replace(a=many.a[:1], b=many.b[:1], radius_a=many.radius_a[:1], radius_b=many.radius_b[:1])
     for face in faces.tolist():
         n, i = own[face]
-        away = along_axes(
-            many._replace(a=many.a[:1], b=many.b[:1], radius_a=many.radius_a[:1], radius_b=many.radius_b[:1]),
-            lambda x, n=n, i=i: np.linalg.norm(x - spheres.block[n, :3, i], axis=1),
-        )[0]
+        away = along_axes(first, partial(distance_to, spheres.block[n, :3, i]))[0]
         assert away - spheres.block[n, 3, i] <= reach + 1e-12
         if face > 20:
             break
@@ -128,12 +127,17 @@ def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: flo
         assert room[0] == -1
 
 
+def distance_to(point: Array, x: Array) -> Array:
+    """Of points x (n, 3) to one [m]."""
+    return np.asarray(np.linalg.norm(x - point, axis=1))
+
+
 def widest(spokes: Array) -> tuple[float, Array]:
     """The direction farthest from all spokes, and by how much it leads away from them: 0 where none does."""
     # Greatest t with spokes · d <= -t, |d| <= 1 in each coordinate.
     rows = np.column_stack([spokes, np.ones(len(spokes))])
     best = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=np.zeros(len(spokes)), bounds=[(-1, 1)] * 3 + [(0, None)])
-    assert best.status == 0
+    assert best.status == 0 and best.x is not None
     return float(best.x[3]), np.asarray(best.x[:3])
 
 
