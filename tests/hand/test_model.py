@@ -152,7 +152,7 @@ def test_deeper_palm_trees_are_finer() -> None:
 def test_arrays_are_what_the_kernels_take(hand: HandModel) -> None:
     arrays = hand.arrays()
     for name, value in zip(arrays._fields, arrays):
-        assert value.dtype == np.float64, name
+        assert value.dtype == (np.int64 if name == "palm_group_start" else np.float64), name
         assert value.flags.c_contiguous, name
         assert value.flags.writeable, name
         assert np.isfinite(value).all(), name
@@ -292,3 +292,16 @@ def test_joints_refuse_other_shapes(
 ) -> None:
     with pytest.raises(InputError, match=name):
         RIGHT.joints(position, orientation, flexion, abduction)
+
+
+def test_a_sphere_of_a_group_encloses_the_spheres_of_the_group() -> None:
+    hand = HandModel.default().arrays()
+    center = np.stack([hand.palm_x, hand.palm_y, hand.palm_z])
+    assert hand.palm_group_start[0] == 0 and hand.palm_group_start[-1] == len(hand.palm_radius)
+    for group, (first, last) in enumerate(zip(hand.palm_group_start, hand.palm_group_start[1:])):
+        assert first < last
+        away = np.linalg.norm(center[:, first:last] - hand.palm_group[:3, group, None], axis=0)
+        assert (away + hand.palm_radius[first:last]).max() <= hand.palm_group[3, group] + 1e-12
+    np.testing.assert_array_equal(hand.palm_box.min(axis=0), center.min(axis=1))
+    np.testing.assert_array_equal(hand.palm_box.max(axis=0), center.max(axis=1))
+    assert len(np.unique(hand.palm_box, axis=0)) == 8
