@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, MeshError
 
+ENCODING_GUESSER = "charset_normalizer"
+"""The package that trimesh asks in which encoding a text is that is no UTF-8."""
+
 
 def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Read the triangles of a file; the parts of a scene are joined in the scene's frame.
@@ -40,8 +43,10 @@ def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     except MemoryError:
         raise
     except ImportError as error:
-        # A damaged binary STL lands here too: trimesh takes it for text in an unknown encoding.
-        raise MeshError(f"{path}: cannot be read as .{kind}: damaged, or needs a missing package: {error}") from error
+        if error.name == ENCODING_GUESSER:
+            # A damaged binary STL lands here: what is no whole one, trimesh takes for text.
+            raise MeshError(f"{path}: cannot be read as .{kind}, so it is damaged or no such file") from error
+        raise MeshError(f"{path}: cannot be read as .{kind} without the package {error.name or error}") from error
     except Exception as error:
         # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
         reason = " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split())

@@ -17,6 +17,8 @@ IntArray = NDArray[np.int64]
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 """The units that `load_mesh` takes, and their length [m]."""
 
+UNIT_NAMES = {"mm": "millimetres", "m": "metres", "cm": "centimetres", "inch": "inches"}
+"""The same in words, the most usual first."""
 SMALLEST_USUAL_EXTENT = 0.02
 LARGEST_USUAL_EXTENT = 3.0
 """Outside of this [m], from a bottle's cap to a door, the unit is asked about."""
@@ -203,7 +205,8 @@ def size_warnings(mesh: Mesh, unit: str) -> tuple[str, ...]:
 
 def size_hint(longest: float, unit: str) -> str:
     """What the unit of a file might be instead, whose mesh is that long [m] by the unit it was read in."""
-    other, name = ("mm", "millimetres") if longest > 1.0 else ("m", "metres")
-    if unit == other:
-        return "pass --size to state its longest extent"
-    return f"is the file in {name}? pass --unit {other}"
+    for other, name in UNIT_NAMES.items():
+        extent = longest * METRES_PER_UNIT[other] / METRES_PER_UNIT[unit]
+        if other != unit and SMALLEST_USUAL_EXTENT <= extent <= LARGEST_USUAL_EXTENT:
+            return f"is the file in {name}? pass --unit {other}"
+    return "if that is wrong, pass --size with the right one"

@@ -73,32 +73,42 @@ class Table:
         return [cells[index].strip() for cells in self.rows]
 
 
-def read_table(text: str, *, delimiter: str | None = None, decimal: str = ".") -> Table:
+def read_table(
+    text: str, *, delimiter: str | None = None, decimal: str = ".", names: Sequence[str] | None = None
+) -> Table:
     """Read a table.
 
     Args:
         text: The content of the file.
         delimiter: Between cells; found in the header if not given.
         decimal: The decimal sign.
+        names: Of the columns, where the first line is a sample; None where it has them.
 
     Raises:
-        TrajectoryError: No header, no line below it, columns of the same name, or most lines of another length.
+        TrajectoryError: No header, or a sample in its place, no line below it, columns of the same name, or most lines
+            of another length.
     """
     lines = text.splitlines()
     remarks, first, sign, header = _header(lines, delimiter)
     if len(lines) > MOST_SAMPLES:
         raise TrajectoryError(f"{len(lines):,} lines; expected at most {MOST_SAMPLES:,}")
+    below = first + 1
+    if names is not None:
+        header, below = tuple(names), first
+    elif lacks_names(header):
+        shown = ", ".join(cell[:12] for cell in header[:3])
+        raise TrajectoryError(f"no header line, the first one holds {shown}, …; expected the names of the columns")
     twice = next((name for name in header if name and header.count(name) > 1), None)
     if twice is not None:
         raise TrajectoryError(f"the header has column '{twice[:40]}' twice")
     findings = []
-    if len(lines) > first + 2 and not text.endswith(("\n", "\r")):
+    if len(lines) > below + 1 and not text.endswith(("\n", "\r")):
         # A number that was cut in the middle is a wrong number that looks like a right one.
         findings.append(note(f"line {len(lines)}, the last one, has no line end: left out, it may have been cut"))
         lines.pop()
     rows: list[tuple[str, ...]] = []
     broken: list[int] = []
-    for number, line in enumerate(lines[first + 1 :], start=first + 2):
+    for number, line in enumerate(lines[below:], start=below + 1):
         if not line.strip() or line.startswith("#"):
             continue
         cells = _cells(line, sign)
@@ -127,6 +137,11 @@ def read_header(text: str) -> tuple[str, ...]:
         TrajectoryError: No header.
     """
     return _header(text.splitlines(), None)[3]
+
+
+def lacks_names(header: Sequence[str]) -> bool:
+    """Whether what stands for a header is a sample: numbers, some with a fraction; columns may be named 0, 1, 2."""
+    return all(_number(cell, ".") is not None for cell in header) and not all(cell.isdecimal() for cell in header)
 
 
 def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str], int, str, tuple[str, ...]]:

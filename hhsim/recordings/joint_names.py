@@ -102,7 +102,7 @@ def joints_found(joints: set[str]) -> str:
         return "25 WebXR joints"
     if known == set(KEYPOINTS):
         return "21 joints in MediaPipe's set"
-    return f"{len(known)} joint{'s' * (len(known) != 1)} of a hand"
+    return f"{len(known)} joint{'s' * (len(known) != 1)}"
 
 
 def joints_missing(joints: set[str]) -> str:

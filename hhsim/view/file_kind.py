@@ -12,9 +12,12 @@ HDF5_START = b"\x89HDF\r\n\x1a\n"
 """First bytes of every HDF5 file."""
 FORMATS: dict[str, Kind] = {"hhsim-result": "result", "hhsim-trajectory": "motion", "hhsim-tree": "tree"}
 """Kinds by the format that an HDF5 file says it has."""
-MESHES = (".stl", ".ply", ".obj", ".off")
+MESHES = (".stl", ".ply", ".obj", ".off", ".glb", ".gltf")
 """Text has no mark of its own: these are known by their names."""
-EXPECTED = "a result, a trajectory, a sphere tree (.h5) or a mesh (.stl, .ply, .obj, .off)"
+EXPECTED = (
+    f"a result, a trajectory, a sphere tree (.h5) or a mesh ({', '.join(MESHES)}); "
+    "hhsim import makes a trajectory of a recording"
+)
 
 
 def file_kind(path: Path) -> Kind:

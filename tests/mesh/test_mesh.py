@@ -124,11 +124,12 @@ def test_size_replaces_the_unit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("side", "unit", "message"),
     [
-        (5.0, "m", "longest extent 5 m: is the file in millimetres? pass --unit mm"),
+        (5.0, "m", "longest extent 5 m: is the file in centimetres? pass --unit cm"),
+        (11.6, "m", "longest extent 11.6 m: is the file in centimetres? pass --unit cm"),
         (500.0, "cm", "longest extent 5 m: is the file in millimetres? pass --unit mm"),
-        (5000.0, "mm", "longest extent 5 m: pass --size to state its longest extent"),
-        (11.0, "mm", "longest extent 11 mm: is the file in metres? pass --unit m"),
-        (0.002, "m", "longest extent 2 mm: pass --size to state its longest extent"),
+        (5000.0, "mm", "longest extent 5 m: if that is wrong, pass --size with the right one"),
+        (11.0, "mm", "longest extent 11 mm: is the file in centimetres? pass --unit cm"),
+        (0.002, "m", "longest extent 2 mm: if that is wrong, pass --size with the right one"),
     ],
 )
 def test_suspicious_size_is_warned_of(tmp_path: Path, side: float, unit: str, message: str) -> None:
@@ -149,7 +150,7 @@ def test_a_door_and_a_bottles_cap_are_asked_nothing(tmp_path: Path, side: float,
             "mm",
             "0.0001 m: expected 0.001 to 20 m, since a hand is to touch it; is the file in metres",
         ),
-        (1e5, "mm", "pass --size to state its longest extent"),
+        (1e5, "mm", "if that is wrong, pass --size with the right one"),
     ],
 )
 def test_what_no_hand_can_touch_is_refused(tmp_path: Path, side: float, unit: str, hint: str) -> None:
@@ -186,6 +187,12 @@ def obj(mesh: Mesh) -> str:
             "noise.ply",
             b"\x00\x01noise" * 20,
             r"cannot be read as .ply, so it is damaged or no such file \(ValueError: Not a ply file",
+        ),
+        ("noise.stl", bytes(range(256)) * 8, "cannot be read as .stl, so it is damaged or no such file$"),
+        (
+            "picture.obj",
+            b"\x89PNG\r\n" + bytes(range(256)),
+            "cannot be read as .obj, so it is damaged or no such file$",
         ),
         ("noise.glb", b"\x00\x01noise" * 20, "cannot be read as .glb"),
         ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no triangles"),

@@ -45,6 +45,6 @@ def test_what_a_name_says(text: str, said: tuple[str, str, str]) -> None:
 def test_what_was_recognised_is_said_in_the_standards_words() -> None:
     assert joints_found(set(OPENXR_JOINTS)) == "26 OpenXR joints"
     assert joints_found(set(WEBXR_JOINTS)) == "25 WebXR joints"
-    assert joints_found({"wrist"}) == "1 joint of a hand"
+    assert joints_found({"wrist"}) == "1 joint"
     assert joints_missing(set(OPENXR_JOINTS)) == ""
     assert joints_missing({"wrist"}) == "thumb_metacarpal, thumb_proximal, thumb_distal, thumb_tip and 16 more"

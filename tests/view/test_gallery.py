@@ -73,6 +73,12 @@ def test_a_tree_and_a_mesh_are_there_in_metres(recording: Recording, files: list
     np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 0.04, rtol=1e-5)
 
 
+@pytest.mark.parametrize("name", ["mug.glb", "mug.gltf", "MUG.GLB", "mug.obj"])
+def test_a_mesh_is_known_by_its_name(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"glTF\x02\x00\x00\x00")
+    assert file_kind(tmp_path / name) == "mesh"
+
+
 def test_what_cannot_be_looked_at_is_told(tmp_path: Path) -> None:
     (tmp_path / "text.txt").write_text("text")
     with h5py.File(tmp_path / "other.h5", "w") as file:

@@ -4,7 +4,7 @@
 |---|---|
 | .npy | an array (T, 21, 3) or (T, 63) |
 | .npz | such an array under any name, or `keypoints`, `landmarks`, `joints`; stamps under `t`, `time` or `timestamps` |
-| .csv | 63 columns of coordinates, with stamps or without, or columns such as left_lm00_x |
+| .csv | 63 columns of coordinates, with stamps or without, or columns such as left_lm00_x; 63 without a header too |
 | .json | a list of frames of 21 points, or objects with a stamp and a list of 21 points |
 
 They have no radius, often no scale and no world: the wrist stands still then. Arrays of objects are not read.
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.npz_arrays import read_npy, read_npz
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.csv_table import read_header, read_table
+from hhsim.recordings.csv_table import lacks_names, read_header, read_table
 from hhsim.recordings.joint_names import KEYPOINTS, joint_name
 from hhsim.recordings.joint_positions import JointPositions, chosen_side, evenly, recording_of_joints
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
@@ -34,6 +34,7 @@ from hhsim.recordings.unit_detection import TIME_UNITS
 Array = NDArray[np.float64]
 
 COUNT = len(KEYPOINTS)
+COORDINATES = tuple(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")
 NAMES = ("keypoints", "landmarks", "joints", "hand_keypoints", "hand_landmarks", "kp3d", "joints_3d")
 TIMES = ("t", "time", "times", "timestamp", "timestamps")
 NUMBERED = re.compile(r"(?:^|[^0-9a-zA-Z])(?:[a-zA-Z]*?)([0-9]{1,2})[^0-9a-zA-Z]*([xyz])$", re.IGNORECASE)
@@ -95,10 +96,13 @@ def _points(array: Any, where: str) -> Array:
 
 def _from_npz(data: bytes) -> tuple[Array, Array | None, str | None]:
     arrays = read_npz(data)
+    if not arrays:
+        files = ", ".join(sorted(_entries(data))[:4]) or "nothing"
+        raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     fitting = [key for key, value in arrays.items() if _is_points(value)]
     named = [key for key in fitting if key in NAMES] or fitting
     if len(named) != 1:
-        held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:6]) or "nothing"
+        held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:6])
         reason = "more than one" if named else "no"
         raise TrajectoryError(f"{reason} array of shape (T, {COUNT}, 3) or (T, {3 * COUNT}); it holds {held}")
     points = _points(arrays[named[0]], f"array '{named[0]}'")
@@ -196,7 +200,11 @@ def _numbered_columns(header: tuple[str, ...]) -> dict[HandSide, dict[int, str]]
 def _from_table(
     content: Content, wanted: HandSide, findings: list[Finding]
 ) -> tuple[Array, Array | None, str | None, HandSide]:
-    table = read_table(content.text)
+    header = read_header(content.text)
+    bare = len(header) == len(COORDINATES) and lacks_names(header)
+    table = read_table(content.text, names=COORDINATES if bare else None)
+    if bare:
+        findings.append(note("no header line: the first line is a sample"))
     findings += table.findings
     hands = _numbered_columns(table.header)
     side: HandSide = ""

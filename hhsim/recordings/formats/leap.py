@@ -35,6 +35,7 @@ MICROSECOND = 1e-6
 JOINTS = ("mcpPosition", "pipPosition", "dipPosition", "btipPosition")
 UNSURE = 0.5
 """Leap's own confidence below this marks a sample."""
+EXPECTED = "expected a Leap Motion recording, or the joints of a hand by name"
 DEEPEST = 12
 """Nesting of packed frames deeper than this is damage."""
 
@@ -53,14 +54,15 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     metadata = metadata if isinstance(metadata, dict) else {}
     frames = list(_frames(document))
     if not frames:
-        raise TrajectoryError("no frames; expected a Leap Motion recording")
+        held = document["frames"] if isinstance(document, dict) else document
+        raise TrajectoryError(f"no frames of Leap Motion's, {keys_of(held)}; {EXPECTED}")
     findings: list[Finding] = []
     stated = metadata.get("frames")
     if isinstance(stated, int) and stated != len(frames):
         findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
     side = options.hand or _usual_side(frames)
     if not side:
-        raise TrajectoryError(f"no hand in any of {len(frames)} frames")
+        raise TrajectoryError(f"no hand in any of {len(frames)} frames, the first {keys_of(frames[0])}; {EXPECTED}")
     found = [(frame, seen) for frame in frames if (seen := _hand(frame, side)) is not None]
     if not found:
         raise TrajectoryError(f"no {side} hand in any of {len(frames)} frames")
@@ -133,10 +135,7 @@ def _frames(document: Any) -> Iterator[Mapping[str, Any]]:
     """The frames as objects, whatever they are packed in."""
     frames = document.get("frames") if isinstance(document, dict) else document
     if not isinstance(frames, list):
-        raise TrajectoryError(
-            f"JSON without frames, {keys_of(document)}; "
-            "expected a Leap Motion recording, or the joints of a hand by name"
-        )
+        raise TrajectoryError(f"JSON without frames, {keys_of(document)}; {EXPECTED}")
     if frames and isinstance(frames[0], list):
         structure = frames[0]
         for number, packed in enumerate(frames[1:], start=1):

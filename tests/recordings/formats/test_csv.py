@@ -54,6 +54,13 @@ def test_our_own_csv_comes_in_bit_for_bit() -> None:
     assert set(OWN_COLUMNS.joints) <= set(header.split(","))
 
 
+def test_a_sample_is_no_header() -> None:
+    with pytest.raises(TrajectoryError, match=r"no header line, the first one holds 0\.5, 1, 1, …; expected the names"):
+        read_table("0.5,1,1\n1.5,2,2\n")
+    assert read_table("0,1,2\n1.5,2,2\n").header == ("0", "1", "2"), "as pandas names columns without names"
+    assert len(read_table("0.5 1\n1.5 2\n", names=("a", "b")).rows) == 2
+
+
 def test_tables_of_many_makers() -> None:
     for text in (
         "a,b\n1,2\n",

@@ -1,6 +1,8 @@
 """21 keypoints as bare numbers in four kinds of file."""
 
+import io
 import json
+import zipfile
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,13 @@ def table(header: list[str], *, stamps: bool = True) -> str:
     return "\n".join([",".join(header), *(",".join(map(repr, map(float, row))) for row in rows)]) + "\n"
 
 
+def zipped(name: str) -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr(name, "time,a\n0,1\n")
+    return file.getvalue()
+
+
 FILES: dict[str, Any] = {
     "npy": array_npy(POINTS),
     "npy flat": array_npy(POINTS.reshape(-1, 63)),
@@ -30,6 +39,9 @@ FILES: dict[str, Any] = {
     "csv plain": table(["time_s", *(f"c{k}" for k in range(63))]),
     "csv numbered": table(["time_s", *(f"right_lm{k:02d}_{a}" for k in range(21) for a in "xyz")]),
     "csv xyz": table([f"{a}{k}" for k in range(21) for a in "xyz"], stamps=False),
+    "csv bare": table(["none"], stamps=False).partition("\n")[2],
+    "csv savetxt": table(["none"], stamps=False).partition("\n")[2].replace(",", " "),
+    "csv of pandas": table([str(k) for k in range(63)], stamps=False),
     "json list": json.dumps(POINTS.tolist()),
     "json frames": json.dumps([{"t": t, "landmarks": p} for t, p in zip(TIME.tolist(), POINTS.tolist())]),
     "json objects": json.dumps(
@@ -58,7 +70,7 @@ def test_our_own_hand_comes_back(form: str) -> None:
     assert np.abs(recording.abduction - SAMPLE.motion.abduction).max() < 1e-6
     assert np.allclose(recording.position, SAMPLE.motion.position, atol=1e-9)
     made = "no stamps: made from the rate, 100 Hz" in words(recording)
-    assert made is (form in ("npy", "npy flat", "csv xyz", "json list"))
+    assert made is (form in ("npy", "npy flat", "csv xyz", "csv bare", "csv savetxt", "csv of pandas", "json list"))
     assert np.allclose(recording.time, np.arange(40) / 100 if made else TIME, atol=1e-9)
     still = read_content(Content(data=data, name="take"), ReadOptions(rate=100.0))
     assert (still.position == 0.0).all() and "the wrist stands still" in words(still)
@@ -88,6 +100,10 @@ def test_the_mediapipe_recording_of_others_keeps_its_angles(shared_data: Any) ->
         (arrays_npz(a=POINTS[:, :5]), r"no array of shape \(T, 21, 3\).* it holds a \(40, 5, 3\)"),
         (arrays_npz(a=POINTS, b=POINTS), "more than one array of shape"),
         (arrays_npz(a=POINTS, t=TIME[:5]), r"array 't' has shape \(5,\); expected \(40,\)"),
+        (
+            zipped("quest.csv"),
+            r"a zip archive of quest\.csv, without an array; expected \.npz, or the recording unpacked",
+        ),
         (b'{"landmarks": 3}', "expected a list of frames of 21 points"),
         (b'{"landmarks": [[1, 2]]}', "no list of 21 points in any"),
         (b"[1, 2, 3]", "expected frames of 21 points each"),
