@@ -37,9 +37,11 @@ class Cones(NamedTuple):
         radius_a, radius_b = float(self.radius_a[i]), float(self.radius_b[i])
         tan_slope, inverse = cone_slope(length, radius_a, radius_b)
         unit = axis / length if length > 0.0 else np.zeros(3)
+        x, y, z = self.a[i].tolist()
+        ux, uy, uz = unit.tolist()
         if inverse == 0.0:
-            return RoundCone(*self.a[i].tolist(), *unit.tolist(), 0.0, 0.0, 0.0, radius_a, 0.0)
-        return RoundCone(*self.a[i].tolist(), *unit.tolist(), length, tan_slope, inverse, radius_a, radius_a - radius_b)
+            return RoundCone(x, y, z, ux, uy, uz, 0.0, 0.0, 0.0, radius_a, 0.0)
+        return RoundCone(x, y, z, ux, uy, uz, length, tan_slope, inverse, radius_a, radius_a - radius_b)
 
 
 def random_cones(random: np.random.Generator, count: int, spread: float = 0.03) -> Cones:
@@ -91,7 +93,7 @@ def along_axes(cones: Cones, distance: Callable[[Array], Array]) -> Array:
 
     def value(share: Array) -> Array:
         radius = cones.radius_a + share * (cones.radius_b - cones.radius_a)
-        return distance(cones.a + share[:, None] * (cones.b - cones.a)) - radius
+        return np.asarray(distance(cones.a + share[:, None] * (cones.b - cones.a)) - radius)
 
     shares = np.linspace(0.0, 1.0, SAMPLES)
     sampled = np.array([value(np.full(len(cones.a), s)) for s in shares])
@@ -102,4 +104,4 @@ def along_axes(cones: Cones, distance: Callable[[Array], Array]) -> Array:
         left, right = value(first), value(second)
         best = np.minimum(best, np.minimum(left, right))
         low, high = np.where(left > right, first, low), np.where(left > right, high, second)
-    return best
+    return np.asarray(best)

@@ -1,6 +1,7 @@
 """Features of meshes: whose they are, which are left out and why, and meshes that are no neat surface."""
 
 from collections import defaultdict
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def torus() -> tuple[Array, Indices]:
     return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
 
 
-CLOSED = {
+CLOSED: dict[str, Callable[[], tuple[Array, Indices]]] = {
     "bumpy": bumpy,
     "torus": torus,
     "bunny": lambda: catalogue("bunny"),
@@ -132,6 +133,7 @@ def test_a_vertex_is_one_where_its_normal_cone_is_outside(name: str, closed: boo
         spokes = mesh.spoke[mesh.spoke_start[v] : mesh.spoke_start[v + 1]]
         rows = np.column_stack([spokes, np.ones(len(spokes))])
         best = linprog([0, 0, 0, -1.0], A_ub=rows, b_ub=np.zeros(len(spokes)), bounds=[(-1, 1)] * 3 + [(0, None)])
+        assert best.x is not None
         if 0.0 < best.x[3] < 1e-5:
             continue
         expected = bool(best.x[3] > 0.0)

@@ -1,6 +1,7 @@
 """Spheres around faces against what they must hold and find; normal cones of vertices against a linear program."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -37,6 +38,10 @@ def soup(random: np.random.Generator, count: int) -> Array:
     point = random.random(count) < 0.02
     corners[point] = corners[point, :1]
     return np.asarray(corners)
+
+
+def to_point(x: Array, p: Array) -> Array:
+    return np.asarray(np.linalg.norm(x - p, axis=1))
 
 
 def spheres_of(corners: Array) -> FaceSpheres:
@@ -118,7 +123,7 @@ def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: flo
         n, i = own[face]
         away = along_axes(
             many._replace(a=many.a[:1], b=many.b[:1], radius_a=many.radius_a[:1], radius_b=many.radius_b[:1]),
-            lambda x, n=n, i=i: np.linalg.norm(x - spheres.block[n, :3, i], axis=1),
+            partial(to_point, p=spheres.block[n, :3, i]),
         )[0]
         assert away - spheres.block[n, 3, i] <= reach + 1e-12
         if face > 20:
@@ -133,7 +138,7 @@ def widest(spokes: Array) -> tuple[float, Array]:
     # Greatest t with spokes · d <= -t, |d| <= 1 in each coordinate.
     rows = np.column_stack([spokes, np.ones(len(spokes))])
     best = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=np.zeros(len(spokes)), bounds=[(-1, 1)] * 3 + [(0, None)])
-    assert best.status == 0
+    assert best.status == 0 and best.x is not None
     return float(best.x[3]), np.asarray(best.x[:3])
 
 

@@ -1,6 +1,8 @@
 """The mesh as a surface: lists and rows against brute force, fingers on all kinds of features, and whole motions."""
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numba
@@ -240,11 +242,11 @@ def torus() -> tuple[Array, Indices]:
     return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
 
 
-CLOSED = {
-    **{name: (lambda name=name: catalogue(name)) for name in ("bunny", "cup", "teapot", "cube")},
+CLOSED: dict[str, Callable[[], tuple[Array, Indices]]] = {
+    **{name: partial(catalogue, name) for name in ("bunny", "cup", "teapot", "cube")},
     "torus": torus,
 }
-OPEN = {"sheet": sheet, "soup": soup}
+OPEN: dict[str, Callable[[], tuple[Array, Indices]]] = {"sheet": sheet, "soup": soup}
 
 
 def least_by_search(motion: Motion, triangles: Array, tick: int = 0) -> Array:
@@ -253,7 +255,7 @@ def least_by_search(motion: Motion, triangles: Array, tick: int = 0) -> Array:
     count = len(triangles)
     pairs = Cones(*(np.repeat(values, count, axis=0) for values in cones))
     many = np.tile(triangles, (len(cones.a), 1, 1))
-    return along_axes(pairs, lambda x: to_triangle(x, many)).reshape(-1, count).min(axis=1)
+    return np.asarray(along_axes(pairs, lambda x: to_triangle(x, many)).reshape(-1, count).min(axis=1))
 
 
 def pose_of(state: Any) -> Motion:
@@ -332,7 +334,7 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
 def soup_clearance(motion: Motion, mesh: MeshFeatures) -> float:
     """By the distance of a body to all triangles, which has its own test."""
     cones = bodies(motion)
-    return min(cone_distance(mesh, cones.kernel(i), 0.05, STACK) for i in range(len(cones.a)))
+    return float(min(cone_distance(mesh, cones.kernel(i), 0.05, STACK) for i in range(len(cones.a))))
 
 
 @pytest.mark.parametrize("name", OPEN)
@@ -374,10 +376,10 @@ def test_no_hand_enters_a_mesh_or_gets_stuck_at_it(name: str, method: str, ticks
             shown = PlacedHand(record.joints, record.position, record.orientation)
             clearance = mesh_clearance(bvh, SHAPE, shown, 1e-3)
         else:
-            shown = Motion(record.position, record.orientation, record.flexion, record.abduction)
-            clearance = np.array([soup_clearance(shown.part(i, i + 1), mesh) for i in range(0, 2000, 10)])
+            went = Motion(record.position, record.orientation, record.flexion, record.abduction)
+            clearance = np.array([soup_clearance(went.part(i, i + 1), mesh) for i in range(0, 2000, 10)])
             for i in range(0, 2000, 100):
-                assert least_by_search(shown, vertices[faces], i).min() > 0.0
+                assert least_by_search(went, vertices[faces], i).min() > 0.0
         assert clearance.min() > 0.0
         touched += int((clearance < 1e-5).sum())
     # A hand that keeps away would pass for free.
