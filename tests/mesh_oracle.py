@@ -37,7 +37,8 @@ class Cones(NamedTuple):
         radius_a, radius_b = float(self.radius_a[i]), float(self.radius_b[i])
         tan_slope, inverse = cone_slope(length, radius_a, radius_b)
         unit = axis / length if length > 0.0 else np.zeros(3)
-        (x, y, z), (ux, uy, uz) = self.a[i].tolist(), unit.tolist()
+        x, y, z = self.a[i].tolist()
+        ux, uy, uz = unit.tolist()
         if inverse == 0.0:
             return RoundCone(x, y, z, ux, uy, uz, 0.0, 0.0, 0.0, radius_a, 0.0)
         return RoundCone(x, y, z, ux, uy, uz, length, tan_slope, inverse, radius_a, radius_a - radius_b)
@@ -92,16 +93,15 @@ def along_axes(cones: Cones, distance: Callable[[Array], Array]) -> Array:
 
     def value(share: Array) -> Array:
         radius = cones.radius_a + share * (cones.radius_b - cones.radius_a)
-        return distance(cones.a + share[:, None] * (cones.b - cones.a)) - radius
+        return np.asarray(distance(cones.a + share[:, None] * (cones.b - cones.a)) - radius)
 
     shares = np.linspace(0.0, 1.0, SAMPLES)
     sampled = np.array([value(np.full(len(cones.a), s)) for s in shares])
-    best: Array = sampled.min(axis=0)
-    at = sampled.argmin(axis=0)
+    best, at = sampled.min(axis=0), sampled.argmin(axis=0)
     low, high = shares[np.maximum(at - 1, 0)], shares[np.minimum(at + 1, SAMPLES - 1)]
     for _ in range(SECTIONS):
         first, second = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         left, right = value(first), value(second)
         best = np.minimum(best, np.minimum(left, right))
         low, high = np.where(left > right, first, low), np.where(left > right, high, second)
-    return best
+    return np.asarray(best)

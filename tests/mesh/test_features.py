@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 import pytest
@@ -42,9 +41,9 @@ def torus() -> tuple[Array, Indices]:
 CLOSED: dict[str, Callable[[], tuple[Array, Indices]]] = {
     "bumpy": bumpy,
     "torus": torus,
-    "bunny": partial(catalogue, "bunny"),
-    "cup": partial(catalogue, "cup"),
-    "cube": partial(catalogue, "cube"),
+    "bunny": lambda: catalogue("bunny"),
+    "cup": lambda: catalogue("cup"),
+    "cube": lambda: catalogue("cube"),
 }
 
 

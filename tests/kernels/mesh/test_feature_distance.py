@@ -29,6 +29,7 @@ from hhsim.kernels.mesh.feature_distance import (
     vertex_witness,
 )
 from hhsim.kernels.mesh.features import MeshFeatures
+from hhsim.kernels.round_cone_distance import RoundCone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.mesh.features import mesh_features
 
@@ -105,12 +106,21 @@ def test_vertices_lines_and_edges(seed: int) -> None:
         found, s, foot = line_witness(cone, *(cones.a[i] - p[i]).tolist(), *along.tolist())
         assert found == pytest.approx(line[i], abs=EXACT)
         assert_on_axis(cone, s, np.linalg.norm(center(cone, s) - p[i] - foot * along), found)
-        inside, at = edge_witness(cone, *[*(cones.a[i] - p[i]), *along, length])
+        inside, at = at_edge(cone, p[i], along, length)
         assert (inside == ELSEWHERE) == (not -ON <= foot <= length + ON)
         assert inside == ELSEWHERE or (inside, at) == (found, s)
         # What is not an edge's is one of its ends'.
         ends = [vertex_witness(cone, *(end[i] - cones.a[i]).tolist())[0] for end in (p, q)]
         assert min(inside, *ends) == pytest.approx(edge[i], abs=EXACT)
+
+
+def at_edge(cone: RoundCone, start: Array, along: Array, extent: float) -> tuple[float, float]:
+    """The kernel's (distance, s) for the edge from `start` on."""
+    dx, dy, dz = cone.x - float(start[0]), cone.y - float(start[1]), cone.z - float(start[2])
+    found: tuple[float, float] = edge_witness(
+        cone, dx, dy, dz, float(along[0]), float(along[1]), float(along[2]), extent
+    )
+    return found
 
 
 def center(cone: Any, s: float) -> Array:
@@ -172,7 +182,7 @@ def test_an_axis_along_an_edge(seed: int, angle: float, cylinder: bool) -> None:
     cone, along = cones.kernel(0), q / 0.04
     found, _, _ = line_witness(cone, *(cones.a[0] - p).tolist(), *along.tolist())
     assert found == pytest.approx(along_axes(cones, lambda x: to_line(x, p, q))[0], abs=EXACT)
-    edge, _ = edge_witness(cone, *[*(cones.a[0] - p), *along, 0.04])
+    edge, _ = at_edge(cone, p, along, 0.04)
     ends = [vertex_witness(cone, *(end - cones.a[0]).tolist())[0] for end in (p, q)]
     assert min(edge, *ends) == pytest.approx(along_axes(cones, lambda x: to_segment(x, p, q))[0], abs=EXACT)
 
@@ -191,7 +201,7 @@ def test_an_axis_through_an_edge_or_a_vertex(seed: int) -> None:
         a = at - random.uniform(0.005, 0.02) * direction
         cones = Cones(a[None], (at + 0.02 * direction)[None], np.array([0.008]), np.array([0.006]))
         cone, along = cones.kernel(0), unit(q - p)
-        edge, _ = edge_witness(cone, *[*(a - p), *along, float(np.linalg.norm(q - p))])
+        edge, _ = at_edge(cone, p, along, float(np.linalg.norm(q - p)))
         least = min([edge] + [vertex_witness(cone, *(end - a).tolist())[0] for end in (p, q)])
         assert least == pytest.approx(along_axes(cones, lambda x: to_segment(x, p, q))[0], abs=EXACT)
         assert least <= -0.006 + EXACT
@@ -224,7 +234,7 @@ def test_slivers(seed: int, aspect: float) -> None:
         expected = along_axes(cones, lambda x: to_triangle(x, corners))
     else:
         ends = [(corners[k], corners[(k + 1) % 3]) for k in range(3)]
-        expected = np.min([along_axes(cones, partial(to_segment, p=p, q=q)) for p, q in ends], axis=0)
+        expected = np.min([along_axes(cones, partial(to_segment, p=e[0], q=e[1])) for e in ends], axis=0)
     mesh = alone(corners)
     judged = 0
     for i in range(8):
@@ -313,8 +323,7 @@ def fan(random: np.random.Generator, spokes: int) -> tuple[Array, NDArray[np.int
 @settings(max_examples=60)
 def test_no_motion_beats_the_bounds_of_an_edge_or_a_vertex(seed: int, spokes: int) -> None:
     random = np.random.default_rng(seed)
-    vertices, faces = fan(random, spokes)
-    mesh, _ = mesh_features(vertices, faces, closed=False)
+    mesh, _ = mesh_features(*fan(random, spokes), closed=False)
     cones = random_cones(random, 8, 0.02)
     for i in range(8):
         for e in range(len(mesh.edge)):
@@ -360,8 +369,7 @@ def check_cone(
 def test_bounds_of_what_can_be_touched_straight_away_are_the_distances(seed: int) -> None:
     # A bound that is too low costs only time, but one that is always low would never be missed by the other tests.
     random = np.random.default_rng(seed)
-    vertices, faces = fan(random, 4)
-    mesh, _ = mesh_features(vertices, faces, closed=False)
+    mesh, _ = mesh_features(*fan(random, 4), closed=False)
     for e in range(len(mesh.edge)):
         first, last = int(mesh.wing_start[e]), int(mesh.wing_start[e + 1])
         wing, along = mesh.wing[first:last], mesh.edge[e, 3:6]

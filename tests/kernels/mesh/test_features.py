@@ -40,6 +40,10 @@ def soup(random: np.random.Generator, count: int) -> Array:
     return np.asarray(corners)
 
 
+def to_point(x: Array, p: Array) -> Array:
+    return np.asarray(np.linalg.norm(x - p, axis=1))
+
+
 def spheres_of(corners: Array) -> FaceSpheres:
     return face_spheres(np.ascontiguousarray(corners.reshape(-1, 9)))
 
@@ -115,21 +119,18 @@ def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: flo
         for n, i in zip(*np.nonzero(spheres.block[:, 0] != NOWHERE))
         if spheres.child[n, i] < 0
     }
-    first = many._replace(a=many.a[:1], b=many.b[:1], radius_a=many.radius_a[:1], radius_b=many.radius_b[:1])
     for face in faces.tolist():
         n, i = own[face]
-        away = along_axes(first, partial(distance_to, spheres.block[n, :3, i]))[0]
+        away = along_axes(
+            many._replace(a=many.a[:1], b=many.b[:1], radius_a=many.radius_a[:1], radius_b=many.radius_b[:1]),
+            partial(to_point, p=spheres.block[n, :3, i]),
+        )[0]
         assert away - spheres.block[n, 3, i] <= reach + 1e-12
         if face > 20:
             break
     if total > 0:
         room = gather_faces(spheres, cones.kernel(0), reach, stack, near, found[: total - 1])
         assert room[0] == -1
-
-
-def distance_to(point: Array, x: Array) -> Array:
-    """Of points x (n, 3) to one [m]."""
-    return np.asarray(np.linalg.norm(x - point, axis=1))
 
 
 def widest(spokes: Array) -> tuple[float, Array]:

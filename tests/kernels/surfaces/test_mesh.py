@@ -373,13 +373,13 @@ def test_no_hand_enters_a_mesh_or_gets_stuck_at_it(name: str, method: str, ticks
         record = solver.run(*block)
         assert not (record.status & STATUS_STUCK).any()
         if bvh is not None:
-            placed = PlacedHand(record.joints, record.position, record.orientation)
-            clearance = mesh_clearance(bvh, SHAPE, placed, 1e-3)
+            shown = PlacedHand(record.joints, record.position, record.orientation)
+            clearance = mesh_clearance(bvh, SHAPE, shown, 1e-3)
         else:
-            shown = Motion(record.position, record.orientation, record.flexion, record.abduction)
-            clearance = np.array([soup_clearance(shown.part(i, i + 1), mesh) for i in range(0, 2000, 10)])
+            went = Motion(record.position, record.orientation, record.flexion, record.abduction)
+            clearance = np.array([soup_clearance(went.part(i, i + 1), mesh) for i in range(0, 2000, 10)])
             for i in range(0, 2000, 100):
-                assert least_by_search(shown, vertices[faces], i).min() > 0.0
+                assert least_by_search(went, vertices[faces], i).min() > 0.0
         assert clearance.min() > 0.0
         touched += int((clearance < 1e-5).sum())
     # A hand that keeps away would pass for free.
