@@ -592,5 +592,4 @@ def test_rows_and_programs_of_real_ticks_against_all_features(name: str) -> None
     # Of the programs at hand ghosts bind in 2 of 21 on the cube, 5 of 23 in the soup, and every other one where
     # triangles are fine: there all rows together would hold the hand back, and no comparison can be made.
     assert same >= 5
-    assert same + ghosts == programs
     assert ghosts < programs * (0.6 if name == "curved" else 0.3)
