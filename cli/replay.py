@@ -202,7 +202,7 @@ def command(
     recording, .csv or .h5, or .npz, .json, .bvh as hhsim import reads them. Without them, five fingers grasp the
     bunny. Above the table stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's
     figures; every tick is in the file. A recording whose hand touches nothing gets its object placed. Ctrl-C stops the
-    replay and keeps the ticks so far.
+    replay and keeps the ticks so far. The exit code is 0 whatever the verdict; hhsim gate RESULT fails on it.
 
     OBJECT may also be a result or a recorded live session: its ticks are run again with the options that it holds, and
     every array is compared bit for bit; the exit code is 1 where one differs. As TRAJECTORY, such a file is the motion
