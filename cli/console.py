@@ -154,7 +154,7 @@ def announce_compilation(*, quiet: bool) -> None:
         if BAR in meta:
             meta[BAR]("compiling the kernels: once, and after an upgrade")
         else:
-            print("hhsim: compiling the kernels: this happens once, and again after an upgrade", file=sys.stderr)
+            print("hhsim: compiling the kernels that this needs: once, and again after an upgrade", file=sys.stderr)
 
     listener = type("FirstCompilation", (event.Listener,), {"on_start": announce, "on_end": lambda *_: None})()
     event.register("numba:compile", listener)

@@ -321,7 +321,11 @@ def command(
         written = [str(output_path)] + ([f"its hand to {fit_hand}"] if fit_hand else [])
         side = f"{report.hand} hand" if report.hand else "hand of a side that the file does not tell"
         long = f" of {1e3 * report.hand_length:.0f} mm" if report.hand_length is not None else ""
-        print_table(COLUMNS, report.rows(), title=f"{file.name}, {report.form}: {side}{long}", numbers=COLUMNS[1:3])
+        title = f"{file.name}, {report.form}: {side}{long}"
+        if found := report.rows():
+            print_table(COLUMNS, found, title=title, numbers=COLUMNS[1:3])
+        else:
+            print(f"{title}; nothing was found")
         if report.fit is not None:
             print_table(FIT_COLUMNS, report.fit_rows(), title="a hand with the recorded bones", numbers=FIT_COLUMNS[1:])
         print(

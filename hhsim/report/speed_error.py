@@ -103,8 +103,8 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
         for number, axis in enumerate(AXES):
             across, down = (0, number) if narrow else (number, 0)
             bottom = height - names - (down + 1) * (TITLE + PANEL) - down * BOTTOM
-            left = across * share + (LEFT if narrow else LEFT - 0.1)
-            room = share - (LEFT if narrow else LEFT - 0.1) - 0.08
+            left = across * share + LEFT
+            room = share - LEFT - 0.08
             axes = figure.add_axes((left / width, bottom / height, room / width, PANEL / height))
             _draw_panel(axes, axis, points)
         _draw_names(figure, points)

@@ -162,3 +162,12 @@ def test_stamps_in_ms_of_a_map_that_names_no_unit(run: Run, tmp_path: Path) -> N
         code, out, err = run("import", "glove.csv", "--columns", "glove.toml", "--out", "a.h5", *options)
         assert (code, err) == (0, "") and "0.390 s at 100.0 Hz" in out
     assert load_trajectory(tmp_path / "a.h5").flexion[-1, 1, 0] == pytest.approx(np.radians(39))
+
+
+def test_a_recording_without_a_finding_has_no_table(run: Run, tmp_path: Path) -> None:
+    save_trajectory(MOTION, tmp_path / "clean.csv")
+    answer = run("import", str(tmp_path / "clean.csv"), "--out", str(tmp_path / "clean.h5"))
+    assert answer.code == 0, answer.err
+    lines = answer.out.splitlines()
+    assert lines[0].startswith("clean.csv, hhsim csv: ") and lines[0].endswith("; nothing was found")
+    assert not any("finding" in line for line in lines)

@@ -346,7 +346,7 @@ def test_compilation_is_announced_where_and_when_it_happens(capsys: pytest.Captu
         for number in (1, 2):
             numba.njit(lambda number=number: number)()
 
-    announcement = "hhsim: compiling the kernels: this happens once, and again after an upgrade"
+    announcement = "hhsim: compiling the kernels that this needs: once, and again after an upgrade"
     for arguments, lines in (([], ["begun", announcement]), (["--quiet"], ["begun"])):
         command(arguments, standalone_mode=False)
         numba.njit(lambda: 3)()

@@ -11,6 +11,7 @@ from PIL import Image
 from short_grasp import short_result
 
 from hhsim.errors import InputError, OutputError
+from hhsim.report import speed_error
 from hhsim.report.figure import DPI, PAGE_INCHES, ReportFigure
 from hhsim.report.figure_file import FIGURES, make_figure, parse_width, write_figure
 
@@ -79,6 +80,20 @@ def test_every_figure_is_drawn_within_its_page(path: Path, tmp_path: Path, name:
         # Ink at the upper or the lower edge is a word that was cut.
         for row in (0, picture.height - 1):
             assert np.asarray(picture)[row].min() > 200, (name, inches, row)
+
+
+def test_a_depth_of_millimetres_is_not_cut_at_the_edge(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In µm it has five digits, the longest number beside an axis."""
+    deep = speed_error.SpeedError("deep", 1e-5, 5e-5, depth=0.0134, mesh=0.0134, excess=np.nan)
+    monkeypatch.setattr(speed_error, "_measured", lambda label, result: deep)
+    figure = make_figure([path], "speed-error")
+    for inches in (3.46, PAGE_INCHES):
+        write_figure(figure, tmp_path / "figure.png", inches)
+        with Image.open(tmp_path / "figure.png") as file:
+            picture = np.asarray(file.convert("L"))
+        assert picture[:, 0].min() > 200 and picture[:, -1].min() > 200, inches
 
 
 def test_what_cannot_be_drawn_is_told(path: Path, series: ReportFigure, tmp_path: Path) -> None:

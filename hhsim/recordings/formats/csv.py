@@ -1,12 +1,13 @@
 """Recordings from CSV: our own columns, or any others by a `hhsim.recordings.column_map.ColumnMap`."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.motion.csv_file import CSV_SUFFIX, FLAGS, SAMPLES, object_pose
+from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, PHASE, POSE_COLUMNS, SAMPLES, object_pose
 from hhsim.recordings.column_map import OWN_COLUMNS, is_own_header
 from hhsim.recordings.csv_table import Table, read_header, read_table
 from hhsim.recordings.mapped_table import mapped
@@ -53,11 +54,25 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         return mapped(table, columns, content.name, "csv")
     table = read_table(content.text)
     if not is_own_header(table.header):
-        shown = ", ".join(name[:20] for name in table.header[:8]) + (", …" if len(table.header) > 8 else "")
-        raise TrajectoryError(
-            f"the columns are {shown}; expected hhsim's own (time, px, …), or a mapping of these with --columns"
-        )
+        raise TrajectoryError(_unexplained(table.header))
     return _own(table, content.name)
+
+
+def _unexplained(header: tuple[str, ...]) -> str:
+    """What keeps a table's columns from being our own."""
+    if set(POSE_COLUMNS) <= set(header):
+        # Nearly ours: which names are not is what the reader looks for.
+        missing = [name for name in COLUMNS if name not in header]
+        other = [name for name in header if name not in (*COLUMNS, PHASE, FLAGS)]
+        instead = f"; it has {_some(other)} instead" if other else ""
+        return f"no column {_some(missing)} of hhsim's own{instead}: rename them, or map them with --columns"
+    return (
+        f"the columns are {_some(header, 8)}; expected hhsim's own (time, px, …), or a mapping of these with --columns"
+    )
+
+
+def _some(names: Sequence[str], most: int = 3) -> str:
+    return ", ".join(name[:20] for name in names[:most]) + (", …" if len(names) > most else "")
 
 
 FORMAT = RecordingFormat(

@@ -9,7 +9,7 @@ from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.motion.csv_file import format_csv
+from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, format_csv
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.column_map import OWN_COLUMNS, parse_column_map, read_column_map
 from hhsim.recordings.csv_table import read_table
@@ -150,6 +150,19 @@ def test_mappings_need_time_and_joints(tmp_path: Path) -> None:
     assert made.time.tolist() == [0.0, 0.02] and "made from the rate, 50 Hz" in made.findings[0].text
     with pytest.raises(TrajectoryError, match="the columns are a, b; expected hhsim's own"):
         read_as("csv", "a,b\n1,2\n")
+
+
+def test_columns_that_are_nearly_ours_are_told_by_those_that_are_not() -> None:
+    pose, angles = "time,px,py,pz,qw,qx,qy,qz", ",".join((*FLEXION_COLUMNS, *ABDUCTION_COLUMNS))
+    nearly = angles.replace("thumb_", "th_").replace("little_abd", "abd_li")
+    with pytest.raises(TrajectoryError) as error:
+        read_as("csv", f"{pose},{nearly}\n{','.join(28 * '0')}\n")
+    assert str(error.value).endswith(
+        "no column thumb_flex1, thumb_flex2, thumb_flex3, … of hhsim's own; it has th_flex1, th_flex2, th_flex3, … "
+        "instead: rename them, or map them with --columns"
+    )
+    with pytest.raises(TrajectoryError, match="no column little_abd of hhsim's own: rename"):
+        read_as("csv", f"{pose},{angles.removesuffix(',little_abd')}\n{','.join(27 * '0')}\n")
 
 
 UNITLESS = """
