@@ -177,7 +177,7 @@ class RepairSettings(OptionGroup, heading="Selection and repair"):
     hand_file: Path | None = option(
         type=FILE,
         metavar="TOML",
-        help="Hand whose joint limits bound the angles (hhsim/hand/model.py has an example). Default: the usual one.",
+        help="Hand whose joint limits bound the angles (docs/faq.md has an example). Default: the usual one.",
     )
     keep_angles: bool = option(is_flag=True, help="Keep joint angles beyond the hand's limits.")
 
@@ -225,7 +225,8 @@ class Labels(OptionGroup, heading="Labels"):
     "--fit-hand",
     type=FILE,
     metavar="TOML",
-    help="Write a hand with the recorded bones and radii, for --hand-file of hhsim replay, and lay the motion for it.",
+    help="Write a hand with the recorded bones and radii, for --hand-file of hhsim replay and live, and lay the motion "
+    "for it.",
 )
 @click.option("--plot", type=FILE, metavar="FILE", help="Draw what came in and what went out.")
 def command(

@@ -55,6 +55,12 @@ rate = click.option(
 tree_level = click.option(
     "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
 )
+hand_file = click.option(
+    "--hand-file",
+    type=FILE,
+    metavar="TOML",
+    help="Sizes and joint limits of the hand that differ from the default one (docs/faq.md has an example).",
+)
 picture = click.option(
     "--plot",
     type=FILE,

@@ -14,8 +14,8 @@ from . import options, rerun_option
 from .comma_list import number_list
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .object_argument import MeshFile, complete_object
-from .option_group import GroupedCommand, option
-from .options import COUNT, FILE, POSITIVE, Side
+from .option_group import GroupedCommand, option, shared
+from .options import COUNT, POSITIVE, Side
 from .run_again import names_a_result, run_again
 from .tree_choice import TreeOrFile
 
@@ -113,12 +113,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
     side: Side | None = option(
         "--hand", type=options.SIDES, help="Which hand grasps. Default: the recording's, else the right one."
     )
-    hand_file: Path | None = option(
-        type=FILE,
-        metavar="TOML",
-        help="Sizes and joint limits of the hand that differ from the default one (hhsim/hand/model.py has an "
-        "example).",
-    )
+    hand_file: Path | None = shared(options.hand_file)
     tremor: tuple[float, ...] | None = option(
         callback=number_list("mm", "degrees"),
         metavar="MM,DEG",

@@ -64,6 +64,7 @@ class Moment:
     Attributes:
         angles: Of every joint in a sample that comes [rad]; None: none comes.
         good: What the driver says of it.
+        reading: Of its one channel.
         work_ns: Time that the tick takes.
         gone: Reading fails.
         send_fails: Sending fails.
@@ -71,6 +72,7 @@ class Moment:
 
     angles: float | None = None
     good: bool = True
+    reading: float = np.nan
     work_ns: int = 100_000
     gone: bool = False
     send_fails: bool = False
@@ -124,6 +126,7 @@ class ScriptedGlove(GloveDevice):
         if moment.angles is None:
             return 0
         self._fill(samples_out[0], moment.angles, moment.good)
+        samples_out[0]["channels"][0] = moment.reading
         return 1
 
     def _fill(self, sample: np.void, angles: float, good: bool) -> None:

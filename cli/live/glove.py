@@ -22,6 +22,7 @@ from .session import run_session
 from .summary import print_summary, summary_json
 
 if TYPE_CHECKING:
+    from hhsim.hand.model import HandModel
     from hhsim.live.devices.registry import GloveConfig, Hand
     from hhsim.live.real_time import RealTimeWishes
 
@@ -38,6 +39,7 @@ class HandChoice(OptionGroup, heading="Hand"):
     side: options.Side | None = option(
         "--hand", type=options.SIDES, help="Which hand's glove. Default: right, or the recording's."
     )
+    hand_file: Path | None = shared(options.hand_file)
     trajectory: str | None = option(
         metavar="TRAJECTORY",
         shell_complete=complete_trajectory,
@@ -94,6 +96,16 @@ class HandChoice(OptionGroup, heading="Hand"):
         a, b, c, d = self.palm_turn or (1.0, 0.0, 0.0, 0.0)
         source = PoseConfig(pose, (x, y, z), (a, b, c, d), host=self.pose_host, port=self.pose_port)
         return configure(glove.device, hand=side, seed=seed, **settings), source, motion
+
+    def model(self, side: "Hand") -> "HandModel":
+        """The hand of this side.
+
+        Raises:
+            HhsimError: Its file cannot be read, or holds no hand.
+        """
+        from hhsim.hand.model import HandModel
+
+        return HandModel.default(side) if self.hand_file is None else HandModel.from_toml(self.hand_file, side)
 
 
 class Feedback(OptionGroup, heading="Forces"):
@@ -208,7 +220,6 @@ def command(
       hhsim live glove bunny --device udp --pose udp --rerun spawn
       hhsim live glove --device replay --trajectory session.h5 --duration 10
     """
-    from hhsim.hand.model import HandModel
     from hhsim.live.devices.registry import open_device
     from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
     from hhsim.live.session.scene import make_live_scene
@@ -218,11 +229,11 @@ def command(
     if session.no_record and session.record is not None:
         raise click.UsageError(f"--no-record and --record {session.record} exclude each other")
     device, palm, motion = hand.inputs(glove, session.seed)
+    model = hand.model(device.hand)
     announce_compilation(quiet=quiet)
     mesh, usual_level = mesh_file.read(object_)
     record = session.record_path(f"{mesh.name}-live-{device.kind}")
     print_notes(mesh.warnings, prefix="warning")
-    model = HandModel.default(device.hand)
     with progress(quiet=quiet) as report:
         chosen = tree.choose(mesh, usual_level, report)
         placed = hand.palm is not None
@@ -254,6 +265,7 @@ def command(
             "object": object_,
             "object_mesh": mesh.sha256,
             "level": chosen.level,
+            "hand_file": str(hand.hand_file) if hand.hand_file else None,
             "device": device.kind,
             "trajectory": None if motion is None else hand.trajectory or "grasp",
             "seed": session.seed,

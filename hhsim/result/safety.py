@@ -19,7 +19,7 @@ class Safety(IntFlag):
 
 WORDS = {
     Safety.STALE_INPUT: "no fresh input",
-    Safety.NOT_FINITE: "input that is no number",
+    Safety.NOT_FINITE: "input that cannot be used",
     Safety.SOLVER_FAILED: "the solver failed",
     Safety.OVERRUN_STREAK: "too many late ticks in a row",
     Safety.DEVICE_LOST: "the glove is gone",

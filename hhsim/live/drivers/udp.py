@@ -64,6 +64,7 @@ class UdpGlove(GloveDevice):
         self._answers = NONE_YET
         self._order = PacketOrder()
         self._kind = Kind.BENDS
+        self._unused: Kind | None = None
         self._waiting: deque[tuple[Packet, int]] = deque()
         self._heard_ns = 0
         self._seq = 0
@@ -75,7 +76,7 @@ class UdpGlove(GloveDevice):
         """See `GloveDevice.open`; waits for the first sample."""
         self.open_for_release(timeout)
         self._waiting.clear()
-        self._known = False
+        self._known, self._unused = False, None
         try:
             self._port = UdpPort(self._host, self._port_number)
         except DeviceError:
@@ -85,7 +86,7 @@ class UdpGlove(GloveDevice):
         while not self._waiting:
             left = deadline - time.monotonic()
             if left <= 0.0:
-                hint = self._port.hint or "is the bridge running, and does it send to that port?"
+                hint = self._in_vain() or "is the bridge running, and does it send to that port?"
                 self.close()
                 raise DeviceError(f"{self._name}: no sample came within {timeout:g} s: {hint}")
             self._port.wait(left)
@@ -115,7 +116,9 @@ class UdpGlove(GloveDevice):
             self._store(packet, now, samples_out[count])
             count += 1
         if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
-            raise DeviceError(f"{self._name}: nothing came for {1e-9 * SILENCE_NS:g} s")
+            silence, hint = f"{1e-9 * SILENCE_NS:g} s", self._in_vain()
+            what = f"no sample came for {silence}: {hint}" if hint else f"nothing came for {silence}"
+            raise DeviceError(f"{self._name}: {what}")
         return count
 
     def send(self, command: FingerCommand) -> bool:
@@ -183,9 +186,11 @@ class UdpGlove(GloveDevice):
             counters.frames += 1
             if packet.kind not in SAMPLES or (self._known and packet.kind is not self._kind):
                 counters.other += 1
+                self._unused = packet.kind
             elif self._order.take(packet.session, packet.seq, now):
                 self._waiting.append(found)
                 self._heard_ns = now
+                self._unused, self._port.hint = None, ""
                 taken += 1
             else:
                 counters.other += 1
@@ -194,6 +199,16 @@ class UdpGlove(GloveDevice):
         counters.frames += malformed
         counters.dropped = self._order.lost
         counters.resyncs = max(0, self._order.sessions - 1)
+
+    def _in_vain(self) -> str:
+        """What came since the last sample and is none, in words; "" where nothing did."""
+        if self._unused is None:
+            return self._port.hint if self._port is not None else ""
+        if self._known:
+            wanted = f"this glove's are of kind {int(self._kind)}"
+        else:
+            wanted = f"a glove's are of kind {', '.join(str(int(kind)) for kind in SAMPLES)}"
+        return f"packets of kind {int(self._unused)} come; {wanted}"
 
     def _store(self, packet: Packet, now: int, row: np.void) -> None:
         values = packet.values.astype(np.float64)

@@ -84,7 +84,7 @@ class Interlock:
 
 WORDS: dict[Safety, tuple[int, str, str]] = {
     Safety.STALE_INPUT: (WARNING, "nothing new from the glove or of the palm", "samples come again"),
-    Safety.NOT_FINITE: (WARNING, "a sample that cannot be used", "samples can be used again"),
+    Safety.NOT_FINITE: (WARNING, "a sample that is not finite, or of no hand", "samples can be used again"),
     Safety.SOLVER_FAILED: (FAULT, "the solver failed", "the solver is back"),
     Safety.OVERRUN_STREAK: (WARNING, "one period after the other was missed", "the loop is in time again"),
     Safety.DEVICE_LOST: (FAULT, "the glove is gone", "the glove is back"),

@@ -8,15 +8,20 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, WORK_TOUCHING
+from hhsim.kernels.tick.state import (
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_INPUT_INVALID,
+    STATUS_START_INSIDE,
+    WORK_TOUCHING,
+)
 from hhsim.live.device import COUNTERS, GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import FAULT, LIVE_TICK, SessionMemory
+from hhsim.live.ipc.session_memory import FAULT, LIVE_TICK, WARNING, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.deadlines import Clock, Deadlines
 from hhsim.live.loop.finger_command import FingerCommander
 from hhsim.live.loop.interlock import Interlock, SafetyLog
-from hhsim.live.loop.plausibility import GloveWatch
+from hhsim.live.loop.plausibility import GloveWatch, reading_of_no_hand
 from hhsim.live.loop.tick_times import TickTimes
 from hhsim.live.pose.registry import PoseSource
 from hhsim.result.safety import Safety
@@ -26,6 +31,10 @@ from hhsim.solver.options import SolverOptions
 MOST_SAMPLES = 64
 """Read in one tick; what is left waits for the next one."""
 RECONNECT_SECONDS = 0.01
+BEGINS_INSIDE = (
+    "the hand begins inside the object: the shown hand begins at the nearest free place, and may be caught there; "
+    "begin anew with the hand open, or elsewhere"
+)
 COUNTER_TICKS = 16
 """Counters of the glove are shown once in so many ticks."""
 
@@ -85,6 +94,8 @@ class LiveLoop:
         self.interlock = Interlock(setup.safety, dry_run=setup.dry_run)
         self.watch = GloveWatch(device.info)
         self._safety_log = SafetyLog()
+        oldest = f"for more than {1e3 * setup.safety.stale:g} ms, as --stale says"
+        self._safety_log.detail[Safety.STALE_INPUT] = oldest
         self._periods = None if setup.duration is None else max(1, round(setup.duration * setup.rate))
         self._reconnect_ticks = max(1, round(RECONNECT_SECONDS * setup.rate))
         self._longest_ns = setup.safety.overruns * period
@@ -224,7 +235,9 @@ class LiveLoop:
             return -1
         self._keep(count)
         for sample in self._samples[:count]:
-            self._usable = self.watch.use(sample, self._flexion, self._abduction)
+            was_usable, self._usable = self._usable, self.watch.use(sample, self._flexion, self._abduction)
+            if was_usable and not self._usable:
+                self._safety_log.detail[Safety.NOT_FINITE] = reading_of_no_hand(sample, self.device.info)
             if self._usable:
                 self._sample_ns = int(sample["time_ns"])
                 self._input_seq = int(sample["seq"])
@@ -258,6 +271,8 @@ class LiveLoop:
             safety |= _SOLVER_FAILED
         if status & STATUS_INPUT_INVALID:
             safety |= _NOT_FINITE
+        if status & STATUS_START_INSIDE:
+            self.memory.log(WARNING, BEGINS_INSIDE)
         return True, self.commander.update(self._graphic, self._phalanx, safety, self.watch.free)
 
     def _send(self, safety: int) -> tuple[int, bool]:

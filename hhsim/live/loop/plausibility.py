@@ -33,6 +33,8 @@ STUCK_TRAVEL = 1.0
 QUIET = 1.0
 """A finger's jumps are told once in this time [s]."""
 MOST_ANGLE = 2.0 * np.pi
+MOST_READING = 1.5
+"""Of a channel that is 0 to 1."""
 
 INFORMATION, WARNING = 0, 1
 NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
@@ -92,6 +94,25 @@ class GloveWatch:
 
     def _say(self, level: int, text: str) -> None:
         self._events.append((level, text))
+
+
+def reading_of_no_hand(sample: np.void, info: GloveInfo) -> str:
+    """Name and value of the channel that is farthest beyond any hand, as the glove sent it; "" where none is.
+
+    Args:
+        sample: Of `GLOVE_SAMPLE`.
+        info: Of the glove.
+    """
+    values = np.abs(sample["channels"][: len(info.channels)])
+    most = {"": MOST_READING, "rad": MOST_ANGLE}.get(info.unit, np.inf)
+    # NaN compares false: a channel that a glove does not have is NaN too.
+    if not (values > most).any():
+        return ""
+    channel = int(np.nanargmax(values))
+    unit = f" {info.unit}" if info.unit else ""
+    return (
+        f"{info.channels[channel]} is {sample['channels'][channel]:.4g}{unit}, and {most:.3g}{unit} the most of a hand"
+    )
 
 
 class _Jumps:

@@ -22,6 +22,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.live.pose.initial_pose import palm_place
 from hhsim.mesh.catalogue import load_object
+from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import load_result
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -94,6 +95,15 @@ def test_a_session_of_a_simulated_glove_is_one_document_and_one_file(run: Run, t
     assert result.complete
     assert result.ticks == document["recorded_ticks"] > 0
     assert [path.name for path in tmp_path.iterdir()] == ["session.h5"]
+
+
+def test_a_session_is_of_the_hand_in_a_file(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "me.toml").write_text("hand_length = 0.17\n[index]\nlength = [0.040, 0.024, 0.012]\n")
+    given = ("live", "glove", "cube", "--duration", "0.1", "--record", "session.h5", "--no-realtime", "--quiet")
+    assert run(*given, "--hand-file", "me.toml", "--hand", "left").code == 0
+    hand = stored_hand(load_result(tmp_path / "session.h5"))
+    assert (hand.side, hand.hand_length, hand.length[1].tolist()) == ("left", 0.17, [0.040, 0.024, 0.012])
+    assert run(*given, "--hand-file", "nobody.toml").err.startswith("hhsim: error: nobody.toml: no such file")
 
 
 def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:

@@ -141,6 +141,23 @@ class Bridge:
         fields = {"session": self.session, "t_ns": 1000 * seq, **other}
         self.socket.sendto(encode_packet(kind, np.asarray(values), seq=seq, **fields), ("127.0.0.1", self.port))
 
+    @contextmanager
+    def sending(self, kind: Kind, values: object, **other: int) -> Iterator[None]:
+        """Its packet 0 again and again, from a thread."""
+        heard = threading.Event()
+
+        def send() -> None:
+            while not heard.wait(0.005):
+                self.send(kind, values, 0, **other)
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        try:
+            yield
+        finally:
+            heard.set()
+            sender.join()
+
     def config(self) -> GloveConfig:
         return configure("udp", port=self.port)
 
@@ -156,19 +173,8 @@ def bridge() -> Iterator[Bridge]:
 def opened(bridge: Bridge, kind: Kind, values: object, config: GloveConfig | None = None) -> Iterator[UdpGlove]:
     """A device to which a bridge sends its packet 0 until it hears it; nothing is read yet."""
     device = UdpGlove(config or bridge.config())
-    heard = threading.Event()
-
-    def send() -> None:
-        while not heard.wait(0.005):
-            bridge.send(kind, values, 0)
-
-    sender = threading.Thread(target=send)
-    sender.start()
-    try:
+    with bridge.sending(kind, values):
         device.open(PATIENCE)
-    finally:
-        heard.set()
-        sender.join()
     with closing(device):
         yield device
 
@@ -272,6 +278,23 @@ def test_a_bridge_that_is_not_there_is_said_so(bridge: Bridge) -> None:
         pytest.raises(DeviceError, match="cannot listen: Address already in use"),
     ):
         UdpGlove(bridge.config()).open(0.05)
+
+
+def test_packets_that_no_glove_sends_are_named_instead_of_nothing(bridge: Bridge) -> None:
+    device = UdpGlove(bridge.config())
+    with (
+        bridge.sending(Kind.POSE, np.zeros(7)),
+        pytest.raises(DeviceError, match="of kind 4 come; a glove's are of kind 1, 2, 3"),
+    ):
+        device.open(0.1)
+
+
+def test_a_bridge_that_comes_back_with_other_numbers_is_told_of(bridge: Bridge) -> None:
+    with opened(bridge, Kind.JOINTS, np.zeros(20)) as device:
+        reader = Reader(device)
+        reader.read()
+        with bridge.sending(Kind.BENDS, np.zeros(5), session=2):
+            assert reader.until_lost().endswith("packets of kind 1 come; this glove's are of kind 3")
 
 
 def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_path: Path) -> None:

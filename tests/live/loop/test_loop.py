@@ -4,6 +4,7 @@ import gc
 import sys
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from hhsim.live.device import FingerCommand
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
-from hhsim.live.loop.loop import LiveLoop, loop_options
+from hhsim.live.loop.loop import BEGINS_INSIDE, LiveLoop, loop_options
 from hhsim.live.loop.tick_times import BATCH
 from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
@@ -137,7 +138,8 @@ def test_stale_input_frees_the_fingers_until_samples_come_and_then_they_are_ramp
     # The last sample is in tick 119, read 0.1 ms after its deadline: 25 ms have passed when tick 145 begins.
     assert_freed(session, 145, 179, Safety.STALE_INPUT)
     np.testing.assert_allclose(session.ticks["command_stiffness"][180:190].max(axis=1), 0.03 * np.arange(1, 11))
-    assert any("nothing new from the glove" in text for text in session.events)
+    late = "nothing new from the glove or of the palm: the fingers are free: for more than 25 ms, as --stale says"
+    assert late in session.events
 
 
 def test_a_sample_that_is_not_good_frees_the_fingers_in_its_tick_and_is_never_used() -> None:
@@ -147,6 +149,29 @@ def test_a_sample_that_is_not_good_frees_the_fingers_in_its_tick_and_is_never_us
     assert len(session.samples) == len(session.ticks), "it is recorded"
     rise = session.ticks["command_stiffness"][123:133].max(axis=1)
     np.testing.assert_allclose(rise, 0.3 * np.arange(1, 11) / 10)
+
+
+@pytest.mark.parametrize(
+    ("unit", "reading", "detail"),
+    [
+        ("rad", 80.2, ": bend is 80.2 rad, and 6.28 rad the most of a hand"),
+        ("", -57.0, ": bend is -57, and 1.5 the most of a hand"),
+        ("", 1.2, ""),
+        ("", np.nan, ""),
+        ("count", 3000.0, ""),
+    ],
+)
+def test_a_reading_of_no_hand_is_named(unit: str, reading: float, detail: str) -> None:
+    session = Session([Moment(FREE), Moment(FREE, good=False, reading=reading), Moment(FREE)])
+    session.glove.info = replace(session.glove.info, unit=unit)
+    session.run()
+    assert f"a sample that is not finite, or of no hand: the fingers are free{detail}" in session.events
+
+
+def test_a_hand_that_begins_inside_the_object_is_told_of_once() -> None:
+    session = Session([Moment(FREE)] * 5, FixedPose(PoseConfig(position=(0.0, 0.0, -0.05)))).run()
+    assert [text for text in session.events if "begins inside" in text] == [BEGINS_INSIDE]
+    assert BEGINS_INSIDE not in holding().events
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e9])
