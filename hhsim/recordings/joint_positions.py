@@ -133,6 +133,9 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         joints.tip_on_surface,
     )
     bones = recorded_bones(chains, Posture(position, orientation, flexion, abduction), side)
+    if radius is not None and not joints.tip_on_surface:
+        long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
+        findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
     findings.append(note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median"))
     up = options.world_up or joints.up
     if up is None:

@@ -32,6 +32,7 @@ def test_our_own_hand_comes_back(side: Side, unity: bool, radii: bool) -> None:
     assert ("left-handed, as Unity's" in words(recording)) is unity
     assert f"26 OpenXR joints of the {side} hand named" in words(recording)
     assert recording.bones is not None and recording.bones.largest.max() < 1e-9
+    assert ("with that of the middle one the hand is 190 mm long" in words(recording)) is radii
     if radii:
         assert recording.bones.radius is not None and np.allclose(recording.bones.radius, sample.hand.radius)
         assert recording.bones.hand_length == pytest.approx(0.1903, abs=1e-4)
