@@ -196,14 +196,9 @@ def command(
     OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
     recording, .h5 or .csv, or any file that hhsim import reads without options. Without them, five fingers grasp the
     bunny. Above the table stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's
-<<<<<<< HEAD
     figures; every tick is in the file. A recording whose hand touches nothing, or begins inside the object, gets its
     object placed. The exit code is 0 whatever the verdict: hhsim gate fails on it. Ctrl-C stops the replay and keeps
     the ticks so far.
-=======
-    figures; every tick is in the file. A recording whose hand touches nothing gets its object placed. Ctrl-C stops the
-    replay and keeps the ticks so far. The exit code is 0 whatever the verdict; hhsim gate RESULT fails on it.
->>>>>>> u-solver
 
     OBJECT may also be a result or a recorded live session: its ticks are run again with the options that it holds, and
     every array is compared bit for bit; the exit code is 1 where one differs. As TRAJECTORY, such a file is the motion

@@ -11,7 +11,6 @@ from hhsim.gate.verdict import GateRow
 HEADINGS = ("scene", "figure", "head", "base", "limit", "unit", "verdict", "")
 NUMBERS = ("head", "base", "limit")
 OK, MISSED = "ok", "MISSED"
-NONE_JUDGED = "no figure was judged: none has a limit and a value"
 
 
 def cells(row: GateRow) -> tuple[str, ...]:
@@ -34,20 +33,12 @@ def number(value: float) -> str:
 def headline(report: GateReport) -> str:
     """The verdict in one line."""
     missed, unlike = len(report.missed), sum(row.verdict == "not comparable" for row in report.rows)
-<<<<<<< HEAD
     judged = sum(_state(row) in (OK, MISSED) for row in report.rows)
     parts = [f"{missed} of {judged} figures missed their limit"] if missed else []
     parts += [f"{unlike} cannot be compared"] if unlike else []
     # What has no limit, or no value, is within none.
     within = "all within their limits" if judged else "none has a limit and a value"
     outcome = "; ".join(parts) or f"{judged} of {len(report.rows)} figures judged, {within}"
-=======
-    judged = sum(_judged(row) for row in report.rows)
-    parts = [f"{missed} of {judged} figures missed their limit"] if missed else []
-    parts += [f"{unlike} cannot be compared"] if unlike else []
-    held = f"{judged} figure{'s hold their limits' if judged > 1 else ' holds its limit'}" if judged else NONE_JUDGED
-    outcome = "; ".join(parts) or held
->>>>>>> u-glove
     word = f"{report.verdict}: " if report.verdict else ""
     return f"{word}{outcome}{f', against {report.against}' if report.against else ''}"
 
@@ -110,19 +101,10 @@ def _legal(text: str) -> str:
 def _state(row: GateRow) -> str:
     if not row.passed:
         return MISSED
-<<<<<<< HEAD
     if _unlike(row):
         return ""
     judged = row.kind in ("inputs", "counter", "time") or not (math.isnan(row.limit) or math.isnan(row.head))
     return OK if judged else ""
-=======
-    return OK if _judged(row) or (row.kind == "inputs" and not _unlike(row)) else ""
-
-
-def _judged(row: GateRow) -> bool:
-    """Whether a figure was held to something: what is undefined passes, and holds no limit."""
-    return not row.passed or row.kind in ("counter", "time") or not math.isnan(row.head + row.limit)
->>>>>>> u-glove
 
 
 def _unlike(row: GateRow) -> bool:

@@ -499,17 +499,6 @@ def test_markdown_shows_what_changed_and_folds_the_rest() -> None:
     assert markdown(report_of(row("not comparable"))).startswith("## ⚠️")
 
 
-def test_what_is_undefined_or_has_no_limit_is_not_said_to_hold_one() -> None:
-    held = GateRow("s", "error", "depth", "depth", head=0.0, limit=1e-6)
-    free = GateRow("s", "error", "step", "step", head=9.0)
-    undefined = GateRow("s", "error", "ripple", "ripple", limit=1e-3, reason="undefined here, so not judged")
-    assert [cells(row)[-1] for row in (held, free, undefined)] == ["ok", "", ""]
-    assert headline(GateReport("suite", "", (held, free, undefined))) == "1 figure holds its limit"
-    missed = replace(held, passed=False)
-    assert headline(GateReport("suite", "", (missed, held, free))) == "worse: 1 of 2 figures missed their limit"
-    assert headline(GateReport("suite", "", (free, undefined))) == "no figure was judged: none has a limit and a value"
-
-
 def test_junit_has_a_case_for_each_figure() -> None:
     bad = GateRow("a", "error", "n", 'label <&">', "µm", 1e-6, 5e-6, 0.0, 1e-6, "worse", False, 'over <the> "limit"')
     root = ElementTree.fromstring(junit(report_of(bad, row("same"), row("not comparable"))))
