@@ -207,7 +207,8 @@ def test_a_script_of_the_faq_is_a_script_and_its_hand_a_hand(tmp_path: Path) -> 
     hand = HandModel.from_toml(path)
     assert hand.hand_length == 0.178
     # What is not named scales with the hand's length.
-    np.testing.assert_allclose(hand.length[1, 0] / HandModel.default().length[1, 0], 0.178 / 0.19)
+    np.testing.assert_allclose(hand.length[2, 0] / HandModel.default().length[2, 0], 0.178 / 0.19)
+    np.testing.assert_array_equal(hand.length[1], [0.045, 0.025, 0.011])
 
 
 def test_a_mesh_may_have_two_parts() -> None:
