@@ -1,5 +1,6 @@
 """The table that `hhsim replay` prints: our figures beside the paper's."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -143,7 +144,10 @@ def summarise(
     figures = {**tick_figures(run), **own}
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
-        notes=(*_notes(scene, options, series["status"]), *_floating(scene, figures["contact_error_max"])),
+        notes=(
+            *_notes(scene, options, series["status"]),
+            *_floating(scene, figures),
+        ),
         ticks=series.ticks,
         warm_up=prepared,
         method=options.method,
@@ -178,9 +182,11 @@ def figures_of_own_runs(
     return found
 
 
-def _floating(scene: Scene, error: float) -> tuple[str, ...]:
-    """What mends contacts that are farther from the mesh [m] than a user should feel."""
-    if not error > MOST_CONTACT_ERROR:
+def _floating(scene: Scene, figures: Mapping[str, float]) -> tuple[str, ...]:
+    """What mends contacts that are farther from the mesh than a user should feel, where the spheres are to blame."""
+    error, depth = figures["contact_error_max"], figures["penetration_max"]
+    # Finer spheres mend nothing of what the hand is inside of them.
+    if not error > MOST_CONTACT_ERROR or error - depth <= MOST_CONTACT_ERROR:
         return ()
     level = scene.tree.depth
     finer = f"--level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"

@@ -17,7 +17,7 @@ from hhsim.metrics.mesh_penetration import contact_points
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.replay.replay import replay
 from hhsim.result.reader import Result, load_result
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
 
 
@@ -28,6 +28,14 @@ def grasp(tmp_path_factory: pytest.TempPathFactory) -> Result:
     summary = replay(short_scene(short_grasp(), "cylinder", 2, "right"), SolverOptions(), path)
     assert any("off the mesh: 64 spheres (level 2)" in note and "--level 3" in note for note in summary.notes)
     return load_result(path)
+
+
+def test_finer_spheres_are_not_advised_where_a_soft_penalty_lets_the_hand_in(tmp_path: Path) -> None:
+    soft = SolverOptions(method="penalty", stiffness=Stiffness(penalty=1.0))
+    summary = replay(short_scene(short_grasp(), "cylinder", 2, "right"), soft, tmp_path / "soft.h5")
+    figures = summary.attributes()
+    assert figures["contact_error_max"] > 1e-3 and figures["penetration_max"] > 1e-3
+    assert not any("too coarse" in note for note in summary.notes)
 
 
 def test_it_is_what_trimesh_measures_at_every_contact(grasp: Result) -> None:
