@@ -73,19 +73,24 @@ class Table:
         return [cells[index].strip() for cells in self.rows]
 
 
-def read_table(text: str, *, delimiter: str | None = None, decimal: str = ".") -> Table:
+def read_table(
+    text: str, *, delimiter: str | None = None, decimal: str = ".", names: Sequence[str] | None = None
+) -> Table:
     """Read a table.
 
     Args:
         text: The content of the file.
         delimiter: Between cells; found in the header if not given.
         decimal: The decimal sign.
+        names: Of the columns of a table without a header; the first line is the first row then.
 
     Raises:
         TrajectoryError: No header, no line below it, columns of the same name, or most lines of another length.
     """
     lines = text.splitlines()
     remarks, first, sign, header = _header(lines, delimiter)
+    if names is not None:
+        first, header = first - 1, tuple(names)
     if len(lines) > MOST_SAMPLES:
         raise TrajectoryError(f"{len(lines):,} lines; expected at most {MOST_SAMPLES:,}")
     twice = next((name for name in header if name and header.count(name) > 1), None)
@@ -118,6 +123,16 @@ def read_table(text: str, *, delimiter: str | None = None, decimal: str = ".") -
             note(f"{len(broken)} line(s) with another number of cells than the header left out, first line {broken[0]}")
         )
     return Table(header, tuple(rows), remarks, decimal, tuple(findings))
+
+
+def is_row(header: Sequence[str]) -> bool:
+    """Whether what stands where the names of columns should are numbers: the first row of a table without a header.
+
+    Whole numbers are names: programs that have none number the columns.
+    """
+    numbers = [_number(cell, ".") for cell in header]
+    measured = any(not cell.strip().strip('"').isdecimal() for cell in header)
+    return measured and all(number is not None and math.isfinite(number) for number in numbers)
 
 
 def read_header(text: str) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.npz_arrays import read_npy, read_npz
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.csv_table import read_header, read_table
+from hhsim.recordings.csv_table import is_row, read_header, read_table
 from hhsim.recordings.joint_names import KEYPOINTS, joint_name
 from hhsim.recordings.joint_positions import JointPositions, chosen_side, evenly, recording_of_joints
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
@@ -196,8 +196,11 @@ def _numbered_columns(header: tuple[str, ...]) -> dict[HandSide, dict[int, str]]
 def _from_table(
     content: Content, wanted: HandSide, findings: list[Finding]
 ) -> tuple[Array, Array | None, str | None, HandSide]:
-    table = read_table(content.text)
+    unnamed = [f"{axis}{k}" for k in range(COUNT) for axis in "xyz"] if is_row(read_header(content.text)) else None
+    table = read_table(content.text, names=unnamed)
     findings += table.findings
+    if unnamed is not None:
+        findings.append(note("no line of names: taken as x, y, z of each point in turn from the first line on"))
     hands = _numbered_columns(table.header)
     side: HandSide = ""
     stamps = time_column(name for name in table.header if _numbered(name) is None)

@@ -12,7 +12,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.column_map import OWN_COLUMNS, parse_column_map, read_column_map
-from hhsim.recordings.csv_table import read_table
+from hhsim.recordings.csv_table import is_row, read_table
 from hhsim.recordings.frames import turned
 from hhsim.recordings.mapped_table import euler_quaternion
 from hhsim.recordings.repair import RepairOptions, repair
@@ -31,6 +31,25 @@ def test_a_mapping_says_what_columns_are() -> None:
     palm = rotation_matrix(recording.orientation[0])
     assert np.allclose(palm[:, 1], [1.0, 0.0, 0.0]) and np.allclose(palm[:, 2], [0.0, -1.0, 0.0])
     assert np.allclose(recording.position[0], [0.1 + 0.075, -0.3, 0.2])
+
+
+def test_a_recording_without_a_palm_says_where_it_is() -> None:
+    fingers = parse_column_map(
+        'time = { column = "t", unit = "s" }\n[joint]\nindex_flex1 = "a"\n', where="fingers.toml"
+    )
+    recording = read_as("csv", "t,a\n0,0\n0.01,0.1\n0.02,0.2\n", columns=fingers)
+    assert (recording.position == 0.0).all()
+    assert any("--place-object auto" in finding.text for finding in recording.findings)
+    whole = read_as("csv", TABLE, columns=parse_column_map(GLOVE, where="glove.toml"), name="take 1")
+    assert not any("palm's place" in finding.text for finding in whole.findings)
+
+
+def test_numbers_are_names_only_where_they_count_the_columns() -> None:
+    assert is_row(["0.25", "-1e-3", "7"])
+    assert not is_row(["0", "1", "2"])
+    assert not is_row(["0.25", "nan", "7"])
+    assert not is_row(["x", "0.5"])
+    assert read_table("0.5,1\n2,3\n", names=["a", "b"]).rows == (("0.5", "1"), ("2", "3"))
 
 
 @pytest.mark.parametrize("order", ["XYZ", "ZYX", "ZXY", "XYX", "xyz", "zyx", "yxz"])

@@ -30,6 +30,7 @@ FILES: dict[str, Any] = {
     "csv plain": table(["time_s", *(f"c{k}" for k in range(63))]),
     "csv numbered": table(["time_s", *(f"right_lm{k:02d}_{a}" for k in range(21) for a in "xyz")]),
     "csv xyz": table([f"{a}{k}" for k in range(21) for a in "xyz"], stamps=False),
+    "csv no header": table([f"x{k}" for k in range(63)], stamps=False).partition("\n")[2],
     "json list": json.dumps(POINTS.tolist()),
     "json frames": json.dumps([{"t": t, "landmarks": p} for t, p in zip(TIME.tolist(), POINTS.tolist())]),
     "json objects": json.dumps(
@@ -58,7 +59,7 @@ def test_our_own_hand_comes_back(form: str) -> None:
     assert np.abs(recording.abduction - SAMPLE.motion.abduction).max() < 1e-6
     assert np.allclose(recording.position, SAMPLE.motion.position, atol=1e-9)
     made = "no stamps: made from the rate, 100 Hz" in words(recording)
-    assert made is (form in ("npy", "npy flat", "csv xyz", "json list"))
+    assert made is (form in ("npy", "npy flat", "csv xyz", "csv no header", "json list"))
     assert np.allclose(recording.time, np.arange(40) / 100 if made else TIME, atol=1e-9)
     still = read_content(Content(data=data, name="take"), ReadOptions(rate=100.0))
     assert (still.position == 0.0).all() and "the wrist stands still" in words(still)
