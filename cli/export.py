@@ -12,7 +12,12 @@ from .console import print_json, progress
 @click.command()
 @click.argument("result", type=options.FILE)
 @click.argument("out", metavar="FILE.csv", type=options.FILE)
-@names("--columns", "columns", "Datasets of /tick, such as time,force/total; all for every one. Default: the usual.")
+@names(
+    "--columns",
+    "columns",
+    "Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: the "
+    "usual.",
+)
 @options.json
 @options.quiet
 def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: bool, quiet: bool) -> None:
@@ -20,13 +25,14 @@ def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: b
 
     RESULT is a file that hhsim replay or hhsim live wrote. Each tick is a line, each column has its unit in the
     heading, and an array is a column an element. By default these are time, input sample, palms, total force, depth,
-    contacts, times and status; --columns names others (docs/files.md). Numbers have every digit, so that they are read
-    back as they were.
+    contacts, times and status; --columns names others (docs/files.md). Fingers and joints are counted from 0, the
+    thumb, and from the palm. Numbers have every digit, so that they are read back as they were.
 
     \b
     Examples:
       hhsim export results/grasp.h5 ticks.csv
       hhsim export grasp.h5 force.csv --columns time,force/total,penetration_depth
+      hhsim export session.h5 told.csv --columns live/tick/latency,live/tick/command_stiffness
       hhsim export grasp.h5 everything.csv --columns all
     """
     from hhsim.result.csv_export import export_ticks

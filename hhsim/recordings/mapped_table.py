@@ -14,6 +14,11 @@ from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNIT
 
 Array = NDArray[np.float64]
 
+NO_PLACE = (
+    "no columns of the palm's place: it stays at the origin; "
+    "--place-object auto of hhsim replay puts the object into the hand"
+)
+
 
 def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     """The recording of a table by its mapping.
@@ -46,6 +51,8 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     position = np.zeros((count, 3))
     if columns.position:
         position = numbers(columns.position, LENGTH_UNITS[columns.position_unit])
+    else:
+        findings.append(note(NO_PLACE))
     orientation = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     if columns.orientation:
         euler = len(columns.orientation) == 3

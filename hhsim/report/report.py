@@ -24,6 +24,7 @@ from hhsim.report.sections import (
     difference_section,
     facts_table,
     figures_section,
+    finger_section,
     key_section,
     origin_section,
     phase_section,
@@ -241,6 +242,7 @@ def _result_sections(
     heading = next(heading for name, heading, _ in FIGURES if name == below)
     sections.append(_folded(below, heading, shown[below]))
     sections.append(_folded("phases", "Phases", phase_section(runs)))
+    sections.append(_folded("fingers", "Fingers", finger_section(runs)))
     sections.append(_folded("worst", "Worst ticks", worst))
     sections.append(_folded("machine", "What it ran on", facts_table("Machine and versions", runs, machine_facts)))
     sections.append(_folded("origin", "Where it comes from", origin_section(runs)))

@@ -9,7 +9,14 @@ from hhsim.replay.verdict import Verdict, verdict
 from hhsim.report.labels import UNNAMED, result_labels
 from hhsim.report.posed_result import PosedResult, posed_result
 from hhsim.report.provenance import motion_name, object_name
-from hhsim.report.tick_table import PhaseFigures, figure_rows, phase_figures, report_ticks
+from hhsim.report.tick_table import (
+    FingerFigures,
+    PhaseFigures,
+    figure_rows,
+    finger_figures,
+    phase_figures,
+    report_ticks,
+)
 from hhsim.result.reader import Result
 
 
@@ -24,6 +31,7 @@ class ReportRun:
         rows: The table that replay prints.
         session: The table of a live session; empty for a replay, and where the recording was cut short.
         phases: A line each.
+        fingers: A line each.
         verdict: By the gate's default limits.
     """
 
@@ -33,6 +41,7 @@ class ReportRun:
     rows: tuple[SummaryRow, ...]
     session: tuple[SummaryRow, ...]
     phases: tuple[PhaseFigures, ...]
+    fingers: tuple[FingerFigures, ...]
     verdict: Verdict
 
     @property
@@ -70,5 +79,6 @@ def _run(result: PosedResult, label: str, prefix: str) -> ReportRun:
         rows=rows,
         session=() if result.live is None else session_rows(result.summary),
         phases=tuple(phase_figures(result, ticks)),
+        fingers=tuple(finger_figures(result, ticks)),
         verdict=verdict(result, rows),
     )

@@ -36,6 +36,11 @@ PHASE_HEADINGS = (
     "stuck",
     "lagging",
 )
+FINGER_HEADINGS = ("finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]")
+FINGER_FORCES = (
+    ": sizes of the force on all its phalanges together, in the ticks in which it bears one; a step is the change of "
+    "that force, as a vector, from one tick to the next"
+)
 
 
 BRIEF_FACTS = (
@@ -170,6 +175,17 @@ def phase_section(runs: Sequence[ReportRun]) -> Html:
         caption += f"; {more:,} more are in the file" if more else ""
         numbers = range(1, len(PHASE_HEADINGS))
         parts.append(table(caption, PHASE_HEADINGS, rows, numbers=numbers) if rows else paragraph("No tick."))
+    return joined(parts)
+
+
+def finger_section(runs: Sequence[ReportRun]) -> Html:
+    """A table of the fingers' forces for each result."""
+    parts = []
+    for run in runs:
+        rows = [(name, f"{ticks:,}", *(number(value, 3) for value in forces)) for name, ticks, *forces in run.fingers]
+        caption = f"Forces on each finger{FINGER_FORCES}" if len(runs) == 1 else f"{run.label}{FINGER_FORCES}"
+        numbers = range(1, len(FINGER_HEADINGS))
+        parts.append(table(caption, FINGER_HEADINGS, rows, numbers=numbers) if rows else paragraph("No tick."))
     return joined(parts)
 
 

@@ -1,10 +1,11 @@
-"""What a report computes from the ticks of a result, read block by block: its table, and a line for each phase."""
+"""What a report computes of the ticks of a result, read block by block: its table, a line a phase, a line a finger."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import needed_columns, run_metrics, tick_figures
@@ -22,6 +23,8 @@ PHASE_COLUMNS = (
     *("force/total", "force_variation_rate", "penetration_depth"),
 )
 """Datasets of /tick that the line of a phase is computed from."""
+FORCE = "force/phalanx"
+"""That of a finger."""
 
 
 class PhaseFigures(NamedTuple):
@@ -51,6 +54,24 @@ class PhaseFigures(NamedTuple):
     candidates: int
     stuck: int
     lagging: int
+
+
+class FingerFigures(NamedTuple):
+    """One finger; NaN where it never bears a force.
+
+    Attributes:
+        name: Of the finger.
+        ticks: In which it bears one.
+        mean, largest: Size of the sum of the forces on its phalanges in these ticks [N].
+        step: Largest change of that sum, as a vector, from one tick to the next [N]; a touch that begins or ends
+            included.
+    """
+
+    name: str
+    ticks: int
+    mean: float
+    largest: float
+    step: float
 
 
 def report_ticks(result: Result) -> RunTicks:
@@ -104,4 +125,25 @@ def phase_figures(result: Result, ticks: RunTicks) -> list[PhaseFigures]:
                 int(np.sum(status & STATUS_LAG > 0)),
             )
         )
+    return found
+
+
+def finger_figures(result: Result, ticks: RunTicks) -> list[FingerFigures]:
+    """A line for each finger, thumb to little finger; no line where there is no tick.
+
+    Args:
+        result: Whose forces are read.
+        ticks: Of it; they say where ticks are missing.
+    """
+    # Summed block by block: the forces on all phalanges of a long session do not fit into memory.
+    sums = [block[FORCE].sum(axis=2) for block in result.blocks([FORCE], BLOCK_TICKS)]
+    if not sums:
+        return []
+    found = []
+    for name, force in zip(FINGERS, np.moveaxis(np.concatenate(sums), 1, 0)):
+        size = np.linalg.norm(force, axis=1)
+        touch = size > 0.0
+        of_touch = metrics.statistics(size, touch)
+        step = metrics.contact_force_step(force, touch, ticks.breaks)
+        found.append(FingerFigures(name, int(touch.sum()), of_touch.mean, of_touch.max, step))
     return found

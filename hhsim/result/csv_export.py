@@ -3,11 +3,12 @@
 import csv
 import itertools
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
-from hhsim.result.schema import TICK_COLUMNS, Column
+from hhsim.result.schema import LIVE_TICK, LIVE_TICK_COLUMNS, TICK_COLUMNS, Column
 from hhsim.system.output_path import check_output_path
 
 USUAL = (
@@ -29,7 +30,8 @@ def export_ticks(
     Args:
         result: Of which; complete or not.
         path: The table; a file that is there is replaced when the new one is complete.
-        columns: Names of datasets of /tick, or `all`; None for the usual ones.
+        columns: Names of datasets of /tick, of a session also of /live/tick, as live/tick/latency; or `all`. None for
+            the usual ones.
         progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
@@ -45,6 +47,9 @@ def export_ticks(
     if path.is_file() and not _is_ours(path):
         raise OutputError(f"{path} exists and is no table of ticks, so it is not replaced: name another file")
     known = {column.name: column for column in TICK_COLUMNS}
+    if result.live is not None:
+        of_loop = (replace(column, name=f"{LIVE_TICK}/{column.name}") for column in LIVE_TICK_COLUMNS)
+        known |= {column.name: column for column in of_loop}
     wanted = tuple(known) if columns and ALL in columns else tuple(columns or USUAL)
     for name in wanted:
         if name not in known:

@@ -124,10 +124,10 @@ class Result:
         return InputError(f"{self.path}: {error}")
 
     def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, Array]]:
-        """Datasets of /tick, so many ticks at a time: a long session does not fit into memory whole.
+        """Datasets of a row a tick, so many ticks at a time: a long session does not fit into memory whole.
 
         Args:
-            names: Of the datasets.
+            names: Of the datasets of /tick, or of a session's as live/tick/latency.
             size: Ticks of a block; the last one may have fewer.
 
         Yields:
@@ -136,7 +136,7 @@ class Result:
         with _opened(self.path) as file:
             for first in range(0, self.ticks, size):
                 part = slice(first, min(first + size, self.ticks))
-                yield {name: file["tick"][name][part] for name in names}
+                yield {name: file[name if name.startswith(f"{LIVE}/") else f"tick/{name}"][part] for name in names}
 
     def at(self, tick: int, names: Sequence[str]) -> dict[str, Array]:
         """One tick of datasets of /tick, without reading the others.

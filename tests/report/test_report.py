@@ -17,6 +17,7 @@ from short_grasp import short_grasp, short_scene
 
 from hhsim.bench.table import Column, write_table
 from hhsim.errors import InputError, OutputError
+from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.render.viewpoint import View
@@ -183,6 +184,20 @@ def test_phases_add_up_to_the_run(coupled: Path, dots: None) -> None:
     mean = np.linalg.norm(result["force/total"][result.phase("hold")], axis=1).mean()
     assert hold[6] == f"{mean:.3f}"
     assert hold[2] == "0.150"
+
+
+def test_each_finger_has_its_forces(coupled: Path, dots: None) -> None:
+    result, rows = load_result(coupled), page_of(coupled).rows("Forces on each finger")
+    assert rows[0] == ["finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]"]
+    assert [row[0] for row in rows[1:]] == list(FINGERS)
+    for finger, row in enumerate(rows[1:]):
+        force = result["force/phalanx"][:, finger].sum(axis=1)
+        size = np.linalg.norm(force, axis=1)
+        if not size.any():
+            assert row[1:] == ["0", "—", "—", "—"]
+            continue
+        step = np.linalg.norm(force[1:] - force[:-1], axis=1).max()
+        assert row[1:] == [f"{(size > 0).sum():,}", *(f"{x:.3f}" for x in (size[size > 0].mean(), size.max(), step))]
 
 
 def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dots: None) -> None:

@@ -16,6 +16,7 @@ from hhsim.live.session.recorder import Recorder
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.registry import read_recording
 from hhsim.replay.replay import replay
+from hhsim.result.csv_export import ALL, export_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.motion_catalogue import resolve_trajectory
@@ -113,6 +114,17 @@ def test_the_good_samples_of_a_session_are_its_motion(session: Path) -> None:
     x = result["haptic/position"][:, 0]
     np.testing.assert_allclose(motion.position[:, 0], np.interp(at, np.arange(700), x), atol=2e-6)
     assert motion.position[0, 0] == x[0]
+
+
+def test_what_a_session_told_the_glove_is_exported(session: Path, tmp_path: Path) -> None:
+    result = load_result(session)
+    names = ["time", "live/tick/latency", "live/tick/command_stiffness"]
+    headings = export_ticks(result, tmp_path / "told.csv", names)
+    assert headings[:3] == ("time [s]", "live/tick/latency [ns]", "live/tick/command_stiffness[0]")
+    table = np.loadtxt(tmp_path / "told.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(table[:, 2], result["live/tick/latency"])
+    np.testing.assert_array_equal(table[:, 3:], result["live/tick/command_stiffness"])
+    assert "live/tick/command_bend[4]" in export_ticks(result, tmp_path / "told.csv", [ALL])
 
 
 def test_a_session_is_imported_as_its_motion(session: Path) -> None:

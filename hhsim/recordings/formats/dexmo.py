@@ -67,8 +67,6 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
         )
     flexion, abduction = chosen.angles(readings)
     findings = [Finding(SampleFlag.ESTIMATED.word, "joints beyond the first by linear regression", len(readings), None)]
-    if not places:
-        findings.append(note("no palm pose beside the channels: the palm stays where it is"))
     if broken:
         findings.append(note(f"{broken} cell(s) of channels that are no numbers: taken as missing"))
     findings += [note(hint) for hint in chosen.hints]

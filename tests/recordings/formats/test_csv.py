@@ -33,6 +33,17 @@ def test_a_mapping_says_what_columns_are() -> None:
     assert np.allclose(recording.position[0], [0.1 + 0.075, -0.3, 0.2])
 
 
+def test_a_recording_without_a_palm_says_where_it_is() -> None:
+    fingers = parse_column_map(
+        'time = { column = "t", unit = "s" }\n[joint]\nindex_flex1 = "a"\n', where="fingers.toml"
+    )
+    recording = read_as("csv", "t,a\n0,0\n0.01,0.1\n0.02,0.2\n", columns=fingers)
+    assert (recording.position == 0.0).all()
+    assert any("--place-object auto" in finding.text for finding in recording.findings)
+    whole = read_as("csv", TABLE, columns=parse_column_map(GLOVE, where="glove.toml"), name="take 1")
+    assert not any("palm's place" in finding.text for finding in whole.findings)
+
+
 @pytest.mark.parametrize("order", ["XYZ", "ZYX", "ZXY", "XYX", "xyz", "zyx", "yxz"])
 def test_euler_angles_are_scipys(order: str) -> None:
     from scipy.spatial.transform import Rotation
