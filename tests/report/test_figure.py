@@ -23,7 +23,7 @@ from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report import pictures as report_pictures
 from hhsim.report import tick_series as report_columns
 from hhsim.report import time_series as report_series
-from hhsim.report.figure import ReportFigure, time_text
+from hhsim.report.figure import ReportFigure, new_figure, time_text
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.minmax_decimation import minmax_band
 from hhsim.report.pictures import hand_picture, overview_picture, overview_tick
@@ -202,6 +202,20 @@ def test_the_view_shows_the_marks() -> None:
     assert viewpoint(hand, ball, marks, nothing, usual) == usual
     hidden = View(180.0, 10.0)
     assert viewpoint(hand, ball, marks, nothing, hidden) != hidden
+
+
+@pytest.mark.parametrize("draw", [series_figure, speed_error_figure])
+def test_the_papers_figures_are_drawn_in_its_scenes_alone(result: Result, draw: Chart) -> None:
+    def words(shown: Result) -> set[str]:
+        drawing = draw({"one": shown}).drawing
+        assert drawing is not None
+        with new_figure(6.0, drawing.height(6.0, False)) as figure:
+            drawing.draw(figure, False)
+            return {text.get_text() for axes in figure.axes for text in axes.texts}
+
+    known = changed(result, scene={**result.scene, "object": "bunny", "trajectory": "grasp"})
+    assert not any("the paper" in text for text in words(result))
+    assert any("the paper" in text for text in words(known))
 
 
 @pytest.mark.usefixtures("coarse")
