@@ -37,12 +37,13 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     from hhsim.replay.summary_table import short_table, whole_table
     from hhsim.replay.verdict import verdict
     from hhsim.report.compare import compare, compared
-    from hhsim.report.tick_table import figure_rows, report_ticks
+    from hhsim.report.tick_table import figure_table, report_ticks
     from hhsim.result.reader import load_result
 
     results = [load_result(path) for path in (base, head)]
     found = compare(*results)
-    tables = [figure_rows(result, report_ticks(result)) for result in results]
+    found_tables = [figure_table(result, report_ticks(result)) for result in results]
+    tables = [table.rows for table in found_tables]
     verdicts = [verdict(result, rows) for result, rows in zip(results, tables)]
     ours = {row.name: row for row in tables[0]}
     # What happened in one of them alone is a difference.
@@ -52,8 +53,10 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     if as_json:
         print_json(_document(base, head, found, rows, [each.word for each in verdicts]))
         return
-    for letter, path, each in zip("AB", (base, head), verdicts):
+    for letter, path, each, whose in zip("AB", (base, head), verdicts, found_tables):
         print_line(f"{letter}: {path}: {each.line}")
+        if whose.misstated:
+            print_line(f"{letter}: {whose.misstated}")
     print_line(found.sentence())
     for letter, result, table in zip("AB", results, tables):
         if result.repeated:

@@ -52,7 +52,7 @@ def report_page(
         element("h1", title),
         paragraph(_subtitle(runs), class_="soft") if runs else Html(""),
         *((_verdict(runs[0]),) if alone else ()),
-        *(_contradiction(run, alone=alone) for run in runs),
+        *(_contradiction(run, *said, alone=alone) for run in runs for said in _contradictions(run)),
         element("nav", links, aria_label="Contents"),
     )
     footer = element(
@@ -83,9 +83,11 @@ def _verdict(run: ReportRun) -> Html:
     return paragraph(element("strong", found.word), " ".join(found.sentences), class_=f"verdict {mood}")
 
 
-def _contradiction(run: ReportRun, *, alone: bool) -> Html:
-    text = run.result.contradiction()
-    if not text:
-        return Html("")
+def _contradictions(run: ReportRun) -> list[tuple[str, str]]:
+    found = (("depth misstated", run.result.contradiction()), ("figures misstated", run.misstated))
+    return [(what, text) for what, text in found if text]
+
+
+def _contradiction(run: ReportRun, what: str, text: str, *, alone: bool) -> Html:
     who = [] if alone else [element("b", run.label), ". "]
-    return paragraph(*who, element("strong", "depth misstated"), text, class_="verdict bad")
+    return paragraph(*who, element("strong", what), text, class_="verdict bad")

@@ -79,7 +79,8 @@ class Report:
     def verdict_lines(self) -> list[str]:
         """The verdicts, a line each."""
         lines = [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
-        lines += [f"{run.label}: {text}" for run in self.runs if (text := run.result.contradiction())]
+        for run in self.runs:
+            lines += [f"{run.label}: {text}" for text in (run.result.contradiction(), run.misstated) if text]
         compared = zip(self.runs[1:], self.comparisons)
         return lines + [f"{run.label} beside {self.runs[0].label}: {found.sentence()}" for run, found in compared]
 

@@ -12,7 +12,7 @@ from hhsim.report.provenance import motion_name, object_name
 from hhsim.report.tick_table import (
     FingerFigures,
     PhaseFigures,
-    figure_rows,
+    figure_table,
     finger_figures,
     phase_figures,
     report_ticks,
@@ -29,6 +29,7 @@ class ReportRun:
         label: Its name in the report.
         prefix: Of the names of its pictures and anchors.
         rows: The table that replay prints.
+        misstated: Where that is not of the ticks in the file, in a sentence; else "".
         session: The table of a live session; empty for a replay, and where the recording was cut short.
         phases: A line each.
         fingers: A line each.
@@ -39,6 +40,7 @@ class ReportRun:
     label: str
     prefix: str
     rows: tuple[SummaryRow, ...]
+    misstated: str
     session: tuple[SummaryRow, ...]
     phases: tuple[PhaseFigures, ...]
     fingers: tuple[FingerFigures, ...]
@@ -71,12 +73,13 @@ def report_runs(results: Sequence[Result]) -> list[ReportRun]:
 
 def _run(result: PosedResult, label: str, prefix: str) -> ReportRun:
     ticks = report_ticks(result)
-    rows = figure_rows(result, ticks)
+    rows, misstated = figure_table(result, ticks)
     return ReportRun(
         result=result,
         label=label,
         prefix=prefix,
         rows=rows,
+        misstated=misstated,
         session=() if result.live is None else session_rows(result.summary),
         phases=tuple(phase_figures(result, ticks)),
         fingers=tuple(finger_figures(result, ticks)),

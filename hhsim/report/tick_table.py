@@ -1,5 +1,6 @@
 """What a report computes of the ticks of a result, read block by block: its table, a line a phase, a line a finger."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ Array = NDArray[Any]
 
 BLOCK_TICKS = 16_384
 """Ticks that are read at a time."""
+SAME = 1e-9
+"""Figures that differ by this share, or by no more, are the same [SI, %]: sums in another order differ by less."""
 PHASE_COLUMNS = (
     *("contacts/candidates", "status", "duration/total_cpu"),
     *("force/total", "force_variation_rate", "penetration_depth"),
@@ -87,15 +90,41 @@ def report_ticks(result: Result) -> RunTicks:
     return result_ticks(result, columns)
 
 
-def figure_rows(result: Result, ticks: RunTicks) -> tuple[SummaryRow, ...]:
-    """The table of a result: the one that its replay printed; else, of a session or a run cut short, from its ticks.
+class FigureTable(NamedTuple):
+    """The table of a result.
 
-    A figure that an older replay did not have yet is computed from its ticks too.
+    Attributes:
+        rows: The one that its replay printed; else, of a session or a run cut short, from its ticks. A figure that an
+            older replay did not have yet is from its ticks too.
+        misstated: Where figures of the file are not those of its ticks, which ones, in a sentence; "" where all are.
     """
-    figures = tick_figures(ticks)
+
+    rows: tuple[SummaryRow, ...]
+    misstated: str
+
+
+def figure_table(result: Result, ticks: RunTicks) -> FigureTable:
+    """Compute what the ticks say, and set what the file says in its place.
+
+    Args:
+        result: Whose table it is.
+        ticks: Of it.
+    """
+    own, stated = tick_figures(ticks), {}
     if result.complete and result.live is None:
-        figures |= {name: float(result.summary[name]) for name in run_metrics() if name in result.summary}
-    return summary_rows(figures, result.rate, of_paper=of_the_paper(result.scene))
+        stated = {name: float(result.summary[name]) for name in run_metrics() if name in result.summary}
+    of_paper = of_the_paper(result.scene)
+    computed = {row.name: row for row in summary_rows({**stated, **own}, result.rate, of_paper=of_paper)}
+    rows = summary_rows({**own, **stated}, result.rate, of_paper=of_paper)
+    wrong = [
+        f"{row.label} {row.shown} where its ticks give {computed[row.name].shown} {row.unit}".rstrip()
+        for row in rows
+        # What reads the same is the same, and a last digit may fall either way.
+        if row.shown != computed[row.name].shown
+        and not math.isclose(row.value, computed[row.name].value, rel_tol=SAME, abs_tol=SAME)
+    ]
+    text = f"The file says {'; '.join(wrong)}. hhsim verify looks further." if wrong else ""
+    return FigureTable(rows, text)
 
 
 def phase_figures(result: Result, ticks: RunTicks) -> list[PhaseFigures]:

@@ -90,6 +90,16 @@ def test_lag_of_one_alone_is_a_difference(run: Run, results: Path, tmp_path: Pat
         assert word(answer.out, "lag, max") == ("better" if lags == "a.h5" else "worse")
 
 
+def test_a_figure_that_is_not_of_the_ticks_is_named(run: Run, results: Path, tmp_path: Path) -> None:
+    shutil.copy(results / "coupled.h5", tmp_path / "b.h5")
+    with h5py.File(tmp_path / "b.h5", "r+") as file:
+        file["tick/force/total"][150:] *= 2.0
+    answer = run("compare", str(results / "coupled.h5"), "b.h5")
+    told = [line for line in answer.out.splitlines() if "The file says" in line]
+    assert len(told) == 1 and told[0].startswith("B: The file says force in contact, mean ")
+    assert "hhsim verify" in told[0]
+
+
 def test_what_is_no_result_is_told(run: Run) -> None:
     assert run("compare", "a.h5", "b.h5").err == "hhsim: error: a.h5: no such file; expected a result (.h5)\n"
 

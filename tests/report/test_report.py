@@ -28,7 +28,7 @@ from hhsim.report.compare import SEEDED_NOISE, compared
 from hhsim.report.figure import ReportFigure
 from hhsim.report.html import NO_TEXT
 from hhsim.report.report import FIGURES, check_report_path, make_report, write_report
-from hhsim.report.tick_table import figure_rows, report_ticks
+from hhsim.report.tick_table import figure_table, report_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
@@ -111,7 +111,7 @@ def test_a_run_that_was_cut_short_has_its_table_from_its_ticks(coupled: Path, tm
 
     whole = {row.name: row for row in stored_rows(load_result(coupled).summary, 1000.0)}
     short = load_result(changed(coupled, tmp_path, cut))
-    rows = {row.name: row for row in figure_rows(short, report_ticks(short))}
+    rows = {row.name: row for row in figure_table(short, report_ticks(short)).rows}
     # These are of runs of their own.
     assert whole.keys() - rows.keys() == {name for name in whole if run_metrics()[name].own_run}
     for name in rows.keys() & whole.keys():
@@ -277,6 +277,23 @@ def test_depth_is_that_of_the_poses_whatever_the_file_says(coupled: Path, tmp_pa
     assert "its poses are" in report.verdict_lines()[1]
     assert "depth misstated" in report.html
     assert "depth misstated" not in make_report((coupled,)).html
+
+
+def test_figures_that_are_not_those_of_the_ticks_are_named_at_the_top(
+    coupled: Path, tmp_path: Path, dots: None
+) -> None:
+    def flatter(file: h5py.File) -> None:
+        file["summary"].attrs["force_contact_mean"] *= 0.5
+
+    stated = load_result(coupled).summary["force_contact_mean"]
+    report = make_report((coupled, changed(coupled, tmp_path, flatter, "flattered.h5")))
+    assert [run.misstated for run in report.runs] == [
+        "",
+        f"The file says force in contact, mean {0.5 * stated:.2f} where its ticks give {stated:.2f} N. "
+        "hhsim verify looks further.",
+    ]
+    assert any(report.runs[1].misstated in line for line in report.verdict_lines())
+    assert report.html.count("figures misstated") == 1
 
 
 def test_periods_without_a_tick_are_told_at_the_top(coupled: Path, tmp_path: Path, dots: None) -> None:
