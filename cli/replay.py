@@ -227,7 +227,7 @@ def command(
     remarks = mended_remark(motion, trajectory)
     announce_compilation(quiet=output.quiet)
     mesh, usual_level = mesh_file.read(object_)
-    output_path = output.path(f"{mesh.name}-{motion.name}-{solver.method}")
+    output_path = output.path(f"{mesh.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
     print_notes(mesh.warnings, prefix="warning")
     with ExitStack() as stack:
@@ -311,7 +311,8 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
     from hhsim.replay.summary_table import short_table, whole_table
 
     found = summary.verdict
-    print_line(f"{summary.object_name}, {summary.motion_name}, {summary.method}: {summary.ticks:,} ticks")
+    touched = "" if summary.surface == "spheres" else f", {summary.surface}"
+    print_line(f"{summary.object_name}, {summary.motion_name}, {summary.method}{touched}: {summary.ticks:,} ticks")
     print_line(found.line)
     print()
     rows = whole_table(summary.rows) if whole else short_table(summary.rows, found.missed)

@@ -17,7 +17,8 @@ from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics import metrics
-from hhsim.metrics.mesh_penetration import contact_error, contact_points, mesh_clearance
+from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
@@ -221,7 +222,7 @@ def _mesh_errors(
     chosen = sampled(contact, SAMPLES, [int(np.nanargmin(clearance))] if np.isfinite(clearance).any() else [])
     shape, some = hand_shape(scene.hand), placed.at(chosen)
     depth = np.maximum(0.0, -mesh_clearance(scene.bvh, shape, some))
-    error = contact_error(scene.bvh, np.concatenate(contact_points(tree, shape, some, TOUCH)))
+    error = contact_error(scene.bvh, find_contact_points(tree, shape, some, TOUCH).point)
     return float(depth.max()), float(np.percentile(depth, 95)), error.mean, error.max, chosen.size
 
 

@@ -8,7 +8,7 @@ Penetration depth and force variation are the paper's measures (Section V-D); th
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,6 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
-from hhsim.kernels.sphere_tree import TreeArrays
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -81,7 +80,7 @@ def statistics(values: ArrayLike, mask: Mask | None = None) -> Statistics:
 
 
 def penetration(
-    tree: TreeArrays,
+    surface: Any,
     phalanx_radius: ArrayLike,
     palm_center: ArrayLike,
     palm_radius: ArrayLike,
@@ -90,13 +89,13 @@ def penetration(
     orientation: ArrayLike,
     fingers: ArrayLike | None = None,
 ) -> Penetration:
-    """Penetration depths [m] of the stored graphic hand in the object's leaf spheres, tick by tick.
+    """Penetration depths [m] of the stored graphic hand in the object's surface, tick by tick.
 
     The paper's measure: "the biggest penetration distance between the graphic finger and object spheres during one
     interaction cycle", here with the palm too. From the stored arrays alone; nothing is taken from the solver.
 
     Args:
-        tree: The object's sphere tree, world.
+        surface: The object's, world: arrays of a surface, such as its leaf spheres.
         phalanx_radius: [m], shape (5, 4).
         palm_center: Centres of the palm's spheres [m], palm frame, shape (P, 3).
         palm_radius: [m], shape (P,).
@@ -107,7 +106,7 @@ def penetration(
             purpose, are NaN.
     """
     palm, finger = hand_clearance(
-        tree, phalanx_radius, palm_center, palm_radius, joints, position, orientation, limit=0.0
+        surface, phalanx_radius, palm_center, palm_radius, joints, position, orientation, limit=0.0
     )
     # 0 - x and not -x: a free body has depth 0, not minus 0.
     palm, finger = 0.0 - palm, 0.0 - finger
@@ -117,7 +116,7 @@ def penetration(
 
 
 def hand_clearance(
-    tree: TreeArrays,
+    surface: Any,
     phalanx_radius: ArrayLike,
     palm_center: ArrayLike,
     palm_radius: ArrayLike,
@@ -128,7 +127,7 @@ def hand_clearance(
 ) -> tuple[Array, Array]:
     """Least signed distance [m] of the palm, shape (T,), and of each finger, shape (T, 5), to the object.
 
-    To its leaf spheres; negative inside. `limit` [m] stands for everything from there on. Arguments as `penetration`.
+    To its surface; negative inside. `limit` [m] stands for everything from there on. Arguments as `penetration`.
     """
     joint_array = np.ascontiguousarray(joints, dtype=np.float64)
     center = np.ascontiguousarray(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3).T)
@@ -146,7 +145,7 @@ def hand_clearance(
         np.ascontiguousarray(position, dtype=np.float64),
         rotation_matrix(orientation),
     )
-    clearances(tree, shape, placed, float(limit), palm, finger)
+    clearances(surface, shape, placed, float(limit), palm, finger)
     return palm, finger
 
 

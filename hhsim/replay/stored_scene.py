@@ -15,6 +15,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[Any]
@@ -138,6 +139,15 @@ def stored_tree(result: Result) -> SphereTree:
         InputError: Arrays that are no tree.
     """
     return _tree(result, "object/tree")
+
+
+def stored_surface(result: Result) -> Any:
+    """The surface that the hand touched, in the kernels' form, world [m].
+
+    Raises:
+        InputError: Arrays that are no tree, or a surface that this hhsim does not have.
+    """
+    return contact_surface(result.surface, stored_mesh(result), stored_tree(result)).arrays
 
 
 def stored_hand(result: Result) -> HandModel:

@@ -87,6 +87,8 @@ CAUSED = {
     "spheres": ("level",),
     "scene max_error": ("level", "spheres"),
     "sum tree": ("level", "spheres", "scene max_error"),
+    "skin": ("surface",),
+    "touch": ("surface",),
     "sum hand": ("side", "length"),
     **{f"scene {name}": ("kind",) for name in ("samples", "placement", "seed", "size_mm", "thickness_mm")},
     "source": ("kind",),

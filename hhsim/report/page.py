@@ -59,8 +59,8 @@ def report_page(
         "footer",
         paragraph(
             f"Made by hhsim report, version {__version__}, from what the files hold.",
-            " Depths are of the poses in them, and into the spheres that stand for the object; hhsim verify checks "
-            "every claim by other code, and against the true mesh."
+            " Depths are of the poses in them, and into what of the object the hand touched, its spheres or its mesh; "
+            "hhsim verify checks every claim by other code, and against the true mesh."
             if runs
             else "",
         ),

@@ -31,6 +31,7 @@ def run_facts(result: Result) -> dict[str, str]:
         "object, extent": f"{extent} mm, {len(static['object/faces']):,} triangles",
         "repairs of its mesh": "; ".join(scene.get("object_repairs") or []) or "none",
         "sphere tree": f"level {depth}, {int((level == depth).sum()):,} leaf spheres",
+        "what the hand touches": f"the {result.surface}",
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
         "the object's place": str((scene.get("placement") or {}).get("text") or "as the motion has it"),

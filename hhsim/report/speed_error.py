@@ -11,8 +11,8 @@ from hhsim.bench.run_errors import sampled
 from hhsim.errors import HhsimError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
-from hhsim.metrics.mesh_penetration import contact_points as touching_places
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.render.speed_error_figure import PAPER_RANGE
@@ -141,7 +141,7 @@ def _off_the_mesh(result: Result, contact: NDArray[np.int64]) -> float:
     if not ticks:
         return np.nan
     placed = PlacedHand(*(np.array([tick[name] for tick in ticks]) for name in ticks[0]))
-    off = contact_error(bvh, np.concatenate(touching_places(scene.tree_arrays, scene.shape, placed, scene.touch)))
+    off = contact_error(bvh, find_contact_points(scene.surface_arrays, scene.shape, placed, scene.touch).point)
     deepest = float(np.max(np.maximum(0.0, -mesh_clearance(bvh, scene.shape, placed))))
     return float(np.maximum(deepest, off.max))
 

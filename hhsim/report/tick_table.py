@@ -35,7 +35,7 @@ class PhaseFigures(NamedTuple):
         first, last: Its ticks, both included.
         seconds: How long it lasts [s].
         cpu_p50, cpu_p99: Of its ticks in contact [µs].
-        depth: Deepest in the object's spheres [µm].
+        depth: Deepest in the object [µm].
         force: Mean size of the total force [N].
         variation: Mean one-tick change of that [%].
         candidates: Most pairs.

@@ -101,11 +101,12 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
     ]
     depth_unit, depth_scale = _length_unit(runs)
     rows = -(-len(runs) // 3)
+    surface = " or ".join(dict.fromkeys(run.result.surface for run in runs))
     panels = (
         Panel("force on the hand [N]", 1.75, (1, 2) if len(runs) == 1 else (rows, len(runs))),
         Panel("CPU time of the tick", 1.3),
-        Panel("pairs of hand and spheres", 0.95, (1, 1)),
-        Panel(f"penetration of the spheres [{depth_unit}]", 0.75),
+        Panel("pairs of hand and object", 0.95, (1, 1)),
+        Panel(f"penetration of the {surface} [{depth_unit}]", 0.75),
         Panel("change of the force in one tick [%]", 1.0),
     )
 

@@ -10,19 +10,26 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import BODIES, FINGERS, PHALANGES
 from hhsim.solver.method import METHODS, methods_that
+from hhsim.solver.surface import SURFACES
 
 FORCES = ("kkt", "paper")
 FRUSTUM_ENDS = ("spheres", "flat")
 PARTS = len(FINGERS) + 1
 """Of a tick, that threads can share."""
 TOUCH = 1e-5
-"""Pairs nearer than this [m] count as touching, for a hand of the usual size."""
+"""A hand of the usual size touches spheres that are no farther than this [m]."""
 
 LEAST_TOLERANCE, GREATEST_TOLERANCE = 1e-12, 1e-6
 LEAST_STIFFNESS, GREATEST_STIFFNESS = 1e-9, 1e12
 """Of each kind [N/m or N·m/rad]; rounding leaves nothing of a hand's motion beyond."""
 BY_METHOD: Any = None
 """Default of an option whose default depends on the method; no option keeps this value."""
+BY_SURFACE: Any = None
+"""The same of the surface."""
+DEFAULTS_OF_SURFACE = {"mesh": {"skin": 5e-4, "touch": 1e-6}}
+USUAL_OF_SURFACE = {"skin": 3e-3, "touch": TOUCH}
+"""Skin and touch [m] of a surface. Triangles are many where they are small: a wide skin lists more than it saves; and a
+contact that bears a force is an `offset` away from them, with none of the spheres' error to hide in."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,7 @@ class SolverOptions:
 
     Attributes:
         method: One of `hhsim.solver.method.METHODS`.
+        surface: One of `hhsim.solver.surface.SURFACES`: what of the object the hand touches.
         qp: `active-set`, or a backend that qpsolvers offers; `paper` takes no other, `penalty` needs none.
         force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
         fingers: Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand
@@ -78,11 +86,11 @@ class SolverOptions:
             that is left is lag. None: only `linearisations` bounds a tick.
         margin: Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper`
             this is Δr, 0.5 mm unless told, and no bound on a step.
-        skin: Pairs up to this much farther are kept at hand between ticks.
+        skin: Pairs up to this much farther are kept at hand between ticks. Default: 3 mm; 0.5 mm with surface `mesh`.
         offset: Clearance that contacts keep, so that second-order errors of small steps do not penetrate.
         step_tolerance: A step shorter than this ends the tick.
         tolerance: Largest violation of a program's row that counts as satisfied, as a share of the margin.
-        touch: Pairs nearer than this count as touching.
+        touch: Pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
         threads: That share the work of a tick, up to six, one for each finger and the palm: finding contacts, and in
             `progressive` the fingers' programs. The same bytes come out with any number.
         stiffness: The virtual coupling.
@@ -94,17 +102,18 @@ class SolverOptions:
     """
 
     method: str = "coupled"
+    surface: str = "spheres"
     qp: str = "active-set"
     force: str = BY_METHOD
     fingers: tuple[str, ...] = FINGERS
     linearisations: int = BY_METHOD
     budget: int | None = None
     margin: float = BY_METHOD
-    skin: float = 3e-3
+    skin: float = BY_SURFACE
     offset: float = 5e-7
     step_tolerance: float = 1e-4
     tolerance: float = 1e-8
-    touch: float = TOUCH
+    touch: float = BY_SURFACE
     threads: int = 1
     stiffness: Stiffness = field(default_factory=Stiffness)
     frustum_ends: str = "spheres"
@@ -117,6 +126,15 @@ class SolverOptions:
         method = METHODS[self.method]
         for name, value in method.defaults.items():
             if getattr(self, name) is BY_METHOD:
+                object.__setattr__(self, name, value)
+        if self.surface not in SURFACES:
+            raise UnknownNameError("surface", self.surface, SURFACES)
+        if self.surface != "spheres" and method.refuses_surfaces:
+            raise InputError(
+                f"method {self.method} takes the surface spheres, not {self.surface}: {method.refuses_surfaces}"
+            )
+        for name, value in DEFAULTS_OF_SURFACE.get(self.surface, USUAL_OF_SURFACE).items():
+            if getattr(self, name) is BY_SURFACE:
                 object.__setattr__(self, name, value)
         if method.refuses_backends and self.qp != "active-set":
             raise InputError(method.refuses_backends.format(qp=self.qp))

@@ -59,7 +59,9 @@ def _fingertips(judge: JudgedTicks) -> Claim:
 def _slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
     """Tolerance [N] at some ticks of forces of a size (n,): multipliers are of the program a step before."""
     step = np.minimum(judge.moved[ticks], float(judge.options["step_tolerance"]))
-    rolling = float(leaves(judge.result)[1].min() + min(judge.hand.radius.min(), judge.hand.palm_radius.min()))
+    # What rolls on an edge or a corner of a mesh has its own radius alone.
+    smallest = 0.0 if judge.on_mesh else float(leaves(judge.result)[1].min())
+    rolling = smallest + float(min(judge.hand.radius.min(), judge.hand.palm_radius.min()))
     return FORCE * (1.0 + size) + TURN * size * step / rolling
 
 
@@ -138,6 +140,9 @@ def _eq_14(judge: JudgedTicks) -> Claim:
     """Eq. 14 over what touches; left out are ticks with a pair within a nanometre of the limit, or found otherwise."""
     from scipy.spatial.transform import Rotation
 
+    name, says = "Eq. 14", "each body's force is the sum of k |p_g − p_h| n over what touches"
+    if judge.on_mesh:
+        return Claim(name, says, NOT_JUDGED, note="which features of a mesh the sum is over is not in the file")
     close = np.abs(judge.pairs.distance - judge.touch) <= LENGTH
     unclear = np.isin(np.arange(len(judge.chosen)), judge.pairs.tick[close])
     if judge.options["method"] == "paper":
@@ -158,9 +163,7 @@ def _eq_14(judge: JudgedTicks) -> Claim:
     ).reshape(len(chosen), PALM + 1, 3)
     off = np.abs(own - judge.stored_forces(judge.chosen[chosen])).max(axis=(1, 2))
     return judged(
-        "Eq. 14",
-        "each body's force is the sum of k |p_g − p_h| n over what touches",
-        off,
+        *(name, says, off),
         FORCE * (1.0 + np.abs(own).sum(axis=(1, 2))),
         "N",
         WHY_FORCE,

@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.contacts import PALM, Pairs, near_pairs
 from hhsim.verify.file_checks import follows, leaves
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, turn_between
+from hhsim.verify.mesh_contacts import near_triangle_pairs
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -76,6 +78,11 @@ class JudgedTicks:
         return never_penetrates(self.options["method"])
 
     @property
+    def on_mesh(self) -> bool:
+        """Whether the hand touched the triangles of the mesh, and not spheres."""
+        return self.result.surface == "mesh"
+
+    @property
     def touch(self) -> float:
         """Pairs no farther apart than this touch [m]."""
         return float(self.options["touch"])
@@ -102,8 +109,11 @@ class JudgedTicks:
     @cached_property
     def candidates(self) -> Pairs:
         """Pairs of the chosen ticks within the margin, and a nanometre more."""
-        center, radius = leaves(self.result)
         near = max(float(self.options["margin"]) + 2.0 * LENGTH, 2.0 * self.touch) if self.safe else 2.0 * self.touch
+        if self.on_mesh:
+            triangles = stored_mesh(self.result).triangles
+            return near_triangle_pairs(self.hand, self.chosen_posed, triangles, self.fingers, near)
+        center, radius = leaves(self.result)
         return near_pairs(self.hand, self.chosen_posed, center, radius, self.fingers, near)
 
     @cached_property
@@ -119,16 +129,28 @@ class JudgedTicks:
     @cached_property
     def miscounted(self) -> BoolArray:
         """Chosen ticks whose stored number of touching pairs is not the referee's, shape (len(chosen),)."""
-        pairs, size = self.pairs, len(self.chosen)
-        least, greatest = (
-            np.bincount(pairs.tick[pairs.distance <= self.touch + slack], minlength=size) for slack in (-LENGTH, LENGTH)
-        )
+        least, greatest = self.pair_counts(self.pairs, self.touch)
         counted = np.asarray(self.result["contacts/touching"])[self.chosen]
         return np.asarray((counted < least) | (counted > greatest))
 
+    def pair_counts(self, pairs: Pairs, limit: float) -> tuple[IntArray, IntArray]:
+        """Least and greatest number of pairs that a chosen tick can have within a limit [m], shapes (len(chosen),).
+
+        A leaf is one piece. Of a triangle the solver counts face, edges and corners, and those of its neighbours once:
+        at least one of each body that is near, and no more than all seven of each.
+        """
+        size = len(self.chosen)
+        sure, possible = (pairs.within(limit + slack) for slack in (-LENGTH, LENGTH))
+        greatest = np.bincount(possible.tick, minlength=size)
+        if self.on_mesh:
+            return sure.bodies(size), 7 * greatest
+        return np.bincount(sure.tick, minlength=size), greatest
+
     @property
     def sphere_penetration(self) -> float:
-        """Deepest in the leaf spheres [m]."""
+        """Deepest in the leaf spheres [m]; NaN where they were not what the hand touched."""
+        if self.on_mesh:
+            return float("nan")
         return max(0.0, -float(self.pairs.distance.min(initial=0.0)))
 
     def stored_forces(self, ticks: IntArray) -> FloatArray:

@@ -522,6 +522,50 @@ def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault:
         assert "checksums" not in failing(found)
 
 
+@pytest.fixture(scope="module")
+def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return run(tmp_path_factory.mktemp("mesh"), surface="mesh")
+
+
+def touched_spheres(file: h5py.File) -> None:
+    """The run is said to have touched spheres."""
+    forge_scene(file, lambda scene: scene["solver"].update(surface="spheres"))
+
+
+ON_MESH = [moved_hand, scaled_force, force_in_the_air, not_the_optimum, uncounted_pair, thicker_finger, swapped_forces]
+ON_MESH += [tangential_force, claimed_depth, fewer_bodies, wider_margin, wider_touch, renamed_method]
+"""Faults that geometry finds: of a run on the mesh by distances to its triangles, under the same names."""
+
+
+def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> None:
+    found = verify(on_mesh, every=10, again=True)
+    assert failing(found) == set()
+    for name in (
+        "depth",
+        "non-penetration",
+        "touching pairs",
+        "candidates",
+        "distance by coal",
+        "mesh",
+        "stationarity",
+    ):
+        assert verdict(found, name) == HOLDS
+    assert np.isnan(found.sphere_penetration) and found.mesh_penetration == 0.0
+    # A force is borne within a micrometre of the mesh, or what bears it does not touch.
+    assert on_mesh.scene["solver"]["touch"] == 1e-6 >= on_mesh.summary["contact_error_max"]
+    bears = next(claim for claim in found.claims if claim.name == "complementarity")
+    assert bears.verdict == HOLDS and bears.checked > 0
+    assert on_mesh.summary["force_contact_max"] > 1.0
+
+
+@pytest.mark.parametrize("fault", [*ON_MESH, touched_spheres], ids=lambda fault: fault.__name__)
+def test_a_planted_fault_of_a_run_on_the_mesh(
+    on_mesh: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
+) -> None:
+    found = verify(planted(on_mesh.path, tmp_path, fault), every=40)
+    assert FAULTS.get(fault, "non-penetration") in failing(found)
+
+
 def test_the_documentation_lists_what_is_planted(repository: Path) -> None:
     assert documented_faults(repository, 0) == {fault.__name__: claim for fault, claim in FAULTS.items()}
 

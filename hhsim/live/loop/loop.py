@@ -89,7 +89,7 @@ class LiveLoop:
         period = setup.period_ns
         self.deadlines = Deadlines(period, clock)
         self.wakeups, self.latencies, self.works = TickTimes(), TickTimes(), TickTimes()
-        self.solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
+        self.solver = HandSolver(setup.hand, setup.surface_arrays(), loop_options(setup.options, setup.rate))
         self.commander = FingerCommander(setup.output, setup.bend_lines(), 1e-9 * period)
         self.interlock = Interlock(setup.safety, dry_run=setup.dry_run)
         self.watch = GloveWatch(device.info)
