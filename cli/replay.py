@@ -226,7 +226,8 @@ def command(
     motion = moving.motion(trajectory)
     remarks = mended_remark(motion, trajectory)
     announce_compilation(quiet=output.quiet)
-    mesh, usual_level = mesh_file.read(object_)
+    solid = solver.surface != "mesh"
+    mesh, usual_level = mesh_file.read(object_, solid=solid)
     output_path = output.path(f"{mesh.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
     print_notes(mesh.warnings, prefix="warning")
@@ -241,7 +242,7 @@ def command(
         report = stack.enter_context(progress(quiet=output.quiet))
         hand = moving.hand(motion)
         if tree.path is None:
-            chosen = tree.choose(mesh, usual_level, report)
+            chosen = tree.choose(mesh, usual_level, report, solid=solid)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
         placed = placed_scene(

@@ -23,6 +23,11 @@ class ContactSurface(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
+def encloses(mesh: Mesh) -> bool:
+    """Whether the triangles of a mesh enclose something, wound outward."""
+    return is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]) and mesh.volume > 0.0
+
+
 def contact_surface(name: str, mesh: Mesh, tree: SphereTree) -> ContactSurface:
     """Make the surface that an option names.
 
@@ -39,7 +44,7 @@ def contact_surface(name: str, mesh: Mesh, tree: SphereTree) -> ContactSurface:
         return ContactSurface(tree.arrays())
     if name != "mesh":
         raise InputError(f"no object has the surface '{name}': expected spheres or mesh")
-    closed = is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]) and mesh.volume > 0.0
+    closed = encloses(mesh)
     features, left_out = mesh_features(mesh.vertices, mesh.faces, closed=closed)
     notes = []
     if left_out.without_area:

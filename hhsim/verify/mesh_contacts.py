@@ -1,10 +1,8 @@
 """The referee's own distances between a hand and triangles: which pairs are near, where, and how far apart.
 
 The distance of a triangle to the ball at a place of a phalanx's axis is convex along the axis, so its slope is
-bisected; the nearest point of a triangle is trimesh's. No hierarchy, no features and none of the solver's formulas.
+bisected. No hierarchy, no features and none of the solver's formulas.
 """
-
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +13,14 @@ from hhsim.verify.kinematics import OwnHand, Posed
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-INSIDE = 1e-9
-"""The nearest point of a face lies inside of it where each of its shares of the corners is larger."""
-
 
 def near_triangle_pairs(
     hand: OwnHand, posed: Posed, triangles: FloatArray, fingers: NDArray[np.bool_], near: float
 ) -> Pairs:
     """All pairs of a body and a triangle no more than `near` [m] apart; `leaf` is the number of the triangle.
 
-    A phalanx that lies flat on a face has a pair at each of its ends. The sign is that of a ball that is cut by the
-    triangle: a body whose axis is through it is as deep as its radius.
+    A phalanx has pairs where it is nearest and at each of its ends, which is where it touches what it lies flat on. No
+    distance is deeper than the radius: that of a body whose axis goes through the triangle.
 
     Args:
         hand: Sizes.
@@ -71,12 +66,7 @@ def _phalanges(
     for end in (0.0, 1.0):
         other = share != end
         place = a[row[other]] + end * axis[other]
-        parts.append(
-            _pairs(
-                *(row[other], face[other], place, radius_a[row[other]] + end * drop[other], triangles, near),
-                inside=True,
-            )
-        )
+        parts.append(_pairs(row[other], face[other], place, radius_a[row[other]] + end * drop[other], triangles, near))
     together = Pairs(*(np.concatenate(values) for values in zip(*parts)))
     return together._replace(tick=together.tick // 15, body=together.tick % 15)
 
@@ -117,15 +107,12 @@ def _pairs(
     size: FloatArray,
     triangles: FloatArray,
     near: float,
-    inside: bool = False,
 ) -> Pairs:
-    """Pairs of balls and triangles that are near; `tick` is the row. With `inside` those over the inside of a face."""
+    """Pairs of balls and triangles that are near; `tick` is the row."""
     point = _closest(triangles[face], place)
     away = place - point
     length = np.linalg.norm(away, axis=1)
     chosen = length - size <= near
-    if inside:
-        chosen &= _shares(triangles[face], point).min(axis=1, initial=1.0) > INSIDE
     normal = away / np.where(length > 0.0, length, 1.0)[:, None]
     surface = place - size[:, None] * normal
     body = np.zeros(len(row), np.int64)
@@ -134,16 +121,20 @@ def _pairs(
 
 
 def _closest(triangles: FloatArray, points: FloatArray) -> FloatArray:
-    import trimesh
-
-    if len(points) == 0:
-        return np.zeros((0, 3))
-    closest: Any = trimesh.triangles.closest_point
-    return np.asarray(closest(triangles, points), np.float64)
-
-
-def _shares(triangles: FloatArray, points: FloatArray) -> FloatArray:
-    import trimesh
-
-    shares: Any = trimesh.triangles.points_to_barycentric
-    return np.asarray(shares(triangles, points), np.float64).reshape(-1, 3)
+    """Nearest point [m] of each triangle to its point: the foot on its plane, or the nearest of its sides' points."""
+    best, least = np.zeros((len(points), 3)), np.full(len(points), np.inf)
+    a, b, c = triangles.transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    square = np.einsum("ni,ni->n", normal, normal)
+    height = np.einsum("ni,ni->n", points - a, normal) / np.where(square > 0.0, square, 1.0)
+    over = square > 0.0
+    for start, end in ((a, b), (b, c), (c, a)):
+        side = end - start
+        length = np.einsum("ni,ni->n", side, side)
+        share = np.einsum("ni,ni->n", points - start, side) / np.where(length > 0.0, length, 1.0)
+        on_side = start + np.clip(share, 0.0, 1.0)[:, None] * side
+        away = np.einsum("ni,ni->n", points - on_side, points - on_side)
+        nearer = away < least
+        best, least = np.where(nearer[:, None], on_side, best), np.where(nearer, away, least)
+        over &= np.einsum("ni,ni->n", np.cross(side, points - start), normal) >= 0.0
+    return np.where(over[:, None], points - height[:, None] * normal, best)

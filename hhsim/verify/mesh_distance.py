@@ -32,16 +32,17 @@ class HandReferee:
 
     Args:
         mesh: Watertight and wound outward [m], world.
+        open_too: As of `TrueSurface`.
 
     Raises:
         InputError: coal is not installed.
         MeshError: The mesh is not watertight.
     """
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, *, open_too: bool = False) -> None:
         import coal
 
-        self.surface = TrueSurface(mesh)
+        self.surface = TrueSurface(mesh, open_too=open_too)
         self._coal: Any = coal
         self._request, self._answer, self._still = coal.DistanceRequest(), coal.DistanceResult(), coal.Transform3s()
         self._request.gjk_tolerance = 1e-12

@@ -156,7 +156,7 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
     name, says = "mesh", "the graphic hand stays out of the true mesh"
     why = "the bounds of the referee's own distance"
     try:
-        referee = HandReferee(stored_mesh(judge.result))
+        referee = HandReferee(stored_mesh(judge.result), open_too=judge.on_mesh)
     except MeshError as error:
         return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
     hand, posed, at = judge.hand, judge.chosen_posed, judge.chosen_shown

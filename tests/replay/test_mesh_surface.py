@@ -16,6 +16,7 @@ from hhsim.replay.replay import replay
 from hhsim.replay.summary import ReplaySummary
 from hhsim.report.report import make_report
 from hhsim.result.reader import Result, load_result
+from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
@@ -76,9 +77,28 @@ def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, 
     middle = scene.mesh.triangles.mean(axis=1)
     upper = middle[:, 2] > np.median(middle[:, 2])
     shell = Mesh(scene.mesh.vertices, scene.mesh.faces[upper], name="shell")
-    open_scene = make_scene(shell, scene.tree, scene.hand, scene.trajectory)
-    summary = replay(open_scene, SolverOptions(surface="mesh"), tmp_path / "shell.h5")
+    opened = make_scene(shell, scene.tree, scene.hand, scene.trajectory)
+    summary = replay(opened, SolverOptions(surface="mesh"), tmp_path / "shell.h5")
     assert summary.attributes()["penetration_max"] == 0.0
+    assert any("both sides can be touched" in note for note in summary.notes)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "nasty_soup_100_triangles.stl",
+        "nasty_bunny_5_holes.obj",
+        "nasty_bunny_94_components.ply",
+        "nasty_teapot_open_shells.obj",
+        "nasty_ycb_mug_nonmanifold.obj",
+    ],
+)
+def test_meshes_that_enclose_nothing_are_grasped(name: str, shared_data: Path, tmp_path: Path) -> None:
+    found = open_scene(shared_data / "meshes" / name, short_grasp(), size=0.1, solid=False, level=3)
+    summary = replay(found, SolverOptions(surface="mesh"), tmp_path / "nasty.h5")
+    figures = summary.attributes()
+    assert figures["penetration_max"] == 0.0 and figures["stuck_ticks"] == 0
+    assert figures["force_contact_max"] > 0.1 and figures["contact_error_max"] <= 1e-6
     assert any("both sides can be touched" in note for note in summary.notes)
 
 

@@ -42,7 +42,7 @@ from hhsim.kernels.mesh.feature_distance import (
 from hhsim.kernels.mesh.features import BRANCHING, NOWHERE, MeshFeatures, block_distance, gather_faces
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
-from hhsim.kernels.triangle import FEATURE_FACE, Triangle, closest_on_triangle
+from hhsim.kernels.triangle import Triangle, closest_on_triangle
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -648,14 +648,12 @@ def _corner_distance(mesh: MeshFeatures, face: int, cone: RoundCone) -> tuple[fl
 
 
 @jit
-def _contact(
-    triangle: Triangle, cone: RoundCone, s: float, limit: float, inside: bool, row: int, pairs_out: ContactPoints
-) -> int:
-    # The pair of a triangle and the ball at s of the axis; with `inside` only where it is over the inside of the face.
+def _contact(triangle: Triangle, cone: RoundCone, s: float, limit: float, row: int, pairs_out: ContactPoints) -> int:
+    # The pair of a triangle and the ball at s of the axis.
     x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
-    px, py, pz, square, feature = closest_on_triangle(x, y, z, triangle)
+    px, py, pz, square, _ = closest_on_triangle(x, y, z, triangle)
     radius, away = cone.radius - cone.drop * cone.inverse_length * s, math.sqrt(square)
-    if away - radius > limit or (inside and feature != FEATURE_FACE):
+    if away - radius > limit:
         return row
     if row >= pairs_out.tick.shape[0]:
         return -1
@@ -672,7 +670,7 @@ def _contact(
 def _cone_contacts(
     mesh: MeshFeatures, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
 ) -> tuple[int, float]:
-    # Of each triangle where it is nearest to the axis; a phalanx that lies flat on it has a pair at each end.
+    # Of each triangle where it is nearest to the axis, and at the ends of a phalanx, which may lie flat on it.
     spheres, stack = mesh.spheres, walk.stack
     clearance = np.inf
     stack[0] = 0
@@ -696,10 +694,10 @@ def _cone_contacts(
                 continue
             c = mesh.corner[face]
             triangle = Triangle(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
-            row = _contact(triangle, cone, s, limit, False, row, pairs_out)
+            row = _contact(triangle, cone, s, limit, row, pairs_out)
             for end in (0.0, cone.length):
                 if row >= 0 and end != s and cone.length > 0.0:
-                    row = _contact(triangle, cone, end, limit, True, row, pairs_out)
+                    row = _contact(triangle, cone, end, limit, row, pairs_out)
             if row < 0:
                 return -1, 0.0
     return row, clearance
