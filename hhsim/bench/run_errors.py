@@ -24,7 +24,7 @@ from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE, reference_excess
 
 FloatArray = NDArray[np.float64]
@@ -116,6 +116,7 @@ def error_scene(
         method="coupled",
         qp="active-set",
         linearisations=REFERENCE_LINEARISATIONS,
+        budget=UNLIMITED,
         step_tolerance=REFERENCE_STEP_TOLERANCE,
     )
     best = HandSolver(hand, finest, converged).run(*HandConfiguration.of(haptic))

@@ -5,7 +5,6 @@ ticks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +57,7 @@ def replay(
         OutputError: The file cannot be written.
         HhsimError: More pairs were near than the solver holds.
     """
-    options = replace(options, period=1.0 / scene.ticks.rate)
+    options = options.at_rate(scene.ticks.rate)
     prepared = warm_up(scene.hand, options)
     surface = contact_surface(options.surface, scene.mesh, scene.tree)
     solver = HandSolver(scene.hand, surface.arrays, options)

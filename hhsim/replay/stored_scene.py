@@ -14,7 +14,7 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.scene.scene import all_pairs
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -185,6 +185,8 @@ def stored_options(result: Result) -> SolverOptions:
     try:
         values["stiffness"] = Stiffness(**values["stiffness"])
         values["fingers"] = tuple(values["fingers"])
+        # Before a budget had a default, none meant that there was none.
+        values["budget"] = UNLIMITED if values.get("budget") is None else values["budget"]
         return SolverOptions(**values)
     except (KeyError, TypeError) as error:
         raise InputError(f"{result.path}: its solver options cannot be read: {error}") from error

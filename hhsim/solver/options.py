@@ -19,6 +19,14 @@ PARTS = len(FINGERS) + 1
 TOUCH = 1e-5
 """A hand of the usual size touches spheres that are no farther than this [m]."""
 
+UNLIMITED = 2**62
+"""A budget of work units that no tick uses up."""
+BUDGET_SHARE = 0.12
+"""Of a tick's period in nanoseconds: the default budget in work units, of which one takes 1 to 3 ns. The linearisation
+under way is finished, so that a tick stays below half of its period."""
+BY_PERIOD: Any = None
+"""Default of an option whose default depends on the period; no option keeps this value."""
+
 LEAST_TOLERANCE, GREATEST_TOLERANCE = 1e-12, 1e-6
 LEAST_STIFFNESS, GREATEST_STIFFNESS = 1e-9, 1e12
 """Of each kind [N/m or N·m/rad]; rounding leaves nothing of a hand's motion beyond."""
@@ -69,6 +77,11 @@ class Stiffness:
         return np.concatenate([np.full(3, self.translation), np.full(3, self.rotation), np.full(15, self.flexion)])
 
 
+def usual_budget(period: float) -> int:
+    """Work units that a tick of a period [s] may use, where nothing else is asked for."""
+    return max(1, round(1e9 * BUDGET_SHARE * period)) if math.isfinite(period) else UNLIMITED
+
+
 @dataclass(frozen=True, kw_only=True)
 class SolverOptions:
     """Options of the solver; lengths in metres.
@@ -83,7 +96,8 @@ class SolverOptions:
         linearisations: Most of them in a tick. Default: 12; method `paper` makes exactly this many, 1 unless told;
             of `penalty`, most rounds in which a tick finds which contacts push.
         budget: Work units (`hhsim.kernels.tick.state`) after which a tick begins no further linearisation; the way
-            that is left is lag. None: only `linearisations` bounds a tick.
+            that is left is lag, and the next tick goes on. Default: `BUDGET_SHARE` of the period. With `UNLIMITED` only
+            `linearisations` bounds a tick.
         margin: Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper`
             this is Δr, 0.5 mm unless told, and no bound on a step.
         skin: Pairs up to this much farther are kept at hand between ticks. Default: 3 mm; 0.5 mm with surface `mesh`.
@@ -107,7 +121,7 @@ class SolverOptions:
     force: str = BY_METHOD
     fingers: tuple[str, ...] = FINGERS
     linearisations: int = BY_METHOD
-    budget: int | None = None
+    budget: int = BY_PERIOD
     margin: float = BY_METHOD
     skin: float = BY_SURFACE
     offset: float = 5e-7
@@ -147,7 +161,9 @@ class SolverOptions:
         for finger in self.fingers:
             if finger not in FINGERS:
                 raise UnknownNameError("finger", finger, FINGERS)
-        if self.budget is not None and self.budget < 1:
+        if self.budget is BY_PERIOD:
+            object.__setattr__(self, "budget", usual_budget(self.period))
+        if self.budget < 1:
             raise InputError(f"the budget is {self.budget} work units: a tick needs at least 1")
         if not 1 <= self.threads <= PARTS:
             raise InputError(
@@ -176,6 +192,11 @@ class SolverOptions:
         if self.offset * 10.0 > self.margin:
             least = 1e4 * self.offset
             raise InputError(f"a margin of {1e3 * self.margin:g} mm is too small: at least {least:g} mm, ten offsets")
+
+    def at_rate(self, rate: float) -> "SolverOptions":
+        """The same options for ticks at a rate [Hz]; a budget that is the default one follows the period."""
+        budget = BY_PERIOD if self.budget == usual_budget(self.period) else self.budget
+        return replace(self, period=1.0 / rate, budget=budget)
 
     def scaled(self, factor: float) -> "SolverOptions":
         """The same options for a hand and an object `factor` times as large, which then move alike.

@@ -12,7 +12,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import tracking_energy, tracking_excess
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import UNLIMITED, SolverOptions
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -54,6 +54,7 @@ def reference_excess(
             method="coupled",
             qp="active-set",
             linearisations=REFERENCE_LINEARISATIONS,
+            budget=UNLIMITED,
             step_tolerance=REFERENCE_STEP_TOLERANCE,
         ),
     )

@@ -27,8 +27,6 @@ from hhsim.solver.tick_threads import ThreadTeam
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0
 """How many tolerances rows that contradict each other are moved back by."""
-UNLIMITED = 2**62
-"""A budget of work units that no tick uses up."""
 
 
 def tick_options(options: SolverOptions) -> TickOptions:
@@ -37,7 +35,7 @@ def tick_options(options: SolverOptions) -> TickOptions:
     return TickOptions(
         force_model=FORCE_MODELS[options.force],
         linearisations=options.linearisations,
-        budget=UNLIMITED if options.budget is None else options.budget,
+        budget=options.budget,
         margin=options.margin,
         skin=options.skin,
         offset=options.offset,

@@ -14,7 +14,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.motion.analytic_motion import random_targets
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -190,7 +190,7 @@ def _to_convergence(options: SolverOptions) -> SolverOptions:
     # Until nothing moves: what then differs is due to the rows, and not to when a tick has had enough.
     if options.method not in ("coupled", "progressive"):
         return options
-    return replace(options, step_tolerance=1e-7, linearisations=60)
+    return replace(options, step_tolerance=1e-7, linearisations=60, budget=UNLIMITED)
 
 
 def _doubled(seed: int) -> Sequence[Variant]:

@@ -211,7 +211,7 @@ def run_scene(
     Raises:
         HhsimError: More pairs were near than the solver holds.
     """
-    solver = replace(solver, period=1.0 / scene.ticks.rate)
+    solver = solver.at_rate(scene.ticks.rate)
     warm_up(scene.hand, solver)
     tree = scene.tree.arrays()
     running = HandSolver(scene.hand, tree, solver)

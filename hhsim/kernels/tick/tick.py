@@ -416,6 +416,10 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
         keep_active(state.contacts, state.step, state.active)
 
 
+MOST_IDLE = 10
+"""Ticks in a row that may come nowhere for want of time before they are stuck."""
+
+
 @jit_once
 def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: bool, state: Record, qp: QpWork) -> int:
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits.
@@ -425,6 +429,8 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     began = monotonic_ns()
     status = 0
     candidates = state.candidates
+    cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
+    state.idle = 0 if state.accepted else state.idle + 1
     unsafe = 0.0
     for body in range(BODY_COUNT):
         unsafe += state.since_safe[body]
@@ -437,7 +443,8 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     if state.full:
         status |= STATUS_CAPACITY_EXCEEDED
     if not state.accepted:
-        status |= STATUS_STUCK
+        # A tick that was not given the time to find a step is on its way: the next one goes on. But not for ever.
+        status |= STATUS_LAG if cut_short and state.idle <= MOST_IDLE else STATUS_STUCK
         state.lag = np.inf
     elif state.lag > 0.0:
         status |= STATUS_LAG

@@ -50,7 +50,7 @@ def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
 
     Helpers of a real-time thread would spin on its own processor. The same bytes come out with one.
     """
-    return replace(options, period=1.0 / rate, threads=1)
+    return replace(options.at_rate(rate), threads=1)
 
 
 class LiveLoop:
