@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ..console import number, print_table
+from ..console import number, print_line, print_table
 
 if TYPE_CHECKING:
     from hhsim.live.session.supervisor import SessionOutcome
@@ -20,10 +20,10 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
     if mode:
         from hhsim.live.real_time import described
 
-        print(f"real time: {described(mode)}")
+        print_line(f"real time: {described(mode)}")
     if outcome.record is not None and outcome.recorded:
         whole = "" if not outcome.record_failed else ", as far as it came"
-        print(f"the session is in {outcome.record}{whole}; hhsim replay {outcome.record} runs it again")
+        print_line(f"the session is in {outcome.record}{whole}; hhsim replay {outcome.record} runs it again")
 
 
 def summary_rows(outcome: "SessionOutcome") -> list[Row]:
