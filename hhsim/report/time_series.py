@@ -328,7 +328,7 @@ def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
                 place.axvspan(first, last, color=PHASE_COLORS[phase.name], linewidth=0.0, zorder=0)
             elif phase.first_tick > 0:
                 place.axvline(first, color=GREY_LINE, linewidth=0.6, linestyle=":", zorder=0)
-        if (last - first) / across * inches > LETTER * len(phase.name) + BETWEEN:
+        if (last - first) / across * inches > LETTER * len(phase.name) + 0.5 * BETWEEN:
             axes[0].annotate(
                 phase.name, (0.5 * (first + last), 1.0), (0.0, -2.0), xycoords=("data", "axes fraction"),
                 textcoords="offset points", ha="center", va="top", color=SOFT,
