@@ -1,6 +1,7 @@
 """A chart of a table of `hhsim bench`: what its suite is run for, at a glance."""
 
 import math
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -20,6 +21,8 @@ MOST_LABELS = 40
 """Lines of a chart; of a longer table the first ones."""
 LINE, TITLE, BOTTOM, LEGEND, PANEL = 0.2, 0.3, 0.5, 0.22, 2.6
 """Room [inches] for a line of a chart, a title, the axis below, a line of the legend, and a panel of points."""
+BOLD, TITLE_LINE = 0.085, 0.16
+"""Room [inches] for a letter of the title, and for each of its lines but the first."""
 LETTER = 0.075
 """Room [inches] for a letter of a name."""
 SPREAD = 8.0
@@ -104,16 +107,17 @@ def bench_figure(found: Table) -> ReportFigure | None:
 
     def height(width: float, narrow: bool) -> float:
         panel = PANEL if chart.y else LINE * (len(shown) + 1)
-        return LEGEND * _legend(series, width)[1] + TITLE + panel + BOTTOM
+        return LEGEND * _legend(series, width)[1] + _title(chart, width)[1] + panel + BOTTOM
 
     def draw(figure: "Figure", narrow: bool) -> None:
         width, tall = (float(side) for side in figure.get_size_inches())
         names = LEGEND * _legend(series, width)[1]
         left = 0.65 if chart.y else min(0.5 * width, 0.2 + LETTER * max(map(len, shown)))
-        box = (left / width, BOTTOM / tall, 1.0 - (left + 0.15) / width, (tall - names - TITLE - BOTTOM) / tall)
+        title, above = _title(chart, width)
+        box = (left / width, BOTTOM / tall, 1.0 - (left + 0.15) / width, (tall - names - above - BOTTOM) / tall)
         axes = figure.add_axes(box)
         (_draw_points if chart.y else _draw_lines)(axes, found, chart, rows, series, shown)
-        panel_title(axes, chart.title, 4, left - 0.05)
+        panel_title(axes, title, 4, left - 0.05)
         _draw_legend(figure, series, width)
 
     caption = f"{len(rows):,} rows of the table." + (
@@ -121,6 +125,12 @@ def bench_figure(found: Table) -> ReportFigure | None:
     )
     alt = f"{chart.title}: {len(rows):,} points, by {chart.series} ({', '.join(series)})."
     return drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, Drawing(draw, height))
+
+
+def _title(chart: Chart, width: float) -> tuple[str, float]:
+    """The title in lines that fit a figure so many inches wide, and the room above the panel that they need."""
+    lines = textwrap.wrap(chart.title, int((width - 0.1) / BOLD))
+    return "\n".join(lines), TITLE + TITLE_LINE * (len(lines) - 1)
 
 
 def _draw_points(

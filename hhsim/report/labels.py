@@ -69,7 +69,7 @@ def option_words(result: Result) -> dict[str, str]:
     words |= {f"stiffness {name}": f"{name} {value:g}" for name, value in stiffness.items() if name not in STIFFNESS}
     for name, value in sorted(solver.items()):
         if name not in ("method", "fingers", "stiffness"):
-            words[name] = f"{name.replace('_', ' ')} {_value(name, value)}"
+            words[name] = f"{name.replace('_', ' ')} {option_value(name, value)}"
     for name in ("max_error", "tremor_mm_deg", "samples", "placement", "size_mm", "thickness_mm", "seed"):
         if scene.get(name) is not None:
             words[f"scene {name}"] = _cut(f"{name.partition('_mm')[0].replace('_', ' ')} {scene[name]}")
@@ -116,7 +116,8 @@ def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
     return [words[:MOST_WORDS] for words in found]
 
 
-def _value(name: str, value: Any) -> str:
+def option_value(name: str, value: Any) -> str:
+    """An option of the solver as people read it: lengths in mm, times in ms, numbers by six digits."""
     if name in LENGTHS and isinstance(value, int | float):
         return f"{1e3 * value:g} mm"
     if name in TIMES and isinstance(value, int | float):

@@ -9,7 +9,6 @@ from typing import Any
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.replay.stored_scene import PARTS
-from hhsim.report.compare import commit
 from hhsim.result.reader import Result
 
 NONE = "—"
@@ -99,6 +98,12 @@ def motion_name(result: Result) -> str:
     """What people call the motion."""
     scene = result.scene
     return str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
+
+
+def commit(result: Result) -> str:
+    """The commit of the hhsim that wrote a result, in short, and whether its files had changed."""
+    changed = ", with changes that are not committed" if result.git_dirty is True else ""
+    return f"{result.git_revision[:12]}{changed}"
 
 
 def file_digest(path: Path) -> str:

@@ -40,7 +40,10 @@ SAMPLES = 20
 """Ticks in contact at which the hand is held against the mesh: exact, and slow."""
 PAPER_DEPTH = 1e-4
 """Deepest penetration that the paper states, about [m]."""
-MARKS = ("o", "s", "D", "^", "v", "P")
+MARKS = ("o", "s", "D", "^", "v", "P", "X")
+"""One more than there are colours: no two results of a page have both alike."""
+ROUNDING = 1e-6
+"""What is less, in the unit of its axis, is nothing: it would stretch the axis and say no more."""
 PANEL, TITLE, LINE, BOTTOM = 2.0, 0.27, 0.19, 0.45
 """Room [inches] for a panel, its title, a line of the legend, and below."""
 LETTER, SIGN = 0.075, 0.5
@@ -146,10 +149,14 @@ def _off_the_mesh(result: Result, contact: NDArray[np.int64]) -> float:
     return float(np.maximum(deepest, off.max))
 
 
+def _significant(value: float) -> float:
+    return 0.0 if abs(value) < ROUNDING else value
+
+
 def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError]) -> None:
     gridded(axes)
     panel_title(axes, axis.title, 6, LEFT - 0.16)
-    values = [axis.scale * float(getattr(point, axis.field)) for point in points]
+    values = [_significant(axis.scale * float(getattr(point, axis.field))) for point in points]
     known = [value for value in values if np.isfinite(value)]
     some = [value for value in known if value > 0.0]
     paper = axis.field == "depth"
