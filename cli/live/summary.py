@@ -49,6 +49,9 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
         rows.append(("watchdog: restarts, releases", f"{outcome.watchdog_restarts}, {outcome.watchdog_releases}", ""))
     if outcome.record is not None:
         rows.append(("ticks recorded, lost", f"{outcome.recorded:,}, {outcome.record_lost:,}", ""))
+        handless = outcome.ticks - outcome.recorded - outcome.record_lost
+        if handless > 0 and not outcome.record_failed:
+            rows.append(("ticks without a hand, not recorded", f"{handless:,}", ""))
     found = recording_errors(outcome)
     if found:
         rows.append(("penetration in the recording, max", number(found["penetration_max"], 3, 1e6), "µm"))

@@ -25,6 +25,8 @@ FORCE_FLOOR = 0.01
 """Forces [N] weaker than this have no meaningful rate of change."""
 RIPPLE_BAND = (50.0, 400.0)
 """Hz: above voluntary motion and tremor, up to where the skin still feels vibration."""
+RIPPLE_SPAN = 0.25
+"""Length of the parts of which `worst_force_ripple` is the worst [s]."""
 RIPPLE_BINS = 4
 """A ripple is defined once the band starts this many bins of the spectrum above zero; a Hann window smears over two."""
 FROZEN_LIMIT = 1e-6
@@ -223,6 +225,31 @@ def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], hig
     # Every frequency but 0 and rate/2 stands for its negative twin too.
     power[(frequency > 0.0) & (frequency < 0.5 * rate)] *= 2.0
     return float(np.sqrt(power[(frequency >= low) & (frequency <= high)].sum()))
+
+
+def worst_force_ripple(force: ArrayLike, rate: float, breaks: Mask | None = None) -> float:
+    """Largest `force_ripple` of any `RIPPLE_SPAN` of a force [N]: how hard it shakes what makes it, a glove's motor.
+
+    It needs no hold: a recording or a session has it too. A step of the force shakes as well, and counts.
+
+    Args:
+        force: [N], shape (T, 3).
+        rate: Ticks per second [Hz].
+        breaks: Ticks before which others are missing, shape (T,): nothing spans them.
+
+    Returns:
+        RMS [N]; NaN where no uninterrupted part is long enough for `force_ripple`.
+    """
+    vectors = _vectors(force)
+    span = round(RIPPLE_SPAN * rate)
+    parts = [vectors] if breaks is None else np.split(vectors, np.flatnonzero(breaks))
+    found = [
+        force_ripple(part[first : first + span], rate)
+        for part in parts
+        # Half a span overlaps, since the window is blind at its ends; the last one ends with the part.
+        for first in {*range(0, max(1, part.shape[0] - span), max(1, span // 2)), max(0, part.shape[0] - span)}
+    ]
+    return statistics(found).max
 
 
 def force_step(force: ArrayLike, moving: Mask, hold: Mask, floor: float = FORCE_FLOOR) -> float:

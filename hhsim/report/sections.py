@@ -36,10 +36,11 @@ PHASE_HEADINGS = (
     "stuck",
     "lagging",
 )
-FINGER_HEADINGS = ("finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]")
+FINGER_HEADINGS = ("finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]", "ripple [N]")
 FINGER_FORCES = (
     "Sizes of the force on all phalanges of a finger together, in the ticks in which it bears one; a step is the "
-    "change of that force, as a vector, from one tick to the next."
+    "change of that force, as a vector, from one tick to the next; the ripple is its RMS between 50 and 400 Hz, where "
+    "skin feels vibration, in the worst quarter of a second, steps included."
 )
 PHASE_TIMES = "CPU time is that of ticks in contact."
 

@@ -1,5 +1,6 @@
 """What a report computes of the ticks of a result, read block by block: its table, a line a phase, a line a finger."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,6 +66,7 @@ class FingerFigures(NamedTuple):
         mean, largest: Size of the sum of the forces on its phalanges in these ticks [N].
         step: Largest change of that sum, as a vector, from one tick to the next [N]; a touch that begins or ends
             included.
+        ripple: Of that sum between 50 and 400 Hz, RMS of the worst quarter of a second [N].
     """
 
     name: str
@@ -72,6 +74,7 @@ class FingerFigures(NamedTuple):
     mean: float
     largest: float
     step: float
+    ripple: float
 
 
 def report_ticks(result: Result) -> RunTicks:
@@ -145,5 +148,6 @@ def finger_figures(result: Result, ticks: RunTicks) -> list[FingerFigures]:
         touch = size > 0.0
         of_touch = metrics.statistics(size, touch)
         step = metrics.contact_force_step(force, touch, ticks.breaks)
-        found.append(FingerFigures(name, int(touch.sum()), of_touch.mean, of_touch.max, step))
+        ripple = metrics.worst_force_ripple(force, ticks.rate, ticks.breaks) if touch.any() else math.nan
+        found.append(FingerFigures(name, int(touch.sum()), of_touch.mean, of_touch.max, step, ripple))
     return found

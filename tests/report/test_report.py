@@ -19,6 +19,7 @@ from hhsim.bench.table import Column, write_table
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.metrics import worst_force_ripple
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.render.viewpoint import View
 from hhsim.replay.replay import replay
@@ -189,16 +190,18 @@ def test_phases_add_up_to_the_run(coupled: Path, dots: None) -> None:
 
 def test_each_finger_has_its_forces(coupled: Path, dots: None) -> None:
     result, rows = load_result(coupled), page_of(coupled).rows("Forces on each finger")
-    assert rows[0] == ["finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]"]
+    assert rows[0] == ["finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]", "ripple [N]"]
     assert [row[0] for row in rows[1:]] == list(FINGERS)
     for finger, row in enumerate(rows[1:]):
         force = result["force/phalanx"][:, finger].sum(axis=1)
         size = np.linalg.norm(force, axis=1)
         if not size.any():
-            assert row[1:] == ["0", "—", "—", "—"]
+            assert row[1:] == ["0", "—", "—", "—", "—"]
             continue
         step = np.linalg.norm(force[1:] - force[:-1], axis=1).max()
-        assert row[1:] == [f"{(size > 0).sum():,}", *(f"{x:.3f}" for x in (size[size > 0].mean(), size.max(), step))]
+        ripple = worst_force_ripple(force, result.rate)
+        figures = (size[size > 0].mean(), size.max(), step, ripple)
+        assert row[1:] == [f"{(size > 0).sum():,}", *(f"{x:.3f}" for x in figures)]
 
 
 def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dots: None) -> None:
