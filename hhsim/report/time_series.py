@@ -22,6 +22,7 @@ from hhsim.report.figure import (
     ReportFigure,
     drawn_figure,
     gridded,
+    legend_names,
     panel_title,
     run_style,
     time_text,
@@ -100,7 +101,7 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
         for label, result in results.items()
     ]
     depth_unit, depth_scale = _length_unit(runs)
-    rows = -(-len(runs) // 3)
+    rows = -(-len(runs) // min(3, legend_names(list(results), BESIDE)[1]))
     panels = (
         Panel("force on the hand [N]", 1.75, (1, 2) if len(runs) == 1 else (rows, len(runs))),
         Panel("CPU time of the tick", 1.3),
@@ -127,6 +128,8 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
 
 TITLE, LEGEND_LINE, TOP, BOTTOM = 0.27, 0.17, 0.02, 0.42
 """Room [inches] above each panel, for a line of its legend, above all of them and below."""
+BESIDE, UNDER = 4.2, 2.7
+"""Width [inches] of a legend beside the title, and of one under it where the figure is narrow."""
 
 
 def _height(panels: Sequence[Panel], narrow: bool) -> float:
@@ -160,6 +163,8 @@ def _draw_legend(axes: "Axes", panel: Panel, runs: int, narrow: bool) -> None:
     if not handles or not panel.legend[narrow]:
         return
     columns = -(-len(handles) // panel.legend[narrow])
+    if runs > 1:
+        names, _ = legend_names(names, UNDER if narrow else BESIDE)
     axes.legend(
         handles, names, loc="lower left" if narrow else "lower right", bbox_to_anchor=(0.0 if narrow else 1.0, 1.0),
         ncols=columns, borderaxespad=0.15, borderpad=0.1, handlelength=1.1, handletextpad=0.4, columnspacing=0.9,
