@@ -345,7 +345,7 @@ def _print_times(runs: "Sequence[ReplaySummary]") -> None:
 
 
 def mended_remark(motion: "Script | Demonstration | Trajectory", trajectory: str) -> list[str]:
-    """A remark on a recording that was imported on the way in, and what that changed."""
+    """A remark on a recording that was imported on the way in, where unit, side and axes may be guesses."""
     import numpy as np
 
     from hhsim.motion.sample_flags import MENDED, marked
@@ -356,5 +356,5 @@ def mended_remark(motion: "Script | Demonstration | Trajectory", trajectory: str
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
     if not mended:
-        return []
+        return ["the recording was imported on the way in: hhsim import tells what it was taken for"]
     return [f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"]

@@ -70,7 +70,9 @@ def option_words(result: Result) -> dict[str, str]:
     for name, value in sorted(solver.items()):
         if name not in ("method", "fingers", "stiffness"):
             words[name] = f"{name.replace('_', ' ')} {option_value(name, value)}"
-    for name in ("max_error", "tremor_mm_deg", "samples", "placement", "size_mm", "thickness_mm", "seed"):
+    if scene.get("placement"):
+        words["scene placement"] = _placed(scene["placement"])
+    for name in ("max_error", "tremor_mm_deg", "samples", "size_mm", "thickness_mm", "seed"):
         if scene.get(name) is not None:
             words[f"scene {name}"] = _cut(f"{name.partition('_mm')[0].replace('_', ' ')} {scene[name]}")
     stated = scene.get("checksums", {})
@@ -90,6 +92,8 @@ CAUSED = {
     "skin": ("surface",),
     "touch": ("surface",),
     "sum hand": ("side", "length"),
+    "period": ("rate",),
+    "budget": ("rate",),
     **{f"scene {name}": ("kind",) for name in ("samples", "placement", "seed", "size_mm", "thickness_mm")},
     "source": ("kind",),
 }
@@ -114,6 +118,13 @@ def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
             if one.get(name) and one[name] != usual:
                 words.append(one[name])
     return [words[:MOST_WORDS] for words in found]
+
+
+def _placed(placement: Mapping[str, Any]) -> str:
+    """Where the object of a recording was put, by what tells one place from another; not by whose word."""
+    if "time" not in placement or "depth" not in placement:
+        return "object placed"
+    return f"placed at {float(placement['time']):.2f} s, {1e3 * float(placement['depth']):.1f} mm deep"
 
 
 def option_value(name: str, value: Any) -> str:

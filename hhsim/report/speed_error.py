@@ -25,6 +25,7 @@ from hhsim.report.figure import (
     ReportFigure,
     drawn_figure,
     gridded,
+    legend_names,
     panel_title,
     run_style,
     time_text,
@@ -46,8 +47,6 @@ ROUNDING = 1e-6
 """What is less, in the unit of its axis, is nothing: it would stretch the axis and say no more."""
 PANEL, TITLE, LINE, BOTTOM = 2.0, 0.27, 0.19, 0.45
 """Room [inches] for a panel, its title, a line of the legend, and below."""
-LETTER, SIGN = 0.075, 0.5
-"""Room [inches] for a letter of the legend, and for a sign of it."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
 
     def draw(figure: "Figure", narrow: bool) -> None:
         width, height = (float(size) for size in figure.get_size_inches())
-        names = LINE * _legend(points, width)[1]
+        names = LINE * _legend(points, width)[2]
         columns = 1 if narrow else 3
         share = (width - 0.08) / columns
         for number, axis in enumerate(AXES):
@@ -113,7 +112,7 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
         _draw_names(figure, points)
 
     def height(width: float, narrow: bool) -> float:
-        return LINE * _legend(points, width)[1] + (3 if narrow else 1) * (TITLE + PANEL + BOTTOM) + 0.05
+        return LINE * _legend(points, width)[2] + (3 if narrow else 1) * (TITLE + PANEL + BOTTOM) + 0.05
 
     return drawn_figure("speed-error", "Speed against error", _caption(points), _alt(points), Drawing(draw, height))
 
@@ -203,25 +202,25 @@ def _draw_times(axes: "Axes", points: Sequence[SpeedError]) -> None:
     axes.set_xlabel("CPU time of a tick in contact")
 
 
-def _legend(points: Sequence[SpeedError], width: float) -> tuple[int, int]:
-    """Columns and lines of the legend in a figure of so many inches."""
-    longest = max((len(point.label) for point in points), default=1)
-    columns = max(1, min(len(points), int(width / (SIGN + LETTER * longest))))
-    return columns, -(-len(points) // columns)
+def _legend(points: Sequence[SpeedError], width: float) -> tuple[list[str], int, int]:
+    """Names, columns and lines of the legend in a figure of so many inches."""
+    names, columns = legend_names([point.label for point in points], width)
+    return names, columns, -(-len(points) // columns)
 
 
 def _draw_names(figure: "Figure", points: Sequence[SpeedError]) -> None:
     from matplotlib.lines import Line2D
 
+    names, columns, _ = _legend(points, float(figure.get_figwidth()))
     handles = [
-        Line2D([], [], marker=MARKS[n % len(MARKS)], color=run_style(n)[0], linewidth=1.2, label=point.label)
-        for n, point in enumerate(points)
+        Line2D([], [], marker=MARKS[n % len(MARKS)], color=run_style(n)[0], linewidth=1.2, label=name)
+        for n, name in enumerate(names)
     ]
     figure.legend(
         handles=handles,
         loc="upper left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=_legend(points, float(figure.get_figwidth()))[0],
+        ncols=columns,
         borderaxespad=0.1,
         borderpad=0.1,
         handlelength=1.8,

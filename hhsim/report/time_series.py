@@ -22,6 +22,7 @@ from hhsim.report.figure import (
     ReportFigure,
     drawn_figure,
     gridded,
+    legend_names,
     panel_title,
     run_style,
     time_text,
@@ -183,6 +184,7 @@ def _draw_legend(axes: "Axes", panel: Panel, narrow: bool) -> None:
     if not handles or not panel.names:
         return
     columns = _legend_columns(panel, width) if lines else len(names)
+    names, _ = legend_names(names, width - LEFT)
     axes.legend(
         handles, names, loc="lower left" if lines else "lower right", bbox_to_anchor=(0.0 if lines else 1.0, 1.0),
         ncols=columns, borderaxespad=0.15, borderpad=0.1, handlelength=1.1, handletextpad=0.4, columnspacing=0.9,

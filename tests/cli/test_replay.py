@@ -360,9 +360,12 @@ def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: P
     assert answer.code == 2 and "'grasp' finds its place at the object itself" in answer.err
 
 
-def test_a_recording_of_which_nothing_was_mended_says_nothing_of_it() -> None:
+def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be() -> None:
     motion = replace(repair(smooth_recording()).trajectory, flags=np.zeros(300, dtype=np.uint32))
-    assert mended_remark(motion, "take.npz") == []
+    assert mended_remark(motion, "take.npz") == [
+        "the recording was imported on the way in: hhsim import tells what it was taken for"
+    ]
+    assert mended_remark(motion, "take.h5") == []
     touched = replace(motion, flags=np.full(300, SampleFlag.LIMITED.value, dtype=np.uint32))
     assert mended_remark(touched, "take.npz") == [
         "300 of 300 samples were mended on the way in: hhsim import tells what"

@@ -299,3 +299,24 @@ def test_a_tie_is_rounded_alike_whatever_unit_the_time_came_in() -> None:
     for nanoseconds in range(1050, 100_000, 100):
         micro = nanoseconds / 1e3
         assert time_text(1e-6 * micro) == time_text(1e-9 * nanoseconds) == time_text(1e-6 * (1e9 * (1e-9 * micro)))
+
+
+@pytest.mark.parametrize("chart", [series_figure, speed_error_figure])
+@pytest.mark.parametrize(("width", "narrow"), [(7.0, False), (6.5, False), (3.6, True), (3.46, True)])
+def test_a_legend_of_long_names_keeps_off_the_title_and_within_the_figure(
+    result: Result, chart: Chart, width: float, narrow: bool
+) -> None:
+    labels = [f"{letter}: nasty_bunny_94_components hand_of_the_second_session coupled, 72 Hz" for letter in "ABCD"]
+    drawing = chart(dict.fromkeys(labels, result)).drawing
+    assert drawing is not None
+    with new_figure(width, drawing.height(width, narrow)) as figure:
+        drawing.draw(figure, narrow)
+        figure.canvas.draw()
+        placed = [legend for axes in figure.axes if (legend := axes.get_legend())] + figure.legends
+        boxes = [legend.get_window_extent() for legend in placed]
+        titles = [t.get_window_extent() for axes in figure.axes for t in axes.texts if t.get_fontweight() == "bold"]
+        assert placed and titles
+        for box in boxes:
+            assert box.x0 >= -1.0 and box.x1 <= figure.bbox.width + 1.0 and box.y1 <= figure.bbox.height + 1.0
+            assert not any(box.overlaps(title) for title in titles)
+        assert {text.get_text()[:2] for legend in placed for text in legend.get_texts()} >= {"A:", "B:", "C:", "D:"}
