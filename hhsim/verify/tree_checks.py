@@ -165,15 +165,7 @@ class TrueSurface:
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Signed distance [m] of points, shape (n, 3): negative inside; shape (n,)."""
-        coal = self._coal
-        point, still, place = coal.Sphere(0.0), coal.Transform3s(), coal.Transform3s()
-        request, answer = coal.DistanceRequest(), coal.DistanceResult()
-        distance, nearest, face = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.int64)
-        for i, p in enumerate(points):
-            place.setTranslation(p)
-            answer.clear()
-            distance[i] = coal.distance(self.model, still, point, place, request, answer)
-            nearest[i], face[i] = answer.getNearestPoint1(), answer.b1
+        distance, nearest, face = nearest_on(self.model, points)
         outward = ((points - nearest) * self._pseudonormal(nearest, face)).sum(axis=1) >= 0.0
         return np.where(outward, distance, -distance)
 
@@ -197,6 +189,29 @@ class TrueSurface:
             on_vertex = ~gone[:, k] & (gone.sum(axis=1) >= 2)
             found[on_vertex] = self.vertex_normal[self._faces[face[on_vertex], k]]
         return found
+
+
+def nearest_on(model: Any, points: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Where points, shape (n, 3) [m], are nearest to a mesh, by coal.
+
+    Args:
+        model: The mesh, made by `coal_model`.
+        points: In its frame.
+
+    Returns:
+        Distances [m], never negative, shape (n,); the nearest points of the mesh [m], shape (n, 3); their faces, (n,).
+    """
+    import coal
+
+    point, still, place = coal.Sphere(0.0), coal.Transform3s(), coal.Transform3s()
+    request, answer = coal.DistanceRequest(), coal.DistanceResult()
+    distance, nearest, face = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.int64)
+    for i, p in enumerate(points):
+        place.setTranslation(p)
+        answer.clear()
+        distance[i] = coal.distance(model, still, point, place, request, answer)
+        nearest[i], face[i] = answer.getNearestPoint1(), answer.b1
+    return distance, nearest, face
 
 
 def coal_model(mesh: Mesh) -> Any:
