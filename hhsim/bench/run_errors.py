@@ -168,9 +168,11 @@ def run_errors(
     placed = placed_of(record)
     ticks = len(record.position)
     contact = np.flatnonzero(scene.contact[window])
-    clearance = _clearance(scene, surface, placed, 2.0 * options.touch, window)
+    clearance = _clearance(scene, surface, options, placed, window)
     deepest = np.array([int(clearance.argmin())] if clearance.min(initial=0.0) < 0.0 else [], np.int64)
-    mesh = scene.referee.errors(surface, hand_shape(scene.hand), placed, options.touch, contact, deepest)
+    # Spheres that stick out are touched before the user's hand is near the mesh.
+    looked = np.flatnonzero(scene.contact[window] | (clearance < 2.0 * options.touch))
+    mesh = scene.referee.errors(surface, hand_shape(scene.hand), placed, options.touch, looked, deepest)
     off = np.linalg.norm(placed.ends - scene.optimum.at(window).ends, axis=2).max(axis=1)[contact]
     jump = metrics.posture_jump(scene.haptic_placed.at(window).points, placed.points)
     whole = ticks == len(scene.contact)
@@ -212,8 +214,14 @@ def run_errors(
     )
 
 
-def _clearance(scene: ErrorScene, surface: Any, placed: PlacedHand, limit: float, window: slice) -> FloatArray:
-    """Signed distance [m] of the shown hand to what it touched, shape (T,), `limit` where it is the user's and free."""
+def _clearance(
+    scene: ErrorScene, surface: Any, options: SolverOptions, placed: PlacedHand, window: slice
+) -> FloatArray:
+    """Signed distance [m] of the shown hand to what it touched, shape (T,); twice the touching distance is the most."""
+    limit = 2.0 * options.touch
+    if options.surface != "mesh":
+        return hand_clearance(scene.hand, surface, placed, limit)
+    # Triangles take a millisecond a tick, and a hand that is the user's is as far away as that one.
     haptic = scene.haptic_placed.at(window)
     ticks = len(placed.position)
     parts = [np.abs(one - other).reshape(ticks, -1).max(axis=1) for one, other in zip(placed, haptic)]

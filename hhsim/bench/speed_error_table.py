@@ -52,10 +52,8 @@ COLUMNS: tuple[Column, ...] = (
     metric_column("penetration_max"),
     Column("mesh_depth_max", "deepest penetration of the true mesh by coal, at `samples` ticks", "m"),
     Column("mesh_depth_p95", "95th percentile of the penetration of the true mesh by coal, at `samples` ticks", "m"),
-    Column(
-        "contact_error_mean", "mean distance of contact points from the true mesh by coal, all ticks in contact", "m"
-    ),
-    Column("contact_error_max", "largest distance of contact points from the true mesh by coal, the same ticks", "m"),
+    Column("contact_error_mean", "mean distance of contact points from the true mesh by coal, all ticks", "m"),
+    Column("contact_error_max", "largest distance of contact points from the true mesh by coal, all ticks", "m"),
     Column("mesh_error", "the larger of mesh_depth_max and contact_error_max", "m"),
     Column("tracking_excess", "coupling energy over the optimum on the same surface, mean of the hold, (E - E*) / E*"),
     Column("off_optimum_mean", "farthest of palm and fingertips from the converged optimum on the mesh, mean", "m"),
@@ -110,9 +108,8 @@ def remarks(runs: Sequence[Run]) -> list[str]:
     points = sum(run.errors.contact_points for run in runs if run.errors is not None)
     samples = sum(run.errors.samples for run in runs if run.errors is not None)
     found = [
-        f"distances from the true mesh are coal's: of {points:,} contact points, which are all of {ticks:,} ticks in "
-        f"contact, and of the hand at {samples:,} of these ticks; how deep it is in what it touches is that of every "
-        "tick",
+        f"distances from the true mesh are coal's: of all {points:,} contact points, those of one place once, and of "
+        f"the hand at {samples:,} ticks, of {ticks:,} in contact; how deep it is in what it touches is that of every tick",
         "the best pose is the converged optimum on the mesh itself, whatever a configuration touches",
         "times are of the ticks with the haptic hand within 1 mm of the object, the median of the repetitions; compare "
         "them within this run, not between machines",
