@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 MOST_HANDS = 400
-"""Hands of a run whose depth is measured: at 6 to 20 ms each, those of a grasp are all and those of a slide a half."""
+"""Hands of a run whose depth is measured, at 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""
 SAME = 12
 """Lengths that agree to so many decimals [m] are the same."""
 
@@ -34,7 +34,7 @@ class MeshErrors(NamedTuple):
     | field | meaning |
     |---|---|
     | depth_max, depth_p95 | of the hand in the mesh, at the ticks it was measured at |
-    | contact_mean, contact_max | distance of the contact points from the mesh, of all ticks in contact |
+    | contact_mean, contact_max | distance of the contact points from the mesh, of all ticks looked at |
     | points | contact points, those at the same place once |
     | ticks | at which the depth was measured |
     """
