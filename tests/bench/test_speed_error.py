@@ -158,7 +158,7 @@ def test_methods_that_nobody_named_are_those_that_take_the_surface() -> None:
     assert SpeedErrorOptions.quick(levels=(2,)).levels == (2,)
 
 
-def test_the_mesh_is_the_truth_and_on_both_frontiers(small: list[Run]) -> None:
+def test_the_mesh_is_the_truth(small: list[Run]) -> None:
     runs = measure(replace(SMALL, surfaces=("mesh",), repetitions=1))
     assert [run.configuration.level for run in runs] == [NO_LEVEL] * 4
     assert [run.failure for run in runs] == [""] * 4
@@ -166,9 +166,6 @@ def test_the_mesh_is_the_truth_and_on_both_frontiers(small: list[Run]) -> None:
     assert mesh.errors is not None and fine.errors is not None
     assert mesh.errors.mesh_error < 1.1e-6 < 0.01 * fine.errors.mesh_error
     assert mesh.errors.off_optimum_mean < 0.01 * fine.errors.off_optimum_mean
-    rows = chosen(table_rows([*small, *runs]), object=ALL, motion=ALL)
-    best = [row for row in rows if row["surface"] == "mesh" and row["method"] == "coupled"]
-    assert [(row["mesh_frontier"], row["tracking_frontier"]) for row in best] == [(True, True)]
     assert "distances from the true mesh are coal's" in remarks(runs)[0]
 
 
@@ -256,6 +253,26 @@ def test_the_frontier_is_among_equals() -> None:
     best = chosen(rows, object="cube", motion="touch")
     assert [row["mesh_frontier"] for row in best] == [True, True, False]
     assert [row["tracking_frontier"] for row in best] == [True, False, False]
+
+
+def test_one_frontier_is_over_spheres_and_the_mesh() -> None:
+    coarse, fine = (Configuration("coupled", level, 12) for level in (4, 5))
+    mesh, slow = (Configuration(method, NO_LEVEL, 12, surface="mesh") for method in ("coupled", "progressive"))
+    rows = table_rows(
+        [
+            made_up("cube", "touch", coarse, 1e-5, mesh_error=2e-4, off_optimum_mean=3e-4),
+            made_up("cube", "touch", fine, 3e-5, mesh_error=5e-5, off_optimum_mean=1e-4),
+            made_up("cube", "touch", mesh, 2e-5, mesh_error=1e-6, off_optimum_mean=1e-6),
+            made_up("cube", "touch", slow, 4e-5, mesh_error=1e-6, off_optimum_mean=4e-3),
+        ]
+    )
+    found = chosen(rows, object=ALL, motion=ALL)
+    assert [(row["surface"], row["level"]) for row in found] == [
+        *(("spheres", 4), ("spheres", 5)),
+        *(("mesh", NO_LEVEL), ("mesh", NO_LEVEL)),
+    ]
+    for flag in ("mesh_frontier", "tracking_frontier"):
+        assert [row[flag] for row in found] == [True, False, True, False]
 
 
 def test_a_run_that_fails_is_told_and_wins_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
