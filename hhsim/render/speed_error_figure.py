@@ -104,7 +104,7 @@ def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
     for axes, name in zip(panels, shown):
         mine = chosen(rows, object=name, motion=ALL)
         peers = PEERS.get(name, ())
-        _draw_panel(axes, mine, "mesh_error", "mesh_frontier", max([2e3, *(1.6 * peer.time for peer in peers)]))
+        _draw_panel(axes, mine, "mesh_error", "mesh_frontier", 1.6e4 if peers else 2e3)
         _name_surfaces(axes, mine, "mesh_error")
         _draw_peers(axes, peers)
         axes.set_title(f"{name}: off the true mesh [mm]", fontsize=15, loc="left")
@@ -159,19 +159,24 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str, longes
     high = 1.6 * max([*errors, 2.0])
     fastest = min([1e6 * row["tick_cpu_p50"] for row in rows if row["tick_cpu_p50"] > 0.0], default=5.0)
     marked = DECADES if high > 3e3 * low else ERRORS
-    logarithmic(axes, (min(4.0, 0.7 * fastest), longest), (low, high), TIMES, marked)
+    logarithmic(axes, (min(4.0, 0.3 * fastest), longest), (low, high), TIMES, marked)
 
 
 def _name_surfaces(axes: "Axes", rows: Sequence[Row], error: str) -> None:
-    """Say beside the slowest point of each level, and of the mesh, what it touches: all methods lie at one height."""
-    last: dict[int, Row] = {}
-    for row in sorted(rows, key=lambda row: row["tick_cpu_p50"]):
-        if not np.isnan(row["tick_cpu_p50"]) and not np.isnan(row[error]):
-            last[row["level"]] = row
-    for level, row in last.items():
-        place = (1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row[error]))
-        text = "on the mesh" if level == NO_LEVEL else f"level {level}"
-        axes.annotate(text, place, (9.0, 0.0), textcoords="offset points", va="center", fontsize=12, color="0.15")
+    """Say left of each level, and of the mesh, what it is: all methods lie at about one height, where they hold."""
+    from matplotlib.patheffects import withStroke
+
+    known = [row for row in rows if not np.isnan(row["tick_cpu_p50"]) and not np.isnan(row[error])]
+    for level in {row["level"] for row in known}:
+        same = [row for row in known if row["level"] == level]
+        fastest = 1e6 * min(row["tick_cpu_p50"] for row in same)
+        middle = max(FLOOR, 1e3 * float(np.median([row[error] for row in same])))
+        text = "mesh" if level == NO_LEVEL else f"level {level}"
+        axes.annotate(
+            text, (fastest, middle), (-9.0, 0.0), textcoords="offset points",
+            ha="right", va="center", fontsize=12, color="0.15",
+            path_effects=[withStroke(linewidth=3.0, foreground="white")],
+        )  # fmt: skip
 
 
 def _draw_peers(axes: "Axes", peers: Sequence[Peer]) -> None:

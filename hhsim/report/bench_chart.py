@@ -65,7 +65,7 @@ CHARTS: Mapping[str, Chart] = {
         ("method", "surface"),
         x="tick_cpu_p50",
         y="mesh_error",
-        chosen=lambda row: row["object"] != "all" and not row["stretch"],
+        chosen=lambda row: row["object"] != "all" and row["motion"] == "all" and not row["stretch"],
     ),
     "hard": Chart(
         "Share of the bar that is used",
@@ -132,10 +132,9 @@ def _draw_points(
         of = [row for row in rows if _series(chart, row) == name]
         x, y = ([float(row[column]) / units[column].factor for row in of] for column in (chart.x, chart.y))
         axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.0, alpha=0.75)
-    for axis, scale, column in (("x", axes.set_xscale, chart.x), ("y", axes.set_yscale, chart.y)):
-        values = [float(row[column]) for row in rows]
-        if _is_wide(values):
-            scale("log")
+    for axis, column in (("x", chart.x), ("y", chart.y)):
+        if _is_wide([float(row[column]) for row in rows]):
+            _make_logarithmic(axes, axis)
         unit = units[column].name
         text = f"{column.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
         (axes.set_xlabel if axis == "x" else axes.set_ylabel)(text)
@@ -159,13 +158,19 @@ def _draw_lines(
     for place in range(len(labels)):
         axes.axhline(place, color=GRID, linewidth=0.6, zorder=0)
     if _is_wide(values):
-        axes.set_xscale("log")
+        _make_logarithmic(axes, "x")
     else:
         axes.set_xlim(left=min(0.0, *values))
     if chart.mark is not None:
         axes.axvline(chart.mark, color=LIMIT, linewidth=1.0)
     text = chart.axis or (chart.x.replace("_", " ") + (f" [{unit.name}]" if unit and unit.name else ""))
     axes.set_xlabel(text, color=SOFT)
+
+
+def _make_logarithmic(axes: "Axes", axis: str) -> None:
+    (axes.set_xscale if axis == "x" else axes.set_yscale)("log")
+    # Plain numbers: nobody reads 10 to the minus 3 mm at a glance.
+    (axes.xaxis if axis == "x" else axes.yaxis).set_major_formatter(lambda value, _: f"{value:,.10g}")
 
 
 def _along(chart: Chart, row: Row) -> float:

@@ -67,7 +67,8 @@ def test_the_points_are_the_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_speed_against_error_tells_surfaces_apart_and_older_tables_have_none(tmp_path: Path) -> None:
-    row = {"object": "cube", "stretch": False, "method": "coupled", "tick_cpu_p50": 1e-5, "mesh_error": 1e-6}
+    row = {"object": "cube", "motion": "all", "stretch": False, "method": "coupled"}
+    row |= {"tick_cpu_p50": 1e-5, "mesh_error": 1e-6}
     rows = [{**row, "surface": surface} for surface in ("spheres", "mesh")]
     columns = tuple(Column(name, name) for name in rows[0])
     new = bench_figure(table(tmp_path, "speed-error", columns, rows))
