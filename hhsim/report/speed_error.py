@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench.run_errors import sampled
+from hhsim.bench.sampled_ticks import sampled
 from hhsim.errors import HhsimError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
@@ -56,7 +56,7 @@ class SpeedError:
     Attributes:
         label: Of the result.
         p50, p99: CPU time of a tick in contact [s].
-        depth: Deepest in the leaf spheres, all ticks [m].
+        depth: Deepest in the leaf spheres, or in the mesh where that is touched, all ticks [m].
         mesh: Deepest in the true mesh, or farthest that a contact point is off it, of sampled ticks [m].
         excess: Coupling energy above the optimum, mean of the hold [%].
     """
@@ -80,7 +80,7 @@ class Axis:
 
 
 AXES = (
-    Axis("depth", "deep in the spheres [µm]", 1e6, 1e-3),
+    Axis("depth", "deep in what is touched [µm]", 1e6, 1e-3),
     Axis("mesh", "off the true mesh [mm]", 1e3, 1e-2),
     Axis("excess", "over the optimum [%]", 1.0, 1e-3),
 )
@@ -232,9 +232,10 @@ def _caption(points: Sequence[SpeedError]) -> str:
     text = (
         "Mark: p50 of the CPU time of ticks in contact; the line from it ends at p99. Further left is faster, further "
         "down is nearer to the truth; the axes are logarithmic, with a line of its own for 0 and less. First the "
-        "deepest penetration of the spheres. Then how far the hand is in the true mesh or a contact point off it, the "
-        f"larger, at up to {SAMPLES} ticks in contact: it holds the error of the sphere tree too. Last the coupling "
-        "energy over that of the local optimum, mean of the hold, as the table has it. Grey: what the paper states for "
+        "deepest penetration of what is touched, the spheres or the mesh. Then how far the hand is in the true mesh or "
+        f"a contact point off it, the larger, at up to {SAMPLES} ticks in contact: it holds the error of the sphere "
+        "tree too. Last the coupling energy over that of the local optimum, mean of the hold, as the table has it. "
+        "Grey: what the paper states for "
         "its own machine. Red: 1 ms."
     )
     missing = [point.label for point in points if not np.isfinite(point.p50)]
@@ -254,7 +255,7 @@ def _alt(points: Sequence[SpeedError]) -> str:
             else "no optimum computed"
         )
         sentences.append(
-            f"{point.label}: {time_text(point.p50)} to {time_text(point.p99)}, {1e6 * point.depth:.3g} µm deep in the "
-            f"spheres, {off}, {over}."
+            f"{point.label}: {time_text(point.p50)} to {time_text(point.p99)}, {1e6 * point.depth:.3g} µm deep in "
+            f"what it touches, {off}, {over}."
         )
     return " ".join(sentences)

@@ -177,15 +177,7 @@ class TrueSurface:
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
         """Signed distance [m] of points, shape (n, 3): negative inside a watertight mesh; shape (n,)."""
-        coal = self._coal
-        point, still, place = coal.Sphere(0.0), coal.Transform3s(), coal.Transform3s()
-        request, answer = coal.DistanceRequest(), coal.DistanceResult()
-        distance, nearest, face = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.int64)
-        for i, p in enumerate(points):
-            place.setTranslation(p)
-            answer.clear()
-            distance[i] = coal.distance(self.model, still, point, place, request, answer)
-            nearest[i], face[i] = answer.getNearestPoint1(), answer.b1
+        distance, nearest, face = nearest_on(self.model, points)
         if not self.closed:
             return distance
         outward = ((points - nearest) * self._pseudonormal(nearest, face)).sum(axis=1) >= 0.0
@@ -225,6 +217,29 @@ def _is_wound_outward(mesh: Mesh) -> bool:
     walked = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     there, back = (np.unique(ends, axis=0) for ends in (walked, walked[:, ::-1]))
     return len(there) == len(walked) and np.array_equal(there, back) and mesh.volume > 0.0
+
+
+def nearest_on(model: Any, points: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Where points, shape (n, 3) [m], are nearest to a mesh, by coal.
+
+    Args:
+        model: The mesh, made by `coal_model`.
+        points: In its frame.
+
+    Returns:
+        Distances [m], never negative, shape (n,); the nearest points of the mesh [m], shape (n, 3); their faces, (n,).
+    """
+    import coal
+
+    point, still, place = coal.Sphere(0.0), coal.Transform3s(), coal.Transform3s()
+    request, answer = coal.DistanceRequest(), coal.DistanceResult()
+    distance, nearest, face = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.int64)
+    for i, p in enumerate(points):
+        place.setTranslation(p)
+        answer.clear()
+        distance[i] = coal.distance(model, still, point, place, request, answer)
+        nearest[i], face[i] = answer.getNearestPoint1(), answer.b1
+    return distance, nearest, face
 
 
 def coal_model(mesh: Mesh) -> Any:

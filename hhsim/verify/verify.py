@@ -130,7 +130,7 @@ def require_coal() -> None:
         import coal  # noqa: F401
     except ImportError as error:
         raise InputError(
-            "hhsim verify measures against the mesh with coal, which is not installed: pip install 'hhsim[verify]'"
+            "distances to the true mesh are measured with coal, which is not installed: pip install 'hhsim[verify]'"
         ) from error
 
 

@@ -145,7 +145,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     assert usual.fingers == FINGERS
     suites = (
         ("paper", bench_paper.PaperOptions(), ("methods", "instances", "repetitions")),
-        ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "levels")),
+        ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "surfaces", "levels")),
         ("trees", bench_trees.TreesOptions(), ("objects", "spheres")),
         ("threads", bench_threads.ThreadsOptions(), ("objects", "threads")),
     )

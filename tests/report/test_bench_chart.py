@@ -33,7 +33,7 @@ COLUMNS = {
 @pytest.mark.parametrize("suite", sorted(CHARTS))
 def test_a_chart_names_columns_that_its_suite_has(suite: str) -> None:
     chart, names = CHARTS[suite], {column.name for column in COLUMNS[suite]}
-    assert {chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names
+    assert {*chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names
 
 
 def test_every_suite_has_a_chart() -> None:
@@ -66,6 +66,19 @@ def test_the_points_are_the_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert "6 points" in figure.alt
     expected = [[[row["threads"], 1e6 * row["total"]] for row in rows if row["case"] == case] for case in "SW"]
     np.testing.assert_allclose(np.array(drawn[:2]), np.array(expected, dtype=np.float64))
+
+
+def test_speed_against_error_tells_surfaces_apart_and_older_tables_have_none(tmp_path: Path) -> None:
+    row = {"object": "cube", "motion": "all", "stretch": False, "method": "coupled"}
+    row |= {"tick_cpu_p50": 1e-5, "mesh_error": 1e-6}
+    rows = [{**row, "surface": surface} for surface in ("spheres", "mesh")]
+    columns = tuple(Column(name, name) for name in rows[0])
+    new = bench_figure(table(tmp_path, "speed-error", columns, rows))
+    assert new is not None
+    assert new.alt.endswith("2 points, by method and surface (coupled, spheres; coupled, mesh).")
+    old = bench_figure(table(tmp_path, "speed-error", columns[:-1], [row]))
+    assert old is not None
+    assert old.alt.endswith("1 points, by method (coupled).")
 
 
 def test_a_table_without_numbers_or_of_another_suite_has_none(tmp_path: Path) -> None:
