@@ -207,7 +207,8 @@ def _doubled(seed: int) -> Sequence[Variant]:
     # Seen from a fingertip 10 mm away, 1e-11 m to the side is a normal 1e-9 rad off.
     shaken = center + random.uniform(-1e-11, 1e-11, center.shape)
     corners = np.repeat(scene.mesh.triangles, 8, axis=0)
-    askew = corners + random.uniform(-1e-11, 1e-11, corners.shape)
+    # Its triangles are 1.5 mm wide.
+    askew = corners + random.uniform(-1e-12, 1e-12, corners.shape)
     return [
         replace(scene, name="each piece eight times", tree=tree_of(center, radius), mesh=loose_mesh(corners)),
         replace(scene, name="eight times, 1e-9 rad apart", tree=tree_of(shaken, radius), mesh=loose_mesh(askew)),

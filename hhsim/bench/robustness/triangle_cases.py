@@ -22,7 +22,7 @@ from hhsim.bench.robustness.triangle_objects import (
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import frozen_decay
+from hhsim.metrics.metrics import FROZEN_LIMIT, frozen_decay
 from hhsim.motion.analytic_motion import random_targets, still
 
 Array = NDArray[np.float64]
@@ -36,8 +36,8 @@ JUMP = 10.0
 """Three coordinates and a lever may each add as much as the hand's own motion; a jump is far more."""
 LYING = 1e-5
 """What is this near [m] to a face lies on it."""
-STEADY = 0.01
-"""The force of a finger that slides on a plane, pressed alike, changes by no more than this share in a tick."""
+STEADY = FROZEN_LIMIT
+"""Pressed ever more on a plane a finger is pushed back ever more, and slid on it alike: trembling is neither."""
 
 
 def _run(name: str, mesh: Mesh, motion: HandConfiguration) -> HardRun:
@@ -58,9 +58,14 @@ def _released(outcomes: Sequence[Outcome]) -> Figure:
     return Figure("way left after pulling the finger away", float(max(away)), 1e-6, "m")
 
 
+def _poking(side: float = 1.0) -> HandConfiguration:
+    # The index finger points down at the origin, or up at it for a side of -1: no other finger is in the way.
+    turn = quaternion(np.array([-0.5 * np.pi * side, 0.0, 0.0]))
+    return still(tip_at(right_hand(), np.zeros(3), turn, POINTING), turn, POINTING)
+
+
 def _thin(seed: int) -> Sequence[HardRun]:
     hand = right_hand()
-    tip = still(tip_at(hand, np.zeros(3), quaternion(np.zeros(3)), POINTING), flexion=POINTING)
     runs = []
     for thickness, mesh in (
         ("of no thickness", sheet_mesh(SHEET, SHEET)),
@@ -68,6 +73,7 @@ def _thin(seed: int) -> Sequence[HardRun]:
         ("1 µm thick", box_mesh(SHEET, SHEET, 1e-6)),
     ):
         for name, side in (("from above", 1.0), ("from below", -1.0)):
+            tip = _poking(side)
             start, behind = _by(tip, (0.0, 0.0, 0.05 * side)), _by(tip, (0.0, 0.0, -0.03 * side))
             motion = start.hold(4).line(behind, 100).hold(60).line(_by(behind, (0.03, 0.02, 0.0)), 100).hold(60)
             runs.append(_run(f"{thickness}, {name}", mesh, motion.line(start, 150).hold(20)))
@@ -114,7 +120,7 @@ def _edge(seed: int) -> Sequence[HardRun]:
         np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), (0.0, 0.0, -0.025)
     )
     return [
-        _run("a ridge of 90°", roof_mesh(0.2, 0.05, 0.05), motion),
+        _run("a ridge of 90°", roof_mesh(0.2, 0.02, 0.02), motion),
         _run("a ridge of 10°", roof_mesh(0.2, 0.05 * np.tan(np.radians(5.0)), 0.05), motion),
         _run("the edge of a sheet", blade, motion),
     ]
@@ -140,33 +146,47 @@ def _lying(seed: int) -> Sequence[HardRun]:
     taper = np.arcsin((hand.radius[INDEX, 2] - hand.radius[INDEX, 3]) / hand.length[INDEX, 2])
     turn = quaternion(np.array([-taper, 0.0, 0.0]))
     joints = hand.joints(np.zeros(3), turn, POINTING, np.zeros(5))[INDEX]
-    pressed = still(np.array([0.0, 0.0, hand.radius[INDEX, 3] - 0.004]) - joints[3], turn, POINTING)
-    # The face begins under the last but one joint, in front of the other fingers.
-    start = joints[1, 1] - joints[3, 1]
+    # It would bend through the face: pressed a little its tip touches, pressed more it lies flat, then its other end.
+    bent = POINTING.copy()
+    bent[INDEX, 2] += 0.1
+    low, lower = (
+        still(np.array([0.0, 0.0, hand.radius[INDEX, 3] - depth]) - joints[3], turn, bent) for depth in (0.005, 0.0085)
+    )
+    above = _by(low, (0.0, 0.0, 0.04))
+    # The face begins under the last joint, in front of the other fingers.
+    start = joints[2, 1] - joints[3, 1] - 1e-3
     face = sheet_mesh(0.4, 0.4).transformed(np.eye(3), (0.0, 0.2 + start, 0.0))
-    slid = _by(pressed, (0.02, 0.01, 0.0))
-    motion = _by(pressed, (0.0, 0.0, 0.04)).hold(4).line(pressed, 100).hold(60).line(slid, 200).hold(60)
-    return [_run("index finger", face, motion.line(_by(slid, (0.0, 0.0, 0.04)), 100).hold(20))]
+    motion = above.hold(4).line(low, 100).hold(60).line(lower, 300).hold(60).line(low, 300).hold(60)
+    slid = _by(low, (0.02, 0.01, 0.0))
+    return [_run("index finger", face, motion.line(slid, 200).hold(60).line(_by(slid, (0.0, 0.0, 0.04)), 100).hold(20))]
 
 
 def _judge_lying(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     outcome = outcomes[0]
     record, hand = outcome.ticks, outcome.run.hand
-    held = slice(124, 424)
-    ends = record.joints[held, INDEX, 2:4, 2] - hand.radius[INDEX, 2:4]
-    force = record.total[held]
-    change = np.linalg.norm(np.diff(force, axis=0), axis=1) / np.linalg.norm(force[:-1], axis=1)
+    pressing, held, easing, sliding = (
+        slice(first, last) for first, last in ((164, 464), (464, 524), (524, 824), (884, 1084))
+    )
+    ends = record.joints[164:824, INDEX, 2:4, 2] - hand.radius[INDEX, 2:4]
+    size = np.linalg.norm(record.total, axis=1)
+    back = max(-np.diff(size[pressing]).min(), np.diff(size[easing]).max(), 0.0) / size[held].max()
+    change = np.abs(np.diff(record.total[sliding], axis=0)).max() / size[sliding].max()
     return [
-        Figure("gap under an end of the last phalanx", float(ends.max()), LYING, "m"),
-        Figure("largest share by which the force changes in a tick", float(change.max()), STEADY),
-        _rest(outcome, slice(104, 164)),
-        _rest(outcome, slice(364, 424)),
+        Figure(
+            "ticks with both ends of the last phalanx on the face",
+            int((ends < LYING).all(axis=1).sum()),
+            20,
+            at_least=True,
+        ),
+        Figure("share of the force that comes back while it is pressed and eased", float(back), STEADY),
+        Figure("share by which the force changes in a tick of sliding", float(change), STEADY),
+        *(_rest(outcome, slice(first, first + 60)) for first in (104, 464, 824, 1084)),
         _released(outcomes),
     ]
 
 
 def _vertex(seed: int) -> Sequence[HardRun]:
-    tip = still(tip_at(right_hand(), np.zeros(3), quaternion(np.zeros(3)), POINTING), flexion=POINTING)
+    tip = _poking()
     time = np.linspace(0.0, 2.0 * np.pi, 300)[:, None]
     runs = []
     for name, height in (("apex", 0.03), ("pit", -0.03)):
@@ -185,8 +205,7 @@ def _judge_vertex(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 
 def _on_floor() -> HandConfiguration:
     # A fingertip pressed and slid, then the hand with all of its fingers.
-    tip = tip_at(right_hand(), np.array([0.01, -0.02, 0.004]), quaternion(np.zeros(3)), POINTING)
-    finger = still(tip, flexion=POINTING)
+    finger = _by(_poking(), (0.01, -0.02, 0.002))
     high = still((0.0, -0.05, 0.12), flexion=HALF)
     flat = still((0.0, -0.05, 0.02), flexion=HALF)
     motion = _by(finger, (0.0, 0.0, 0.06)).hold(4).line(finger, 100).hold(20).line(_by(finger, (0.02, 0.03, 0.0)), 150)
