@@ -122,7 +122,7 @@ def _keep(
     behind = stretch[-1][0].ticks - tick_in_block - 1
     motion, graphic = (sequence(*pieces) for pieces in zip(*stretch))
     end = motion.ticks - behind
-    trial = make_trial(case.hand, lambda: make_solver(case), failure_of(kind, case.hand, case.pieces(), case.solver))
+    trial = make_trial(case.hand, lambda: make_solver(case), failure_of(kind, case.hand, case.pieces, case.solver))
     reproduced = True
     try:
         shrunk = delta_debug(motion.part(0, end), trial, graphic=graphic.part(0, end))

@@ -1,6 +1,7 @@
 """One long random motion of `hhsim bench stress`: the object, the hand and the solver that it is run with."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -47,14 +48,16 @@ class StressCase:
         center, radius = self.tree.center[0], float(self.tree.radius[0])
         return RandomTargets(self.hand, self.seed, self.stress, center=center, height=max(0.25, radius + 0.2))
 
+    @cached_property
     def surface(self) -> Any:
         """What the hand touches, in the kernels' form."""
         return contact_surface(self.solver.surface, self.mesh, self.tree).arrays
 
+    @cached_property
     def pieces(self) -> Pieces:
         """The same for brute force."""
         return pieces_of(self.solver.surface, self.mesh, self.tree)
 
     def new_solver(self) -> HandSolver:
         """A solver that has seen nothing yet."""
-        return HandSolver(self.hand, self.surface(), self.solver)
+        return HandSolver(self.hand, self.surface, self.solver)

@@ -56,7 +56,7 @@ class StressMeasure:
 
     def __init__(self, case: StressCase) -> None:
         self._case = case
-        self._surface, self._pieces = case.surface(), case.pieces()
+        self._surface, self._pieces = case.surface, case.pieces
         self._cpu = LogHistogram()
         self._deepest = np.zeros(3)
         self._force = (-np.inf, np.nan)

@@ -119,7 +119,7 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
 
 def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path) -> None:
     def make(made: StressCase) -> HandSolver:
-        return Planted(made.hand, made.surface(), made.solver)
+        return Planted(made.hand, made.surface, made.solver)
 
     wanted = case(keep=tmp_path / "kept")
     figures = run_case(wanted, make_solver=make)
@@ -157,16 +157,16 @@ def test_on_the_mesh_the_figures_are_of_the_mesh(method: str) -> None:
 def test_a_mesh_that_the_kernels_and_brute_force_see_differently_is_a_missed_limit() -> None:
     wrong = replace(case(ticks=1500, surface="mesh"), mesh=coarse_ball_mesh().scaled(1.001))
     measure = stress_measurement.StressMeasure(wrong)
-    measure._pieces = case(surface="mesh").pieces()
+    measure._pieces = case(surface="mesh").pieces
     motion = wrong.targets().take(1500)
     record = wrong.new_solver().run(*motion)
-    measure.add(motion, record, recorded_penetration(HAND, wrong.surface(), record))
+    measure.add(motion, record, recorded_penetration(HAND, wrong.surface, record))
     assert 3e-5 < measure.figures(()).brute_difference < 4.5e-5 and measure.figures(()).missed
 
 
 def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path) -> None:
     def make(made: StressCase) -> HandSolver:
-        return Planted(made.hand, made.surface(), made.solver)
+        return Planted(made.hand, made.surface, made.solver)
 
     wanted = case(keep=tmp_path, surface="mesh")
     figures = run_case(wanted, make_solver=make)
@@ -184,7 +184,7 @@ def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path, mo
     monkeypatch.setattr(stress_measurement, "MOST_STUCK_CHECKED", 40)
 
     def make(made: StressCase) -> HandSolver:
-        return Lazy(made.hand, made.surface(), made.solver)
+        return Lazy(made.hand, made.surface, made.solver)
 
     figures = run_case(case(ticks=900, keep=tmp_path), make_solver=make)
     assert figures.stuck > figures.unexplained > 10
