@@ -13,7 +13,7 @@ from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
 from hhsim.bench.robustness.postures import INDEX, POINTING
 from hhsim.bench.robustness.random_targets import StressOptions
-from hhsim.bench.robustness.triangle_objects import roof_mesh
+from hhsim.bench.robustness.triangle_objects import roof_mesh, strips_mesh
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -125,6 +125,17 @@ def test_on_a_plane_straight_down_is_no_way_and_obliquely_is_one() -> None:
     assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 0.0
     assert stiff(hand, pieces, (0.02, 0.01, 0.02)) > 0.0
     assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 1.0
+
+
+def test_a_plane_of_many_triangles_is_as_free_as_one_of_two() -> None:
+    # Whose edges are all around the contact: none of them is in the way of sliding.
+    lines = np.arange(-0.2, 0.2001, 0.004)
+    fine = strips_mesh(list(lines), [lines] * (len(lines) - 1))
+    hand, pieces = resting(fine, still((0.001, 0.0007, 0.2)), DOWN)
+    assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
+    for way in ((0.02, 0.01, -0.02), (-0.01, 0.01, -0.02), (0.0, -0.02, 0.0)):
+        assert stiff(hand, pieces, way) > 0.0, way
+    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
 
 
 def test_a_hand_that_can_turn_or_bend_about_its_contact_has_a_way() -> None:
