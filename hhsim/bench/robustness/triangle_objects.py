@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,35 +31,34 @@ def usual_ball_mesh() -> Mesh:
 
 def ball_mesh(radius: float, subdivisions: int = 4) -> Mesh:
     """A ball about the origin [m], 20 · 4ⁿ triangles."""
-    from trimesh import creation
-
-    made = creation.icosphere(subdivisions=subdivisions, radius=radius)
-    return Mesh(made.vertices, made.faces, name="ball")
+    return _made("icosphere", subdivisions=subdivisions, radius=radius)
 
 
 def box_mesh(width: float, depth: float, height: float) -> Mesh:
     """A box about the origin [m], along x, y, z."""
-    from trimesh import creation
-
-    made = creation.box((width, depth, height))
-    return Mesh(made.vertices, made.faces, name="box")
+    return _made("box", extents=(width, depth, height))
 
 
 def disc_mesh(radius: float, thickness: float) -> Mesh:
     """A round leaf about the plane z = 0 and the origin [m]."""
-    from trimesh import creation
-
-    made = creation.cylinder(radius=radius, height=thickness, sections=SECTIONS)
-    return Mesh(made.vertices, made.faces, name="disc")
+    return _made("cylinder", radius=radius, height=thickness, sections=SECTIONS)
 
 
 def ring_mesh(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e-3) -> Mesh:
     """A ring of round profile about an axis [m]: `inner` is the radius of the hole, `thickness` of the profile."""
-    from trimesh import creation, geometry
+    from trimesh import geometry
 
-    made = creation.torus(inner + thickness, thickness, major_sections=SECTIONS, minor_sections=SECTIONS // 4)
-    turn = geometry.align_vectors([0.0, 0.0, 1.0], axis)[:3, :3]
-    return Mesh(made.vertices, made.faces, name="ring").transformed(turn, center)
+    align: Any = geometry.align_vectors
+    sections = {"major_sections": SECTIONS, "minor_sections": SECTIONS // 4}
+    made = _made("torus", major_radius=inner + thickness, minor_radius=thickness, **sections)
+    return made.transformed(align([0.0, 0.0, 1.0], axis)[:3, :3], center)
+
+
+def _made(shape: str, **sizes: Any) -> Mesh:
+    from trimesh import creation
+
+    made = getattr(creation, shape)(**sizes)
+    return Mesh(made.vertices, made.faces, name=shape)
 
 
 def roof_mesh(length: float, half_width: float, height: float) -> Mesh:

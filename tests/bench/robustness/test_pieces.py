@@ -90,12 +90,12 @@ def test_against_a_library_and_the_kernels(name: str) -> None:
     pieces = pieces_of("mesh", mesh, None)
     surface = contact_surface("mesh", mesh, None).arrays
     inside = 0
-    for shown in hands(5, 12):
+    for shown in hands(5, 12)[::2]:
         palm, finger = hand_clearance(surface, *SHAPE, *PlacedHand(*(values[None] for values in shown)), limit=0.05)
         ours = hand_distance(pieces, SHAPE, *shown)
         assert min(ours, 0.05) == pytest.approx(min(palm[0], finger.min()), abs=1e-9)
         inside += ours < -1e-3
-    assert inside > 3
+    assert inside > 1
     shown = hands(5, 2)[1]
     for body in hand_bodies(SHAPE, *shown)[::13]:
         (unsigned,) = Triangles(mesh.triangles).distances([body])
