@@ -28,22 +28,24 @@ def encloses(mesh: Mesh) -> bool:
     return is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]) and mesh.volume > 0.0
 
 
-def contact_surface(name: str, mesh: Mesh, tree: SphereTree) -> ContactSurface:
+def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> ContactSurface:
     """Make the surface that an option names.
 
     Args:
         name: `spheres` or `mesh`.
-        mesh: The object [m].
-        tree: Its sphere tree, in the same frame.
+        mesh: The object [m]; None where it is spheres alone.
+        tree: Its sphere tree, in the same frame; None where it is triangles alone.
 
     Raises:
-        InputError: A surface that no object has.
+        InputError: A surface that no object has, or not this one.
         MeshError: No triangle has an area.
     """
-    if name == "spheres":
-        return ContactSurface(tree.arrays())
-    if name != "mesh":
+    if name not in ("spheres", "mesh"):
         raise InputError(f"no object has the surface '{name}': expected spheres or mesh")
+    if name == "spheres" and tree is not None:
+        return ContactSurface(tree.arrays())
+    if name == "spheres" or mesh is None:
+        raise InputError(f"this object has no {name}")
     closed = encloses(mesh)
     features, left_out = mesh_features(mesh.vertices, mesh.faces, closed=closed)
     notes = []
@@ -54,3 +56,8 @@ def contact_surface(name: str, mesh: Mesh, tree: SphereTree) -> ContactSurface:
     if not closed:
         notes.append("the triangles enclose nothing: both sides can be touched, and no hand begins inside")
     return ContactSurface(features, tuple(notes))
+
+
+def encloses(mesh: Mesh) -> bool:
+    """Whether the triangles enclose something: then what is behind them is inside, else both sides can be touched."""
+    return is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]) and mesh.volume > 0.0

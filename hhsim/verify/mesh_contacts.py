@@ -61,7 +61,7 @@ def _phalanges(
     apart = cdist(0.5 * (a + b), middle) - size[:, None] - around
     row, face = np.nonzero((apart <= near) & counts[:, None])
     axis, drop = b[row] - a[row], radius_b[row] - radius_a[row]
-    share = _nearest_share(a[row], axis, drop, triangles[face])
+    share = nearest_share(a[row], axis, drop, triangles[face])
     parts = [_pairs(row, face, a[row] + share[:, None] * axis, radius_a[row] + share * drop, triangles, near)]
     for end in (0.0, 1.0):
         other = share != end
@@ -86,13 +86,20 @@ def _palm(
     return pairs._replace(tick=pairs.tick // spheres, body=np.full(len(pairs.tick), PALM))
 
 
-def _nearest_share(a: FloatArray, axis: FloatArray, drop: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Where along its axis [0 to 1] each round cone is nearest to its triangle, shape (N,)."""
+def nearest_share(a: FloatArray, axis: FloatArray, drop: FloatArray, triangles: FloatArray) -> FloatArray:
+    """Where along its axis [0 to 1] each round cone is nearest to its triangle, shape (N,).
+
+    Args:
+        a: Start of the axes [m], shape (N, 3).
+        axis: From there to the end [m], shape (N, 3).
+        drop: Radius at the end less that at the start [m], shape (N,).
+        triangles: Corners [m], shape (N, 3, 3).
+    """
     low, high = np.zeros(len(a)), np.ones(len(a))
     for _ in range(HALVINGS):
         share = 0.5 * (low + high)
         place = a + share[:, None] * axis
-        away = place - _closest(triangles, place)
+        away = place - closest_on_triangles(triangles, place)
         length = np.sqrt(np.einsum("ni,ni->n", away, away))
         falls = np.einsum("ni,ni->n", away, axis) < drop * length
         low, high = np.where(falls, share, low), np.where(falls, high, share)
@@ -109,7 +116,7 @@ def _pairs(
     near: float,
 ) -> Pairs:
     """Pairs of balls and triangles that are near; `tick` is the row."""
-    point = _closest(triangles[face], place)
+    point = closest_on_triangles(triangles[face], place)
     away = place - point
     length = np.linalg.norm(away, axis=1)
     chosen = length - size <= near
@@ -120,8 +127,11 @@ def _pairs(
     return Pairs(*(values[chosen] for values in found))
 
 
-def _closest(triangles: FloatArray, points: FloatArray) -> FloatArray:
-    """Nearest point [m] of each triangle to its point: the foot on its plane, or the nearest of its sides' points."""
+def closest_on_triangles(triangles: FloatArray, points: FloatArray) -> FloatArray:
+    """The point of each triangle [m], corners of shape (N, 3, 3), that is nearest to its point [m], shape (N, 3).
+
+    The foot on its plane where that lies inside, else the nearest of its sides' points.
+    """
     best, least = np.zeros((len(points), 3)), np.full(len(points), np.inf)
     a, b, c = triangles.transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
