@@ -56,8 +56,3 @@ def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> Co
     if not closed:
         notes.append("the triangles enclose nothing: both sides can be touched, and no hand begins inside")
     return ContactSurface(features, tuple(notes))
-
-
-def encloses(mesh: Mesh) -> bool:
-    """Whether the triangles enclose something: then what is behind them is inside, else both sides can be touched."""
-    return is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]) and mesh.volume > 0.0
