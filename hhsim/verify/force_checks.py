@@ -6,7 +6,16 @@ from numpy.typing import NDArray
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
-from hhsim.verify.forces import Moment, balance, explained, fingertip_normals, moment, on_its_way, proxy_forces
+from hhsim.verify.forces import (
+    Moment,
+    balance,
+    explained,
+    fingertip_normals,
+    moment,
+    on_its_way,
+    proxy_forces,
+    pushes_alone,
+)
 from hhsim.verify.kinematics import Posed, turn_between
 from hhsim.verify.paper_contacts import on_another_part
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
@@ -72,7 +81,7 @@ def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
 
 def _moment(judge: JudgedTicks, i: int) -> Moment:
     flexion, pull = judge.chosen_shown.flexion[i], judge.pull[int(judge.chosen[i])]
-    return moment(judge.hand, judge.chosen_posed, flexion, judge.touching.of(i), i, pull)
+    return moment(judge.hand, judge.chosen_posed, flexion, judge.bearing_at(i), i, pull)
 
 
 def _stationarity(judge: JudgedTicks) -> Claim:
@@ -99,7 +108,9 @@ def _palm_balance(judge: JudgedTicks) -> Claim:
 def _complementarity(judge: JudgedTicks) -> Claim:
     """KKT: what does not touch bears nothing."""
     chosen = _judgeable(judge, STUCK)
-    apart = judge.pairs.nearest(len(judge.chosen))[chosen] > judge.touch + LENGTH
+    late = judge.status[judge.chosen[chosen]] & LAG > 0
+    bears = np.where(late, judge.bearing, judge.touch)
+    apart = judge.pairs.nearest(len(judge.chosen))[chosen] > bears[:, None] + LENGTH
     size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)
     says = "what does not touch bears no force"
@@ -120,7 +131,12 @@ def _balance(judge: JudgedTicks) -> Claim:
         ways = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
         off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in ways), default=np.inf)
         # On its way, or where the palm of `progressive` yields to a finger: what touches bears what it can.
-        if late or (progressive and off[n] > slack[i]):
+        yields = late or (progressive and off[n] > slack[i])
+        if yields and judge.on_mesh:
+            # Which faces, edges and corners near by are rows of the program, and which follow from others, is the
+            # solver's choice; what it is free to choose is where the pushes act, not that they are pushes.
+            off[n] = min(off[n], pushes_alone(at, force))
+        elif yields:
             pull = on_its_way(at, judge.diagonal, offset)
             off[n] = min(off[n], explained(at, judge.scale, force, pull, False))
     says = "forces push along the normals of what touches, and balance the coupling"

@@ -23,6 +23,8 @@ STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 
 """Flags of a tick's status."""
 LENGTH = 1e-9
 """Lengths that differ by this [m] are the same: a thousandth of the smallest that any table shows."""
+ON_THE_WAY = 20.0
+"""Offsets."""
 WHY_LENGTH = "a thousandth of the smallest length that a table shows"
 
 
@@ -106,10 +108,22 @@ class JudgedTicks:
         moved = np.linalg.norm(np.diff(self.shown_posed.joints, axis=0), axis=3).max(axis=(1, 2), initial=0.0)
         return np.concatenate([[np.inf], moved])
 
+    @property
+    def bearing(self) -> float:
+        """Pairs no farther apart than this bear a hand that is on its way [m]: its last step was not the last."""
+        return max(self.touch, ON_THE_WAY * float(self.options["offset"]))
+
+    def bearing_at(self, i: int) -> Pairs:
+        """Pairs that can bear a force at a chosen tick."""
+        late = self.status[self.chosen[i]] & LAG > 0
+        return self.pairs.within(self.bearing).of(i) if late else self.touching.of(i)
+
     @cached_property
     def candidates(self) -> Pairs:
         """Pairs of the chosen ticks within the margin, and a nanometre more."""
-        near = max(float(self.options["margin"]) + 2.0 * LENGTH, 2.0 * self.touch) if self.safe else 2.0 * self.touch
+        near = 2.0 * self.bearing
+        if self.safe:
+            near = max(near, float(self.options["margin"]) + 2.0 * LENGTH)
         if self.on_mesh:
             triangles = stored_mesh(self.result).triangles
             return near_triangle_pairs(self.hand, self.chosen_posed, triangles, self.fingers, near)
@@ -119,7 +133,7 @@ class JudgedTicks:
     @cached_property
     def pairs(self) -> Pairs:
         """Pairs of the chosen ticks that touch, or nearly so."""
-        return self.candidates.within(2.0 * self.touch)
+        return self.candidates.within(2.0 * self.bearing)
 
     @cached_property
     def touching(self) -> Pairs:

@@ -9,6 +9,7 @@ import trimesh
 from short_grasp import short_grasp, short_scene
 
 from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.tick.state import STATUS_LAG
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.run_ticks import PLACED
 from hhsim.replay.repeat import run_again
@@ -62,6 +63,17 @@ def test_spheres_of_the_same_scene_are_farther_off(
     result, summary = run
     spheres = replay(scene, SolverOptions(method=result.method), tmp_path / "spheres.h5")
     assert spheres.attributes()["contact_error_max"] > 1e-3 > 500 * summary.attributes()["contact_error_max"]
+
+
+def test_a_tick_on_its_way_keeps_its_forces(tmp_path: Path) -> None:
+    # Where a finger snaps over an edge of the teapot, its tick ends on the way, micrometres from what bears it.
+    summary = replay(open_scene("teapot", "slide"), SolverOptions(surface="mesh"), tmp_path / "slide.h5")
+    result = load_result(tmp_path / "slide.h5")
+    late = np.flatnonzero(np.asarray(result["status"]) & STATUS_LAG)
+    size = np.linalg.norm(result["force/total"], axis=1)
+    assert late.size > 0
+    assert (np.abs(size[late] - size[late - 1]) < 0.25 * size[late - 1]).all()
+    assert summary.attributes()["force_step"] < 25.0
 
 
 def test_a_second_run_and_the_report_know_the_surface(run: tuple[Result, ReplaySummary]) -> None:

@@ -527,6 +527,29 @@ def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return run(tmp_path_factory.mktemp("mesh"), surface="mesh")
 
 
+def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path) -> None:
+    hand = HandModel.default()
+    moved = random_targets(hand, 900, 5)
+    names = ("position", "orientation", "flexion", "abduction")
+    motion = Trajectory(time=np.arange(900) / 1000.0, **{name: getattr(moved, name) for name in names})
+    base = open_scene("cube", "touch", level=3)
+    scene = make_scene(base.mesh, base.tree, hand, motion)
+    for method in ("coupled", "progressive"):
+        replay(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "way.h5")
+        result = load_result(tmp_path / "way.h5")
+        assert (np.asarray(result["status"]) & 2 > 0).sum() > 300
+        assert failing(verify(result, every=9)) == set()
+
+        def aside(file: h5py.File) -> None:
+            force, late = file["tick/force/phalanx"], np.flatnonzero(file["tick/status"][...] & 2)
+            size = np.abs(force[...]).sum(axis=(1, 2, 3))
+            tick = late[size[late].argmax()]
+            finger, phalanx = divmod(int(np.linalg.norm(force[tick], axis=2).argmax()), 3)
+            force[tick, finger, phalanx] = np.roll(force[tick, finger, phalanx], 1)
+
+        assert "force balance" in failing(verify(planted(result.path, tmp_path, aside), every=1))
+
+
 def touched_spheres(file: h5py.File) -> None:
     """The run is said to have touched spheres."""
     forge_scene(file, lambda scene: scene["solver"].update(surface="spheres"))

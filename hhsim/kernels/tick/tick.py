@@ -393,6 +393,10 @@ def _cap_lag(state: Record) -> None:
     state.lag = min(state.lag, farthest_joint(state.pose.joints, state.haptic.joints))
 
 
+ON_THE_WAY = 20.0
+"""A hand on its way bears on what is this many offsets from it: its last step has not brought it nearer yet."""
+
+
 @jit_once
 def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: Record, qp: QpWork) -> None:
     # A tick that ends on its way shows a configuration that is no optimum, and the multipliers of its last program
@@ -400,7 +404,8 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
     # program, of the touching contacts only, that standing still satisfies, so that the forces stay within the
     # coupling's own. The same where the palm has yielded to a finger: it stands at the edge of what the finger's own
     # program allows, and there that program's multipliers grow without bound.
-    contacts = find_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
+    near = max(options.touch, ON_THE_WAY * options.offset)
+    contacts = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
     state.active.count = 0
     if contacts != 0 or state.contacts.start[FINGER_COUNT + 1] == 0:
         return
