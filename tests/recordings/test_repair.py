@@ -282,11 +282,11 @@ def test_joints_stay_within_the_hand() -> None:
     assert flagged(repaired, SampleFlag.LIMITED) and "index flexion 1" in repaired.findings[-1].text
     assert (repaired.trajectory.flexion <= limits.flexion_max).all()
     kept = repair(changed(flexion=flexion), RepairOptions(limits=None))
-    tips = [
-        [HAND.joints(np.zeros(3), np.eye(4)[0], f, a)[:, 3] for f, a in zip(each.flexion, each.abduction)]
+    free, held = (
+        np.array([HAND.joints(np.zeros(3), np.eye(4)[0], f, a)[:, 3] for f, a in zip(each.flexion, each.abduction)])
         for each in (kept.trajectory, repaired.trajectory)
-    ]
-    most = 1e3 * np.linalg.norm(np.array(tips[0]) - np.array(tips[1]), axis=2).max()
+    )
+    most = 1e3 * np.linalg.norm(free - held, axis=2).max()
     assert 10.0 < most < 100.0
     assert f"which moves a fingertip by up to {most:.0f} mm" in repaired.findings[-1].text
     assert kept.trajectory.flexion.max() == pytest.approx(2.6) and not flagged(kept, SampleFlag.LIMITED)
