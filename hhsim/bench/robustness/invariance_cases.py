@@ -170,7 +170,7 @@ def _turned(seed: int) -> Sequence[Variant]:
             position=scene.motion.position @ matrix.T,
             orientation=quaternion_product(turn, scene.motion.orientation),
         )
-        tree, mesh = (thing.transformed(matrix, np.zeros(3)) for thing in (scene.tree, scene.mesh))
+        tree, mesh = scene.tree.transformed(matrix, np.zeros(3)), scene.mesh.transformed(matrix, np.zeros(3))
         back = _turning(matrix)
         variants.append(replace(scene, name=name, motion=motion, tree=tree, mesh=mesh, back=back, turned=matrix))
     return variants

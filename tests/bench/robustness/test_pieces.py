@@ -1,5 +1,7 @@
 """Distances to leaf spheres and to triangles by brute force: known answers, and the kernels' beside them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
@@ -49,7 +51,8 @@ def sampled(body: Body, mesh: Mesh, samples: int = 2001) -> float:
     """Least distance of balls along the axis to the mesh by trimesh, without a sign [m]."""
     share = np.linspace(0.0, 1.0, samples)[:, None]
     surface = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    away = trimesh.proximity.closest_point(surface, body.ends[0] + share * (body.ends[1] - body.ends[0]))[1]
+    closest: Any = trimesh.proximity.closest_point
+    away = closest(surface, body.ends[0] + share * (body.ends[1] - body.ends[0]))[1]
     return float((away - body.radius[0] - share[:, 0] * (body.radius[1] - body.radius[0])).min())
 
 
