@@ -173,12 +173,13 @@ class Triangles:
 
     def _bounds(self, body: Body) -> Array:
         middle, half = body.ends.mean(axis=0), 0.5 * np.linalg.norm(body.ends[1] - body.ends[0])
-        return np.asarray(np.linalg.norm(self._middle - middle, axis=1) - self._around - half - body.radius.max())
+        return np.linalg.norm(self._middle - middle, axis=1) - self._around - half - body.radius.max()
 
     def _share(self, places: Sequence[Body]) -> Array:
         first, axis, _, drop = self._paired(places)
         triangles = np.tile(self._corners, (len(places), 1, 1))
-        return nearest_share(first, axis, drop, triangles).reshape(len(places), -1)
+        found: Array = nearest_share(first, axis, drop, triangles).reshape(len(places), -1)
+        return found
 
     def _at(self, places: Sequence[Body], share: Array) -> Array:
         first, axis, size, drop = self._paired(places)
@@ -186,7 +187,8 @@ class Triangles:
         place = first + along[:, None] * axis
         triangles = np.tile(self._corners, (len(places), 1, 1))
         apart = np.linalg.norm(place - closest_on_triangles(triangles, place), axis=1) - size - along * drop
-        return np.asarray(apart.reshape(share.shape))
+        found: Array = apart.reshape(share.shape)
+        return found
 
     def _paired(self, places: Sequence[Body]) -> tuple[Array, Array, Array, Array]:
         # Start, axis, radius at the start, and what it is more at the end: of every place with every triangle.

@@ -164,9 +164,9 @@ def test_the_same_seed_gives_the_same_scene() -> None:
             np.testing.assert_array_equal(first.tree.center, again.tree.center)
     for name in ("triangle-soup", "t-junctions", "overlaps"):
         seeds = (5, 5, 6)
-        made = [[run.mesh.triangles for run in ON_MESH[name].build(s) if run.mesh] for s in seeds]
-        assert all(np.array_equal(*pair) for pair in zip(made[0], made[1], strict=True))
-        assert not all(np.array_equal(*pair) for pair in zip(made[0], made[2], strict=True))
+        drawn, repeated, different = ([run.mesh.triangles for run in ON_MESH[name].build(s) if run.mesh] for s in seeds)
+        assert all(np.array_equal(*pair) for pair in zip(drawn, repeated, strict=True))
+        assert not all(np.array_equal(*pair) for pair in zip(drawn, different, strict=True))
     assert not np.array_equal(
         CASES["bad-samples"].build(5)[0].motion.position, CASES["bad-samples"].build(6)[0].motion.position
     )
