@@ -173,7 +173,7 @@ class Triangles:
 
     def _bounds(self, body: Body) -> Array:
         middle, half = body.ends.mean(axis=0), 0.5 * np.linalg.norm(body.ends[1] - body.ends[0])
-        return np.linalg.norm(self._middle - middle, axis=1) - self._around - half - body.radius.max()
+        return np.asarray(np.linalg.norm(self._middle - middle, axis=1) - self._around - half - body.radius.max())
 
     def _share(self, places: Sequence[Body]) -> Array:
         first, axis, _, drop = self._paired(places)
