@@ -25,14 +25,15 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
 
     A and B are files that hhsim replay or hhsim live wrote. First it says what differs in what was fed in and in how it
     was run; figures of two scenes are shown, but not called better or worse. What differs by less than runs of the same
-    differ from each other is within noise, and times of two machines are not compared. hhsim report makes a page of the
-    same; hhsim gate judges by limits.
+    differ from each other is within noise (of hhsim replay --repeat: two standard deviations), and times of two
+    machines are not compared. hhsim report makes a page of the same; hhsim gate judges by limits.
 
     \b
     Examples:
       hhsim compare coupled.h5 progressive.h5
       hhsim compare before.h5 after.h5 --all
     """
+    from hhsim.replay.repeated_times import stored_times
     from hhsim.replay.summary_table import short_table, whole_table
     from hhsim.replay.verdict import verdict
     from hhsim.report.compare import compare, compared
@@ -54,6 +55,15 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     for letter, path, each in zip("AB", (base, head), verdicts):
         print_line(f"{letter}: {path}: {each.line}")
     print_line(found.sentence())
+    for letter, result, table in zip("AB", results, tables):
+        if result.repeated:
+            kept = {row.name for row in short_table(table)}
+            times = (
+                f"{time.row.label} {time.shown} {time.row.unit}"
+                for time in stored_times(result.repeated, table)
+                if whole or time.row.name in kept
+            )
+            print_line(f"times of {letter}, mean ± σ of {result.repeated['runs']} runs: {'; '.join(times)}")
     for what, differences in (("run otherwise", found.how), ("around it", found.around)):
         if differences:
             print_line(f"{what}: {'; '.join(differences)}")

@@ -166,7 +166,7 @@ class ReplayOutput(options.Output):
         default=1,
         metavar="N",
         help="Run the ticks N times and print mean and standard deviation of the times, which alone differ; the file "
-        "is of the last run.",
+        "is of the last run and says both, for hhsim compare and hhsim report to go by.",
     )
 
 
@@ -289,12 +289,12 @@ def command(
             for _ in range(output.repeat)
         ]
         summary = runs[-1]
+        repeated = _state_repeats(runs) if output.repeat > 1 else {}
         if viewer is not None:
             viewer.show(output_path, report)
     if output.as_json:
         document = summary.to_json()
         placement = {"placement": placed.to_json()} if placed.placement else {}
-        repeated = {"repeated": _repeated(runs)} if output.repeat > 1 else {}
         print_json({**document, **placement, **repeated, "notes": [*remarks, *document["notes"]]})
     elif not output.quiet:
         _print(summary, whole=output.whole)
@@ -327,12 +327,16 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
         print_line(f"{len(rows)} of {len(whole_table(summary.rows))} figures: --all prints all")
 
 
-def _repeated(runs: "Sequence[ReplaySummary]") -> dict[str, Any]:
-    """Times over several runs, for machines: SI, or % where they are defined so."""
-    from hhsim.replay.repeated_times import repeated_times
+def _state_repeats(runs: "Sequence[ReplaySummary]") -> dict[str, Any]:
+    """Put the times over several runs in the file of the last one; what the JSON document says of them."""
+    from hhsim.replay.repeated_times import repeated_document
+    from hhsim.result.writer import state_repeats
 
-    times = {time.row.name: {"mean": time.mean, "std": time.deviation} for time in repeated_times(runs)}
-    return {"runs": len(runs), "times": times}
+    repeated = repeated_document(runs)
+    path = runs[-1].path
+    assert path is not None
+    state_repeats(path, repeated)
+    return {"repeated": repeated}
 
 
 def _print_times(runs: "Sequence[ReplaySummary]") -> None:

@@ -49,6 +49,9 @@ ARROW_LENGTH = 0.02
 Longer by the square root of the force, so that small forces can be seen beside large ones.
 """
 
+LETTER = 0.92
+"""Width of a letter or digit, its white rim's share included [pixels at 100 to the inch, by the size in pt]."""
+
 
 @dataclass(frozen=True)
 class PhalanxForce:
@@ -194,7 +197,8 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
         away = along[:2] / max(float(np.linalg.norm(along[:2])), 1e-9)
         head = np.array([0.5 * columns + scale * tip[0], 0.5 * rows - scale * tip[1]])
         first = head + np.array([20.0 * away[0], -12.0 * away[1]]) / pixel
-        edge = np.array([22.0, 9.0]) / pixel
+        text = f"{np.linalg.norm(force.force):.1f} N"
+        edge = np.array([max(22.0, 0.5 * LETTER * size * len(text)), 9.0]) / pixel
         first = np.clip(first, edge, np.array([columns, rows]) - edge)
         place = first.copy()
         while any((np.abs(place - other) < (40.0 / pixel, 15.0 / pixel)).all() for other in placed):
@@ -204,7 +208,7 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
         # A number that had to go further is tied to its arrow.
         far = bool(place[1] - first[1] > 12.0 / pixel)
         axes.annotate(
-            f"{np.linalg.norm(force.force):.1f} N",
+            text,
             tuple(head) if far else tuple(place),
             tuple(place),
             ha="center",

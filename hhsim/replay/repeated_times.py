@@ -2,12 +2,16 @@
 
 import math
 import statistics
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow
+
+MORE_DIGITS = 3
+"""That a deviation may add to those of the table: times are whole nanoseconds there."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +30,12 @@ class RepeatedTime:
 
     @property
     def shown(self) -> str:
-        """Mean ± standard deviation as the table shows figures."""
-        return f"{self.row.figure.shown(self.mean)} ± {self.row.figure.shown(self.deviation)}"
+        """Mean ± standard deviation in the table's unit, with digits enough for two of the deviation."""
+        figure = self.row.figure
+        if self.deviation > 0.0:
+            wanted = 1 - math.floor(math.log10(self.deviation / figure.scale))
+            figure = replace(figure, digits=min(max(figure.digits, wanted), figure.digits + MORE_DIGITS))
+        return f"{figure.shown(self.mean)} ± {figure.shown(self.deviation)}"
 
 
 def repeated_times(runs: Sequence[ReplaySummary]) -> list[RepeatedTime]:
@@ -38,3 +46,20 @@ def repeated_times(runs: Sequence[ReplaySummary]) -> list[RepeatedTime]:
         if run_metrics()[row.name].noise > 0.0 and all(map(math.isfinite, values)):
             found.append(RepeatedTime(row, statistics.mean(values), statistics.stdev(values)))
     return found
+
+
+def repeated_document(runs: Sequence[ReplaySummary]) -> dict[str, Any]:
+    """Times over at least two runs of the same replay, for machines and for the file: SI, or % where defined so."""
+    times = {time.row.name: {"mean": time.mean, "std": time.deviation} for time in repeated_times(runs)}
+    return {"runs": len(runs), "times": times}
+
+
+def stored_times(repeated: Mapping[str, Any], rows: Sequence[SummaryRow]) -> list[RepeatedTime]:
+    """What a result says of its runs, in the order of its table; nothing where it was run once.
+
+    Args:
+        repeated: `hhsim.result.reader.Result.repeated`.
+        rows: Its table.
+    """
+    times = repeated.get("times", {})
+    return [RepeatedTime(row, times[row.name]["mean"], times[row.name]["std"]) for row in rows if row.name in times]

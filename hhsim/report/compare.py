@@ -1,8 +1,8 @@
 """Results side by side: what differs in what was fed in and in how it was run, and which figures are better."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hhsim.gate.input_hash import RunInputs, differences, new_options, run_inputs
@@ -27,6 +27,9 @@ A hold of a second has ten periods of the tremor: of eight seeds the largest mea
 on two objects, with three motions and two methods.
 """
 
+DEVIATIONS = 2.0
+"""Standard deviations of the difference of two runs by which times that were taken repeatedly may differ."""
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -37,12 +40,14 @@ class Comparison:
         how: What differs in the way it was run: method, options, tree.
         around: What differs besides: machine, versions, schema.
         same_machine: Whether times can be compared at all.
+        spread: By how much times may differ and say nothing, by name [s or %], where one of the two was run repeatedly.
     """
 
     scene: tuple[str, ...]
     how: tuple[str, ...]
     around: tuple[str, ...]
     same_machine: bool
+    spread: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def comparable(self) -> bool:
@@ -88,7 +93,8 @@ def compare(base: Result, head: Result) -> Comparison:
     how = [_in_units(text, one, other) for text in every if text not in unlike and text not in about_schema]
     how += [f"option that only one has: {name}" for name in new_options(one, other)]
     around = [*about_schema, *_around(base, head)]
-    return Comparison(tuple(_of_the_scene(unlike, base, head)), tuple(how), tuple(around), base.machine == head.machine)
+    scene = tuple(_of_the_scene(unlike, base, head))
+    return Comparison(scene, tuple(how), tuple(around), base.machine == head.machine, _spread(base, head))
 
 
 def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> ComparedFigure:
@@ -106,9 +112,17 @@ def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> Comp
     if head.shown == base.shown:
         return ComparedFigure(ratio, SAME)
     noise = SEEDED_NOISE.get(head.name, metric.noise)
-    if 1.0 / (1.0 + noise) <= ratio <= 1.0 + noise:
+    difference = abs(head.value - base.value)
+    if 1.0 / (1.0 + noise) <= ratio <= 1.0 + noise or difference <= comparison.spread.get(head.name, 0.0):
         return ComparedFigure(ratio, WITHIN)
     return ComparedFigure(ratio, WORSE if head.value > base.value else BETTER)
+
+
+def _spread(base: Result, head: Result) -> dict[str, float]:
+    one, other = base.repeated.get("times", {}), head.repeated.get("times", {})
+    # A result of one run is taken to differ as much as the other.
+    pairs = {name: (one.get(name, other.get(name)), other.get(name, one.get(name))) for name in one.keys() | other}
+    return {name: DEVIATIONS * math.hypot(a["std"], b["std"]) for name, (a, b) in pairs.items()}
 
 
 def _around(base: Result, head: Result) -> list[str]:

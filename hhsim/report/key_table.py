@@ -45,7 +45,8 @@ def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> H
     headings = ["result", "verdict", *(_heading(runs, name, heading) for name, heading in figures.items())]
     rows = []
     for run, comparison in zip(runs, (None, *comparisons)):
-        rows.append([run.label, _verdict(run), *(_cell(run, name, runs[0], comparison) for name in figures)])
+        cells = (_cell(run, name, runs[0], comparison) for name in figures)
+        rows.append([run.label, _verdict(run, tuple(figures)), *cells])
     caption = (
         "Key figures. Times are CPU times of ticks in contact. Red: over the limit that hhsim gate has by default."
     )
@@ -59,8 +60,12 @@ def _heading(runs: Sequence[ReportRun], name: str, heading: str) -> str:
     return f"{heading} [{row.unit}]" if row.unit else heading
 
 
-def _verdict(run: ReportRun) -> Html:
-    return element("b", run.verdict.word, class_=MOODS.get(run.verdict.word, "note"))
+def _verdict(run: ReportRun, shown: Sequence[str]) -> Html:
+    """The word, and below it the figures over their limits that have no column to be red in."""
+    word = element("b", run.verdict.word, class_=MOODS.get(run.verdict.word, "note"))
+    rows = [row for name in run.verdict.missed if name not in shown and (row := _row(run, name)) is not None]
+    missed = (f"{row.label} {row.shown} {row.unit}".strip() for row in rows)
+    return joined([word, element("small", "; ".join(missed))]) if rows else word
 
 
 def _cell(run: ReportRun, name: str, first: ReportRun, comparison: Comparison | None) -> Html:

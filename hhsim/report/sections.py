@@ -131,11 +131,14 @@ def figures_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]
     """The table that replay prints, beside the paper's figures; with others, beside the first result's."""
     first = runs[0]
     if len(runs) == 1:
-        rows = [(row.label, row.shown, row.unit, row.paper) for row in first.rows]
+        of_paper = any(row.paper for row in first.rows)
+        rows = [(row.label, row.shown, row.unit, *([row.paper] if of_paper else [])) for row in first.rows]
         whole = first.result.complete and first.result.live is None
         source = "as its replay found them, depths by its poses" if whole else "computed from the ticks in the file"
-        caption = f"Figures, {source}; the paper's are of its own machine (an Intel Core i7-8700) and scenes"
-        return table(caption, ("figure", "hhsim", "unit", "paper"), rows, numbers=(1, 3))
+        caption = f"Figures, {source}"
+        if of_paper:
+            caption += "; the paper's are of its own machine (an Intel Core i7-8700) and scenes"
+        return table(caption, ("figure", "hhsim", "unit", *(["paper"] if of_paper else [])), rows, numbers=(1, 3))
     return _side_by_side(runs, comparisons)
 
 
@@ -219,6 +222,7 @@ def origin_section(runs: Sequence[ReportRun]) -> Html:
 
 def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
     names = [name for name in run_metrics() if any(_row(run, name) is not None for run in runs)]
+    of_paper = any(row.paper for run in runs for row in run.rows)
     rows = []
     for name in names:
         found = [_row(run, name) for run in runs]
@@ -228,12 +232,12 @@ def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) 
             against = _against(found[0], row, comparison)
             shown = row.shown if row else NONE
             cells.append(joined([shown, " ", element("small", against)]) if against else shown)
-        rows.append((*cells, first.paper))
+        rows.append((*cells, *([first.paper] if of_paper else [])))
     caption = (
         f"Figures side by side; with each its ratio to that of {runs[0].letter} and, where both were fed with the "
         "same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
     )
-    headings = ("figure", "unit", *(run.label for run in runs), "paper")
+    headings = ("figure", "unit", *(run.label for run in runs), *(["paper"] if of_paper else []))
     return table(caption, headings, rows, numbers=range(2, len(headings)))
 
 

@@ -31,6 +31,7 @@ from hhsim.report.figure import (
     time_text,
 )
 from hhsim.result.reader import Result
+from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.view.viewer import shown_scene
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ class SpeedError:
         depth: Deepest in the leaf spheres, or in the mesh where that is touched, all ticks [m].
         mesh: Deepest in the true mesh, or farthest that a contact point is off it, of sampled ticks [m].
         excess: Coupling energy above the optimum, mean of the hold [%].
+        of_paper: Whether the scene is one of the paper's.
     """
 
     label: str
@@ -67,6 +69,7 @@ class SpeedError:
     depth: float
     mesh: float
     excess: float
+    of_paper: bool = False
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,7 @@ def _measured(label: str, result: Result) -> SpeedError:
         figures["penetration_max"] if result.ticks else np.nan,
         _off_the_mesh(result, np.flatnonzero(ticks.contact)),
         float(result.summary.get("tracking_excess", np.nan)),
+        of_the_paper(result.scene),
     )
 
 
@@ -158,7 +162,7 @@ def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError]) -> None:
     values = [_significant(axis.scale * float(getattr(point, axis.field))) for point in points]
     known = [value for value in values if np.isfinite(value)]
     some = [value for value in known if value > 0.0]
-    paper = axis.field == "depth"
+    paper = axis.field == "depth" and any(point.of_paper for point in points)
     low = 10.0 ** np.floor(np.log10(min([*some, axis.least * 10.0])))
     high = 10.0 ** np.ceil(np.log10(max([*some, *([axis.scale * PAPER_DEPTH] if paper else []), 10.0 * low])) + 0.1)
     # A logarithm has no zero: what is nothing stands below the lowest decade.
@@ -235,9 +239,10 @@ def _caption(points: Sequence[SpeedError]) -> str:
         "deepest penetration of what is touched, the spheres or the mesh. Then how far the hand is in the true mesh or "
         f"a contact point off it, the larger, at up to {SAMPLES} ticks in contact: it holds the error of the sphere "
         "tree too. Last the coupling energy over that of the local optimum, mean of the hold, as the table has it. "
-        "Grey: what the paper states for "
-        "its own machine. Red: 1 ms."
+        "Red: 1 ms."
     )
+    if any(point.of_paper for point in points):
+        text += " Grey: what the paper states for its own machine."
     missing = [point.label for point in points if not np.isfinite(point.p50)]
     return text + (f" Not in contact, so without a point: {', '.join(missing)}." if missing else "")
 

@@ -31,6 +31,7 @@ from hhsim.report.minmax_decimation import minmax_band
 from hhsim.report.tick_series import FORCES, ReportColumns, report_columns
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
+from hhsim.scene.motion_catalogue import of_the_paper
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -292,7 +293,7 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
     axes.minorticks_off()
     largest = max((float(np.nanmax(run.columns.variation, initial=1.0)) for run in runs), default=1.0)
     axes.set_ylim(0.0, max(3.0, 2.0 * min(largest, 1e6)))
-    if any(run.result.scene.get("rate") == PAPER_RATE for run in runs):
+    if any(run.result.scene.get("rate") == PAPER_RATE and of_the_paper(run.result.scene) for run in runs):
         axes.axhline(PAPER_VARIATION, color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
         axes.annotate(
             f"the paper's holds: {PAPER_VARIATION} %", (0.0, PAPER_VARIATION), (3.0, 2.0),

@@ -78,6 +78,8 @@ class Result:
     """Commit of the hhsim that wrote it."""
     git_dirty: bool | str = UNKNOWN
     """Whether its files had changed since."""
+    repeated: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    """Of a replay that was run several times, how many `runs` and of its `times` mean and std by name; else empty."""
     _loaded: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -217,6 +219,7 @@ def load_result(path: str | Path) -> Result:
             command=tuple(json.loads(attributes.get("command", "[]"))),
             git_revision=str(attributes.get("git_revision", UNKNOWN)),
             git_dirty=_git_dirty(attributes.get("git_dirty", UNKNOWN)),
+            repeated=json.loads(attributes.get("repeated", "{}")),
         )
 
 

@@ -256,6 +256,24 @@ class ResultWriter:
         return size
 
 
+def state_repeats(path: Path, repeated: Mapping[str, Any]) -> None:
+    """Say in a complete result how its times differed over the runs of which it holds the last one, and seal it anew.
+
+    Args:
+        path: The result.
+        repeated: `runs`, how many, and `times`: mean and std by the name of the figure, SI or %.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    with _output_errors(path):
+        with h5py.File(path, "r+") as file:
+            file.attrs["repeated"] = json.dumps(repeated)
+            file.flush()
+            size = int(file.id.get_filesize())
+        seal_file(path, size)
+
+
 @dataclass
 class _Table:
     """A group whose datasets grow together."""

@@ -22,7 +22,7 @@ from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
-from hhsim.verify.metric_checks import difference
+from hhsim.verify.metric_checks import difference, told_apart
 from hhsim.verify.origin_checks import own_object, own_tree
 
 FloatArray = NDArray[np.float64]
@@ -78,7 +78,7 @@ def _figures(result: Result, own: dict[str, float], again: RunAgain) -> Claim:
     found = np.array(list(own.values()))
     apart = difference(stored, found) / np.maximum(1.0, np.nan_to_num(np.abs(found)))
     wrong = [
-        f"{key} is stored as {a:g}, a run gives {b:g}"
+        "{} is stored as {}, a run gives {}".format(key, *told_apart(a, b))
         for key, a, b, off in zip(own, stored, found, apart)
         if off > SAME_FIGURE
     ]

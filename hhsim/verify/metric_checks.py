@@ -76,6 +76,12 @@ def change_rate(force: FloatArray, first: NDArray[np.bool_]) -> FloatArray:
     return rate
 
 
+def told_apart(stored: float, own: float) -> tuple[str, str]:
+    """Two numbers with as few digits, but no fewer than six, as show that they are not the same."""
+    digits = next((n for n in range(6, 18) if f"{stored:.{n}g}" != f"{own:.{n}g}"), 6)
+    return f"{stored:.{digits}g}", f"{own:.{digits}g}"
+
+
 def _summary_claims(result: Result) -> list[Claim]:
     own = own_summary(result)
     off = {}
@@ -87,7 +93,7 @@ def _summary_claims(result: Result) -> list[Claim]:
             off[name] = apart / room if room > 0.0 else np.inf if apart > 0.0 else 0.0
     values = np.array(list(off.values()))
     wrong = [
-        f"{name} is stored as {float(result.summary[name]):g}, the ticks give {own[name]:g}"
+        "{} is stored as {}, the ticks give {}".format(name, *told_apart(float(result.summary[name]), own[name]))
         for name, value in off.items()
         if value > SAME
     ]

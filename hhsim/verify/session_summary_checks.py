@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from hhsim.verify.claim import Claim, judged
+from hhsim.verify.metric_checks import told_apart
 from hhsim.verify.session_rows import LOOP_DIED, OLD_NAME, SessionRows
 
 SAME = 1e-9
@@ -32,7 +33,7 @@ def session_figures_claims(rows: SessionRows) -> list[Claim]:
         apart = 0.0 if math.isnan(given) and math.isnan(value) else abs(given - value) / (room * max(abs(value), SAME))
         off.append(apart if name in stored else math.inf)
         if not apart <= 1.0 or name not in stored:
-            wrong.append(f"{name} is stored as {given:g}, the rows give {value:g}")
+            wrong.append("{} is stored as {}, the rows give {}".format(name, *told_apart(given, value)))
     least, most = missed_between(rows)
     missed = int(stored.get("missed", -1))
     off.append(0.0 if least <= missed <= most else math.inf)

@@ -10,6 +10,8 @@ import h5py
 import pytest
 from short_grasp import short_result
 
+from hhsim.result.writer import state_repeats
+
 Run = Callable[..., Any]
 
 
@@ -53,6 +55,27 @@ def test_a_time_within_noise_is_called_so(
     with h5py.File(tmp_path / "b.h5", "r+") as file:
         file["summary"].attrs["tick_cpu_p50"] *= factor
     assert word(run("compare", "a.h5", "b.h5").out, "tick in contact, CPU, p50") == expected
+
+
+@pytest.mark.parametrize(
+    ("deviations", "expected"),
+    [((1e-5, 1e-5), "worse"), ((1e-4, 1e-4), "within noise"), ((None, 1e-4), "within noise"), ((None, None), "worse")],
+)
+def test_a_time_is_judged_by_what_repeated_runs_differ(
+    run: Run, results: Path, tmp_path: Path, deviations: tuple[float | None, ...], expected: str
+) -> None:
+    for name, p50, deviation in zip(("a.h5", "b.h5"), (1e-3, 1.2e-3), deviations):
+        shutil.copy(results / "coupled.h5", tmp_path / name)
+        with h5py.File(tmp_path / name, "r+") as file:
+            file["summary"].attrs["tick_cpu_p50"] = p50
+        if deviation is not None:
+            times = {"tick_cpu_p50": {"mean": 1.1e-3, "std": deviation}}
+            state_repeats(tmp_path / name, {"runs": 3, "times": times})
+    answer = run("compare", "a.h5", "b.h5")
+    assert word(answer.out, "tick in contact, CPU, p50") == expected
+    told = [line for line in answer.out.splitlines() if line.startswith("times of ")]
+    assert len(told) == sum(deviation is not None for deviation in deviations)
+    assert all("mean ± σ of 3 runs: tick in contact, CPU, p50 1,100.0 ± " in line for line in told)
 
 
 @pytest.mark.parametrize("lags", ["a.h5", "b.h5"])

@@ -21,6 +21,7 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.repair import repair
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
+from hhsim.system.checksummed_file import seal_holds
 
 mended_remark: Callable[..., list[str]] = importlib.import_module("hhsim.cli.replay").mended_remark
 Run = Callable[..., Any]
@@ -163,6 +164,8 @@ def test_times_of_several_runs_have_a_mean_and_a_deviation(run: Run, tmp_path: P
     document = json.loads(run(*command, "--json").out)
     assert document["repeated"]["runs"] == 3
     assert document["repeated"]["times"]["tick_cpu_p50"]["mean"] > 0.0
+    assert load_result(tmp_path / "run.h5").repeated == document["repeated"]
+    assert seal_holds(tmp_path / "run.h5")
     assert load_result(tmp_path / "run.h5").summary["tick_cpu_p50"] == document["tick_cpu_p50"]
     answer = run(*command)
     assert "times of 3 runs" in answer.out and " ± " in answer.out

@@ -9,9 +9,11 @@ from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
-from hhsim.render.replay_figure import arrow, draw_replay, main, phalanx_forces, shown_tick
+from hhsim.render.rasterizer import frame, look_from
+from hhsim.render.replay_figure import PhalanxForce, arrow, draw_replay, label, main, phalanx_forces, shown_tick
 from hhsim.render.viewpoint import View
 from hhsim.replay.stored_scene import stored_hand
+from hhsim.report.figure import new_figure
 from hhsim.result.reader import Result
 
 
@@ -47,6 +49,25 @@ def test_arrows_grow_with_the_root_of_the_force(result: Result) -> None:
     size = np.linalg.norm(force.force)
     assert np.linalg.norm(arrow(force)) == pytest.approx(0.02 * np.sqrt(size))
     assert arrow(force) @ force.force > 0.0
+
+
+@pytest.mark.parametrize(("newtons", "size"), [(2.4, 9.0), (374.3, 9.0), (1445.0, 11.0)])
+def test_a_number_at_the_edge_is_whole(newtons: float, size: float) -> None:
+    rows, columns = shape = (544, 612)
+    camera = frame(np.array([[-0.1, -0.1, -0.1], [0.1, 0.1, 0.1]]), look_from(View(0.0, 0.0).towards), shape)
+    forces = [
+        PhalanxForce("index, distal", np.array([0.0, side, 0.0]), np.array([0.0, np.sign(side) * newtons, 0.0]))
+        for side in (-0.5, 0.5)
+    ]
+    with new_figure(columns / 170, rows / 170) as figure:
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.imshow(np.ones((*shape, 3)), aspect="auto")
+        axes.set_axis_off()
+        label(axes, forces, camera, size=size, pixel=100.0 / 170)
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert len(boxes) == 2
+        assert min(box.x0 for box in boxes) >= 0.0
+        assert max(box.x1 for box in boxes) <= figure.bbox.width
 
 
 def test_the_hand_is_that_of_the_run(result: Result) -> None:

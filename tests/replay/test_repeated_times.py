@@ -32,5 +32,19 @@ def test_mean_and_deviation_are_those_of_the_runs(summary: ReplaySummary) -> Non
     assert all(name.startswith("tick_") for name in found), "nothing else differs"
 
 
+@pytest.mark.parametrize(
+    ("seconds", "shown"),
+    [
+        ((13.06e-6, 13.11e-6), "13.085 ± 0.035"),
+        ((10e-6, 12e-6), "11.0 ± 1.4"),
+        ((13e-6, 13e-6), "13.0 ± 0.0"),
+        ((13e-6, 13.000001e-6), "13.0000 ± 0.0000"),
+    ],
+)
+def test_a_small_deviation_has_digits(summary: ReplaySummary, seconds: tuple[float, ...], shown: str) -> None:
+    found = {time.row.name: time for time in repeated_times([taking(summary, t) for t in seconds])}
+    assert found["tick_cpu_p50"].shown == shown
+
+
 def test_what_is_undefined_is_left_out(summary: ReplaySummary) -> None:
     assert "tick_cpu_p50" not in {time.row.name for time in repeated_times([taking(summary, math.nan), summary])}

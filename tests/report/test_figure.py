@@ -247,6 +247,20 @@ def test_the_view_shows_the_marks() -> None:
     assert viewpoint(hand, ball, marks, nothing, hidden) != hidden
 
 
+@pytest.mark.parametrize("draw", [series_figure, speed_error_figure])
+def test_the_papers_figures_are_drawn_in_its_scenes_alone(result: Result, draw: Chart) -> None:
+    def words(shown: Result) -> set[str]:
+        drawing = draw({"one": shown}).drawing
+        assert drawing is not None
+        with new_figure(6.0, drawing.height(6.0, False)) as figure:
+            drawing.draw(figure, False)
+            return {text.get_text() for axes in figure.axes for text in axes.texts}
+
+    known = changed(result, scene={**result.scene, "object": "bunny", "trajectory": "grasp"})
+    assert not any("the paper" in text for text in words(result))
+    assert any("the paper" in text for text in words(known))
+
+
 @pytest.mark.usefixtures("coarse")
 def test_the_picture_of_a_tick_has_hands_forces_and_words(result: Result) -> None:
     figure = hand_picture(result, HELD)

@@ -100,8 +100,8 @@ def page_of(*paths: Path) -> Page:
 def test_the_table_is_the_one_that_replay_printed(replayed: tuple[Path, ReplaySummary], dots: None) -> None:
     path, summary = replayed
     found = page_of(path).rows("Figures,")
-    assert found[0] == ["figure", "hhsim", "unit", "paper"]
-    assert found[1:] == [[row.label, row.shown, row.unit, row.paper] for row in summary.rows]
+    assert found[0] == ["figure", "hhsim", "unit"]
+    assert found[1:] == [[row.label, row.shown, row.unit] for row in summary.rows]
     assert len(found) > 20
 
 
@@ -226,6 +226,26 @@ def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dot
     )
 
 
+def test_a_missed_limit_without_a_column_stands_below_the_verdict(coupled: Path, tmp_path: Path, dots: None) -> None:
+    def lag(file: h5py.File) -> None:
+        file["summary"].attrs.update(lag_ticks=93.0, lag_max=0.05, stuck_ticks=2.0)
+
+    page = page_of(changed(coupled, tmp_path, lag))
+    heading, row = page.rows("Key figures")
+    assert row[heading.index("verdict")].endswith("ticks with lag 93")
+    assert row[heading.index("stuck ticks")] == "2"
+
+
+def test_the_papers_figures_stand_beside_its_scenes(coupled: Path, tmp_path: Path, dots: None) -> None:
+    def of_the_paper(file: h5py.File) -> None:
+        scene = json.loads(file.attrs["scene"])
+        file.attrs["scene"] = json.dumps({**scene, "object": "bunny", "trajectory": "grasp"})
+
+    known = changed(coupled, tmp_path, of_the_paper)
+    assert page_of(known).rows("Figures,")[0][-1] == "paper"
+    assert page_of(known, known).rows("Figures side by side")[0][-1] == "paper"
+
+
 def sink(file: h5py.File) -> None:
     """Move the graphic hand of all ticks 5 mm down, and say nothing of it."""
     file["tick/graphic/joints"][...] -= np.array([0.0, 0.0, 5e-3])
@@ -280,7 +300,7 @@ def test_two_methods_on_one_scene_are_compared(coupled: Path, progressive: Path,
     assert comparison.comparable
     assert comparison.how == ("method: coupled and progressive",)
     rows = read_page(report.html).rows("Figures side by side")
-    assert rows[0] == ["figure", "unit", "A: coupled", "B: progressive", "paper"]
+    assert rows[0] == ["figure", "unit", "A: coupled", "B: progressive"]
     one, two = load_result(coupled).summary, load_result(progressive).summary
     by_label = {row[0]: row for row in rows[1:]}
     labels = {row.name: row.label for row in stored_rows(one, 1000.0)}
