@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import Progress
-from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.cache import Progress, cached_sphere_tree
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
