@@ -543,11 +543,12 @@ def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path) -> None:
         def aside(file: h5py.File) -> None:
             force, late = file["tick/force/phalanx"], np.flatnonzero(file["tick/status"][...] & 2)
             size = np.abs(force[...]).sum(axis=(1, 2, 3))
-            tick = late[size[late].argmax()]
+            looked_at = late[late % 9 == 0]
+            tick = looked_at[size[looked_at].argmax()]
             finger, phalanx = divmod(int(np.linalg.norm(force[tick], axis=2).argmax()), 3)
             force[tick, finger, phalanx] = np.roll(force[tick, finger, phalanx], 1)
 
-        assert "force balance" in failing(verify(planted(result.path, tmp_path, aside), every=1))
+        assert "force balance" in failing(verify(planted(result.path, tmp_path, aside), every=9))
 
 
 def touched_spheres(file: h5py.File) -> None:

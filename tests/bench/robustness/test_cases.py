@@ -23,7 +23,7 @@ METHODS = ("coupled", "progressive")
 CASES = {case.name: case for case in hard_cases(ticks=4 * LOOP)}
 ON_MESH = {case.name: case for case in hard_cases(ticks=4 * LOOP, surfaces=("mesh",))}
 BARE_SPHERES = ("degenerate-spheres", "many-pairs", "too-many-pairs", "touching-at-rest", "wire")
-QUICK = ("fast-swipe", "narrow-handle", "sharp-edge", "flat-finger", "many-at-a-vertex", "slivers")
+QUICK = ("sharp-edge", "flat-finger", "many-at-a-vertex")
 """On the mesh, every time; all of them in the soak."""
 MOST_PAIRS = pytest.mark.parametrize("most_pairs", [1.5e7, pytest.param(4e9, marks=pytest.mark.soak)])
 """Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
