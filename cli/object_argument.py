@@ -49,11 +49,11 @@ class MeshFile(MeshSize):
         help="Make each open part of a mesh file a sheet this thick [mm], instead of closing it.",
     )
 
-    def read(self, object_: str) -> tuple["Mesh", int]:
-        """As `MeshSize.read`."""
+    def read(self, object_: str, *, solid: bool = True) -> tuple["Mesh", int]:
+        """As `MeshSize.read`; without `solid` the triangles of a file as they are."""
         from hhsim.mesh.catalogue import resolve_object
 
-        return resolve_object(object_, self.unit, metres(self.size), metres(self.thickness))
+        return resolve_object(object_, self.unit, metres(self.size), metres(self.thickness), solid)
 
     def unit_length(self, object_: str) -> float:
         """Length [m] of the unit that the mesh is in, as far as a file of its sphere tree is concerned."""

@@ -6,6 +6,7 @@ from typing import Any, Literal
 import click
 
 from hhsim.solver.method import METHODS
+from hhsim.solver.surface import SURFACES
 
 from .option_group import OptionGroup, option, shared
 
@@ -122,6 +123,12 @@ class SolverChoice(OptionGroup, heading="Solver"):
         default="coupled",
         help="; ".join(f"{name}: {known.summary}" for name, known in METHODS.items()) + ".",
     )
+    surface: str = option(
+        type=click.Choice(SURFACES.names()),
+        default="spheres",
+        help="What of the object the hand touches: the leaf spheres of its tree, as in the paper, or the triangles of "
+        "its mesh themselves, exact to a micrometre (coupled and progressive).",
+    )
     fingers: tuple[str, ...] | None = option(
         callback=_read_fingers,
         metavar="NAMES",
@@ -131,9 +138,14 @@ class SolverChoice(OptionGroup, heading="Solver"):
     budget: int | None = option(
         type=COUNT,
         metavar="UNITS",
-        help="Work after which a tick begins no further linearisation, about 1 ns a unit; what is left is lag. "
-        "Default: no such bound.",
+        help="Work after which a tick begins no further linearisation, 1 to 3 ns a unit: it stays below half of its "
+        "period; what is left is lag, and the next tick goes on. Default: 120 units a microsecond of the period.",
     )
+
+    @property
+    def word(self) -> str:
+        """For names of files: the method, and a surface that is not the paper's."""
+        return self.method if self.surface == "spheres" else f"{self.method}-{self.surface}"
 
 
 class Linearising(OptionGroup, heading="Solver"):

@@ -226,8 +226,9 @@ def command(
     motion = moving.motion(trajectory)
     remarks = mended_remark(motion, trajectory)
     announce_compilation(quiet=output.quiet)
-    mesh, usual_level = mesh_file.read(object_)
-    output_path = output.path(f"{mesh.name}-{motion.name}-{solver.method}")
+    solid = solver.surface != "mesh"
+    mesh, usual_level = mesh_file.read(object_, solid=solid)
+    output_path = output.path(f"{mesh.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
     print_notes(mesh.warnings, prefix="warning")
     with ExitStack() as stack:
@@ -241,7 +242,7 @@ def command(
         report = stack.enter_context(progress(quiet=output.quiet))
         hand = moving.hand(motion)
         if tree.path is None:
-            chosen = tree.choose(mesh, usual_level, report)
+            chosen = tree.choose(mesh, usual_level, report, solid=solid)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
         placed = placed_scene(
@@ -311,7 +312,8 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
     from hhsim.replay.summary_table import short_table, whole_table
 
     found = summary.verdict
-    print_line(f"{summary.object_name}, {summary.motion_name}, {summary.method}: {summary.ticks:,} ticks")
+    touched = "" if summary.surface == "spheres" else f", {summary.surface}"
+    print_line(f"{summary.object_name}, {summary.motion_name}, {summary.method}{touched}: {summary.ticks:,} ticks")
     print_line(found.line)
     print()
     rows = whole_table(summary.rows) if whole else short_table(summary.rows, found.missed)
@@ -347,7 +349,7 @@ def _print_times(runs: "Sequence[ReplaySummary]") -> None:
 
 
 def mended_remark(motion: "Script | Demonstration | Trajectory", trajectory: str) -> list[str]:
-    """A remark on a recording that was imported on the way in, and what that changed."""
+    """A remark on a recording that was imported on the way in, where unit, side and axes may be guesses."""
     import numpy as np
 
     from hhsim.motion.sample_flags import MENDED, marked
@@ -358,5 +360,5 @@ def mended_remark(motion: "Script | Demonstration | Trajectory", trajectory: str
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
     if not mended:
-        return []
+        return ["the recording was imported on the way in: hhsim import tells what it was taken for"]
     return [f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"]

@@ -68,8 +68,8 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         "coarsest level that is proved to be within it.",
     )
 
-    def choose(self, mesh: "Mesh", usual_level: int, report: Report | None) -> ChosenTree:
-        """Build the tree, or take it from the cache.
+    def choose(self, mesh: "Mesh", usual_level: int, report: Report | None, *, solid: bool = True) -> ChosenTree:
+        """Build the tree, or take it from the cache; without `solid` also of triangles that enclose nothing.
 
         Raises:
             UsageError: Options that contradict each other.
@@ -77,12 +77,15 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         from hhsim.trees.cache import cached_sphere_tree
         from hhsim.trees.level_choice import coarsest_sphere_tree
         from hhsim.trees.options import TreeOptions
+        from hhsim.trees.triangle_tree import tree_of_any
 
         if self.level == AUTO and self.max_error is None:
             raise click.UsageError("--level auto needs --max-error, such as --max-error 0.3mm")
         if self.max_error is None:
             level = self.level or usual_level
-            return ChosenTree(cached_sphere_tree(mesh, TreeOptions(level=level), report), level, ())
+            if solid:
+                return ChosenTree(cached_sphere_tree(mesh, TreeOptions(level=level), report), level, ())
+            return ChosenTree(tree_of_any(mesh, level, report), level, ())
         if self.level not in (None, AUTO):
             raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
         choice = coarsest_sphere_tree(mesh, self.max_error, report)

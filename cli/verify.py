@@ -83,7 +83,8 @@ def _print(path: Path, found: "Verification", *, why: bool) -> None:
     for claim in failed if not why else ():
         print_line(f"FALSE: {claim.name}: {CELLS[WHY](claim)}")
     print_notes([f"{claim.name}: {claim.note}" for claim in found.claims if claim.note])
-    deep = f"deepest in the spheres {_depth(found.sphere_penetration)}, in the mesh {_depth(found.mesh_penetration)}"
+    spheres = "" if math.isnan(found.sphere_penetration) else f"spheres {_depth(found.sphere_penetration)}, in the "
+    deep = f"deepest in the {spheres}mesh {_depth(found.mesh_penetration)}"
     false = [claim.name for claim in found.claims if claim.failed]
     verdict = f"FALSE: {', '.join(false)}" if false else "every claim that could be judged holds"
     print_line(f"{found.looked_at:,} of {found.ticks:,} ticks looked at; {deep}; {verdict}")

@@ -1,4 +1,4 @@
-"""Compile what most tests run, side by side in two processes: workers then load it instead of each compiling its own.
+"""Compile what most tests run, side by side in processes: workers then load it instead of each compiling its own.
 
 `python tests/compile_kernels.py`; what lies in the cache already is loaded, in a few seconds.
 """
@@ -21,7 +21,7 @@ def trees() -> None:
     make_scene(mesh, cached_sphere_tree(mesh, TreeOptions(level=2)), HandModel.default(), load_script("grasp"))
 
 
-def ticks(*methods: str) -> None:
+def ticks(*methods: str, surface: str = "spheres") -> None:
     """What a tick of these methods runs."""
     from hhsim.hand.model import HandModel
     from hhsim.solver.compile import warm_up
@@ -30,12 +30,18 @@ def ticks(*methods: str) -> None:
 
     hand = HandModel.default()
     for method in methods:
-        warm_up(hand, SolverOptions(method=method, threads=2 if METHODS[method].takes_threads else 1))
+        threads = 2 if METHODS[method].takes_threads else 1
+        warm_up(hand, SolverOptions(method=method, surface=surface, threads=threads))
 
 
 def converging() -> None:
     """The ticks that go from linearisation to linearisation."""
     ticks("coupled", "progressive")
+
+
+def triangles() -> None:
+    """The same on a mesh."""
+    ticks("coupled", "progressive", surface="mesh")
 
 
 def others() -> None:
@@ -44,7 +50,7 @@ def others() -> None:
     ticks("paper", "penalty")
 
 
-PARTS = {"converging": converging, "others": others}
+PARTS = {"converging": converging, "triangles": triangles, "others": others}
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:

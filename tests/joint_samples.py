@@ -47,11 +47,13 @@ class JointSample(NamedTuple):
 
 
 @cache
-def joint_sample(side: Side = "right", count: int = 40, noise: float = 0.0, length: float = 0.19) -> JointSample:
-    """A smooth motion of our own hand, with the joints moved at random by `noise` [m]."""
+def joint_sample(
+    side: Side = "right", count: int = 40, noise: float = 0.0, length: float = 0.19, bend: float = 1.0
+) -> JointSample:
+    """A smooth motion of our own hand, with the joints moved at random by `noise` [m], and flexed less by `bend`."""
     hand = HandModel.default(side, hand_length=length)
     smooth = smooth_recording(count)
-    flexion = np.clip(smooth.flexion, hand.flexion_min, hand.flexion_max)
+    flexion = bend * np.clip(smooth.flexion, hand.flexion_min, hand.flexion_max)
     abduction = np.clip(smooth.abduction, hand.abduction_min, hand.abduction_max)
     motion = smooth.changed(flexion=flexion, abduction=abduction, hand=side)
     mirror = -1.0 if side == "left" else 1.0

@@ -6,12 +6,15 @@ from typing import Any
 
 from hhsim.bench.robustness.delta_debugging import Trace
 from hhsim.bench.robustness.failure import MADE_BY, Provenance, Solver, failure_of, make_trial
+from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 
@@ -21,7 +24,9 @@ def provenance_of(trajectory: Trajectory) -> Provenance:
     return Provenance(**{name: document[name] for name in Provenance.__dataclass_fields__})
 
 
-def rerun_failure(path: Path, hand: HandModel, tree: SphereTree, solver: Solver | None = None) -> Trace:
+def rerun_failure(
+    path: Path, hand: HandModel, tree: SphereTree, solver: Solver | None = None, mesh: Mesh | None = None
+) -> Trace:
     """What a kept failure gives, by a solver of the options that the file names where none is given."""
     trajectory = load_trajectory(path)
     provenance = provenance_of(trajectory)
@@ -31,5 +36,6 @@ def rerun_failure(path: Path, hand: HandModel, tree: SphereTree, solver: Solver 
     values["stiffness"] = Stiffness(**values["stiffness"])
     options = SolverOptions(**values)
     motion = HandConfiguration.of(trajectory.resampled(1000.0, "hold"))
-    fails = failure_of(provenance.kind, hand, tree, options)
-    return make_trial(hand, tree, solver or (lambda: HandSolver(hand, tree.arrays(), options)), fails)(motion)
+    fails = failure_of(provenance.kind, hand, pieces_of(options.surface, mesh, tree), options)
+    surface = contact_surface(options.surface, mesh, tree).arrays
+    return make_trial(hand, solver or (lambda: HandSolver(hand, surface, options)), fails)(motion)

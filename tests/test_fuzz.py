@@ -28,6 +28,7 @@ from hhsim.bench.robustness.failure import (
     make_trial,
     recorded_penetration,
 )
+from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -138,7 +139,7 @@ def check(scene: Scene, make: type[HandSolver] = HandSolver, folder: Path | None
     for kind in ("penetration", "not finite", "stuck"):
         if kind == "stuck" and scene.solver.linearisations < STUCK_IS_JUDGED_FROM:
             continue
-        fails = failure_of(kind, hand, tree, scene.solver)
+        fails = failure_of(kind, hand, pieces_of("spheres", None, tree), scene.solver)
         failed = fails(motion, record, depth)
         if not failed.any():
             continue
@@ -151,7 +152,7 @@ def check(scene: Scene, make: type[HandSolver] = HandSolver, folder: Path | None
 
 def _kept(scene: Scene, kind: str, tick: int, path: Path, solver: Solver, motion: Any, record: TickRecord) -> str:
     hand, tree = HANDS[scene.side], scene.tree()
-    trial = make_trial(hand, tree, solver, failure_of(kind, hand, tree, scene.solver))
+    trial = make_trial(hand, solver, failure_of(kind, hand, pieces_of("spheres", None, tree), scene.solver))
     shrunk = delta_debug(motion, trial, graphic=HandConfiguration.of(record).part(0, tick + 1))
     in_catalogue = ":" not in scene.object
     tree_path = path.with_name(f"{path.stem}-tree.h5")

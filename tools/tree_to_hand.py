@@ -21,7 +21,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.mesh_penetration import contact_points
+from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
@@ -123,7 +123,7 @@ def end_to_end(
     own = sphere_distances(scene.tree.leaf_center, scene.tree.leaf_radius, shape, some)
     touching = own <= TOUCH
     hover = np.where(touching, true - np.maximum(own, 0.0), -np.inf).max(axis=1)
-    points = np.concatenate(contact_points(arrays, shape, some, TOUCH))
+    points = find_contact_points(arrays, shape, some, TOUCH).point
     off = np.abs(referee.surface.signed_distance(points))
     cpu = 1e-9 * record.duration_cpu[contact].astype(np.float64)
     return EndToEnd(

@@ -8,8 +8,8 @@ import click
 from click.shell_completion import CompletionItem
 
 from .. import options
-from ..comma_list import names
 from ..console import announce_compilation, number, print_json, print_rows, print_table, progress
+from .solvers import Solvers
 
 if TYPE_CHECKING:
     from hhsim.bench.robustness.case import Figure
@@ -20,12 +20,12 @@ def complete_case(context: click.Context, parameter: click.Parameter, incomplete
     """Offer the names of the cases."""
     from hhsim.bench.robustness.cases import hard_cases
 
-    return [CompletionItem(case.name) for case in hard_cases() if case.name.startswith(incomplete)]
+    return [CompletionItem(case.name) for case in hard_cases(surfaces=("mesh",)) if case.name.startswith(incomplete)]
 
 
 @click.command()
 @click.argument("cases", metavar="[CASE]...", nargs=-1, shell_complete=complete_case)
-@names("--method", "methods", "Only these methods. Default: all.")
+@Solvers.argument("solvers")
 @click.option(
     "--ticks",
     type=click.IntRange(8_000, 36_000_000),
@@ -38,7 +38,7 @@ def complete_case(context: click.Context, parameter: click.Parameter, incomplete
 @options.Output.argument("output")
 def command(
     cases: tuple[str, ...],
-    methods: tuple[str, ...] | None,
+    solvers: Solvers,
     ticks: int,
     only_list: bool,
     seed: int,
@@ -48,18 +48,20 @@ def command(
 
     Each CASE is a named scene with a bar of its own; besides, in all of them: penetration at most 1 µm at every tick,
     recomputed from the poses; finite numbers; joints within their limits; and no stuck tick from where a hand could
-    have moved. All cases run where none is named. The exit code is 1 where coupled or progressive misses a bar; the
-    other methods promise nothing, and are measured to show by how much they miss.
+    have moved. All cases run where none is named. With --surface mesh the hand touches the triangles of the objects,
+    but for those that are spheres alone, and there are cases of triangles besides. The exit code is 1 where coupled or
+    progressive misses a bar; the other methods promise nothing, and are measured to show by how much they miss.
 
     \b
     Examples:
       hhsim bench hard
       hhsim bench hard fast-swipe narrow-handle --method coupled,paper
       hhsim bench hard endurance --ticks 600000 --out endurance.h5
+      hhsim bench hard --surface mesh --method coupled,progressive
     """
     from hhsim.bench.robustness.cases import hard_cases
 
-    chosen = hard_cases(cases, ticks)
+    chosen = hard_cases(cases, ticks, solvers.surfaces or ("spheres",))
     if only_list:
         if output.as_json:
             print_json({"cases": [{"name": case.name, "description": case.description} for case in chosen]})
@@ -69,19 +71,21 @@ def command(
 
     from hhsim.bench.robustness.hard import COLUMNS, bench_hard, missed, table_rows
     from hhsim.bench.table import write_table
-    from hhsim.errors import UnknownNameError
     from hhsim.solver.method import METHODS
 
-    for method in methods or ():
-        if method not in METHODS:
-            raise UnknownNameError("method", method, METHODS)
-    named = [method for method in METHODS if not methods or method in methods]
+    named = solvers.options(tuple(METHODS))
     output_path = output.table_path("hard")
     announce_compilation(quiet=output.quiet)
     with progress(quiet=output.quiet) as report:
         results = bench_hard(chosen, named, seed, report)
     rows = table_rows(results)
-    settings = {"cases": [case.name for case in chosen], "methods": named, "seed": seed, "ticks": ticks}
+    settings = {
+        "cases": [case.name for case in chosen],
+        "methods": list(dict.fromkeys(options.method for options in named)),
+        "surfaces": list(dict.fromkeys(options.surface for options in named)),
+        "seed": seed,
+        "ticks": ticks,
+    }
     write_table(output_path, "hard", COLUMNS, rows, settings)
     failed = missed(results)
     if output.as_json:
@@ -93,13 +97,16 @@ def command(
 
 
 def _print(results: "list[CaseResult]", failed: "list[CaseResult]", output_path: Path) -> None:
-    print_rows(CELLS, results, words=("case", "method", "verdict", "nearest to its bar"))
+    print_rows(CELLS, results, words=("case", "method", "surface", "verdict", "nearest to its bar"))
     for result in results:
         if result.reason:
             print(f"{result.case}, {result.method}: {result.reason}")
         for figure in result.figures:
             if not figure.passed:
                 print(f"{result.case}, {result.method}: {figure.name} {_value(figure)}, bar {_bar(figure)}")
+    kept = list(dict.fromkeys(result.case for result in results if result.surface == "spheres"))
+    if kept and any("mesh" in result.surface for result in results):
+        print(f"on spheres, since their objects are nothing else: {', '.join(kept)}")
     passed = {method: [r.passed for r in results if r.method == method] for method in {r.method: 0 for r in results}}
     print("passed: " + ", ".join(f"{method} {sum(kept)} of {len(kept)}" for method, kept in passed.items()))
     if failed:
@@ -129,6 +136,7 @@ def _shown(value: float, unit: str) -> str:
 CELLS: dict[str, Callable[["CaseResult"], str]] = {
     "case": lambda result: result.case,
     "method": lambda result: result.method,
+    "surface": lambda result: result.surface,
     "verdict": _verdict,
     "penetration [µm]": lambda result: number(result.penetration, 3, 1e6, missing=""),
     "nearest to its bar": lambda result: result.deciding.name if result.deciding else "",

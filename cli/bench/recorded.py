@@ -10,6 +10,8 @@ from .. import options
 from ..comma_list import names
 from ..console import announce_compilation, number, print_json, print_line, print_rows, progress
 from ..object_argument import MeshSize, complete_object
+from ..option_group import shared
+from .solvers import Solvers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,6 +22,7 @@ CELLS: dict[str, Callable[["RecordedFigures"], str]] = {
     "recording": lambda row: row.recording,
     "object": lambda row: row.object,
     "method": lambda row: row.method,
+    "surface": lambda row: row.surface,
     "ticks": lambda row: f"{row.ticks:,}",
     "tip [mm/tick]": lambda row: f"{1e3 * row.fastest:.2f}",
     "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
@@ -47,6 +50,12 @@ class RecordedMotion(options.Sampling):
     place_object: Literal["auto", "recorded"] = options.place_object("auto")
 
 
+class RecordedSolvers(Solvers):
+    """Those that are run where none is named are the safe ones."""
+
+    methods: tuple[str, ...] | None = shared(names("--method", "methods", "Methods. Default: coupled,progressive."))
+
+
 @click.command()
 @click.argument("recordings", metavar="FOLDER|FILE...", nargs=-1, required=True, type=options.FILE)
 @names(
@@ -55,7 +64,7 @@ class RecordedMotion(options.Sampling):
     "Objects: names (hhsim objects) or mesh files. Default: bunny,cup.",
     shell_complete=complete_object,
 )
-@names("--method", "methods", "Methods. Default: coupled,progressive.")
+@RecordedSolvers.argument("solvers")
 @RecordedMotion.argument("motion")
 @options.tree_level
 @click.option(
@@ -68,7 +77,7 @@ class RecordedMotion(options.Sampling):
 def command(
     recordings: tuple[Path, ...],
     objects: tuple[str, ...] | None,
-    methods: tuple[str, ...] | None,
+    solvers: Solvers,
     motion: RecordedMotion,
     level: int | None,
     ticks: int | None,
@@ -95,11 +104,10 @@ def command(
     from hhsim.bench.robustness.recorded_metrics import COLUMNS, table_row, totals
     from hhsim.bench.table import csv_path, write_table
     from hhsim.mesh.catalogue import names_a_file, resolve_object
-    from hhsim.solver.options import SolverOptions
     from hhsim.trees.cache import cached_sphere_tree
     from hhsim.trees.options import TreeOptions
 
-    solvers = [SolverOptions(method=method) for method in methods or ("coupled", "progressive")]
+    named = solvers.options(("coupled", "progressive"))
     files = recording_files(recordings)[:limit]
     announce_compilation(quiet=output.quiet)
     chosen = {
@@ -116,7 +124,7 @@ def command(
         figures: list[RecordedFigures] = []
         stopped: KeyboardInterrupt | None = None
         try:
-            for row in bench_recorded(files, placed, solvers, run, report):
+            for row in bench_recorded(files, placed, named, run, report):
                 figures.append(row)  # noqa: PERF402 — what is done is kept where the next one is interrupted
         except KeyboardInterrupt as interrupt:
             if not figures:
@@ -134,7 +142,7 @@ def command(
         "ticks": ticks,
         "limit": limit,
         "seed": seed,
-        "solver": [solver.to_json() for solver in solvers],
+        "solver": [solver.to_json() for solver in named],
     }
     rows = [table_row(row) for row in figures]
     write_table(output_path, "recorded", COLUMNS, rows, described)
@@ -158,7 +166,13 @@ def _print(figures: "Sequence[RecordedFigures]") -> None:
     ran = [row for row in figures if not row.reason]
     if ran:
         title = f"recorded hands, {ran[0].rate:g} ticks a second"
-        print_rows(CELLS, [*ran, *totals(ran)], words=("recording", "object", "method"), title=title, optional=OPTIONAL)
+        print_rows(
+            CELLS,
+            [*ran, *totals(ran)],
+            words=("recording", "object", "method", "surface"),
+            title=title,
+            optional=OPTIONAL,
+        )
     for row in figures:
         if row.reason:
             print(f"NOT RUN: {', '.join(filter(None, (row.recording, row.object, row.method)))}: {row.reason}")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from .. import options
-from ..comma_list import names
 from ..console import announce_compilation, print_json, print_rows, progress
 from ..object_argument import MeshSize, complete_object
 from ..option_group import GroupedCommand, OptionGroup, option
+from .solvers import Solvers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 CELLS: dict[str, Callable[["StressFigures"], str]] = {
     "object": lambda row: row.object,
     "method": lambda row: row.method,
+    "surface": lambda row: row.surface,
     "ticks": lambda row: f"{row.ticks:,}",
     "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
     "palm [µm]": lambda row: f"{1e6 * row.penetration_palm:,.3f}",
@@ -66,7 +67,7 @@ class Targets(OptionGroup, heading="Targets"):
     cls=GroupedCommand,
 )
 @click.argument("objects", metavar="[OBJECT]...", nargs=-1, shell_complete=complete_object)
-@names("--method", "methods", "Methods. Default: all.")
+@Solvers.argument("solvers")
 @Targets.argument("targets")
 @options.tree_level
 @options.Linearising.argument("linearising")
@@ -82,7 +83,7 @@ class Targets(OptionGroup, heading="Targets"):
 @options.Output.argument("output")
 def command(
     objects: tuple[str, ...],
-    methods: tuple[str, ...] | None,
+    solvers: Solvers,
     targets: Targets,
     level: int | None,
     linearising: options.Linearising,
@@ -103,6 +104,7 @@ def command(
       hhsim bench stress
       hhsim bench stress cup --method coupled --ticks 100000 --wild
       hhsim bench stress --method paper --keep failures
+      hhsim bench stress bunny --surface spheres,mesh --method coupled
     """
     from hhsim.bench.robustness.stress import run_stress
     from hhsim.bench.robustness.stress_case import StressCase
@@ -111,7 +113,6 @@ def command(
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import object_names
     from hhsim.solver.method import METHODS, never_penetrates
-    from hhsim.solver.options import SolverOptions
     from hhsim.system.output_path import RESULTS
     from hhsim.trees.cache import cached_sphere_tree
     from hhsim.trees.options import TreeOptions
@@ -119,7 +120,7 @@ def command(
     changed = linearising.given()
     if linearising.margin is not None:
         changed["margin"] = 1e-3 * linearising.margin
-    solvers = [SolverOptions(method=method, **changed) for method in methods or METHODS]
+    chosen = solvers.options(tuple(METHODS), **changed)
     stress = targets.options()
     announce_compilation(quiet=output.quiet)
     by_name = (("--level", level), ("--unit", mesh_size.unit), ("--size", mesh_size.size))
@@ -135,13 +136,14 @@ def command(
         cases = []
         for name, (mesh, usual) in meshes.items():
             tree = cached_sphere_tree(mesh, TreeOptions(level=level or usual), report)
-            for solver in solvers:
+            for solver in chosen:
                 kept = RESULTS / "failures" if keep is None and never_penetrates(solver.method) else keep
                 cases.append(
                     StressCase(
                         object=name,
                         object_options=" ".join(described_by),
                         tree=tree,
+                        mesh=mesh,
                         hand=hand,
                         solver=solver,
                         stress=stress,
@@ -159,7 +161,7 @@ def command(
         "ticks": targets.ticks,
         "seed": seed,
         "stress": stress.to_json(),
-        "solver": [solver.to_json() for solver in solvers],
+        "solver": [solver.to_json() for solver in chosen],
     }
     write_table(output_path, "stress", COLUMNS, [table_row(row) for row in figures], described)
     missed = any(row.missed for row in figures)
@@ -176,10 +178,10 @@ def _print(figures: "Sequence[StressFigures]") -> None:
     from hhsim.bench.robustness.stress_metrics import total
     from hhsim.solver.method import never_penetrates
 
-    methods = list(dict.fromkeys(row.method for row in figures))
-    totals = [total([row for row in figures if row.method == method]) for method in methods]
-    rows = [*figures, *(totals if len(figures) > len(methods) else [])]
-    print_rows(CELLS, rows, words=("object", "method"), title="stress: a new random hand every few ticks")
+    chosen = list(dict.fromkeys((row.method, row.surface) for row in figures))
+    totals = [total([row for row in figures if (row.method, row.surface) == which]) for which in chosen]
+    rows = [*figures, *(totals if len(figures) > len(chosen) else [])]
+    print_rows(CELLS, rows, words=("object", "method", "surface"), title="stress: a new random hand every few ticks")
     for row in figures:
         for failure in row.failures:
             what = f"{failure.kind} at tick {failure.tick:,}, shrunk to {failure.ticks} ticks"
@@ -187,4 +189,5 @@ def _print(figures: "Sequence[StressFigures]") -> None:
             print(f"{row.object}, {row.method}: {what}: {failure.command}")
     for row in totals:
         if never_penetrates(row.method):
-            print(f"{row.method}: {'no limit missed' if row.safe else 'LIMIT MISSED'}")
+            on = "" if row.surface == "spheres" else f" on the {row.surface}"
+            print(f"{row.method}{on}: {'no limit missed' if row.safe else 'LIMIT MISSED'}")

@@ -231,11 +231,12 @@ def command(
     device, palm, motion = hand.inputs(glove, session.seed)
     model = hand.model(device.hand)
     announce_compilation(quiet=quiet)
-    mesh, usual_level = mesh_file.read(object_)
+    solid = solver.surface != "mesh"
+    mesh, usual_level = mesh_file.read(object_, solid=solid)
     record = session.record_path(f"{mesh.name}-live-{device.kind}")
     print_notes(mesh.warnings, prefix="warning")
     with progress(quiet=quiet) as report:
-        chosen = tree.choose(mesh, usual_level, report)
+        chosen = tree.choose(mesh, usual_level, report, solid=solid)
         placed = hand.palm is not None
         scene = make_live_scene(mesh, chosen.tree, model, device, palm, motion, placed=placed, seed=session.seed)
     print_notes(chosen.notes)

@@ -4,10 +4,11 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ..console import number, print_table
+from ..console import number, print_line, print_table
 
 if TYPE_CHECKING:
     from hhsim.live.session.supervisor import SessionOutcome
+    from hhsim.result.reader import Result
 
 Row = tuple[str, str, str]
 
@@ -19,10 +20,10 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
     if mode:
         from hhsim.live.real_time import described
 
-        print(f"real time: {described(mode)}")
+        print_line(f"real time: {described(mode)}")
     if outcome.record is not None and outcome.recorded:
         whole = "" if not outcome.record_failed else ", as far as it came"
-        print(f"the session is in {outcome.record}{whole}; hhsim replay {outcome.record} runs it again")
+        print_line(f"the session is in {outcome.record}{whole}; hhsim replay {outcome.record} runs it again")
 
 
 def summary_rows(outcome: "SessionOutcome") -> list[Row]:
@@ -48,24 +49,60 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
         rows.append(("watchdog: restarts, releases", f"{outcome.watchdog_restarts}, {outcome.watchdog_releases}", ""))
     if outcome.record is not None:
         rows.append(("ticks recorded, lost", f"{outcome.recorded:,}, {outcome.record_lost:,}", ""))
-    deepest = _deepest(outcome)
-    if deepest is not None:
-        rows.append(("penetration in the recording, max", number(deepest, 3, 1e6), "µm"))
+        handless = outcome.ticks - outcome.recorded - outcome.record_lost
+        if handless > 0 and not outcome.record_failed:
+            rows.append(("ticks without a hand, not recorded", f"{handless:,}", ""))
+    found = recording_errors(outcome)
+    if found:
+        rows.append(("penetration in the recording, max", number(found["penetration_max"], 3, 1e6), "µm"))
+        rows.append(("contacts off the mesh in the recording, max", number(found["contact_error_max"], 3, 1e3), "mm"))
     return rows
 
 
-def _deepest(outcome: "SessionOutcome") -> float | None:
-    """Deepest penetration of the recorded ticks [m]; None where there is no whole recording."""
+def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
+    """How deep the shown hand was in the object's spheres, and how far its contacts were off the true mesh.
+
+    Returns:
+        `penetration_max` and `contact_error_max` [m], the latter NaN where nothing touched; empty where there is no
+        whole recording.
+    """
     from hhsim.errors import InputError
     from hhsim.result.reader import load_result
 
     if outcome.record is None or outcome.record_failed or not outcome.recorded:
-        return None
+        return {}
     try:
         result = load_result(outcome.record)
+        if not result.complete:
+            return {}
+        return {
+            "penetration_max": float(result.summary["penetration_max"]),
+            "contact_error_max": _off_the_mesh(result),
+        }
     except InputError:
-        return None
-    return float(result.summary["penetration_max"]) if result.complete else None
+        return {}
+
+
+def _off_the_mesh(result: "Result") -> float:
+    import numpy as np
+
+    from hhsim.hand.forward_kinematics import PlacedHand
+    from hhsim.metrics.contact_error import ticks_looked_at
+    from hhsim.metrics.run_ticks import PLACED, result_ticks
+
+    run = result_ticks(result)
+    chosen = ticks_looked_at(run.contact)
+    if run.touched is None or chosen.size == 0:
+        return math.nan
+    # The poses of a session of hours do not fit into memory: of each block, those that are looked at.
+    first, parts = 0, []
+    for block in result.blocks(PLACED):
+        size = len(block[PLACED[0]])
+        here = chosen[(chosen >= first) & (chosen < first + size)] - first
+        parts.append([block[name][here] for name in PLACED])
+        first += size
+    placed = PlacedHand(*(np.concatenate(columns) for columns in zip(*parts)))
+    return float(np.fmax.reduce(run.touched.contact_error(placed, np.ones(chosen.size, bool)), initial=math.nan))
 
 
 def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
@@ -84,7 +121,8 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "counters": asdict(outcome.counters),
         "recorded_ticks": outcome.recorded,
         "recorder_lost": outcome.record_lost,
-        "penetration_max": _deepest(outcome),
+        **dict.fromkeys(("penetration_max", "contact_error_max")),
+        **recording_errors(outcome),
         "watchdog_restarts": outcome.watchdog_restarts,
         "watchdog_releases": outcome.watchdog_releases,
         "events": [{"seconds": at, "level": level, "text": text} for at, level, text in outcome.notices],

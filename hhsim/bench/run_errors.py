@@ -1,41 +1,38 @@
-"""How far off one run of a method is: against the spheres, the true mesh, the optimum, and in how it feels.
+"""How far off one run of a method is: against what it touched, the true mesh, the optimum, and in how it feels.
 
-All figures come from the poses and forces that the run recorded, none from the solver's own tolerances.
+All figures come from the poses and forces that the run recorded, none from the solver's own tolerances. The truth is
+the mesh: what is told of it is measured by an independent library, and the best pose is the optimum on its triangles.
 """
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.bench.mesh_errors import MeshReferee
+from hhsim.bench.sampled_ticks import sampled
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.mesh.bvh import MeshBvh
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics import metrics
-from hhsim.metrics.mesh_penetration import contact_error, contact_points, mesh_clearance
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import BY_SURFACE, UNLIMITED, SolverOptions
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE, reference_excess
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
-TOUCH = 1e-5
-"""Spheres nearer than this [m] touch."""
 NEAR = 1e-3
-"""A tick is one in contact if the haptic hand is nearer than this to the finest spheres, or inside [m]."""
-SAMPLES = 40
-"""Ticks in contact at which the hand is held against the mesh."""
+"""A tick is one in contact if the haptic hand is nearer than this to the mesh, or inside [m]."""
+SAME_HAND = 1e-6
+"""Hands are the same where no joint, no position [m] and no part of the orientation differ by more."""
 REFERENCE_TICKS = 16
 """Ticks of the first hold at which the optimum is computed."""
 
@@ -55,8 +52,8 @@ class RunErrors:
     contact_error_max: float
     mesh_error: float
     tracking_excess: float
-    off_finest_mean: float
-    off_finest_max: float
+    off_optimum_mean: float
+    off_optimum_max: float
     force_hold: float
     force_variation_hold: float
     force_variation_tremor: float
@@ -66,28 +63,29 @@ class RunErrors:
     stuck_ticks: int
     lag_ticks: int
     lag_max: float
+    contact_points: int
     samples: int
 
 
 @dataclass(frozen=True)
 class ErrorScene:
-    """What the errors of a run are measured against, the same for every method and tree level.
+    """What the errors of a run are measured against, the same for every method and surface.
 
     Attributes:
         hand: The hand.
-        bvh: Of the true mesh, world.
+        referee: Of the true mesh, world.
         haptic: The input.
         haptic_placed: The haptic hand at every tick.
-        finest: The graphic hand of the converged optimum on the finest spheres, every tick.
+        optimum: The graphic hand of the converged optimum on the mesh, every tick.
         contact: Ticks in contact, shape (T,); the haptic hand decides, so that they are the same for every method.
         seed: Of the tremor.
     """
 
     hand: HandModel
-    bvh: MeshBvh
+    referee: MeshReferee
     haptic: TickInput
     haptic_placed: PlacedHand
-    finest: PlacedHand
+    optimum: PlacedHand
     contact: BoolArray
     seed: int = 0
 
@@ -98,34 +96,41 @@ class ErrorScene:
 
 
 def error_scene(
-    hand: HandModel, bvh: MeshBvh, haptic: TickInput, finest: TreeArrays, options: SolverOptions, seed: int = 0
+    hand: HandModel, referee: MeshReferee, haptic: TickInput, surface: Any, options: SolverOptions, seed: int = 0
 ) -> ErrorScene:
     """Prepare what runs on one motion and object are measured against.
 
     Args:
         hand: The hand.
-        bvh: Of the true mesh, world.
+        referee: Of the true mesh, world.
         haptic: The input.
-        finest: The finest spheres, world.
+        surface: The same mesh in the kernels' form, closed or not: the arrays of the surface `mesh`.
         options: Stiffness and lengths of the runs.
         seed: Of the tremor.
+
+    Raises:
+        HhsimError: More pairs than the solver holds: the optimum on this mesh cannot be had.
     """
     converged = replace(
         options,
         method="coupled",
+        surface="mesh",
+        skin=BY_SURFACE,
+        touch=BY_SURFACE,
         qp="active-set",
         linearisations=REFERENCE_LINEARISATIONS,
+        budget=UNLIMITED,
         step_tolerance=REFERENCE_STEP_TOLERANCE,
     )
-    best = HandSolver(hand, finest, converged).run(*HandConfiguration.of(haptic))
+    best = HandSolver(hand, surface, converged).run(*HandConfiguration.of(haptic))
     placed = forward_kinematics(hand, *HandConfiguration.of(haptic))
     return ErrorScene(
         hand=hand,
-        bvh=bvh,
+        referee=referee,
         haptic=haptic,
         haptic_placed=placed,
-        finest=placed_of(best),
-        contact=sphere_clearance(hand, finest, placed, NEAR) < NEAR,
+        optimum=placed_of(best),
+        contact=hand_clearance(hand, surface, placed, NEAR) < NEAR,
         seed=seed,
     )
 
@@ -143,30 +148,33 @@ def digest_of(record: TickRecord) -> str:
     return digest.hexdigest()
 
 
-def sphere_clearance(hand: HandModel, tree: TreeArrays, placed: PlacedHand, limit: float) -> FloatArray:
-    """Least signed distance [m] of the hand to the leaf spheres at each tick, shape (T,); `limit` is the largest."""
-    palm, finger = metrics.hand_clearance(tree, *hand_shape(hand), *placed, limit=limit)
+def hand_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: float) -> FloatArray:
+    """Least signed distance [m] of the hand to a surface at each tick, shape (T,); `limit` is the largest."""
+    palm, finger = metrics.hand_clearance(surface, *hand_shape(hand), *placed, limit=limit)
     return np.asarray(np.minimum(palm, finger.min(axis=1)))
 
 
 def run_errors(
-    scene: ErrorScene, tree: TreeArrays, options: SolverOptions, record: TickRecord, window: slice = slice(None)
+    scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord, window: slice = slice(None)
 ) -> RunErrors:
     """Measure a run.
 
     Args:
         scene: What to measure against.
-        tree: The spheres that the run had, world.
+        surface: What the run touched, world: the arrays of the surface that its options name.
         options: Those of the run.
         record: Its ticks.
         window: Ticks of the scene that the run did; figures of the holds need all of them and are NaN otherwise.
     """
-    hand, placed = scene.hand, placed_of(record)
+    placed = placed_of(record)
     ticks = len(record.position)
     contact = np.flatnonzero(scene.contact[window])
-    clearance = sphere_clearance(hand, tree, placed, 2.0 * TOUCH)
-    depth_max, depth_p95, error_mean, error_max, samples = _mesh_errors(scene, tree, placed, clearance, contact)
-    off = np.linalg.norm(placed.ends - scene.finest.at(window).ends, axis=2).max(axis=1)[contact]
+    clearance = _clearance(scene, surface, options, placed, window)
+    deepest = np.array([int(clearance.argmin())] if clearance.min(initial=0.0) < 0.0 else [], np.int64)
+    # Spheres that stick out are touched before the user's hand is near the mesh.
+    looked = np.flatnonzero(scene.contact[window] | (clearance < 2.0 * options.touch))
+    mesh = scene.referee.errors(surface, hand_shape(scene.hand), placed, options.touch, looked, deepest)
+    off = np.linalg.norm(placed.ends - scene.optimum.at(window).ends, axis=2).max(axis=1)[contact]
     jump = metrics.posture_jump(scene.haptic_placed.at(window).points, placed.points)
     whole = ticks == len(scene.contact)
     run = RunTicks(
@@ -185,64 +193,63 @@ def run_errors(
     held = whole and bool(scene.holds)
     return RunErrors(
         penetration_max=run_figure("penetration_max", run),
-        mesh_depth_max=depth_max,
-        mesh_depth_p95=depth_p95,
-        contact_error_mean=error_mean,
-        contact_error_max=error_max,
-        mesh_error=float(np.maximum(depth_max, error_max)),
-        tracking_excess=_excess(scene, tree, options, record, clearance) if held else np.nan,
-        off_finest_mean=float(off.mean()) if off.size else np.nan,
-        off_finest_max=float(off.max()) if off.size else np.nan,
+        mesh_depth_max=mesh.depth_max,
+        mesh_depth_p95=mesh.depth_p95,
+        contact_error_mean=mesh.contact_mean,
+        contact_error_max=mesh.contact_max,
+        mesh_error=float(np.maximum(mesh.depth_max, mesh.contact_max)) if scene.referee.closed else mesh.contact_max,
+        tracking_excess=_excess(scene, surface, options, record, clearance) if held else np.nan,
+        off_optimum_mean=float(off.mean()) if off.size else np.nan,
+        off_optimum_max=float(off.max()) if off.size else np.nan,
         force_hold=run_figure("force_hold_mean", run),
         force_variation_hold=run_figure("force_variation_hold", run),
-        force_variation_tremor=_tremor(scene, tree, options, record) if held else np.nan,
+        force_variation_tremor=_tremor(scene, surface, options, record) if held else np.nan,
         force_ripple=run_figure("force_ripple_hold", run),
         force_step=run_figure("force_step", run),
         posture_jump_max=metrics.statistics(jump).max,
         stuck_ticks=int(run_figure("stuck_ticks", run)),
         lag_ticks=int(run_figure("lag_ticks", run)),
         lag_max=run_figure("lag_max", run),
-        samples=samples,
+        contact_points=mesh.points,
+        samples=mesh.ticks,
     )
 
 
-def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
-    """`count` of some ticks, evenly spread with both ends, or all of them if there are fewer; and `also`."""
-    spread = ticks[np.linspace(0, ticks.size - 1, min(count, ticks.size)).astype(int)] if ticks.size else ticks
-    return np.unique(np.concatenate([spread, np.array(also, np.int64)]).astype(np.int64))
-
-
-def _mesh_errors(
-    scene: ErrorScene, tree: TreeArrays, placed: PlacedHand, clearance: FloatArray, contact: IntArray
-) -> tuple[float, float, float, float, int]:
-    """Depth (max, p95) and contact error (mean, max) [m] of sampled ticks and the one deepest in the spheres."""
-    if contact.size == 0:
-        return np.nan, np.nan, np.nan, np.nan, 0
-    chosen = sampled(contact, SAMPLES, [int(np.nanargmin(clearance))] if np.isfinite(clearance).any() else [])
-    shape, some = hand_shape(scene.hand), placed.at(chosen)
-    depth = np.maximum(0.0, -mesh_clearance(scene.bvh, shape, some))
-    error = contact_error(scene.bvh, np.concatenate(contact_points(tree, shape, some, TOUCH)))
-    return float(depth.max()), float(np.percentile(depth, 95)), error.mean, error.max, chosen.size
+def _clearance(
+    scene: ErrorScene, surface: Any, options: SolverOptions, placed: PlacedHand, window: slice
+) -> FloatArray:
+    """Signed distance [m] of the shown hand to what it touched, shape (T,); twice the touching distance is the most."""
+    limit = 2.0 * options.touch
+    if options.surface != "mesh":
+        return hand_clearance(scene.hand, surface, placed, limit)
+    # Triangles take a millisecond a tick, and a hand that is the user's is as far away as that one.
+    haptic = scene.haptic_placed.at(window)
+    ticks = len(placed.position)
+    parts = [np.abs(one - other).reshape(ticks, -1).max(axis=1) for one, other in zip(placed, haptic)]
+    looked = np.flatnonzero(scene.contact[window] | (np.max(parts, axis=0) > SAME_HAND))
+    found = np.full(ticks, limit)
+    found[looked] = hand_clearance(scene.hand, surface, placed.at(looked), limit)
+    return found
 
 
 def _excess(
-    scene: ErrorScene, tree: TreeArrays, options: SolverOptions, record: TickRecord, clearance: FloatArray
+    scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord, clearance: FloatArray
 ) -> float:
     """Mean energy above the optimum in the first hold; of ticks without penetration, since a hand inside cheats."""
     hold = scene.holds[0]
     held = np.arange(hold.start, hold.stop)
-    chosen = sampled(held[clearance[held] > -TOUCH], REFERENCE_TICKS)
+    chosen = sampled(held[clearance[held] > -options.touch], REFERENCE_TICKS)
     if chosen.size == 0:
         return np.nan
     haptic = HandConfiguration.of(scene.haptic)
     graphic = HandConfiguration.of(record)
-    excess = reference_excess(scene.hand, tree, options, haptic, graphic, chosen)
+    excess = reference_excess(scene.hand, surface, options, haptic, graphic, chosen)
     return metrics.statistics(excess).mean
 
 
-def _tremor(scene: ErrorScene, tree: TreeArrays, options: SolverOptions, record: TickRecord) -> float:
+def _tremor(scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord) -> float:
     """Mean force variation [%] of the first hold, repeated by a hand that trembles."""
     part, haptic = scene.holds[0], HandConfiguration.of(scene.haptic)
     held, shown = haptic.at(part), HandConfiguration.of(record).at(part)
-    found = tremor_variation(scene.hand, tree, options, held, shown, scene.haptic.rate, scene.seed)
+    found = tremor_variation(scene.hand, surface, options, held, shown, scene.haptic.rate, scene.seed)
     return np.nan if found is None else found.mean

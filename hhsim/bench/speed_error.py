@@ -1,23 +1,24 @@
-"""Speed against error: methods, tree levels, linearisations and QP solvers on the same scenes, in one run.
+"""Speed against error: methods, surfaces, tree levels, linearisations and QP solvers on the same scenes, in one run.
 
 A scene is one motion of the catalogue on one object; its haptic input is made once, on the finest spheres, and is the
-same for every configuration. The runs take turns: all configurations of all scenes once, then all again in the opposite
-order, so that what else the machine does falls on all of them; of each tick the median of the repetitions counts. The
-errors are those of the first repetition; the others must give the same poses.
+same for every configuration. What is touched is the leaf spheres of a level or the mesh itself. The runs take turns:
+all configurations of all scenes once, then all again in the opposite order, so that what else the machine does falls on
+all of them; of each tick the median of the repetitions counts. The errors are those of the first repetition, against
+the mesh and the optimum on it; the others must give the same poses.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.bench.mesh_errors import MOST_HANDS, MeshReferee
 from hhsim.bench.run_errors import ErrorScene, RunErrors, digest_of, error_scene, run_errors
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_UNITS
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.scene.motion_catalogue import load_script, script_names
@@ -28,15 +29,20 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import ACTIVE_SET, available_backends
+from hhsim.solver.surface import SURFACES
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
+from hhsim.verify.verify import require_coal
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 DEFAULT_LEVEL = 4
+NO_LEVEL = 0
+"""Of a configuration that touches the mesh itself, which has no levels."""
 USUAL: tuple[int, ...] = (1, 2, 3, 12)
 LINEARISATIONS: dict[str, tuple[int, ...]] = {"paper": (1, 2, 3), "penalty": (12,)}
 """Most linearisations in a tick that are tried, where they are not `USUAL`: `paper` makes all of them, whatever they
@@ -55,38 +61,48 @@ class SpeedErrorOptions:
     Attributes:
         objects: Of the catalogue.
         motions: Scripts of the catalogue that touch the object.
-        methods: Of the solver; None for all.
+        methods: Of the solver; None for all that take one of the surfaces.
+        surfaces: What is touched: spheres, of each level; mesh. A method that takes no mesh has spheres alone.
         levels: Of the sphere tree.
         linearisations: Most in a tick; None for those of `LINEARISATIONS`.
         backends: Besides our own QP solver; None for all that are installed.
         repetitions: Of every run.
         rate: Ticks per second [Hz].
         seed: Of the tremor.
+        hands: Of a run at most, whose depth in the mesh is measured; identical ones count once.
     """
 
     objects: tuple[str, ...] = ("bunny", "teapot", "cube")
     motions: tuple[str, ...] = ("grasp", "pinch", "whole-hand", "slide")
     methods: tuple[str, ...] | None = None
+    surfaces: tuple[str, ...] = ("spheres", "mesh")
     levels: tuple[int, ...] = (2, 3, 4, 5)
     linearisations: tuple[int, ...] | None = None
     backends: tuple[str, ...] | None = None
     repetitions: int = 3
     rate: float = 1000.0
     seed: int = 0
+    hands: int = MOST_HANDS
 
     def __post_init__(self) -> None:
         """Fill in what is installed, and refuse unknown names, empty lists and impossible numbers."""
+        check_known("surface", self.surfaces, SURFACES.names())
         if self.methods is None:
-            object.__setattr__(self, "methods", tuple(METHODS))
+            known = tuple(name for name in METHODS if self.surfaces_of(name))
+            object.__setattr__(self, "methods", known)
         if self.backends is None:
             object.__setattr__(self, "backends", tuple(available_backends()[1:]))
         check_known("object", self.objects, object_names())
         check_known("trajectory", self.motions, script_names())
         check_known("method", self.methods or (), list(METHODS))
         check_known("QP solver", self.backends or (), available_backends())
-        for item in ("objects", "motions", "methods", "levels", "linearisations"):
+        for item in ("objects", "motions", "methods", "surfaces", "levels", "linearisations"):
             if getattr(self, item) == ():
                 raise InputError(f"{item}: name at least one")
+        for method in self.methods or ():
+            if not self.surfaces_of(method):
+                # The solver's own words: it refuses them too.
+                SolverOptions(method=method, surface=self.surfaces[0])
         for level in self.levels:
             if not 1 <= level <= MOST_LEVEL:
                 raise InputError(f"tree level {level}, expected 1 to {MOST_LEVEL}")
@@ -100,30 +116,40 @@ class SpeedErrorOptions:
                 raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
 
     @classmethod
-    def quick(cls) -> "SpeedErrorOptions":
-        """About a minute."""
-        return cls(objects=("bunny",), motions=("grasp", "slide"), levels=(3, 4, 5), backends=())
+    def quick(cls, **given: Any) -> "SpeedErrorOptions":
+        """About a minute, if no option is given that makes more of it."""
+        few = {"objects": ("bunny",), "motions": ("grasp", "slide"), "levels": (3, 4, 5), "backends": (), "hands": 40}
+        return cls(**{**few, **given})
+
+    def surfaces_of(self, method: str) -> tuple[str, ...]:
+        """Those that a method takes."""
+        refuses = METHODS[method].refuses_surfaces
+        return tuple(name for name in self.surfaces if name == "spheres" or not refuses)
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """One way to solve the hand; `stretch` if it does part of a motion only, see `STRETCH`."""
+    """One way to solve the hand; `level` is `NO_LEVEL` on the mesh.
+
+    `stretch` if it does part of a motion only, see `STRETCH`.
+    """
 
     method: str
     level: int
     linearisations: int
     qp: str = ACTIVE_SET
     stretch: bool = False
+    surface: str = "spheres"
 
     @property
     def is_default(self) -> bool:
         """Whether this is what the method does if nobody asks for anything else."""
-        usual = usual_linearisations(self.method)
-        return (self.level, self.linearisations, self.stretch) == (DEFAULT_LEVEL, usual, False)
+        usual = ("spheres", DEFAULT_LEVEL, usual_linearisations(self.method), False)
+        return (self.surface, self.level, self.linearisations, self.stretch) == usual
 
     def solver_options(self) -> SolverOptions:
         """For the solver."""
-        return SolverOptions(method=self.method, qp=self.qp, linearisations=self.linearisations)
+        return SolverOptions(method=self.method, surface=self.surface, qp=self.qp, linearisations=self.linearisations)
 
 
 @dataclass
@@ -170,7 +196,8 @@ class _Scene:
     object_name: str
     motion: str
     errors: ErrorScene
-    trees: dict[int, TreeArrays]
+    surfaces: dict[tuple[str, int], Any]
+    """Their arrays, by the surface and the level of a configuration."""
 
     def stretch(self) -> slice:
         """The ticks that other QP solvers do."""
@@ -186,9 +213,10 @@ def usual_linearisations(method: str) -> int:
 def configurations(options: SpeedErrorOptions) -> list[Configuration]:
     """What is run on every scene, the whole motion."""
     return [
-        Configuration(method, level, most)
+        Configuration(method, level, most, surface=surface)
         for method in options.methods or ()
-        for level in options.levels
+        for surface in options.surfaces_of(method)
+        for level in (options.levels if surface == "spheres" else (NO_LEVEL,))
         for most in options.linearisations or LINEARISATIONS.get(method, USUAL)
     ]
 
@@ -198,9 +226,11 @@ def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
     methods = [method for method in QP_METHODS if method in (options.methods or ())]
     if not options.backends or not methods:
         return []
-    level = min(options.levels, key=lambda level: abs(level - DEFAULT_LEVEL))
+    surface = options.surfaces_of(methods[0])[0]
+    nearest = min(options.levels, key=lambda level: abs(level - DEFAULT_LEVEL))
+    level = nearest if surface == "spheres" else NO_LEVEL
     return [
-        Configuration(methods[0], level, usual_linearisations(methods[0]), qp, stretch=True)
+        Configuration(methods[0], level, usual_linearisations(methods[0]), qp, stretch=True, surface=surface)
         for qp in (ACTIVE_SET, *options.backends)
     ]
 
@@ -217,11 +247,14 @@ def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> lis
 
     Raises:
         TrajectoryError: A motion that cannot be done on an object.
+        InputError: coal is not installed, which measures against the mesh.
     """
+    require_coal()
     hand = HandModel.default()
     whole, part = configurations(options), backend_configurations(options)
     for method in options.methods or ():
-        warm_up(hand, SolverOptions(method=method))
+        for surface in options.surfaces_of(method):
+            warm_up(hand, SolverOptions(method=method, surface=surface))
     scenes = list(_scenes(hand, options, progress))
     work = [
         (scene, Run(scene.object_name, scene.motion, configuration))
@@ -245,26 +278,29 @@ def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress | No
     count = len(options.objects) * len(options.motions)
     for i, name in enumerate(options.objects):
         mesh = load_object(name).mesh
-        trees = {level: cached_sphere_tree(mesh, TreeOptions(level=level), progress) for level in options.levels}
+        levels = options.levels if "spheres" in options.surfaces else (max(options.levels),)
+        trees = {level: cached_sphere_tree(mesh, TreeOptions(level=level), progress) for level in levels}
         finest = trees[max(trees)]
-        bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+        triangles = contact_surface("mesh", mesh, finest).arrays
+        surfaces: dict[tuple[str, int], Any] = {("spheres", level): tree.arrays() for level, tree in trees.items()}
+        surfaces["mesh", NO_LEVEL] = triangles
+        referee = MeshReferee(mesh, options.hands)
         for j, motion in enumerate(options.motions):
             if progress is not None:
                 progress("scenes, with their optima", i * len(options.motions) + j, count)
             trajectory = synthesize(load_script(motion), hand, finest, options.seed)
             ticks = make_scene(mesh, finest, hand, trajectory, rate=options.rate).ticks
-            arrays = {level: tree.arrays() for level, tree in trees.items()}
-            errors = error_scene(hand, bvh, ticks, arrays[max(trees)], SolverOptions(), options.seed)
-            yield _Scene(name, motion, errors, arrays)
+            errors = error_scene(hand, referee, ticks, triangles, SolverOptions(), options.seed)
+            yield _Scene(name, motion, errors, surfaces)
 
 
 def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     configuration, haptic = run.configuration, scene.errors.haptic
     window = scene.stretch() if configuration.stretch else slice(0, haptic.tick_count)
-    tree, options = scene.trees[configuration.level], configuration.solver_options()
+    surface, options = scene.surfaces[configuration.surface, configuration.level], configuration.solver_options()
     contact = scene.errors.contact[window]
     try:
-        solver = HandSolver(hand, tree, options)
+        solver = HandSolver(hand, surface, options)
         if window.start > 0:
             _begin_at(solver, hand, scene, configuration, window.start)
         record = solver.run(*HandConfiguration.of(haptic).at(window))
@@ -273,7 +309,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
             raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
         digest = digest_of(record)
         if run.errors is None:
-            run.errors = run_errors(scene.errors, tree, options, record, window)
+            run.errors = run_errors(scene.errors, surface, options, record, window)
             run.digest, run.ticks = digest, len(record.position)
             run.candidates = record.work[contact, WORK_CANDIDATES]
             run.work = record.work[contact, WORK_UNITS]
@@ -287,7 +323,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
 
 def _begin_at(solver: HandSolver, hand: HandModel, scene: _Scene, configuration: Configuration, tick: int) -> None:
     """Put the hand where our own QP solver has it before a tick, so that all begin alike."""
-    options = SolverOptions(method=configuration.method, linearisations=configuration.linearisations)
-    own = HandSolver(hand, scene.trees[configuration.level], options)
+    surface = scene.surfaces[configuration.surface, configuration.level]
+    own = HandSolver(hand, surface, replace(configuration, qp=ACTIVE_SET).solver_options())
     record = own.run(*HandConfiguration.of(scene.errors.haptic).part(0, tick))
     solver.place(*HandConfiguration.of(record).at(-1))

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.bench.run_errors import SAMPLES, RunErrors
-from hhsim.bench.speed_error import Configuration, Run
+from hhsim.bench.run_errors import RunErrors
+from hhsim.bench.speed_error import NO_LEVEL, Configuration, Run
 from hhsim.bench.table import Column, metric_column
 from hhsim.metrics import metrics
 from hhsim.solver.qp import ACTIVE_SET
@@ -23,17 +23,18 @@ GAIN = 0.05
 """A slower configuration is on the frontier if it is nearer by more than this share."""
 
 WORST = (
-    *("penetration_max", "mesh_depth_max", "contact_error_max", "mesh_error", "off_finest_max", "force_ripple"),
+    *("penetration_max", "mesh_depth_max", "contact_error_max", "mesh_error", "off_optimum_max", "force_ripple"),
     *("force_step", "posture_jump_max", "lag_max"),
 )
-COUNTED = ("stuck_ticks", "lag_ticks", "samples")
+COUNTED = ("stuck_ticks", "lag_ticks", "contact_points", "samples")
 """A row that sums up has the worst of the first, the sum of the second and the mean of all others."""
 
 COLUMNS: tuple[Column, ...] = (
     Column("object", "object; 'all' sums up"),
     Column("motion", "motion; 'all' sums up"),
     Column("method", "method of the solver"),
-    Column("level", "level of the sphere tree"),
+    Column("surface", "what of the object the hand touches: the leaf spheres of its tree, or the mesh itself"),
+    Column("level", f"level of the sphere tree; {NO_LEVEL} on the mesh, which has none"),
     Column("linearisations", "most linearisations in a tick"),
     Column("qp", "QP solver"),
     Column("stretch", "whether only a stretch of the motion was run, to set QP solvers side by side"),
@@ -49,14 +50,14 @@ COLUMNS: tuple[Column, ...] = (
     Column("over_1ms", "share of ticks in contact over 1 ms, CPU"),
     Column("work_p50", "work units of a tick in contact, median: the same on any machine; NaN for a method without"),
     metric_column("penetration_max"),
-    Column("mesh_depth_max", "deepest penetration of the true mesh, sampled ticks", "m"),
-    Column("mesh_depth_p95", "95th percentile of the penetration of the true mesh, sampled ticks", "m"),
-    Column("contact_error_mean", "mean distance of contact points from the true mesh, sampled ticks", "m"),
-    Column("contact_error_max", "largest distance of contact points from the true mesh, sampled ticks", "m"),
+    Column("mesh_depth_max", "deepest penetration of the true mesh by coal, at `samples` ticks", "m"),
+    Column("mesh_depth_p95", "95th percentile of the penetration of the true mesh by coal, at `samples` ticks", "m"),
+    Column("contact_error_mean", "mean distance of contact points from the true mesh by coal, all ticks", "m"),
+    Column("contact_error_max", "largest distance of contact points from the true mesh by coal, all ticks", "m"),
     Column("mesh_error", "the larger of mesh_depth_max and contact_error_max", "m"),
-    Column("tracking_excess", "coupling energy over the optimum on the same spheres, mean of the hold, (E - E*) / E*"),
-    Column("off_finest_mean", "farthest of palm and fingertips from the optimum on the finest spheres, mean", "m"),
-    Column("off_finest_max", "farthest of palm and fingertips from the optimum on the finest spheres, most", "m"),
+    Column("tracking_excess", "coupling energy over the optimum on the same surface, mean of the hold, (E - E*) / E*"),
+    Column("off_optimum_mean", "farthest of palm and fingertips from the converged optimum on the mesh, mean", "m"),
+    Column("off_optimum_max", "farthest of palm and fingertips from the converged optimum on the mesh, most", "m"),
     metric_column("force_hold_mean", "force_hold"),
     metric_column("force_variation_hold"),
     metric_column("force_variation_tremor"),
@@ -64,11 +65,12 @@ COLUMNS: tuple[Column, ...] = (
     metric_column("force_step"),
     Column("posture_jump_max", "farthest that the graphic hand moved in a tick beyond the haptic hand", "m"),
     *(metric_column(name) for name in ("stuck_ticks", "lag_ticks", "lag_max")),
-    Column("samples", "ticks that were held against the mesh"),
+    Column("contact_points", "contact points whose distance from the true mesh was measured, those of one place once"),
+    Column("samples", "ticks at which the depth in the true mesh was measured"),
     Column("repeatable", "whether every repetition gave the same poses and forces"),
     Column("failed_runs", "runs that could not be done; their figures are missing, and they are on no frontier"),
     Column("mesh_frontier", "whether no configuration is both faster and nearer to the mesh: p50 and mesh_error"),
-    Column("tracking_frontier", "whether none is both faster and nearer to the optimum: p50 and off_finest_mean"),
+    Column("tracking_frontier", "whether none is both faster and nearer to the optimum: p50 and off_optimum_mean"),
 )
 
 
@@ -95,11 +97,21 @@ def chosen(rows: Iterable[Row], *, stretch: bool = False, **values: Any) -> list
     return [row for row in rows if row["stretch"] == stretch and all(row[name] == v for name, v in values.items())]
 
 
+def touched(surface: str, level: int) -> str:
+    """What of the object is touched, in words."""
+    return f"level {level}" if surface == "spheres" else surface
+
+
 def remarks(runs: Sequence[Run]) -> list[str]:
     """What a reader should know besides, a sentence each."""
+    ticks = sum(run.tick_cpu.size for run in runs if run.errors is not None)
+    points = sum(run.errors.contact_points for run in runs if run.errors is not None)
+    samples = sum(run.errors.samples for run in runs if run.errors is not None)
     found = [
-        f"the hand was held against the true mesh in about {SAMPLES} ticks of each run, spread over those in contact, "
-        "and in the one deepest in the spheres; penetration of the spheres is that of every tick",
+        f"distances from the true mesh are coal's: of all {points:,} contact points, those of one place once, and of "
+        f"the hand at {samples:,} ticks, of {ticks:,} in contact; how deep it is in what it touches is that of every "
+        "tick",
+        "the best pose is the converged optimum on the mesh itself, whatever a configuration touches",
         "times are of the ticks with the haptic hand within 1 mm of the object, the median of the repetitions; compare "
         "them within this run, not between machines",
     ]
@@ -109,7 +121,8 @@ def remarks(runs: Sequence[Run]) -> list[str]:
     failed = [run for run in runs if run.failure]
     if failed:
         first = failed[0]
-        where = f"{first.configuration.method}, level {first.configuration.level}, {first.object_name}, {first.motion}"
+        how = f"{first.configuration.method}, {touched(first.configuration.surface, first.configuration.level)}"
+        where = f"{how}, {first.object_name}, {first.motion}"
         found.append(f"{len(failed)} of {len(runs)} runs could not be done; the first: {where}: {first.failure}")
     return found
 
@@ -191,6 +204,6 @@ def _mark_frontiers(rows: Sequence[Row]) -> None:
         if not row["stretch"] and not row["failed_runs"]:
             groups[row["object"], row["motion"]].append(row)
     for group in groups.values():
-        for flag, error in (("mesh_frontier", "mesh_error"), ("tracking_frontier", "off_finest_mean")):
+        for flag, error in (("mesh_frontier", "mesh_error"), ("tracking_frontier", "off_optimum_mean")):
             for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
                 group[i][flag] = True

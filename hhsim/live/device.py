@@ -174,7 +174,11 @@ class FingerRelease(ABC):
 
     @abstractmethod
     def reconnect(self) -> bool:
-        """After `DeviceError`: try again, without waiting. True where the device is back; call it again until it is."""
+        """After `DeviceError`: try again, without waiting. True where the device is back; call it again until it is.
+
+        Raises:
+            DeviceError: It is not back, and it is now known better why; raised once for each loss at most.
+        """
 
     @abstractmethod
     def close(self) -> None:

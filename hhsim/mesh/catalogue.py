@@ -113,7 +113,11 @@ def names_a_file(word: str) -> bool:
 
 
 def resolve_object(
-    name_or_path: str | Path, unit: str | None = None, size: float | None = None, thickness: float | None = None
+    name_or_path: str | Path,
+    unit: str | None = None,
+    size: float | None = None,
+    thickness: float | None = None,
+    solid: bool = True,
 ) -> tuple["Mesh", int]:
     """The mesh that a word on the command line means, and the level of the sphere tree that suits it.
 
@@ -122,6 +126,7 @@ def resolve_object(
         unit: Length unit of a mesh file: m, cm, mm or inch; None is m.
         size: Longest extent that a mesh file gets [m], whatever its unit.
         thickness: Of the sheets that the open parts of a mesh file become [m]; None closes them.
+        solid: False takes the triangles of a mesh file as they are, where no sheets are asked for.
 
     Raises:
         UnknownNameError: No such object; the message lists the near names.
@@ -140,4 +145,4 @@ def resolve_object(
         raise InputError("unit and size exclude each other: size scales whatever the unit is")
     from hhsim.mesh.mesh import load_mesh
 
-    return load_mesh(word, unit or "m", size, thickness=thickness), MESH_LEVEL
+    return load_mesh(word, unit or "m", size, thickness=thickness, solid=solid or thickness is not None), MESH_LEVEL

@@ -45,13 +45,13 @@ def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     except ImportError as error:
         if error.name == ENCODING_GUESSER:
             # A damaged binary STL lands here: what is no whole one, trimesh takes for text.
-            raise MeshError(f"{path}: cannot be read as .{kind}, so it is damaged or no such file") from error
+            raise MeshError(f"{path}: cannot be read as .{kind}, so it is damaged, or of another kind") from error
         raise MeshError(f"{path}: cannot be read as .{kind} without the package {error.name or error}") from error
     except Exception as error:
         # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
         reason = " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split())
         raise MeshError(
-            f"{path}: cannot be read as .{kind}, so it is damaged or no such file ({reason[:200]})"
+            f"{path}: cannot be read as .{kind}, so it is damaged, or of another kind ({reason[:200]})"
         ) from error
     if not parts:
         raise MeshError(f"{path}: no triangles; expected a surface mesh")

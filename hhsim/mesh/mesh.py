@@ -32,7 +32,7 @@ LARGEST_NUMBER = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A closed surface of triangles, counter-clockwise seen from outside.
+    """A surface of triangles: closed and counter-clockwise seen from outside, but where it was taken as it is.
 
     Attributes:
         vertices: Corner positions [m], shape (V, 3), float64, C-contiguous.
@@ -129,6 +129,7 @@ def load_mesh(
     size: float | None = None,
     repair: bool = True,
     thickness: float | None = None,
+    solid: bool = True,
 ) -> Mesh:
     """Read a mesh file, scale it to metres, check it and give it an inside.
 
@@ -141,13 +142,14 @@ def load_mesh(
         size: Longest extent that the mesh should get [m]; replaces `unit`.
         repair: False refuses a mesh that needs more than merging equal vertices.
         thickness: Makes a sheet this thick [m] of each part that is open, instead of closing it.
+        solid: False takes the triangles as they are, closed or not: for contact with the mesh itself.
 
     Returns:
         The mesh [m]; `repairs` says what was changed and assumed, `warnings` what looks wrong.
 
     Raises:
         InputError: No such file, an unknown unit, or a size or a thickness that is not positive.
-        MeshError: Unreadable, empty, not finite, of absurd size, or without an inside.
+        MeshError: Unreadable, empty, not finite, of absurd size, or without an inside where it is to be solid.
     """
     # The checks bring the compiler; who only reads the catalogue does without it.
     from hhsim.mesh.solidify import solid_surface
@@ -177,6 +179,9 @@ def load_mesh(
             f"{path}: longest extent {longest * unit_length:.3g} m: expected {SMALLEST_EXTENT:g} to "
             f"{LARGEST_EXTENT:g} m, since a hand is to touch it; {hint}"
         )
+    if not solid:
+        mesh = replace(mesh, vertices=mesh.vertices * unit_length)
+        return replace(mesh, warnings=size_warnings(mesh, unit) if size is None else ())
     surface = solid_surface(
         mesh.vertices,
         mesh.faces,

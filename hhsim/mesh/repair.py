@@ -212,9 +212,10 @@ def _close_holes(surface: MeshInRepair) -> None:
         )
     surface.repairs.append(f"closed {counted(holes, 'hole')} up to {widest} wide")
     if wide.any():
+        small = holes - int(wide.sum())
         surface.warnings.append(
-            f"{counted(int(wide.sum()), 'hole')} up to {widest} wide closed: it is solid there; if it should be "
-            "hollow, give the wall a thickness"
+            f"{counted(int(wide.sum()), 'hole')} up to {widest} wide closed{f', and {small} small' if small else ''}: "
+            "it is solid there; if it should be hollow, give the wall a thickness"
         )
     surface.vertices, surface.faces = caps.vertices, faces
 

@@ -38,7 +38,8 @@ class MeshInRepair:
 
     def millimetres(self, length: float) -> str:
         """A length [unit of the source] as people read it."""
-        return f"{1000.0 * self.unit_length * length:.3g} mm"
+        # Adding zero takes the sign off a negative one.
+        return f"{1000.0 * self.unit_length * length + 0.0:.3g} mm"
 
 
 def percent(share: float) -> str:

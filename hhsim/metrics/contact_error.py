@@ -4,6 +4,7 @@ A hand that rests on spheres which reach out of the mesh floats over what the us
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
 
@@ -41,14 +41,14 @@ class TouchedObject:
 
     Attributes:
         mesh: The object's true surface [m], world.
-        tree: The leaf spheres that stand for it, world.
+        surface: What the solver had for it, world: such as its leaf spheres.
         shape: Sizes of the hand.
         fingers: Which fingers are modelled, shape (5,).
-        touch: A body and a sphere no further apart than this touch [m].
+        touch: A body and a piece of the surface no further apart than this touch [m].
     """
 
     mesh: Mesh
-    tree: TreeArrays
+    surface: Any
     shape: HandShape
     fingers: NDArray[np.bool_]
     touch: float
@@ -57,7 +57,7 @@ class TouchedObject:
         """Farthest that a contact point of a tick is from the mesh [m], shape (T,).
 
         NaN where nothing touches and where nobody looked. A contact point is that of a hand body which is nearest to
-        a leaf sphere that it touches.
+        a piece of the surface that it touches.
 
         Args:
             placed: Where the shown hand is at each of T ticks [m], world.
@@ -67,7 +67,7 @@ class TouchedObject:
         chosen = ticks_looked_at(contact)
         if chosen.size == 0:
             return error
-        found = find_contact_points(self.tree, self.shape, placed, self.touch, chosen=chosen, fingers=self.fingers)
+        found = find_contact_points(self.surface, self.shape, placed, self.touch, chosen=chosen, fingers=self.fingers)
         if len(found.tick) == 0:
             return error
         # A hand at rest touches at the same points over and over.

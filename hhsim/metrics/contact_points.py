@@ -1,12 +1,14 @@
 """Where a stored hand touches the object, tick by tick: contact points, normals, and the body of the hand."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.kernels.contact.contact_points import ContactPoints, find_contact_pairs
+from hhsim.kernels.contact.contact_points import find_contact_pairs
+from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.system.thread_pool import Workers, ranges, usual_threads
 
 FloatArray = NDArray[np.float64]
@@ -20,7 +22,7 @@ TICKS_A_THREAD = 500
 
 
 def find_contact_points(
-    tree: TreeArrays,
+    surface: Any,
     shape: HandShape,
     placed: PlacedHand,
     touch: float,
@@ -28,10 +30,10 @@ def find_contact_points(
     chosen: ArrayLike | None = None,
     fingers: ArrayLike | None = None,
 ) -> ContactPoints:
-    """Every pair of a hand body and a leaf sphere that are no more than `touch` [m] apart, or inside each other.
+    """Every pair of a hand body and a piece of the surface no more than `touch` [m] apart, or inside each other.
 
     Args:
-        tree: The object, world.
+        surface: The object's, world.
         shape: Sizes of the hand.
         placed: The ticks.
         touch: [m]; what a result's contacts/touching counts is within `SolverOptions.touch`.
@@ -43,7 +45,7 @@ def find_contact_points(
     threads = usual_threads() if len(ticks) > TICKS_A_THREAD else 1
 
     def found(first: int, end: int) -> ContactPoints:
-        return _contact_points(tree, shape, placed, touch, np.ascontiguousarray(ticks[first:end]), counted)
+        return _contact_points(surface, shape, placed, touch, np.ascontiguousarray(ticks[first:end]), counted)
 
     with Workers(threads) as workers:
         parts = workers.each(found, ranges(len(ticks), threads))
@@ -51,7 +53,7 @@ def find_contact_points(
 
 
 def _contact_points(
-    tree: TreeArrays, shape: HandShape, placed: PlacedHand, touch: float, ticks: IntArray, counted: NDArray[np.bool_]
+    surface: Any, shape: HandShape, placed: PlacedHand, touch: float, ticks: IntArray, counted: NDArray[np.bool_]
 ) -> ContactPoints:
     room = max(ROOM, 4 * len(ticks))
     count = -1
@@ -61,6 +63,6 @@ def _contact_points(
             np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 3))
         )
         count = find_contact_pairs(
-            shape, tree, ticks, placed.joints, placed.position, placed.orientation, counted, float(touch), pairs
+            shape, surface, ticks, placed.joints, placed.position, placed.orientation, counted, float(touch), pairs
         )
     return ContactPoints(pairs.tick[:count], pairs.body[:count], pairs.point[:count], pairs.normal[:count])

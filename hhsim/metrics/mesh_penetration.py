@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.contact.mesh_distance import hand_mesh_distances, mesh_contact_points
+from hhsim.kernels.contact.mesh_distance import hand_mesh_distances
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
-from hhsim.kernels.sphere_tree import TreeArrays
 
 FloatArray = NDArray[np.float64]
 
@@ -56,26 +55,6 @@ def mesh_clearance(bvh: MeshBvh, shape: HandShape, placed: PlacedHand, limit: fl
         distance,
     )
     return distance
-
-
-def contact_points(tree: TreeArrays, shape: HandShape, placed: PlacedHand, touch: float) -> list[FloatArray]:
-    """Where the hand's surface touches the object's leaf spheres, or is inside of them: (n, 3) [m] for each tick.
-
-    One point for each pair of a hand body and a leaf no more than `touch` [m] apart: the body's nearest to the leaf.
-    """
-    rotation = rotation_matrix(placed.orientation)
-    room = np.empty((4096, 3))
-    found = []
-    for tick in range(len(rotation)):
-        count = -1
-        while count < 0:
-            count = mesh_contact_points(
-                *shape, tree, placed.joints[tick], placed.position[tick], rotation[tick], touch, room
-            )
-            if count < 0:
-                room = np.empty((4 * len(room), 3))
-        found.append(room[:count].copy())
-    return found
 
 
 def contact_error(bvh: MeshBvh, points: ArrayLike) -> ContactError:

@@ -8,7 +8,7 @@ Penetration depth and force variation are the paper's measures (Section V-D); th
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,6 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
-from hhsim.kernels.sphere_tree import TreeArrays
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,6 +25,8 @@ FORCE_FLOOR = 0.01
 """Forces [N] weaker than this have no meaningful rate of change."""
 RIPPLE_BAND = (50.0, 400.0)
 """Hz: above voluntary motion and tremor, up to where the skin still feels vibration."""
+RIPPLE_SPAN = 0.25
+"""Length of the parts of which `worst_force_ripple` is the worst [s]."""
 RIPPLE_BINS = 4
 """A ripple is defined once the band starts this many bins of the spectrum above zero; a Hann window smears over two."""
 FROZEN_LIMIT = 1e-6
@@ -81,7 +82,7 @@ def statistics(values: ArrayLike, mask: Mask | None = None) -> Statistics:
 
 
 def penetration(
-    tree: TreeArrays,
+    surface: Any,
     phalanx_radius: ArrayLike,
     palm_center: ArrayLike,
     palm_radius: ArrayLike,
@@ -90,13 +91,13 @@ def penetration(
     orientation: ArrayLike,
     fingers: ArrayLike | None = None,
 ) -> Penetration:
-    """Penetration depths [m] of the stored graphic hand in the object's leaf spheres, tick by tick.
+    """Penetration depths [m] of the stored graphic hand in the object's surface, tick by tick.
 
     The paper's measure: "the biggest penetration distance between the graphic finger and object spheres during one
     interaction cycle", here with the palm too. From the stored arrays alone; nothing is taken from the solver.
 
     Args:
-        tree: The object's sphere tree, world.
+        surface: The object's, world: arrays of a surface, such as its leaf spheres.
         phalanx_radius: [m], shape (5, 4).
         palm_center: Centres of the palm's spheres [m], palm frame, shape (P, 3).
         palm_radius: [m], shape (P,).
@@ -107,7 +108,7 @@ def penetration(
             purpose, are NaN.
     """
     palm, finger = hand_clearance(
-        tree, phalanx_radius, palm_center, palm_radius, joints, position, orientation, limit=0.0
+        surface, phalanx_radius, palm_center, palm_radius, joints, position, orientation, limit=0.0
     )
     # 0 - x and not -x: a free body has depth 0, not minus 0.
     palm, finger = 0.0 - palm, 0.0 - finger
@@ -117,7 +118,7 @@ def penetration(
 
 
 def hand_clearance(
-    tree: TreeArrays,
+    surface: Any,
     phalanx_radius: ArrayLike,
     palm_center: ArrayLike,
     palm_radius: ArrayLike,
@@ -128,7 +129,7 @@ def hand_clearance(
 ) -> tuple[Array, Array]:
     """Least signed distance [m] of the palm, shape (T,), and of each finger, shape (T, 5), to the object.
 
-    To its leaf spheres; negative inside. `limit` [m] stands for everything from there on. Arguments as `penetration`.
+    To its surface; negative inside. `limit` [m] stands for everything from there on. Arguments as `penetration`.
     """
     joint_array = np.ascontiguousarray(joints, dtype=np.float64)
     center = np.ascontiguousarray(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3).T)
@@ -146,7 +147,7 @@ def hand_clearance(
         np.ascontiguousarray(position, dtype=np.float64),
         rotation_matrix(orientation),
     )
-    clearances(tree, shape, placed, float(limit), palm, finger)
+    clearances(surface, shape, placed, float(limit), palm, finger)
     return palm, finger
 
 
@@ -224,6 +225,31 @@ def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], hig
     # Every frequency but 0 and rate/2 stands for its negative twin too.
     power[(frequency > 0.0) & (frequency < 0.5 * rate)] *= 2.0
     return float(np.sqrt(power[(frequency >= low) & (frequency <= high)].sum()))
+
+
+def worst_force_ripple(force: ArrayLike, rate: float, breaks: Mask | None = None) -> float:
+    """Largest `force_ripple` of any `RIPPLE_SPAN` of a force [N]: how hard it shakes what makes it, a glove's motor.
+
+    It needs no hold: a recording or a session has it too. A step of the force shakes as well, and counts.
+
+    Args:
+        force: [N], shape (T, 3).
+        rate: Ticks per second [Hz].
+        breaks: Ticks before which others are missing, shape (T,): nothing spans them.
+
+    Returns:
+        RMS [N]; NaN where no uninterrupted part is long enough for `force_ripple`.
+    """
+    vectors = _vectors(force)
+    span = round(RIPPLE_SPAN * rate)
+    parts = [vectors] if breaks is None else np.split(vectors, np.flatnonzero(breaks))
+    found = [
+        force_ripple(part[first : first + span], rate)
+        for part in parts
+        # Half a span overlaps, since the window is blind at its ends; the last one ends with the part.
+        for first in {*range(0, max(1, part.shape[0] - span), max(1, span // 2)), max(0, part.shape[0] - span)}
+    ]
+    return statistics(found).max
 
 
 def force_step(force: ArrayLike, moving: Mask, hold: Mask, floor: float = FORCE_FLOOR) -> float:

@@ -16,6 +16,7 @@ from hhsim.metrics.contact_error import TouchedObject
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[Any]
@@ -105,9 +106,10 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
     bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size
     center, radius, levels, parent = (static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent"))
     tree = SphereTree(center, radius, levels, parent)
+    mesh = Mesh(static["object/vertices"], static["object/faces"])
     touched = TouchedObject(
-        Mesh(static["object/vertices"], static["object/faces"]),
-        tree.arrays(),
+        mesh,
+        contact_surface(result.surface, mesh, tree).arrays,
         HandShape(*(static[f"hand/{name}"] for name in HandShape._fields)),
         np.array([finger in result.fingers for finger in FINGERS]),
         float(result.scene["solver"]["touch"]),

@@ -31,6 +31,8 @@ HAND_LENGTHS = (0.12, 0.26)
 """Hands are this long from the wrist to the middle fingertip [m], children's too: the units' ranges do not meet."""
 BENT = np.radians(8.0)
 """Fingers that are bent by more than this on average say which side of the hand is the palm."""
+THUMB = 0.15
+"""A thumb that is farther than this, in lengths of the palm, from the plane of wrist and knuckles says it too."""
 UNITY = np.array([1.0, 1.0, -1.0])
 """From Unity's left-handed world to a right-handed one, y up in both."""
 HELD = 0.2
@@ -218,6 +220,8 @@ def _side(points: Array, hand: HandSide) -> tuple[HandSide, list[Finding]]:
                 "hand, or mirrored?"
             )
             return hand, [note(text)]
+        if looks_as(points) not in ("", hand):
+            return hand, [note(f"as a {hand} hand its thumb is behind its palm: is it the other hand, or mirrored?")]
         return hand, []
     side = bends_as(points)
     if not side:
@@ -240,17 +244,40 @@ def bends_as(points: Array) -> HandSide:
     return side if bend[side] >= BENT else ""
 
 
+def looks_as(points: Array) -> HandSide:
+    """The same for a hand that is held open too: by the fingers' bend, else by the side on which the thumb is.
+
+    Args:
+        points: In the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
+    """
+    side = bends_as(points)
+    if side:
+        return side
+    above = {side: _thumb_above(points, side) for side in _SIDES}
+    side = min(_SIDES, key=lambda each: above[each])
+    return side if above[side] <= -THUMB else ""
+
+
 def in_right_handed_world(points: Array, hand: HandSide) -> tuple[Array, list[Finding]]:
     """Joint centres in a right-handed world, y up, and what there is to say of it.
 
-    In Unity's world z points the other way: there a right hand is a left one's mirror, which its fingers tell.
+    In Unity's world z points the other way: there a right hand is a left one's mirror, which its fingers and its thumb
+    tell.
 
     Args:
         points: In the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
         hand: Which hand it is, as the file or the user says; "" where nobody does: then nothing is turned.
     """
-    if not hand or bends_as(points) in ("", hand):
+    seen = looks_as(points)
+    if not hand or seen == hand:
         return points, []
+    if not seen:
+        return points, [
+            note(
+                "its fingers are too straight, and its thumb too level with them, to tell whether its coordinates are "
+                "left-handed, as Unity's: taken for right-handed"
+            )
+        ]
     text = (
         f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is "
         "turned round; if it is the other hand, say --mirror"
@@ -268,6 +295,16 @@ def _bend(points: Array, side: HandSide) -> float:
     chains = np.concatenate([fingers[:, :1], fingers], axis=1)
     flexion, _, _ = finger_angles(in_palm(np.diff(chains, axis=2), orientation), side)
     values = flexion[:, 1:][np.isfinite(flexion[:, 1:])]
+    return float(values.mean()) if values.size else 0.0
+
+
+def _thumb_above(points: Array, side: HandSide) -> float:
+    """How far above its back the thumb is in the mean, were it this hand [lengths of the palm]; below is palmar."""
+    orientation = palm_from_knuckles(points[:, 5::4], points[:, 0], side)
+    from_wrist = in_palm(points - points[:, :1], orientation)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        above = from_wrist[:, 2:5, 2] / np.linalg.norm(from_wrist[:, 9:10], axis=2)
+    values = above[np.isfinite(above)]
     return float(values.mean()) if values.size else 0.0
 
 

@@ -17,6 +17,7 @@ from hhsim.motion.resample import interpolate_orientation
 from hhsim.motion.sample_flags import MENDED, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
+from hhsim.recordings.finger_ik import finger_joints
 from hhsim.recordings.outliers import repair_glitches
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.timestamp_repair import repair_stamps
@@ -290,9 +291,23 @@ def _limited(recording: Recording, limits: JointLimits | None) -> Recording:
     hint = "; is a zero elsewhere? A mapping can shift it" if share.max() > OFTEN else ""
     text = (
         f"joints beyond the hand's limits by up to {np.degrees(excess.max()):.0f}° ({names}"
-        f"{f' and {more} more' if more else ''}): set to the limit{hint}"
+        f"{f' and {more} more' if more else ''}): set to the limit, which moves a fingertip by up to "
+        f"{1e3 * _tips_moved(recording, changed):.0f} mm{hint}"
     )
     return changed.flagged(limited, SampleFlag.LIMITED, text)
+
+
+def _tips_moved(first: Recording, second: Recording) -> float:
+    """How far apart the fingertips of two recordings of one hand are at most, palm frame [m]."""
+    bones = first.bones
+    length = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)["length"]
+    if bones is not None:
+        length = bones.length
+    tips = [
+        finger_joints(np.zeros((len(FINGERS), 3)), length, each.flexion, each.abduction, first.hand)[:, :, 3]
+        for each in (first, second)
+    ]
+    return float(np.linalg.norm(tips[1] - tips[0], axis=2).max())
 
 
 def _trajectory(recording: Recording) -> Trajectory:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hhsim.bench.speed_error import NO_LEVEL
 from hhsim.bench.speed_error_table import ALL, chosen
 from hhsim.render.figure import legend_mark, logarithmic, new_figure, save_figure
 from hhsim.system.picture_path import check_picture
@@ -20,17 +21,20 @@ BUDGET = 1e3
 """Of a tick at 1 kHz [µs]."""
 COLORS = {"coupled": "#1b6ca8", "progressive": "#c8641a", "paper": "#7a3b8f", "penalty": "#4a7d2f"}
 OTHER_COLOR = "#8a6d1b"
-MARKERS = {1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
-SIZES = {1: 45.0, 2: 40.0, 3: 46.0, 4: 58.0, 5: 130.0}
+MARKERS = {NO_LEVEL: "P", 1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
+SIZES = {NO_LEVEL: 95.0, 1: 45.0, 2: 40.0, 3: 46.0, 4: 58.0, 5: 130.0}
+"""By the level of the sphere tree, and for the mesh itself."""
 GREY = "0.45"
 PAPER_RANGE = (310.0, 1000.0)
 """CPU time of a tick that the paper states for simple to complex objects, on a 6-core 3.7 GHz machine [µs]."""
-FLOOR = 1e-3
+FLOOR = 1e-4
 """Errors below this are drawn at it [mm]: a logarithm has no zero."""
 CORNER = 0.15
 """Nobody kept both errors below this [mm] faster than PyBullet."""
 TIMES = (5, 10, 20, 50, 100, 200, 500, 1000, 5000)
-ERRORS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
+ERRORS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
+DECADES = (0.0001, 0.001, 0.01, 0.1, 1, 10, 100)
+"""What is marked where a panel is of few decades, and of many: spheres and the mesh lie two apart."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,7 @@ PEERS: dict[str, tuple[Peer, ...]] = {
 
 
 def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
-    """Draw the trade-off: a panel against the true mesh for up to two objects, one against the finest optimum.
+    """Draw the trade-off: a panel against the true mesh for up to two objects, one against the optimum.
 
     Args:
         path: The picture; matplotlib chooses the format by its ending.
@@ -99,11 +103,13 @@ def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
     panels = figure.subplots(1, len(shown) + 1, squeeze=False)[0]
     for axes, name in zip(panels, shown):
         mine = chosen(rows, object=name, motion=ALL)
-        _draw_panel(axes, mine, "mesh_error", "mesh_frontier")
-        _draw_peers(axes, PEERS.get(name, ()))
+        peers = PEERS.get(name, ())
+        _draw_panel(axes, mine, "mesh_error", "mesh_frontier", 1.6e4 if peers else 2e3)
+        _name_surfaces(axes, mine, "mesh_error")
+        _draw_peers(axes, peers)
         axes.set_title(f"{name}: off the true mesh [mm]", fontsize=15, loc="left")
     last = panels[-1]
-    _draw_panel(last, chosen(rows, object=ALL, motion=ALL), "off_finest_mean", "tracking_frontier")
+    _draw_panel(last, chosen(rows, object=ALL, motion=ALL), "off_optimum_mean", "tracking_frontier", 2e3)
     whose = "all objects" if len(names) > 1 else names[0]
     last.set_title(f"{whose}: off the best pose [mm]", fontsize=15, loc="left")
     _draw_legend(figure, chosen(rows, object=ALL, motion=ALL))
@@ -111,7 +117,7 @@ def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
         0.012,
         0.012,
         "Off the true mesh: the larger of the deepest penetration and the farthest contact point. Off the best pose: "
-        "palm or fingertip, from where the converged optimum on the finest spheres has it, mean.\n"
+        "palm or fingertip, from where the converged optimum on the mesh itself has it, mean.\n"
         "Grey: other engines on the same kind of scene, as measured in November 2026 on a 2-core AMD EPYC; "
         "ratios carry over, times do not. The paper's times are those it states for its own machine.",
         fontsize=11.5,
@@ -122,7 +128,7 @@ def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
     save_figure(figure, path)
 
 
-def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str) -> None:
+def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str, longest: float) -> None:
     axes.axvline(BUDGET, color="#b00020", linewidth=1.5)
     axes.axvspan(*PAPER_RANGE, color=GREY, alpha=0.12, linewidth=0)
     for row in sorted(rows, key=lambda row: row[flag]):
@@ -151,7 +157,26 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str) -> Non
     errors = [max(FLOOR, 1e3 * row[error]) for row in rows if not np.isnan(row[error])]
     low = min(0.55 * min(errors, default=0.05), 0.02)
     high = 1.6 * max([*errors, 2.0])
-    logarithmic(axes, (4.0, 16000.0), (low, high), TIMES, ERRORS)
+    fastest = min([1e6 * row["tick_cpu_p50"] for row in rows if row["tick_cpu_p50"] > 0.0], default=5.0)
+    marked = DECADES if high > 3e3 * low else ERRORS
+    logarithmic(axes, (min(4.0, 0.3 * fastest), longest), (low, high), TIMES, marked)
+
+
+def _name_surfaces(axes: "Axes", rows: Sequence[Row], error: str) -> None:
+    """Say left of each level, and of the mesh, what it is: all methods lie at about one height, where they hold."""
+    from matplotlib.patheffects import withStroke
+
+    known = [row for row in rows if not np.isnan(row["tick_cpu_p50"]) and not np.isnan(row[error])]
+    for level in {row["level"] for row in known}:
+        same = [row for row in known if row["level"] == level]
+        fastest = 1e6 * min(row["tick_cpu_p50"] for row in same)
+        middle = max(FLOOR, 1e3 * float(np.median([row[error] for row in same])))
+        text = "mesh" if level == NO_LEVEL else f"level {level}"
+        axes.annotate(
+            text, (fastest, middle), (-9.0, 0.0), textcoords="offset points",
+            ha="right", va="center", fontsize=12, color="0.15",
+            path_effects=[withStroke(linewidth=3.0, foreground="white")],
+        )  # fmt: skip
 
 
 def _draw_peers(axes: "Axes", peers: Sequence[Peer]) -> None:
@@ -180,10 +205,11 @@ def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
     from matplotlib.patches import Patch
 
     methods = list(dict.fromkeys(row["method"] for row in rows))
-    levels = sorted({row["level"] for row in rows})
+    levels = sorted({row["level"] for row in rows}, key=lambda level: (level == NO_LEVEL, level))
 
     handles: list[Any] = [legend_mark(method, "o", COLORS.get(method, OTHER_COLOR)) for method in methods]
-    handles += [legend_mark(f"tree level {n}", MARKERS[n], "0.2", size=11.0 if n == 5 else 7.0) for n in levels]
+    names = {n: f"spheres of level {n}" if n != NO_LEVEL else "the mesh itself" for n in levels}
+    handles += [legend_mark(name, MARKERS[n], "0.2", size=0.97 * SIZES[n] ** 0.5) for n, name in names.items()]
     handles += [
         legend_mark("one linearisation", "o", "0.2", "white"),
         Line2D([], [], color="0.15", linewidth=1.4, label="frontier"),

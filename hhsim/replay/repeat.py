@@ -12,7 +12,7 @@ from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_tree
+from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_surface
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS, Column
@@ -118,10 +118,10 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no ticks: there is nothing to run again")
     hand, options = stored_hand(result), stored_options(result)
-    tree = stored_tree(result).arrays()
+    surface = stored_surface(result)
     warm_up(hand, options)
-    solver = HandSolver(hand, tree, options)
-    columns = TickColumns(tree, hand, options)
+    solver = HandSolver(hand, surface, options)
+    columns = TickColumns(surface, hand, options)
     total, notes = _runnable(result)
     tallies = [_Tally(column) for column in COMPARED]
     with interruptible_between() as check_interrupt:

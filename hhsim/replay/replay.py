@@ -5,7 +5,6 @@ ticks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.trees.contact_surface import contact_surface
 
 Progress = Callable[[str, int, int], None]
 
@@ -57,10 +57,10 @@ def replay(
         OutputError: The file cannot be written.
         HhsimError: More pairs were near than the solver holds.
     """
-    options = replace(options, period=1.0 / scene.ticks.rate)
+    options = options.at_rate(scene.ticks.rate)
     prepared = warm_up(scene.hand, options)
-    tree = scene.tree.arrays()
-    solver = HandSolver(scene.hand, tree, options)
+    surface = contact_surface(options.surface, scene.mesh, scene.tree)
+    solver = HandSolver(scene.hand, surface.arrays, options)
     ticks, total = scene.ticks, scene.ticks.tick_count
     motion = scene.trajectory
     static = static_arrays(scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation)
@@ -74,7 +74,7 @@ def replay(
         **describe_scene(scene.mesh, scene.tree, scene.hand, options, static),
     }
     series = TickSeries(total)
-    columns = TickColumns(tree, scene.hand, options)
+    columns = TickColumns(surface.arrays, scene.hand, options)
     with ResultWriter(
         Path(output_path), scene=described, static=static, phases=ticks.phases, command=command
     ) as writer:
@@ -97,6 +97,6 @@ def replay(
                 check_interrupt()
         if progress is not None:
             progress("ticks", total, total)
-        summary = summarise(scene, options, series, prepared, of_paper=of_the_paper(described))
+        summary = summarise(scene, surface, options, series, prepared, of_paper=of_the_paper(described))
         path = writer.finish(summary.attributes())
     return summary.at(path)

@@ -14,7 +14,8 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.scene.scene import all_pairs
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[Any]
@@ -140,6 +141,15 @@ def stored_tree(result: Result) -> SphereTree:
     return _tree(result, "object/tree")
 
 
+def stored_surface(result: Result) -> Any:
+    """The surface that the hand touched, in the kernels' form, world [m].
+
+    Raises:
+        InputError: Arrays that are no tree, or a surface that this hhsim does not have.
+    """
+    return contact_surface(result.surface, stored_mesh(result), stored_tree(result)).arrays
+
+
 def stored_hand(result: Result) -> HandModel:
     """The hand of a run.
 
@@ -175,6 +185,8 @@ def stored_options(result: Result) -> SolverOptions:
     try:
         values["stiffness"] = Stiffness(**values["stiffness"])
         values["fingers"] = tuple(values["fingers"])
+        # Before a budget had a default, none meant that there was none.
+        values["budget"] = UNLIMITED if values.get("budget") is None else values["budget"]
         return SolverOptions(**values)
     except (KeyError, TypeError) as error:
         raise InputError(f"{result.path}: its solver options cannot be read: {error}") from error

@@ -13,7 +13,6 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE
 from hhsim.metrics import metrics
 from hhsim.metrics.contact_error import MOST_CONTACT_ERROR, TouchedObject
@@ -27,6 +26,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.compile import WarmUp
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import reference_excess
+from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.options import MOST_LEVEL
 
 Array = NDArray[Any]
@@ -75,6 +75,7 @@ class ReplaySummary:
         method: Of the solver.
         object_name: What people call the object.
         motion_name: What people call the motion.
+        surface: Of the object that the hand touched.
         path: The result file.
     """
 
@@ -85,12 +86,13 @@ class ReplaySummary:
     method: str
     object_name: str
     motion_name: str
+    surface: str = "spheres"
     path: Path | None = None
 
     @property
     def verdict(self) -> Verdict:
         """By the default limits."""
-        return run_verdict(self.rows, self.method, self.ticks)
+        return run_verdict(self.rows, self.method, self.ticks, surface=self.surface)
 
     def attributes(self) -> dict[str, float | int]:
         """The table as attributes of the result file: deterministic figures and timings by name."""
@@ -108,6 +110,7 @@ class ReplaySummary:
             "object": self.object_name,
             "motion": self.motion_name,
             "method": self.method,
+            "surface": self.surface,
             "verdict": asdict(self.verdict),
             **self.attributes(),
             "kernels_prepared_s": self.warm_up.seconds,
@@ -117,9 +120,15 @@ class ReplaySummary:
 
 
 def summarise(
-    scene: Scene, options: SolverOptions, series: TickSeries, prepared: WarmUp, *, of_paper: bool = False
+    scene: Scene,
+    surface: ContactSurface,
+    options: SolverOptions,
+    series: TickSeries,
+    prepared: WarmUp,
+    *,
+    of_paper: bool = False,
 ) -> ReplaySummary:
-    """Compute the table; with the paper's figures where the scene is `of_paper`."""
+    """Compute the table; with the paper's figures where the scene is `of_paper`; `surface` is the one that it had."""
     ticks = scene.ticks
     run = RunTicks(
         columns=series,
@@ -130,34 +139,35 @@ def summarise(
         all_pairs=scene.all_pairs,
         touched=TouchedObject(
             scene.mesh,
-            scene.tree.arrays(),
+            surface.arrays,
             hand_shape(scene.hand),
             np.array([finger in options.fingers for finger in FINGERS]),
             options.touch,
         ),
     )
     haptic = HandConfiguration.of(ticks)
-    own = figures_of_own_runs(scene.hand, scene.tree.arrays(), options, haptic, run)
+    own = figures_of_own_runs(scene.hand, surface.arrays, options, haptic, run)
     figures = {**tick_figures(run), **own}
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
-        notes=(*_notes(scene, options, series["status"]), *_floating(scene, figures)),
+        notes=(*_notes(scene, options, series["status"]), *surface.notes, *_floating(scene, figures)),
         ticks=series.ticks,
         warm_up=prepared,
         method=options.method,
         object_name=scene.mesh.name,
         motion_name=scene.trajectory.name,
+        surface=options.surface,
     )
 
 
 def figures_of_own_runs(
-    hand: HandModel, tree: TreeArrays, options: SolverOptions, haptic: HandConfiguration, run: RunTicks
+    hand: HandModel, surface: Any, options: SolverOptions, haptic: HandConfiguration, run: RunTicks
 ) -> dict[str, float]:
     """The figures that further runs of the solver are needed for: the reference optimum, and a trembling hold.
 
     Args:
         hand: The hand.
-        tree: The object's sphere tree, world.
+        surface: The object's, world, as the options name it.
         options: Of the solver.
         haptic: The haptic hand of every tick.
         run: The ticks, with those of `GRAPHIC_HAND`.
@@ -167,10 +177,10 @@ def figures_of_own_runs(
     graphic = HandConfiguration(*(run[f"graphic/{name}"] for name in HandConfiguration._fields))
     held = np.flatnonzero(run.hold)
     chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
-    excess = reference_excess(hand, tree, options, haptic, graphic, chosen)
+    excess = reference_excess(hand, surface, options, haptic, graphic, chosen)
     found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
     hold = run.holds[0]
-    trembling = tremor_variation(hand, tree, options, haptic.at(hold), graphic.at(hold), run.rate)
+    trembling = tremor_variation(hand, surface, options, haptic.at(hold), graphic.at(hold), run.rate)
     if trembling is not None:
         found |= {TREMBLING: trembling.mean, f"{TREMBLING}_std": trembling.std}
     return found

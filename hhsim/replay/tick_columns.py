@@ -9,7 +9,6 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import force_variation_rate, penetration
 from hhsim.result.schema import TICK_COLUMNS
@@ -22,14 +21,14 @@ class TickColumns:
     """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
 
     Args:
-        tree: The object's sphere tree, world.
+        surface: The object's, world.
         hand: The hand.
         options: Of the solver; fingers that the scene does not use have no penetration.
     """
 
-    def __init__(self, tree: TreeArrays, hand: HandModel, options: SolverOptions) -> None:
+    def __init__(self, surface: Any, hand: HandModel, options: SolverOptions) -> None:
         """No tick has gone before."""
-        self._tree, self._shape = tree, hand_shape(hand)
+        self._surface, self._shape = surface, hand_shape(hand)
         self._fingers = np.array([finger in options.fingers for finger in FINGERS])
         self.forget()
 
@@ -48,7 +47,7 @@ class TickColumns:
             record: What it made of it.
         """
         placed = PlacedHand(record.joints, record.position, record.orientation)
-        depth = penetration(self._tree, *self._shape, *placed, self._fingers)
+        depth = penetration(self._surface, *self._shape, *placed, self._fingers)
         total = np.concatenate([self._total, record.total])
         finger = np.concatenate([self._finger, record.phalanx.sum(axis=2)])
         self._total, self._finger = total[-1:], finger[-1:]

@@ -6,13 +6,13 @@ physiological tremor.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import Statistics, force_variation_rate, statistics
 from hhsim.motion.tremor import Disturbance
@@ -29,7 +29,7 @@ ONSET = 0.1
 
 def tremor_variation(
     hand: HandModel,
-    tree: TreeArrays,
+    surface: Any,
     options: SolverOptions,
     haptic: HandConfiguration,
     graphic: HandConfiguration,
@@ -43,13 +43,13 @@ def tremor_variation(
     """
     if any(np.any(values != values[:1]) for values in haptic):
         return None
-    record, settled = trembling_hold(hand, tree, options, haptic, graphic, rate, seed)
+    record, settled = trembling_hold(hand, surface, options, haptic, graphic, rate, seed)
     return statistics(force_variation_rate(record.total), settled)
 
 
 def trembling_hold(
     hand: HandModel,
-    tree: TreeArrays,
+    surface: Any,
     options: SolverOptions,
     haptic: HandConfiguration,
     graphic: HandConfiguration,
@@ -62,7 +62,7 @@ def trembling_hold(
 
     Args:
         hand: The hand.
-        tree: The object's sphere tree, world frame.
+        surface: The object's, world frame, as the options name it.
         options: Of the solver.
         haptic: Haptic hand at each tick of the hold.
         graphic: Graphic hand at each tick of the hold; the repetition starts from its first one.
@@ -82,6 +82,6 @@ def trembling_hold(
         seed, time[taken], haptic.position[taken], haptic.orientation[taken], haptic.flexion[taken]
     )
     position, orientation, flexion = (np.ascontiguousarray(values[sample]) for values in moved)
-    solver = HandSolver(hand, tree, options)
+    solver = HandSolver(hand, surface, options)
     solver.place(*graphic.at(0))
     return solver.run(position, orientation, flexion, graphic.abduction), time >= ONSET

@@ -38,7 +38,8 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     # A tick that never was is in no figure of the ticks.
     late = int(result.summary.get("missed", 0))
     repairs = [str(text) for text in result.scene.get("object_repairs") or []]
-    return run_verdict(rows, result.method, result.ticks, complete=result.complete, late=late, repairs=repairs)
+    run = rows, result.method, result.ticks
+    return run_verdict(*run, complete=result.complete, late=late, repairs=repairs, surface=result.surface)
 
 
 def run_verdict(
@@ -49,6 +50,7 @@ def run_verdict(
     complete: bool = True,
     late: int = 0,
     repairs: Sequence[str] = (),
+    surface: str = "spheres",
 ) -> Verdict:
     """Judge a run by the limits that `hhsim gate` has where a project sets none.
 
@@ -61,6 +63,7 @@ def run_verdict(
         complete: False where it was stopped.
         late: Periods of a session that had no tick.
         repairs: Of the object's mesh; where its solid is an assumed one, they say what the guarantee is not of.
+        surface: Of the object that the hand touched.
     """
     if ticks == 0:
         return Verdict(EMPTY, ("The file holds no tick.",), line=f"{EMPTY}: the file holds none")
@@ -72,7 +75,7 @@ def run_verdict(
     }
     missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
     over = "; ".join(_over(figures[name], limits[name]) for name in missed)
-    contact, touched = _contact(figures)
+    contact, touched = _contact(figures, surface)
     stopped = "" if complete else f"The run was stopped after {ticks:,} ticks; what follows is of these."
     assumed = [f"{text[:1].upper()}{text[1:]}." for text in repairs if text.startswith(ASSUMED_SOLID)]
     parts = [stopped, contact, *assumed, _speed(figures, ticks)]
@@ -89,7 +92,7 @@ def run_verdict(
     return Verdict(word, tuple(part for part in parts if part), missed, line.strip())
 
 
-def _contact(figures: Mapping[str, SummaryRow]) -> tuple[str, bool]:
+def _contact(figures: Mapping[str, SummaryRow], surface: str) -> tuple[str, bool]:
     """What the hand did to the object, in a sentence, and whether it touched it at all, as far as that is known."""
     near, touching, depth = (figures.get(name) for name in ("candidates_max", "touching_max", "penetration_max"))
     force = figures.get("force_contact_max")
@@ -103,8 +106,8 @@ def _contact(figures: Mapping[str, SummaryRow]) -> tuple[str, bool]:
     if depth is None:
         return "", True
     if depth.shown == depth.figure.shown(0.0):
-        return "The shown hand stays out of the object's spheres in every tick.", True
-    return f"The shown hand is up to {depth.shown} {depth.unit} inside the object's spheres.", True
+        return f"The shown hand stays out of the object's {surface} in every tick.", True
+    return f"The shown hand is up to {depth.shown} {depth.unit} inside the object's {surface}.", True
 
 
 def _speed(figures: Mapping[str, SummaryRow], ticks: int) -> str:

@@ -1,6 +1,7 @@
 """A chart of a table of `hhsim bench`: what its suite is run for, at a glance."""
 
 import math
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -20,6 +21,8 @@ MOST_LABELS = 40
 """Lines of a chart; of a longer table the first ones."""
 LINE, TITLE, BOTTOM, LEGEND, PANEL = 0.2, 0.3, 0.5, 0.22, 2.6
 """Room [inches] for a line of a chart, a title, the axis below, a line of the legend, and a panel of points."""
+BOLD, TITLE_LINE = 0.085, 0.16
+"""Room [inches] for a letter of the title, and for each of its lines but the first."""
 LETTER = 0.075
 """Room [inches] for a letter of a name."""
 SPREAD = 8.0
@@ -32,7 +35,7 @@ class Chart:
 
     Attributes:
         title: In a few words.
-        series: Column that has a colour for each of its values.
+        series: Columns that have a colour for each of their values together; a table may lack all but the first.
         x: Column of the numbers along.
         y: Column of the numbers up; "" where each line is one of `labels`.
         labels: Columns that name a line.
@@ -43,7 +46,7 @@ class Chart:
     """
 
     title: str
-    series: str
+    series: tuple[str, ...]
     x: str = ""
     y: str = ""
     labels: tuple[str, ...] = ()
@@ -59,27 +62,27 @@ def _share_of_bar(row: Row) -> float:
 
 
 CHARTS: Mapping[str, Chart] = {
-    "paper": Chart("How many times below the paper's figure", "method", x="ratio", labels=("label",), mark=1.0),
+    "paper": Chart("How many times below the paper's figure", ("method",), x="ratio", labels=("label",), mark=1.0),
     "speed-error": Chart(
         "Time of a tick against distance from the true mesh",
-        "method",
+        ("method", "surface"),
         x="tick_cpu_p50",
         y="mesh_error",
-        chosen=lambda row: row["object"] != "all" and not row["stretch"],
+        chosen=lambda row: row["object"] != "all" and row["motion"] == "all" and not row["stretch"],
     ),
     "hard": Chart(
         "Share of the bar that is used",
-        "method",
+        ("method",),
         labels=("case", "figure"),
         of=_share_of_bar,
         axis="of the bar",
         mark=1.0,
     ),
-    "stress": Chart("Slowest hundredth of the ticks", "method", x="cpu_p99", labels=("object", "level")),
-    "recorded": Chart("Slowest hundredth of the ticks", "method", x="cpu_p99", labels=("recording", "object")),
-    "qp": Chart("Time of a program", "solver", x="native_p50", labels=("program",)),
-    "trees": Chart("How far the spheres protrude", "method", x="spheres", y="protrusion_max"),
-    "threads": Chart("Wall time of a tick by threads", "case", x="threads", y="total"),
+    "stress": Chart("Slowest hundredth of the ticks", ("method",), x="cpu_p99", labels=("object", "level")),
+    "recorded": Chart("Slowest hundredth of the ticks", ("method",), x="cpu_p99", labels=("recording", "object")),
+    "qp": Chart("Time of a program", ("solver",), x="native_p50", labels=("program",)),
+    "trees": Chart("How far the spheres protrude", ("method",), x="spheres", y="protrusion_max"),
+    "threads": Chart("Wall time of a tick by threads", ("case",), x="threads", y="total"),
 }
 """What is drawn of each suite."""
 
@@ -88,7 +91,7 @@ def bench_figure(found: Table) -> ReportFigure | None:
     """The chart of a table; None where its suite has none, or no row has the numbers."""
     chart = CHARTS.get(found.suite)
     names = {column.name for column in found.columns}
-    if chart is None or not {chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names:
+    if chart is None or not {chart.series[0], *chart.labels, *filter(None, (chart.x, chart.y))} <= names:
         return None
     try:
         rows = [row for row in found.rows if chart.chosen(row) and _is_number(_along(chart, row))]
@@ -98,29 +101,37 @@ def bench_figure(found: Table) -> ReportFigure | None:
         rows = [row for row in rows if _is_number(row[chart.y])]
     if not rows:
         return None
-    series = list(dict.fromkeys(str(row[chart.series]) for row in rows))
+    series = list(dict.fromkeys(_series(chart, row) for row in rows))
+    told = " and ".join(name for name in chart.series if name in names)
     labels = list(dict.fromkeys(_label(chart, row) for row in rows))
     shown, more = labels[:MOST_LABELS], len(labels) - MOST_LABELS
 
     def height(width: float, narrow: bool) -> float:
         panel = PANEL if chart.y else LINE * (len(shown) + 1)
-        return LEGEND * _legend(series, width)[1] + TITLE + panel + BOTTOM
+        return LEGEND * _legend(series, width)[1] + _title(chart, width)[1] + panel + BOTTOM
 
     def draw(figure: "Figure", narrow: bool) -> None:
         width, tall = (float(side) for side in figure.get_size_inches())
         names = LEGEND * _legend(series, width)[1]
         left = 0.65 if chart.y else min(0.5 * width, 0.2 + LETTER * max(map(len, shown)))
-        box = (left / width, BOTTOM / tall, 1.0 - (left + 0.15) / width, (tall - names - TITLE - BOTTOM) / tall)
+        title, above = _title(chart, width)
+        box = (left / width, BOTTOM / tall, 1.0 - (left + 0.15) / width, (tall - names - above - BOTTOM) / tall)
         axes = figure.add_axes(box)
         (_draw_points if chart.y else _draw_lines)(axes, found, chart, rows, series, shown)
-        panel_title(axes, chart.title, 4, left - 0.05)
+        panel_title(axes, title, 4, left - 0.05)
         _draw_legend(figure, series, width)
 
     caption = f"{len(rows):,} rows of the table." + (
         f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
     )
-    alt = f"{chart.title}: {len(rows):,} points, by {chart.series} ({', '.join(series)})."
+    alt = f"{chart.title}: {len(rows):,} points, by {told} ({'; '.join(series)})."
     return drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, Drawing(draw, height))
+
+
+def _title(chart: Chart, width: float) -> tuple[str, float]:
+    """The title in lines that fit a figure so many inches wide, and the room above the panel that they need."""
+    lines = textwrap.wrap(chart.title, int((width - 0.1) / BOLD))
+    return "\n".join(lines), TITLE + TITLE_LINE * (len(lines) - 1)
 
 
 def _draw_points(
@@ -128,13 +139,12 @@ def _draw_points(
 ) -> None:
     units = {name: shown_unit(found, name) for name in (chart.x, chart.y)}
     for number, name in enumerate(series):
-        of = [row for row in rows if row[chart.series] == name]
+        of = [row for row in rows if _series(chart, row) == name]
         x, y = ([float(row[column]) / units[column].factor for row in of] for column in (chart.x, chart.y))
         axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.0, alpha=0.75)
-    for axis, scale, column in (("x", axes.set_xscale, chart.x), ("y", axes.set_yscale, chart.y)):
-        values = [float(row[column]) for row in rows]
-        if _is_wide(values):
-            scale("log")
+    for axis, column in (("x", chart.x), ("y", chart.y)):
+        if _is_wide([float(row[column]) for row in rows]):
+            _make_logarithmic(axes, axis)
         unit = units[column].name
         text = f"{column.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
         (axes.set_xlabel if axis == "x" else axes.set_ylabel)(text)
@@ -148,7 +158,7 @@ def _draw_lines(
     factor = unit.factor if unit else 1.0
     values = []
     for number, name in enumerate(series):
-        of = [row for row in rows if row[chart.series] == name and _label(chart, row) in labels]
+        of = [row for row in rows if _series(chart, row) == name and _label(chart, row) in labels]
         x = [_along(chart, row) / factor for row in of]
         values += x
         y = [labels.index(_label(chart, row)) for row in of]
@@ -158,7 +168,7 @@ def _draw_lines(
     for place in range(len(labels)):
         axes.axhline(place, color=GRID, linewidth=0.6, zorder=0)
     if _is_wide(values):
-        axes.set_xscale("log")
+        _make_logarithmic(axes, "x")
     else:
         axes.set_xlim(left=min(0.0, *values))
     if chart.mark is not None:
@@ -167,8 +177,18 @@ def _draw_lines(
     axes.set_xlabel(text, color=SOFT)
 
 
+def _make_logarithmic(axes: "Axes", axis: str) -> None:
+    (axes.set_xscale if axis == "x" else axes.set_yscale)("log")
+    # Plain numbers: nobody reads 10 to the minus 3 mm at a glance.
+    (axes.xaxis if axis == "x" else axes.yaxis).set_major_formatter(lambda value, _: f"{value:,.10g}")
+
+
 def _along(chart: Chart, row: Row) -> float:
     return chart.of(row) if chart.of is not None else float(row[chart.x])
+
+
+def _series(chart: Chart, row: Row) -> str:
+    return ", ".join(str(row[name]) for name in chart.series if name in row)
 
 
 def _label(chart: Chart, row: Row) -> str:

@@ -1,19 +1,25 @@
 """Results side by side: what differs in what was fed in and in how it was run, and which figures are better."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from hhsim.gate.input_hash import differences, new_options, run_inputs
+from hhsim.gate.input_hash import RunInputs, differences, new_options, run_inputs
 from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
+from hhsim.report.labels import option_value
+from hhsim.report.provenance import commit, object_name
 from hhsim.result.reader import Result
 
 HOW = ("level", "max_error")
 """Options of a replay that say how it was run and not what was fed in."""
+OF_A_MESH = ("unit", "size_mm", "thickness_mm")
+OF_A_MOTION = ("number of ticks", "trajectory")
+OF_A_REPLAY = ("place_object", "samples", "seed", "tremor_mm_deg")
+"""What differs by itself where the object, the motion, or the kind of run does."""
 SEEDED_NOISE = {TREMBLING: 2.0, f"{TREMBLING}_std": 2.0}
 """Shares by which figures of a hand that trembles at random may differ and say nothing.
 
@@ -82,12 +88,13 @@ def compare(base: Result, head: Result) -> Comparison:
         solver=one.solver,
         options={**other.options, **{name: one.options[name] for name in HOW}},
     )
-    scene = differences(one, alike)
+    unlike = differences(one, alike)
     about_schema = [text for text in every if text.startswith("result schema")]
-    how = [text for text in every if text not in scene and text not in about_schema]
+    how = [_in_units(text, one, other) for text in every if text not in unlike and text not in about_schema]
     how += [f"option that only one has: {name}" for name in new_options(one, other)]
     around = [*about_schema, *_around(base, head)]
-    return Comparison(tuple(scene), tuple(how), tuple(around), base.machine == head.machine, _spread(base, head))
+    scene = tuple(_of_the_scene(unlike, base, head))
+    return Comparison(scene, tuple(how), tuple(around), base.machine == head.machine, _spread(base, head))
 
 
 def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> ComparedFigure:
@@ -134,10 +141,30 @@ def _around(base: Result, head: Result) -> list[str]:
     return found
 
 
-def commit(result: Result) -> str:
-    """The commit of the hhsim that wrote a result, in short, and whether its files had changed."""
-    changed = ", with changes that are not committed" if result.git_dirty is True else ""
-    return f"{result.git_revision[:12]}{changed}"
+def _of_the_scene(unlike: Sequence[str], base: Result, head: Result) -> list[str]:
+    """What differs in what was fed in, by the names that people know, without what follows from another difference."""
+    named = {text.partition(":")[0]: text for text in unlike}
+    live = (base.live is None) != (head.live is None)
+    follow = [
+        *(OF_A_MESH if "object mesh" in named else ()),
+        *(OF_A_MOTION if "motion" in named else ()),
+        *(OF_A_REPLAY if live else ()),
+    ]
+    names = object_name(base), object_name(head)
+    if "object mesh" in named and names[0] != names[1]:
+        named["object mesh"] = f"object: {names[0]} and {names[1]}"
+    found = [text.replace("None", "none") for name, text in named.items() if name not in follow]
+    return [*(["one is a live session"] if live else []), *found]
+
+
+def _in_units(text: str, one: RunInputs, other: RunInputs) -> str:
+    """A difference in an option of the solver with its unit."""
+    name = text.partition(":")[0]
+    if name not in one.solver or name not in other.solver:
+        return text.replace("None", "none")
+    words = [option_value(name, inputs.solver[name]) for inputs in (one, other)]
+    # What differs in later digits than people read is told in full.
+    return f"{name}: {' and '.join(words)}" if words[0] != words[1] else text
 
 
 def _in_words(value: Any) -> str:

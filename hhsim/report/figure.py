@@ -6,7 +6,7 @@ has fine text, it is drawn a second time for a phone. Colours are told apart by 
 """
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -47,6 +47,8 @@ PHONE_INCHES = 3.6
 DPI = 200
 TEXT = 9.0
 """Size of the smallest text [pt]."""
+LETTER, SIGN = 0.075, 0.5
+"""Room [inches] for a letter of a legend, and for a sign of it."""
 
 
 @dataclass(frozen=True)
@@ -197,6 +199,19 @@ def gridded(axes: "Axes") -> None:
     """Faint lines at the ticks of the y axis."""
     axes.grid(axis="y")
     axes.tick_params(length=3.0)
+
+
+def legend_names(labels: Sequence[str], room: float) -> tuple[list[str], int]:
+    """Names for a legend, cut where a line of it could not hold them, and how many stand in a line.
+
+    Args:
+        labels: Of the results.
+        room: Its width [inches].
+    """
+    most = max(2, int((room - SIGN) / LETTER))
+    names = [label if len(label) <= most else f"{label[: most - 1]}…" for label in labels]
+    longest = max(map(len, names), default=1)
+    return names, max(1, min(len(names), int(room / (SIGN + LETTER * longest))))
 
 
 def panel_title(axes: "Axes", text: str, up: float, left: float = LEFT - 0.06) -> None:

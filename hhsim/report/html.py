@@ -13,6 +13,8 @@ PHONE = "screen and (max-width: 34rem)"
 """Media query of the screens that get narrow pictures."""
 ASIDE = f"{PHONE}, screen and (min-width: 74rem)"
 """The same for pictures that stand beside another one where the screen is wide."""
+CARD_COLUMNS = 5
+"""Columns from which on a row of a table is a card on a phone."""
 LONGEST_WORD = 32
 """Letters of a word that is not broken in a table."""
 NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
@@ -108,18 +110,21 @@ def table(
     rows: Iterable[Sequence[str]],
     *,
     numbers: Iterable[int] = (),
-    kind: str | None = None,
+    cards: bool = False,
 ) -> Html:
-    """A table that scrolls in a box of its own where it is wider than the page; the first cell heads its row.
+    """A table whose first cell heads its row; of many columns a row is a card on a phone, each cell with its heading.
+
+    It scrolls in a box of its own where it is wider than the page all the same.
 
     Args:
         caption: What it holds.
         headings: Of the columns.
         rows: Cells, as many as headings.
         numbers: Columns that are aligned right.
-        kind: Class of the table; of "cards" a row is a card on a phone, each cell with its heading.
+        cards: Whether rows are cards on a phone even of few columns, since cells hold sentences.
     """
     right = set(numbers)
+    cards = cards or len(headings) >= CARD_COLUMNS
 
     def align(column: int) -> str | None:
         return "number" if column in right else None
@@ -134,7 +139,7 @@ def table(
                 "td",
                 cell,
                 class_=align(i) or ("long" if is_long(cell) else None),
-                data_heading=headings[i] if kind == "cards" else None,
+                data_heading=headings[i] if cards else None,
             )
             for i, cell in enumerate(others, 1)
         ]
@@ -144,7 +149,7 @@ def table(
         element("thead", element("tr", *head)),
         element("tbody", *body),
     )
-    whole = element("table", *content, class_=kind)
+    whole = element("table", *content, class_="cards" if cards else None)
     return element("div", whole, class_="scroll", role="region", aria_label=caption, tabindex=0)
 
 

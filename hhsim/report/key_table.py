@@ -4,24 +4,30 @@ import math
 from collections.abc import Mapping, Sequence
 
 from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, WITHIN, WORSE
+from hhsim.metrics.run.force import TREMBLING
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.replay.verdict import MISSED, OK
 from hhsim.report.compare import Comparison, compared
 from hhsim.report.html import Html, element, joined, table
 from hhsim.report.run import ReportRun
 
-KEY_FIGURES: Mapping[str, tuple[str, ...]] = {
-    "depth, max": ("penetration_max",),
-    "off the mesh, max": ("contact_error_max",),
-    "force, mean": ("force_contact_mean", "force_hold_mean"),
-    "force step": ("force_contact_step", "force_step"),
-    "variation": ("force_variation_tremor", "force_variation_contact", "force_variation_hold"),
-    "tick, p50": ("tick_cpu_p50",),
-    "tick, p99": ("tick_cpu_p99",),
-    "stuck ticks": ("stuck_ticks",),
-    "lag, max": ("lag_max",),
-}
-"""Short headings, and the run metrics that may stand below each: the first of those that most results have."""
+KEY_FIGURES: Sequence[Mapping[str, str]] = (
+    {"penetration_max": "depth, max"},
+    {"contact_error_max": "off the mesh, max"},
+    {"force_contact_mean": "force, mean", "force_hold_mean": "force in the hold, mean"},
+    {"force_contact_step": "force step", "force_step": "force step, moving"},
+    {
+        TREMBLING: "variation, trembling",
+        "force_variation_contact": "variation in contact",
+        "force_variation_hold": "variation in the hold",
+    },
+    {"tick_cpu_p50": "tick, p50"},
+    {"tick_cpu_p99": "tick, p99"},
+    {"stuck_ticks": "stuck ticks"},
+    {"lag_max": "lag, max"},
+)
+"""The run metrics that may stand in each column, with their short headings: the first of those that most results
+have."""
 SHOWN_WORDS = (BETTER, WORSE, WITHIN, NOT_COMPARABLE)
 """Words that stand below a figure; where both are the same there is nothing to say."""
 MOODS = {OK: "good", MISSED: "bad"}
@@ -35,23 +41,18 @@ def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> H
         runs: Results.
         comparisons: Of each but the first one with the first one.
     """
-    figures = {heading: name for heading, names in KEY_FIGURES.items() if (name := _chosen(runs, names))}
-    headings = ["result", "verdict", *(_heading(runs, name, heading) for heading, name in figures.items())]
+    figures = {name: names[name] for names in KEY_FIGURES if (name := _chosen(runs, tuple(names)))}
+    headings = ["result", "verdict", *(_heading(runs, name, heading) for name, heading in figures.items())]
     rows = []
     for run, comparison in zip(runs, (None, *comparisons)):
-        rows.append(
-            [
-                run.label,
-                _verdict(run, tuple(figures.values())),
-                *(_cell(run, name, runs[0], comparison) for name in figures.values()),
-            ]
-        )
+        cells = (_cell(run, name, runs[0], comparison) for name in figures)
+        rows.append([run.label, _verdict(run, tuple(figures)), *cells])
     caption = (
         "Key figures. Times are CPU times of ticks in contact. Red: over the limit that hhsim gate has by default."
     )
     if len(runs) > 1:
         caption += f" Below a figure: beside that of {runs[0].letter}, where both were fed with the same."
-    return table(caption, headings, rows, numbers=range(2, len(headings)), kind="cards")
+    return table(caption, headings, rows, numbers=range(2, len(headings)))
 
 
 def _heading(runs: Sequence[ReportRun], name: str, heading: str) -> str:

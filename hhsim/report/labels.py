@@ -69,8 +69,10 @@ def option_words(result: Result) -> dict[str, str]:
     words |= {f"stiffness {name}": f"{name} {value:g}" for name, value in stiffness.items() if name not in STIFFNESS}
     for name, value in sorted(solver.items()):
         if name not in ("method", "fingers", "stiffness"):
-            words[name] = f"{name.replace('_', ' ')} {_value(name, value)}"
-    for name in ("max_error", "tremor_mm_deg", "samples", "placement", "size_mm", "thickness_mm", "seed"):
+            words[name] = f"{name.replace('_', ' ')} {option_value(name, value)}"
+    if scene.get("placement"):
+        words["scene placement"] = _placed(scene["placement"])
+    for name in ("max_error", "tremor_mm_deg", "samples", "size_mm", "thickness_mm", "seed"):
         if scene.get(name) is not None:
             words[f"scene {name}"] = _cut(f"{name.partition('_mm')[0].replace('_', ' ')} {scene[name]}")
     stated = scene.get("checksums", {})
@@ -87,7 +89,11 @@ CAUSED = {
     "spheres": ("level",),
     "scene max_error": ("level", "spheres"),
     "sum tree": ("level", "spheres", "scene max_error"),
+    "skin": ("surface",),
+    "touch": ("surface",),
     "sum hand": ("side", "length"),
+    "period": ("rate",),
+    "budget": ("rate",),
     **{f"scene {name}": ("kind",) for name in ("samples", "placement", "seed", "size_mm", "thickness_mm")},
     "source": ("kind",),
 }
@@ -104,6 +110,8 @@ def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
     differing = [name for name in names if len({one.get(name) for one in options}) > 1]
     told = [name for name in differing if not set(CAUSED.get(name, ())) & set(differing)]
     told = [name for name in told if name not in AROUND] or told
+    # A checksum says only that something differs: it is for results that no word tells apart.
+    told = [name for name in told if not name.startswith("sum ")] or told
     found: list[list[str]] = [[] for _ in options]
     for name in told:
         ranked = Counter(one.get(name, "") for one in options).most_common()
@@ -114,7 +122,15 @@ def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
     return [words[:MOST_WORDS] for words in found]
 
 
-def _value(name: str, value: Any) -> str:
+def _placed(placement: Mapping[str, Any]) -> str:
+    """Where the object of a recording was put, by what tells one place from another; not by whose word."""
+    if "time" not in placement or "depth" not in placement:
+        return "object placed"
+    return f"placed at {float(placement['time']):.2f} s, {1e3 * float(placement['depth']):.1f} mm deep"
+
+
+def option_value(name: str, value: Any) -> str:
+    """An option of the solver as people read it: lengths in mm, times in ms, numbers by six digits."""
     if name in LENGTHS and isinstance(value, int | float):
         return f"{1e3 * value:g} mm"
     if name in TIMES and isinstance(value, int | float):

@@ -10,7 +10,7 @@ from hhsim.report.run import ReportRun
 from hhsim.report.style import STYLE
 
 MOST_NAMED = 4
-"""Results that the title names."""
+"""Results, or scenes, that the title names."""
 GENERATOR = "hhsim report"
 """What the page says it was made by; files that do not are not replaced."""
 
@@ -26,9 +26,11 @@ def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:
     if len(runs) == 1:
         parts.append(runs[0].name)
     elif runs:
-        scenes = dict.fromkeys(f"{object_name(run.result)}, {motion_name(run.result)}" for run in runs)
-        methods = ", ".join(run.label for run in runs[:MOST_NAMED]) + (", …" if len(runs) > MOST_NAMED else "")
-        parts.append(f"{next(iter(scenes))}: {methods}" if len(scenes) == 1 else f"{len(runs)} results: {methods}")
+        scenes = list(dict.fromkeys(f"{object_name(run.result)}, {motion_name(run.result)}" for run in runs))
+        # Of several scenes the labels repeat object and motion: they are told below, and the scenes here.
+        named = [run.label for run in runs] if len(scenes) == 1 else scenes
+        shown = "; ".join([*named[:MOST_NAMED], *(["…"] if len(named) > MOST_NAMED else [])])
+        parts.append(f"{scenes[0]}: {shown}" if len(scenes) == 1 else f"{len(runs)} results: {shown}")
     parts += [f"hhsim bench {suite}" for suite in tables]
     return "; ".join(parts)
 
@@ -59,8 +61,8 @@ def report_page(
         "footer",
         paragraph(
             f"Made by hhsim report, version {__version__}, from what the files hold.",
-            " Depths are of the poses in them, and into the spheres that stand for the object; hhsim verify checks "
-            "every claim by other code, and against the true mesh."
+            " Depths are of the poses in them, and into what of the object the hand touched, its spheres or its mesh; "
+            "hhsim verify checks every claim by other code, and against the true mesh."
             if runs
             else "",
         ),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.kernels.contact.contact_points import ContactPoints
+from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
@@ -179,7 +179,7 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
     whole = mesh_surface(scene.mesh, STONE)
     body = near_hands(whole, np.concatenate([graphic.points, haptic.points]))
     contacts = find_contact_points(
-        scene.tree_arrays,
+        scene.surface_arrays,
         scene.shape,
         PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation),
         scene.touch,

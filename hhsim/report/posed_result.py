@@ -11,7 +11,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.metrics import penetration
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_ticks import result_ticks
-from hhsim.replay.stored_scene import stored_tree
+from hhsim.replay.stored_scene import stored_surface
 from hhsim.result.reader import Result
 
 Array = NDArray[Any]
@@ -27,7 +27,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class PosedResult(Result):
-    """A result with depths of its poses in its object's spheres.
+    """A result with depths of its poses in its object's surface.
 
     Attributes:
         depths: The datasets that are computed, by name [m].
@@ -75,7 +75,7 @@ def posed_result(result: Result) -> PosedResult:
         InputError: The file cannot be read, or the arrays of its tree are none.
     """
     static = result.static
-    tree = stored_tree(result).arrays()
+    surface = stored_surface(result)
     used = [finger in result.fingers for finger in FINGERS]
     depths = {
         DEPTH: np.empty(result.ticks),
@@ -86,7 +86,7 @@ def posed_result(result: Result) -> PosedResult:
     for block in result.blocks([*POSES, DEPTH], BLOCK_TICKS):
         joints, position, orientation = (block[name] for name in POSES)
         found = penetration(
-            tree,
+            surface,
             static["hand/phalanx_radius"],
             static["hand/palm_center"],
             static["hand/palm_radius"],

@@ -9,7 +9,6 @@ from typing import Any
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.replay.stored_scene import PARTS
-from hhsim.report.compare import commit
 from hhsim.result.reader import Result
 
 NONE = "—"
@@ -31,6 +30,7 @@ def run_facts(result: Result) -> dict[str, str]:
         "object, extent": f"{extent} mm, {len(static['object/faces']):,} triangles",
         "repairs of its mesh": "; ".join(scene.get("object_repairs") or []) or "none",
         "sphere tree": f"level {depth}, {int((level == depth).sum()):,} leaf spheres",
+        "what the hand touches": f"the {result.surface}",
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
         "the object's place": str((scene.get("placement") or {}).get("text") or "as the motion has it"),
@@ -98,6 +98,12 @@ def motion_name(result: Result) -> str:
     """What people call the motion."""
     scene = result.scene
     return str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
+
+
+def commit(result: Result) -> str:
+    """The commit of the hhsim that wrote a result, in short, and whether its files had changed."""
+    changed = ", with changes that are not committed" if result.git_dirty is True else ""
+    return f"{result.git_revision[:12]}{changed}"
 
 
 def file_digest(path: Path) -> str:

@@ -17,7 +17,7 @@ from hhsim.report.figure import Album
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.html import Html, element, folded, joined, paragraph, section
 from hhsim.report.page import GENERATOR, report_page, title_of
-from hhsim.report.pictures import held_picture, overview_picture, overview_view
+from hhsim.report.pictures import CUT, held_picture, overview_picture, overview_view
 from hhsim.report.provenance import machine_facts
 from hhsim.report.run import ReportRun, report_runs
 from hhsim.report.sections import (
@@ -56,6 +56,8 @@ FIGURES = (
 """Anchor, heading and maker of the figures that show all results together."""
 HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
 """Below the hands of several results."""
+CUT_OBJECT = "An object that is much larger than the hand is cut at a clean edge near it."
+"""And that of those of which one is cut."""
 
 
 @dataclass(frozen=True)
@@ -252,7 +254,7 @@ def _result_sections(
 
 def _overviews(runs: Sequence[ReportRun], album: Album) -> Iterator[Html]:
     """The hand of one result in two halves; of several the half that says more, all from the same side."""
-    several, view = len(runs) > 1, None
+    several, view, cut = len(runs) > 1, None, False
     for run in runs:
         label = run.label if several else ""
         try:
@@ -264,9 +266,10 @@ def _overviews(runs: Sequence[ReportRun], album: Album) -> Iterator[Html]:
         except InputError as error:
             yield paragraph(f"{label}: " if label else "", f"No picture of the hand: {error}")
         else:
+            cut = cut or CUT in shown.caption
             yield album.shown(shown, run.prefix, f"{label}, {shown.title[0].lower()}{shown.title[1:]}" if label else "")
     if several:
-        yield paragraph(HANDS, class_="soft")
+        yield paragraph(f"{HANDS} {CUT_OBJECT}" if cut else HANDS, class_="soft")
 
 
 def _part(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:

@@ -36,11 +36,13 @@ PHASE_HEADINGS = (
     "stuck",
     "lagging",
 )
-FINGER_HEADINGS = ("finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]")
+FINGER_HEADINGS = ("finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]", "ripple [N]")
 FINGER_FORCES = (
-    ": sizes of the force on all its phalanges together, in the ticks in which it bears one; a step is the change of "
-    "that force, as a vector, from one tick to the next"
+    "Sizes of the force on all phalanges of a finger together, in the ticks in which it bears one; a step is the "
+    "change of that force, as a vector, from one tick to the next; the ripple is its RMS between 50 and 400 Hz, where "
+    "skin feels vibration, in the worst quarter of a second, steps included."
 )
+PHASE_TIMES = "CPU time is that of ticks in contact."
 
 
 BRIEF_FACTS = (
@@ -106,7 +108,7 @@ def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result
         rows.append((mark + name, *cells))
     several = len(runs) > 1
     headings = ("what", *(run.label for run in runs)) if several else ("what", "value")
-    return table(f"{caption}; ≠ marks what is not the same" if several else caption, headings, rows)
+    return table(f"{caption}; ≠ marks what is not the same" if several else caption, headings, rows, cards=several)
 
 
 def key_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
@@ -159,7 +161,7 @@ def difference_section(runs: Sequence[ReportRun], comparisons: Sequence[Comparis
 
 def phase_section(runs: Sequence[ReportRun]) -> Html:
     """A table of phases for each result."""
-    parts = []
+    parts = [paragraph(PHASE_TIMES)]
     for run in runs:
         rows = [
             (
@@ -173,8 +175,7 @@ def phase_section(runs: Sequence[ReportRun]) -> Html:
             for phase in run.phases[:MOST_PHASES]
         ]
         more = len(run.phases) - len(rows)
-        caption = "Phases of the motion; CPU time is that of ticks in contact"
-        caption = caption if len(runs) == 1 else f"{run.label}: {caption[0].lower()}{caption[1:]}"
+        caption = "Phases of the motion" if len(runs) == 1 else f"{run.label}: phases of the motion"
         caption += f"; {more:,} more are in the file" if more else ""
         numbers = range(1, len(PHASE_HEADINGS))
         parts.append(table(caption, PHASE_HEADINGS, rows, numbers=numbers) if rows else paragraph("No tick."))
@@ -183,10 +184,10 @@ def phase_section(runs: Sequence[ReportRun]) -> Html:
 
 def finger_section(runs: Sequence[ReportRun]) -> Html:
     """A table of the fingers' forces for each result."""
-    parts = []
+    parts = [paragraph(FINGER_FORCES)]
     for run in runs:
         rows = [(name, f"{ticks:,}", *(number(value, 3) for value in forces)) for name, ticks, *forces in run.fingers]
-        caption = f"Forces on each finger{FINGER_FORCES}" if len(runs) == 1 else f"{run.label}{FINGER_FORCES}"
+        caption = "Forces on each finger" if len(runs) == 1 else f"{run.label}: forces on each finger"
         numbers = range(1, len(FINGER_HEADINGS))
         parts.append(table(caption, FINGER_HEADINGS, rows, numbers=numbers) if rows else paragraph("No tick."))
     return joined(parts)

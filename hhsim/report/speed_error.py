@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.bench.run_errors import sampled
+from hhsim.bench.sampled_ticks import sampled
 from hhsim.errors import HhsimError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
-from hhsim.metrics.mesh_penetration import contact_points as touching_places
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.render.speed_error_figure import PAPER_RANGE
@@ -25,6 +25,7 @@ from hhsim.report.figure import (
     ReportFigure,
     drawn_figure,
     gridded,
+    legend_names,
     panel_title,
     run_style,
     time_text,
@@ -41,11 +42,12 @@ SAMPLES = 20
 """Ticks in contact at which the hand is held against the mesh: exact, and slow."""
 PAPER_DEPTH = 1e-4
 """Deepest penetration that the paper states, about [m]."""
-MARKS = ("o", "s", "D", "^", "v", "P")
+MARKS = ("o", "s", "D", "^", "v", "P", "X")
+"""One more than there are colours: no two results of a page have both alike."""
+ROUNDING = 1e-6
+"""What is less, in the unit of its axis, is nothing: it would stretch the axis and say no more."""
 PANEL, TITLE, LINE, BOTTOM = 2.0, 0.27, 0.19, 0.45
 """Room [inches] for a panel, its title, a line of the legend, and below."""
-LETTER, SIGN = 0.075, 0.5
-"""Room [inches] for a letter of the legend, and for a sign of it."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class SpeedError:
     Attributes:
         label: Of the result.
         p50, p99: CPU time of a tick in contact [s].
-        depth: Deepest in the leaf spheres, all ticks [m].
+        depth: Deepest in the leaf spheres, or in the mesh where that is touched, all ticks [m].
         mesh: Deepest in the true mesh, or farthest that a contact point is off it, of sampled ticks [m].
         excess: Coupling energy above the optimum, mean of the hold [%].
         of_paper: Whether the scene is one of the paper's.
@@ -81,7 +83,7 @@ class Axis:
 
 
 AXES = (
-    Axis("depth", "deep in the spheres [µm]", 1e6, 1e-3),
+    Axis("depth", "deep in what is touched [µm]", 1e6, 1e-3),
     Axis("mesh", "off the true mesh [mm]", 1e3, 1e-2),
     Axis("excess", "over the optimum [%]", 1.0, 1e-3),
 )
@@ -100,7 +102,7 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
 
     def draw(figure: "Figure", narrow: bool) -> None:
         width, height = (float(size) for size in figure.get_size_inches())
-        names = LINE * _legend(points, width)[1]
+        names = LINE * _legend(points, width)[2]
         columns = 1 if narrow else 3
         share = (width - 0.08) / columns
         for number, axis in enumerate(AXES):
@@ -113,7 +115,7 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
         _draw_names(figure, points)
 
     def height(width: float, narrow: bool) -> float:
-        return LINE * _legend(points, width)[1] + (3 if narrow else 1) * (TITLE + PANEL + BOTTOM) + 0.05
+        return LINE * _legend(points, width)[2] + (3 if narrow else 1) * (TITLE + PANEL + BOTTOM) + 0.05
 
     return drawn_figure("speed-error", "Speed against error", _caption(points), _alt(points), Drawing(draw, height))
 
@@ -145,15 +147,19 @@ def _off_the_mesh(result: Result, contact: NDArray[np.int64]) -> float:
     if not ticks:
         return np.nan
     placed = PlacedHand(*(np.array([tick[name] for tick in ticks]) for name in ticks[0]))
-    off = contact_error(bvh, np.concatenate(touching_places(scene.tree_arrays, scene.shape, placed, scene.touch)))
+    off = contact_error(bvh, find_contact_points(scene.surface_arrays, scene.shape, placed, scene.touch).point)
     deepest = float(np.max(np.maximum(0.0, -mesh_clearance(bvh, scene.shape, placed))))
     return float(np.maximum(deepest, off.max))
+
+
+def _significant(value: float) -> float:
+    return 0.0 if abs(value) < ROUNDING else value
 
 
 def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError]) -> None:
     gridded(axes)
     panel_title(axes, axis.title, 6, LEFT - 0.16)
-    values = [axis.scale * float(getattr(point, axis.field)) for point in points]
+    values = [_significant(axis.scale * float(getattr(point, axis.field))) for point in points]
     known = [value for value in values if np.isfinite(value)]
     some = [value for value in known if value > 0.0]
     paper = axis.field == "depth" and any(point.of_paper for point in points)
@@ -200,25 +206,25 @@ def _draw_times(axes: "Axes", points: Sequence[SpeedError]) -> None:
     axes.set_xlabel("CPU time of a tick in contact")
 
 
-def _legend(points: Sequence[SpeedError], width: float) -> tuple[int, int]:
-    """Columns and lines of the legend in a figure of so many inches."""
-    longest = max((len(point.label) for point in points), default=1)
-    columns = max(1, min(len(points), int(width / (SIGN + LETTER * longest))))
-    return columns, -(-len(points) // columns)
+def _legend(points: Sequence[SpeedError], width: float) -> tuple[list[str], int, int]:
+    """Names, columns and lines of the legend in a figure of so many inches."""
+    names, columns = legend_names([point.label for point in points], width)
+    return names, columns, -(-len(points) // columns)
 
 
 def _draw_names(figure: "Figure", points: Sequence[SpeedError]) -> None:
     from matplotlib.lines import Line2D
 
+    names, columns, _ = _legend(points, float(figure.get_figwidth()))
     handles = [
-        Line2D([], [], marker=MARKS[n % len(MARKS)], color=run_style(n)[0], linewidth=1.2, label=point.label)
-        for n, point in enumerate(points)
+        Line2D([], [], marker=MARKS[n % len(MARKS)], color=run_style(n)[0], linewidth=1.2, label=name)
+        for n, name in enumerate(names)
     ]
     figure.legend(
         handles=handles,
         loc="upper left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=_legend(points, float(figure.get_figwidth()))[0],
+        ncols=columns,
         borderaxespad=0.1,
         borderpad=0.1,
         handlelength=1.8,
@@ -230,9 +236,10 @@ def _caption(points: Sequence[SpeedError]) -> str:
     text = (
         "Mark: p50 of the CPU time of ticks in contact; the line from it ends at p99. Further left is faster, further "
         "down is nearer to the truth; the axes are logarithmic, with a line of its own for 0 and less. First the "
-        "deepest penetration of the spheres. Then how far the hand is in the true mesh or a contact point off it, the "
-        f"larger, at up to {SAMPLES} ticks in contact: it holds the error of the sphere tree too. Last the coupling "
-        "energy over that of the local optimum, mean of the hold, as the table has it. Red: 1 ms."
+        "deepest penetration of what is touched, the spheres or the mesh. Then how far the hand is in the true mesh or "
+        f"a contact point off it, the larger, at up to {SAMPLES} ticks in contact: it holds the error of the sphere "
+        "tree too. Last the coupling energy over that of the local optimum, mean of the hold, as the table has it. "
+        "Red: 1 ms."
     )
     if any(point.of_paper for point in points):
         text += " Grey: what the paper states for its own machine."
@@ -253,7 +260,7 @@ def _alt(points: Sequence[SpeedError]) -> str:
             else "no optimum computed"
         )
         sentences.append(
-            f"{point.label}: {time_text(point.p50)} to {time_text(point.p99)}, {1e6 * point.depth:.3g} µm deep in the "
-            f"spheres, {off}, {over}."
+            f"{point.label}: {time_text(point.p50)} to {time_text(point.p99)}, {1e6 * point.depth:.3g} µm deep in "
+            f"what it touches, {off}, {over}."
         )
     return " ".join(sentences)

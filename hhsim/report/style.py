@@ -45,7 +45,7 @@ tbody th { font-weight: 400; min-width: 9rem; }
 td.long { overflow-wrap: anywhere; min-width: 7rem; }
 .number { text-align: right; font-variant-numeric: tabular-nums; }
 td.number { white-space: nowrap; }
-td small { display: block; color: var(--soft); font-size: .8em; }
+td small { display: block; color: var(--soft); font-size: .85em; }
 ul.tight { margin: .5rem 0; padding-left: 1.2rem; }
 table.cards { width: 100%; }
 table.cards td, table.cards th { padding-right: .6rem; }
@@ -82,7 +82,7 @@ figcaption strong { color: var(--ink); }
 }
 article + article { border-top: 1px solid var(--line); padding-top: .9rem; margin-top: 1.25rem; }
 footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft); font-size: .9rem; }
-@media screen and (max-width: 48rem) {
+@media screen and (max-width: 54rem) {
   table.cards, table.cards tbody, table.cards tr { display: block; }
   table.cards thead { display: none; }
   table.cards caption { display: block; }
@@ -91,7 +91,12 @@ footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft)
   table.cards tbody th { grid-column: 1 / -1; font-weight: 600; border: 0; }
   table.cards td { border: 0; text-align: left; padding: .1rem 0; white-space: normal; }
   table.cards td::before { content: attr(data-heading); display: block; color: var(--soft); font-size: .85em; }
+  table.cards td:empty { display: none; }
   .hands { grid-template-columns: repeat(auto-fill, minmax(9.5rem, 1fr)); }
+}
+@media screen and (max-width: 30rem) {
+  table:not(.cards) :is(th, td) { padding-right: .5rem; }
+  table:not(.cards) tbody th { min-width: 6rem; }
 }
 @media (max-width: 30rem) {
   body { padding: 1rem .9rem 2rem; }
@@ -106,8 +111,9 @@ footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft)
   table { font-size: 8.5pt; } figcaption, caption, footer { font-size: 9pt; }
   pre, code { font-size: 8.5pt; white-space: pre-wrap; overflow-wrap: anywhere; }
   nav { display: none; }
+  details:not([open]) { display: none; }
   summary { list-style: none; padding: 0; } summary h2 { font-size: 13pt; }
-  table.cards { font-size: 7.5pt; }
+  table.cards { font-size: 8pt; } td small { font-size: 7pt; }
   h2, h3, h4, caption { break-after: avoid; }
   figure, article, tr, .verdict { break-inside: avoid; }
   .pair { grid-template-columns: 1fr 1fr; }
@@ -117,7 +123,11 @@ footer { margin-top: 3rem; border-top: 1px solid var(--line); color: var(--soft)
   article th, article td { padding-top: .5pt; padding-bottom: .5pt; }
   article figure { margin: 0; }
   p, figcaption { orphans: 3; widows: 3; }
-  figure img { max-height: 225mm; width: auto; }
+  /* A figure is as large as it was drawn, whichever of its two pictures the screen had: 200 of its dots are an inch
+     of 96 pixels. */
+  figure img { max-width: 100%; max-height: 469mm; width: auto; zoom: .48; }
+  #figure-hand img { max-width: 75%; }
+  .hands { grid-template-columns: repeat(3, 1fr); }
   a[href^="http"]::after { content: " (" attr(href) ")"; }
 }
 """

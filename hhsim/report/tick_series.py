@@ -28,7 +28,7 @@ class ReportColumns:
         time: Since the start of the motion [s], in double precision.
         cpu: CPU time of the whole tick [s].
         candidates, touching: Pairs.
-        depth: Deepest in the leaf spheres [m].
+        depth: Deepest in the object [m].
         variation: One-tick change of the total force's size [%]; NaN where it is undefined.
         force: Sizes of forces by the names of `FORCES` [N], shape (T, 7).
     """

@@ -38,7 +38,7 @@ class PhaseFigures(NamedTuple):
         first, last: Its ticks, both included.
         seconds: How long it lasts [s].
         cpu_p50, cpu_p99: Of its ticks in contact [µs].
-        depth: Deepest in the object's spheres [µm].
+        depth: Deepest in the object [µm].
         force: Mean size of the total force [N].
         variation: Mean one-tick change of that [%].
         candidates: Most pairs.
@@ -68,6 +68,7 @@ class FingerFigures(NamedTuple):
         mean, largest: Size of the sum of the forces on its phalanges in these ticks [N].
         step: Largest change of that sum, as a vector, from one tick to the next [N]; a touch that begins or ends
             included.
+        ripple: Of that sum between 50 and 400 Hz, RMS of the worst quarter of a second [N].
     """
 
     name: str
@@ -75,6 +76,7 @@ class FingerFigures(NamedTuple):
     mean: float
     largest: float
     step: float
+    ripple: float
 
 
 def report_ticks(result: Result) -> RunTicks:
@@ -174,5 +176,6 @@ def finger_figures(result: Result, ticks: RunTicks) -> list[FingerFigures]:
         touch = size > 0.0
         of_touch = metrics.statistics(size, touch)
         step = metrics.contact_force_step(force, touch, ticks.breaks)
-        found.append(FingerFigures(name, int(touch.sum()), of_touch.mean, of_touch.max, step))
+        ripple = metrics.worst_force_ripple(force, ticks.rate, ticks.breaks) if touch.any() else math.nan
+        found.append(FingerFigures(name, int(touch.sum()), of_touch.mean, of_touch.max, step, ripple))
     return found

@@ -22,6 +22,7 @@ from hhsim.report.figure import (
     ReportFigure,
     drawn_figure,
     gridded,
+    legend_names,
     panel_title,
     run_style,
     time_text,
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+PAIRS = ("within the margin", "touching")
+"""Which pairs are drawn."""
 FORCE_COLORS = (INK, *FINGER_COLORS, SKY)
 """Of `FORCES`."""
 AS_THEY_ARE = 6_000
@@ -76,12 +79,12 @@ class Panel:
     Attributes:
         title: With the unit.
         height: [inches] on the page.
-        legend: Lines of legend that it needs on the page and on a phone.
+        names: Of its curves, in the legend.
     """
 
     title: str
     height: float
-    legend: tuple[int, int] = (0, 0)
+    names: tuple[str, ...] = ()
 
 
 def series_figure(results: Mapping[str, Result]) -> ReportFigure:
@@ -101,12 +104,12 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
         for label, result in results.items()
     ]
     depth_unit, depth_scale = _length_unit(runs)
-    rows = -(-len(runs) // 3)
+    surface = " or ".join(dict.fromkeys(run.result.surface for run in runs))
     panels = (
-        Panel("force on the hand [N]", 1.75, (1, 2) if len(runs) == 1 else (rows, len(runs))),
+        Panel("force on the hand [N]", 1.75, FORCES if len(runs) == 1 else tuple(results)),
         Panel("CPU time of the tick", 1.3),
-        Panel("pairs of hand and spheres", 0.95, (1, 1)),
-        Panel(f"penetration of the spheres [{depth_unit}]", 0.75),
+        Panel("pairs of hand and object", 0.95, PAIRS),
+        Panel(f"penetration of the {surface} [{depth_unit}]", 0.75),
         Panel("change of the force in one tick [%]", 1.0),
     )
 
@@ -120,25 +123,45 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
         _draw_phases(axes, runs[0])
         _draw_axis(axes, runs)
         for panel, place in zip(panels, axes):
-            _draw_legend(place, panel, len(runs), narrow)
+            _draw_legend(place, panel, narrow)
 
-    drawing = Drawing(draw, lambda width, narrow: _height(panels, narrow))
+    drawing = Drawing(draw, lambda width, narrow: _height(panels, width, narrow))
     return drawn_figure("series", "Force, time and contacts over the run", _caption(runs), _alt(runs), drawing)
 
 
 TITLE, LEGEND_LINE, TOP, BOTTOM = 0.27, 0.17, 0.02, 0.42
 """Room [inches] above each panel, for a line of its legend, above all of them and below."""
+SIGN, LETTER, BOLD, BETWEEN = 0.32, 0.075, 0.085, 0.11
+"""Room [inches] for the sign of a curve in a legend, for a letter of its name and of a title, and between two names."""
 
 
-def _height(panels: Sequence[Panel], narrow: bool) -> float:
-    above = sum(TITLE + LEGEND_LINE * _extra_lines(panel, narrow) for panel in panels)
+def _height(panels: Sequence[Panel], width: float, narrow: bool) -> float:
+    above = sum(TITLE + LEGEND_LINE * _extra_lines(panel, width, narrow) for panel in panels)
     return TOP + above + sum(panel.height for panel in panels) + BOTTOM
 
 
-def _extra_lines(panel: Panel, narrow: bool) -> int:
-    # On the page a legend of one line stands beside the title.
-    lines = panel.legend[narrow]
-    return lines if narrow else max(0, lines - 1)
+def _legend_columns(panel: Panel, width: float) -> int:
+    if _across(panel) <= width - LEFT:
+        return len(panel.names)
+    longest = max(map(len, panel.names))
+    return max(1, int((width - LEFT + BETWEEN) / (SIGN + LETTER * longest)))
+
+
+def _extra_lines(panel: Panel, width: float, narrow: bool) -> int:
+    """Lines of the legend that push the title up in a figure so many inches wide."""
+    if not panel.names or (not narrow and _beside(panel, width)):
+        return 0
+    return -(-len(panel.names) // _legend_columns(panel, width))
+
+
+def _beside(panel: Panel, width: float) -> bool:
+    """Whether the legend fits in one line beside the title."""
+    return BOLD * len(panel.title) + _across(panel) <= width - BETWEEN
+
+
+def _across(panel: Panel) -> float:
+    """A legend in one line [inches]."""
+    return sum(SIGN + LETTER * len(name) for name in panel.names)
 
 
 def _placed(figure: "Figure", panels: Sequence[Panel], narrow: bool) -> "list[Axes]":
@@ -147,22 +170,24 @@ def _placed(figure: "Figure", panels: Sequence[Panel], narrow: bool) -> "list[Ax
     top = height - TOP
     places: list[Axes] = []
     for panel in panels:
-        top -= TITLE + LEGEND_LINE * _extra_lines(panel, narrow)
+        top -= TITLE + LEGEND_LINE * _extra_lines(panel, float(width), narrow)
         box = (left / width, (top - panel.height) / height, 1.0 - (left + right) / width, panel.height / height)
         places.append(figure.add_axes(box, sharex=places[0] if places else None))
         top -= panel.height
     return places
 
 
-def _draw_legend(axes: "Axes", panel: Panel, runs: int, narrow: bool) -> None:
-    up = 4 + 72 * LEGEND_LINE * _extra_lines(panel, narrow)
-    panel_title(axes, panel.title, up)
+def _draw_legend(axes: "Axes", panel: Panel, narrow: bool) -> None:
+    width = float(axes.figure.get_figwidth())  # type: ignore[union-attr]
+    lines = _extra_lines(panel, width, narrow)
+    panel_title(axes, panel.title, 4 + 72 * LEGEND_LINE * lines)
     handles, names = axes.get_legend_handles_labels()
-    if not handles or not panel.legend[narrow]:
+    if not handles or not panel.names:
         return
-    columns = -(-len(handles) // panel.legend[narrow])
+    columns = _legend_columns(panel, width) if lines else len(names)
+    names, _ = legend_names(names, width - LEFT)
     axes.legend(
-        handles, names, loc="lower left" if narrow else "lower right", bbox_to_anchor=(0.0 if narrow else 1.0, 1.0),
+        handles, names, loc="lower left" if lines else "lower right", bbox_to_anchor=(0.0 if lines else 1.0, 1.0),
         ncols=columns, borderaxespad=0.15, borderpad=0.1, handlelength=1.1, handletextpad=0.4, columnspacing=0.9,
         labelspacing=0.2,
     )  # fmt: skip
@@ -230,9 +255,9 @@ def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
     for number, run in enumerate(runs):
         color, dashes = run_style(number)
         one = len(runs) == 1
-        label = "within the margin" if number == 0 else ""
+        label = PAIRS[0] if number == 0 else ""
         _curve(axes, run, run.columns.candidates, SKY if one else color, "-" if one else dashes, label)
-        label = "touching" if number == 0 else ""
+        label = PAIRS[1] if number == 0 else ""
         _curve(axes, run, run.columns.touching, INK if one else color, "-" if one else ":", label)
     axes.set_ylim(0.0, max(1.08 * axes.get_ylim()[1], 1.0))
 
@@ -307,7 +332,7 @@ def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
                 place.axvspan(first, last, color=PHASE_COLORS[phase.name], linewidth=0.0, zorder=0)
             elif phase.first_tick > 0:
                 place.axvline(first, color=GREY_LINE, linewidth=0.6, linestyle=":", zorder=0)
-        if (last - first) / across * inches > 0.068 * len(phase.name) + 0.04:
+        if (last - first) / across * inches > LETTER * len(phase.name) + 0.5 * BETWEEN:
             axes[0].annotate(
                 phase.name, (0.5 * (first + last), 1.0), (0.0, -2.0), xycoords=("data", "axes fraction"),
                 textcoords="offset points", ha="center", va="top", color=SOFT,

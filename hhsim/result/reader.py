@@ -88,6 +88,11 @@ class Result:
         return str(self.scene.get("solver", {}).get("method", ""))
 
     @property
+    def surface(self) -> str:
+        """What of the object the hand touched: `spheres`, as in every file that does not say, or `mesh`."""
+        return str(self.scene.get("solver", {}).get("surface", "spheres"))
+
+    @property
     def rate(self) -> float:
         """Ticks per second [Hz]; 1 kHz where the file does not say."""
         return float(self.scene.get("rate", 1000.0))

@@ -13,6 +13,7 @@ from hhsim.scene.scene import Scene, make_scene, side_of
 from hhsim.scene.script import Script
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from hhsim.trees.triangle_tree import tree_of_any
 
 SIDES = ("right", "left")
 
@@ -23,6 +24,7 @@ def open_scene(
     *,
     unit: str | None = None,
     size: float | None = None,
+    solid: bool = True,
     level: int | None = None,
     hand: HandModel | Side | None = None,
     rate: float = 1000.0,
@@ -36,6 +38,7 @@ def open_scene(
         motion: A name (`hhsim trajectories`), a script (.toml), a recording or a result, or one that is loaded.
         unit: Length unit of a mesh file: m, cm, mm or inch; None is m.
         size: Longest extent that a mesh file gets [m], whatever its unit.
+        solid: False takes the triangles of a mesh file as they are, for `SolverOptions(surface="mesh")`.
         level: Of the tree's leaves, 1 to 5; None is what suits the object, 3 or 4.
         hand: A model, or right or left for the default hand of that side; None is that of the motion's side.
         rate: Ticks per second [Hz].
@@ -46,9 +49,12 @@ def open_scene(
         UnknownNameError: No such object, trajectory or side of the hand; the message lists the near names.
         InputError: A file or an option that cannot be used, or a motion that cannot be done on this object.
     """
-    mesh, usual = (object_, MESH_LEVEL) if isinstance(object_, Mesh) else resolve_object(object_, unit, size)
+    mesh, usual = (
+        (object_, MESH_LEVEL) if isinstance(object_, Mesh) else resolve_object(object_, unit, size, solid=solid)
+    )
     moved = resolve_trajectory(motion) if isinstance(motion, str | Path) else motion
-    tree = cached_sphere_tree(mesh, TreeOptions(level=level or usual))
+    at_level = level or usual
+    tree = cached_sphere_tree(mesh, TreeOptions(level=at_level)) if solid else tree_of_any(mesh, at_level)
     description = {
         "object": mesh.name if isinstance(object_, Mesh) else str(object_),
         "object_mesh": mesh.sha256,

@@ -8,10 +8,12 @@ import numpy as np
 from hhsim.hand.model import HandModel
 from hhsim.kernels.jit import JIT_ENABLED, cached_kernels
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.sphere_tree import SphereTree
 
 
 @dataclass(frozen=True)
@@ -28,15 +30,16 @@ def start_numba() -> None:
 
 
 def warm_up(hand: HandModel, options: SolverOptions) -> WarmUp:
-    """Run one tick of a hand far from a single sphere with every kernel of a replay."""
+    """Run one tick of a hand far from a small object with every kernel of a replay."""
     began = time.perf_counter()
     before = cached_kernels()
-    far = np.array([100.0])
-    tree = TreeArrays(far, far, far, np.array([0.01]), np.array([-1]), np.array([0]), 0)
-    solver = HandSolver(hand, tree, options)
+    far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
+    tree = SphereTree(far[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
+    surface = contact_surface(options.surface, Mesh(far, np.array([[0, 1, 2]])), tree).arrays
+    solver = HandSolver(hand, surface, options)
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
     arrays = hand.arrays()
     palm = np.stack([arrays.palm_x, arrays.palm_y, arrays.palm_z], axis=1)
-    penetration(tree, hand.radius, palm, arrays.palm_radius, block.joints, block.position, block.orientation)
+    penetration(surface, hand.radius, palm, arrays.palm_radius, block.joints, block.position, block.orientation)
     return WarmUp(time.perf_counter() - began, JIT_ENABLED and cached_kernels() > before)

@@ -30,8 +30,11 @@ class HandSolver:
     Args:
         hand: The hand.
         surface: The object's, world frame: the arrays of a surface of `hhsim.kernels.surfaces`, such as those of a
-            sphere tree.
+            sphere tree; of the one that the options name.
         options: Method, stiffness and lengths.
+
+    Raises:
+        InputError: Arrays of another surface than the options name.
     """
 
     def __init__(self, hand: HandModel, surface: Any, options: SolverOptions) -> None:
@@ -108,7 +111,7 @@ class HandSolver:
         self._started = True
 
     def _clearance(self) -> float:
-        """Signed distance [m] between the graphic hand and the object's leaves, up to ten times the margin.
+        """Signed distance [m] between the graphic hand and the object's surface, up to ten times the margin.
 
         Without the tick's own lists, which are not made for a hand deep inside.
         """

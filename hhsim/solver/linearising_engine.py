@@ -2,6 +2,7 @@
 
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled, Progressive
+from hhsim.solver.options import UNLIMITED
 from hhsim.solver.workspace import TickWorkspace
 
 
@@ -28,7 +29,7 @@ class LinearisingEngine:
 
     def approach(self, linearisations: int, haptic: HapticBlock, record: TickRecord) -> int:
         """As `run`, with as many linearisations a tick."""
-        options = self.method.options._replace(linearisations=linearisations)
+        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
         return self._run(self.method._replace(options=options), haptic, record)
 
     def _run(self, method: Coupled | Progressive, haptic: HapticBlock, record: TickRecord) -> int:

@@ -46,6 +46,7 @@ class Method:
         takes_threads: Its ticks can be shared among threads.
         refuses_backends: Why it takes no QP solver but ours, with `{qp}` for the one that was asked for; "" where it
             takes any.
+        refuses_surfaces: Why it takes no surface but spheres; "" where it takes any.
         defaults: Of the options named in `USUAL`.
     """
 
@@ -55,6 +56,7 @@ class Method:
     nearest_to_user: bool = False
     takes_threads: bool = False
     refuses_backends: str = "it solves its own programs and takes no QP solver, not {qp}"
+    refuses_surfaces: str = ""
     defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)
 
 

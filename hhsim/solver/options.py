@@ -10,19 +10,34 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import BODIES, FINGERS, PHALANGES
 from hhsim.solver.method import METHODS, methods_that
+from hhsim.solver.surface import SURFACES
 
 FORCES = ("kkt", "paper")
 FRUSTUM_ENDS = ("spheres", "flat")
 PARTS = len(FINGERS) + 1
 """Of a tick, that threads can share."""
 TOUCH = 1e-5
-"""Pairs nearer than this [m] count as touching, for a hand of the usual size."""
+"""A hand of the usual size touches spheres that are no farther than this [m]."""
+
+UNLIMITED = 2**62
+"""A budget of work units that no tick uses up."""
+BUDGET_SHARE = 0.12
+"""Of a tick's period in nanoseconds: the default budget in work units, of which one takes 1 to 3 ns. The linearisation
+under way is finished, so that a tick stays below half of its period."""
+BY_PERIOD: Any = None
+"""Default of an option whose default depends on the period; no option keeps this value."""
 
 LEAST_TOLERANCE, GREATEST_TOLERANCE = 1e-12, 1e-6
 LEAST_STIFFNESS, GREATEST_STIFFNESS = 1e-9, 1e12
 """Of each kind [N/m or N·m/rad]; rounding leaves nothing of a hand's motion beyond."""
 BY_METHOD: Any = None
 """Default of an option whose default depends on the method; no option keeps this value."""
+BY_SURFACE: Any = None
+"""The same of the surface."""
+DEFAULTS_OF_SURFACE = {"mesh": {"skin": 5e-4, "touch": 1e-6}}
+USUAL_OF_SURFACE = {"skin": 3e-3, "touch": TOUCH}
+"""Skin and touch [m] of a surface. Triangles are many where they are small: a wide skin lists more than it saves; and a
+contact that bears a force is an `offset` away from them, with none of the spheres' error to hide in."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +77,18 @@ class Stiffness:
         return np.concatenate([np.full(3, self.translation), np.full(3, self.rotation), np.full(15, self.flexion)])
 
 
+def usual_budget(period: float) -> int:
+    """Work units that a tick of a period [s] may use, where nothing else is asked for."""
+    return max(1, round(1e9 * BUDGET_SHARE * period)) if math.isfinite(period) else UNLIMITED
+
+
 @dataclass(frozen=True, kw_only=True)
 class SolverOptions:
     """Options of the solver; lengths in metres.
 
     Attributes:
         method: One of `hhsim.solver.method.METHODS`.
+        surface: One of `hhsim.solver.surface.SURFACES`: what of the object the hand touches.
         qp: `active-set`, or a backend that qpsolvers offers; `paper` takes no other, `penalty` needs none.
         force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
         fingers: Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand
@@ -75,14 +96,15 @@ class SolverOptions:
         linearisations: Most of them in a tick. Default: 12; method `paper` makes exactly this many, 1 unless told;
             of `penalty`, most rounds in which a tick finds which contacts push.
         budget: Work units (`hhsim.kernels.tick.state`) after which a tick begins no further linearisation; the way
-            that is left is lag. None: only `linearisations` bounds a tick.
+            that is left is lag, and the next tick goes on. Default: `BUDGET_SHARE` of the period. With `UNLIMITED` only
+            `linearisations` bounds a tick.
         margin: Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper`
             this is Δr, 0.5 mm unless told, and no bound on a step.
-        skin: Pairs up to this much farther are kept at hand between ticks.
+        skin: Pairs up to this much farther are kept at hand between ticks. Default: 3 mm; 0.5 mm with surface `mesh`.
         offset: Clearance that contacts keep, so that second-order errors of small steps do not penetrate.
         step_tolerance: A step shorter than this ends the tick.
         tolerance: Largest violation of a program's row that counts as satisfied, as a share of the margin.
-        touch: Pairs nearer than this count as touching.
+        touch: Pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
         threads: That share the work of a tick, up to six, one for each finger and the palm: finding contacts, and in
             `progressive` the fingers' programs. The same bytes come out with any number.
         stiffness: The virtual coupling.
@@ -94,17 +116,18 @@ class SolverOptions:
     """
 
     method: str = "coupled"
+    surface: str = "spheres"
     qp: str = "active-set"
     force: str = BY_METHOD
     fingers: tuple[str, ...] = FINGERS
     linearisations: int = BY_METHOD
-    budget: int | None = None
+    budget: int = BY_PERIOD
     margin: float = BY_METHOD
-    skin: float = 3e-3
+    skin: float = BY_SURFACE
     offset: float = 5e-7
     step_tolerance: float = 1e-4
     tolerance: float = 1e-8
-    touch: float = TOUCH
+    touch: float = BY_SURFACE
     threads: int = 1
     stiffness: Stiffness = field(default_factory=Stiffness)
     frustum_ends: str = "spheres"
@@ -118,6 +141,15 @@ class SolverOptions:
         for name, value in method.defaults.items():
             if getattr(self, name) is BY_METHOD:
                 object.__setattr__(self, name, value)
+        if self.surface not in SURFACES:
+            raise UnknownNameError("surface", self.surface, SURFACES)
+        if self.surface != "spheres" and method.refuses_surfaces:
+            raise InputError(
+                f"method {self.method} takes the surface spheres, not {self.surface}: {method.refuses_surfaces}"
+            )
+        for name, value in DEFAULTS_OF_SURFACE.get(self.surface, USUAL_OF_SURFACE).items():
+            if getattr(self, name) is BY_SURFACE:
+                object.__setattr__(self, name, value)
         if method.refuses_backends and self.qp != "active-set":
             raise InputError(method.refuses_backends.format(qp=self.qp))
         if self.force not in FORCES:
@@ -129,7 +161,9 @@ class SolverOptions:
         for finger in self.fingers:
             if finger not in FINGERS:
                 raise UnknownNameError("finger", finger, FINGERS)
-        if self.budget is not None and self.budget < 1:
+        if self.budget is BY_PERIOD:
+            object.__setattr__(self, "budget", usual_budget(self.period))
+        if self.budget < 1:
             raise InputError(f"the budget is {self.budget} work units: a tick needs at least 1")
         if not 1 <= self.threads <= PARTS:
             raise InputError(
@@ -158,6 +192,11 @@ class SolverOptions:
         if self.offset * 10.0 > self.margin:
             least = 1e4 * self.offset
             raise InputError(f"a margin of {1e3 * self.margin:g} mm is too small: at least {least:g} mm, ten offsets")
+
+    def at_rate(self, rate: float) -> "SolverOptions":
+        """The same options for ticks at a rate [Hz]; a budget that is the default one follows the period."""
+        budget = BY_PERIOD if self.budget == usual_budget(self.period) else self.budget
+        return replace(self, period=1.0 / rate, budget=budget)
 
     def scaled(self, factor: float) -> "SolverOptions":
         """The same options for a hand and an object `factor` times as large, which then move alike.

@@ -1,6 +1,7 @@
 """The reference optimum that a method's tracking is held against: `coupled`, run until nothing moves."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,11 +9,10 @@ from numpy.typing import NDArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import tracking_energy, tracking_excess
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import UNLIMITED, SolverOptions
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -24,7 +24,7 @@ REFERENCE_STEP_TOLERANCE = 1e-8
 
 def reference_excess(
     hand: HandModel,
-    tree: TreeArrays,
+    surface: Any,
     options: SolverOptions,
     haptic: HandConfiguration,
     graphic: HandConfiguration,
@@ -36,7 +36,7 @@ def reference_excess(
 
     Args:
         hand: The hand.
-        tree: The object's sphere tree, world frame.
+        surface: The object's, world frame, as the options name it.
         options: Those of the method; stiffness and lengths are kept.
         haptic: Haptic hand at every tick.
         graphic: Graphic hand at every tick.
@@ -48,12 +48,13 @@ def reference_excess(
     """
     solver = HandSolver(
         hand,
-        tree,
+        surface,
         replace(
             options,
             method="coupled",
             qp="active-set",
             linearisations=REFERENCE_LINEARISATIONS,
+            budget=UNLIMITED,
             step_tolerance=REFERENCE_STEP_TOLERANCE,
         ),
     )

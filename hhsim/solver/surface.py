@@ -3,17 +3,19 @@
 To add a surface, add a module to `hhsim.kernels.surfaces` that declares a `SURFACE` and the kernels for its arrays.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhsim.errors import InputError
-from hhsim.kernels.contact.surface import Surface
 from hhsim.registry import Registry
 
-SURFACES: Registry[Surface] = Registry("hhsim.kernels.surfaces", "SURFACE", "surface", first=("spheres",))
+if TYPE_CHECKING:
+    from hhsim.kernels.contact.surface import Surface
+
+SURFACES: Registry["Surface"] = Registry("hhsim.kernels.surfaces", "SURFACE", "surface", first=("spheres", "mesh"))
 """Every surface by its name."""
 
 
-def surface_of(arrays: Any) -> Surface:
+def surface_of(arrays: Any) -> "Surface":
     """The surface that arrays are of.
 
     Raises:

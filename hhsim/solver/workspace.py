@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import HhsimError
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
@@ -21,14 +21,12 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
 from hhsim.kernels.tick.tick import rebuild_candidates
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import surface_of
+from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.solver.tick_threads import ThreadTeam
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0
 """How many tolerances rows that contradict each other are moved back by."""
-UNLIMITED = 2**62
-"""A budget of work units that no tick uses up."""
 
 
 def tick_options(options: SolverOptions) -> TickOptions:
@@ -37,7 +35,7 @@ def tick_options(options: SolverOptions) -> TickOptions:
     return TickOptions(
         force_model=FORCE_MODELS[options.force],
         linearisations=options.linearisations,
-        budget=UNLIMITED if options.budget is None else options.budget,
+        budget=options.budget,
         margin=options.margin,
         skin=options.skin,
         offset=options.offset,
@@ -58,6 +56,9 @@ class TickWorkspace:
         surface: The object's, world frame.
         options: Method, stiffness and lengths.
 
+    Raises:
+        InputError: Arrays of another surface than the options name.
+
     Attributes:
         hand: The hand in the kernels' form.
         tick_options: The options in the kernels' form.
@@ -73,7 +74,12 @@ class TickWorkspace:
         self.surface = surface
         self.options = options
         self.tick_options = tick_options(options)
-        self.states = tick_state(options.stiffness.diagonal(), options.modelled(), surface_of(surface))
+        kind = surface_of(surface)
+        if kind is not SURFACES[options.surface]:
+            raise InputError(
+                f"the options name the surface '{options.surface}', but {type(surface).__name__} are not its arrays"
+            )
+        self.states = tick_state(options.stiffness.diagonal(), options.modelled(), kind)
         self.qp = new_work(DOF, ROW_CAPACITY)
         self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
 

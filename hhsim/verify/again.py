@@ -14,7 +14,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.replay.repeat import RunAgain, run_again
-from hhsim.replay.stored_scene import stored_hand, stored_options, stored_tree
+from hhsim.replay.stored_scene import stored_hand, stored_options, stored_surface
 from hhsim.replay.summary import figures_of_own_runs
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
@@ -43,14 +43,14 @@ def again_claims(result: Result, progress: Progress) -> list[Claim]:
     """
     claims = [_motion(result)]
     try:
-        hand, options, tree = stored_hand(result), stored_options(result), stored_tree(result)
+        hand, options, surface = stored_hand(result), stored_options(result), stored_surface(result)
         again = run_again(result, progress=progress)
     except HhsimError as error:
         return [*claims, Claim("again: ticks", _TICKS, NOT_JUDGED, note=str(error))]
     claims.append(_ticks(again))
     if result.complete and result.live is None:
         haptic = HandConfiguration(*(np.array(result[f"haptic/{name}"]) for name in HandConfiguration._fields))
-        own = figures_of_own_runs(hand, tree.arrays(), options, haptic, result_ticks(result))
+        own = figures_of_own_runs(hand, surface, options, haptic, result_ticks(result))
         claims.append(_figures(result, own, again))
     return claims
 

@@ -1,4 +1,4 @@
-"""The referee's distances to leaf spheres, held against an established collision library, coal.
+"""The referee's distances to leaf spheres and triangles, held against an established collision library, coal.
 
 Coal knows no round cones, but segments: the union of spheres along an axis is min over s of d(x(s)) − r(s) away, and
 coal's d over a piece of the axis bounds that from below. The piece with the lowest bound is halved until the bounds
@@ -7,10 +7,13 @@ meet, as in `hhsim.verify.mesh_distance` for the mesh.
 
 import heapq
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hhsim.mesh.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 
@@ -19,28 +22,52 @@ EXACT = 1e-9
 _MOST_PIECES = 200
 
 
-def coal_distance(
-    a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, center: FloatArray, radius: float
-) -> float:
-    """Signed distance [m] of the hull of two spheres to a sphere, at most `EXACT` too large.
+Shape = tuple[Any, Any]
+"""One of coal's shapes, and where it is."""
+
+
+def sphere_shapes(center: FloatArray, radius: FloatArray) -> Callable[[int], Shape]:
+    """Spheres by their number; centres [m] (L, 3), radii [m] (L,)."""
+    import coal
+
+    return lambda i: (coal.Sphere(float(radius[i])), coal.Transform3s(np.eye(3), np.array(center[i])))
+
+
+def triangle_shapes(mesh: Mesh) -> Callable[[int], Shape]:
+    """Triangles of a mesh by their number, each as a hierarchy of one: coal has no distance of a triangle alone."""
+    import coal
+
+    def shape(i: int) -> Shape:
+        model: Any = coal.BVHModelOBBRSS()
+        model.beginModel(1, 3)
+        model.addVertices(np.array(mesh.triangles[i]))
+        model.addTriangles(np.array([[0, 1, 2]]))
+        model.endModel()
+        return model, coal.Transform3s()
+
+    return shape
+
+
+def coal_distance(a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, shape: Any, place: Any) -> float:
+    """Signed distance [m] of the hull of two spheres to a sphere or a triangle, at most `EXACT` too large.
 
     Args:
         a, b: Centres of the spheres [m], shape (3,).
         radius_a, radius_b: Theirs [m].
-        center: Of the sphere [m], shape (3,).
-        radius: Its radius [m].
+        shape: Of coal.
+        place: Where it is.
     """
     import coal
 
-    sphere, place = coal.Sphere(radius), coal.Transform3s(np.eye(3), np.array(center))
     request, answer = coal.DistanceRequest(), coal.DistanceResult()
+    request.gjk_tolerance = 1e-12
 
     def apart(low: float, high: float) -> float:
         first, last = a + low * (b - a), a + high * (b - a)
         answer.clear()
         piece: Any = coal.Capsule(0.0, float(np.linalg.norm(last - first)))
         there = coal.Transform3s(frame_along(b - a), 0.5 * (first + last))
-        return float(coal.distance(sphere, place, piece, there, request, answer))
+        return float(coal.distance(shape, place, piece, there, request, answer))
 
     def size(share: float) -> float:
         return radius_a + share * (radius_b - radius_a)

@@ -4,6 +4,7 @@ The distance of a phalanx (a round cone, the union of balls x(s), r(s) along its
 least of |x(s) − c| − r(s), which is convex in s: its slope is bisected. No tree and none of the solver's formulas.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,15 +24,15 @@ HALVINGS = 56
 
 
 class Pairs(NamedTuple):
-    """Near pairs of a hand body and a leaf sphere.
+    """Near pairs of a hand body and a piece of the surface: a leaf sphere, or a triangle of the mesh.
 
     | field | meaning | shape |
     |---|---|---|
     | tick | of the ticks that were looked at, ascending | (N,) |
     | body | 0 to 14 the phalanges, 15 the palm | (N,) |
-    | leaf | number of the sphere | (N,) |
+    | leaf | number of the sphere or the triangle | (N,) |
     | distance | signed [m] | (N,) |
-    | point | of the hand's surface, nearest to the sphere [m], world | (N, 3) |
+    | point | of the hand's surface, nearest to the piece [m], world | (N, 3) |
     | normal | unit, from the object to the hand | (N, 3) |
     """
 
@@ -58,6 +59,10 @@ class Pairs(NamedTuple):
             *(self.distance[rows], self.point[rows], self.normal[rows]),
         )
 
+    def bodies(self, ticks: int) -> IntArray:
+        """How many bodies have a pair at each tick, shape (ticks,)."""
+        return np.bincount(np.unique(self.tick * BODIES + self.body) // BODIES, minlength=ticks)
+
     def nearest(self, ticks: int) -> FloatArray:
         """Least distance [m] of each body at each tick, shape (ticks, 16); infinite where no pair is near."""
         found = np.full((ticks, BODIES), np.inf)
@@ -83,15 +88,13 @@ def near_pairs(
         part = Posed(*(values[first : first + CHUNK] for values in posed))
         both = (_phalanges(hand, part, center, radius, fingers, near), _palm(hand, part, center, radius, near))
         found.extend(pairs._replace(tick=pairs.tick + first) for pairs in both)
-    joined = Pairs(
-        np.concatenate([pairs.tick for pairs in found]),
-        np.concatenate([pairs.body for pairs in found]),
-        np.concatenate([pairs.leaf for pairs in found]),
-        np.concatenate([pairs.distance for pairs in found]),
-        np.concatenate([pairs.point for pairs in found]),
-        np.concatenate([pairs.normal for pairs in found]),
-    )
-    return joined.at(np.lexsort((joined.body, joined.tick)))
+    return joined(found)
+
+
+def joined(parts: Sequence[Pairs]) -> Pairs:
+    """Pairs of several searches together, by tick and body."""
+    pairs = Pairs(*(np.concatenate(values) for values in zip(*parts)))
+    return pairs.at(np.lexsort((pairs.body, pairs.tick)))
 
 
 def axis_places(

@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.replay.stored_scene import stored_mesh
 from hhsim.verify.claim import NOT_CLAIMED, Claim, all_true, judged
-from hhsim.verify.coal_distance import EXACT, coal_distance
-from hhsim.verify.contacts import PALM, Pairs
+from hhsim.verify.coal_distance import EXACT, coal_distance, sphere_shapes, triangle_shapes
+from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows, leaves
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, WHY_LENGTH, JudgedTicks
 
@@ -37,12 +38,15 @@ def _depth(judge: JudgedTicks, own: FloatArray) -> Claim:
     )
     one, other = np.isnan(own), np.isnan(stored)
     off = np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(own - stored))).max(axis=1)
-    return judged("depth", "the depth in the spheres is as stored", off, LENGTH, "m", WHY_LENGTH, ticks=chosen)
+    return judged(
+        "depth", f"the depth in the {judge.result.surface} is as stored", off, LENGTH, "m", WHY_LENGTH, ticks=chosen
+    )
 
 
 def _inside(judge: JudgedTicks, most: FloatArray) -> Claim:
     chosen, method = judge.chosen, judge.options["method"]
-    says, why = "nothing of the hand is inside of a sphere", "rounding of a distance"
+    what = "a triangle is inside of the hand" if judge.on_mesh else "the hand is inside of a sphere"
+    says, why = f"nothing of {what}", "rounding of a distance"
     if judge.safe:
         return judged("non-penetration", says, most, NEVER_IN, "m", why, ticks=chosen)
     note = f"method {method} does not promise it; its deepest is {1e6 * most.max():.3g} µm"
@@ -69,31 +73,24 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
     full = judge.status & CAPACITY_EXCEEDED > 0
     looked = (after > judge.chosen) & follows(result)[after] & ~full[after] & ~full[judge.chosen] & (steps > 0)
     wrong = np.zeros(size, bool)
-    for name, keys in (("contacts/candidates", np.arange(len(pairs.tick))), ("work/bodies", pairs.body)):
+    bodies = [pairs.within(margin + slack).bodies(size) for slack in (-LENGTH, LENGTH)]
+    for name, (least, most) in (("contacts/candidates", judge.pair_counts(pairs, margin)), ("work/bodies", bodies)):
         stored = np.asarray(result[name])[after]
-        least, most = (_distinct(pairs, keys, margin + slack, size) for slack in (-LENGTH, LENGTH))
         wrong |= (stored < least) | ((steps == 1) & (stored > most))
     says = "as many pairs and bodies are within the margin as stored; no fewer where a tick went on from there"
     why = "exact, but for pairs within 1 nm of the margin"
     return [all_true("candidates", says, wrong[looked], ticks=after[looked], why=why)]
 
 
-def _distinct(pairs: Pairs, keys: NDArray[np.int64], limit: float, size: int) -> NDArray[np.int64]:
-    """How many different keys the pairs of each tick have that are no more than `limit` [m] apart, shape (size,)."""
-    near = pairs.distance <= limit
-    found = np.unique(np.stack([pairs.tick[near], keys[near]]), axis=1)
-    return np.bincount(found[0], minlength=size)
-
-
 def _by_library(judge: JudgedTicks) -> Claim:
-    center, radius = leaves(judge.result)
+    pieces = triangle_shapes(stored_mesh(judge.result)) if judge.on_mesh else sphere_shapes(*leaves(judge.result))
     hand, pairs, posed, off, ticks = judge.hand, judge.pairs, judge.chosen_posed, [], []
     # Sorted by tick, then distance: the first of each tick is its nearest.
     order = np.lexsort((pairs.distance, pairs.tick))
     for n in order[np.unique(pairs.tick[order], return_index=True)[1]]:
         i, body, leaf = int(pairs.tick[n]), int(pairs.body[n]), int(pairs.leaf[n])
         if body == PALM:
-            away = np.linalg.norm(posed.palm[i] - center[leaf], axis=1) - hand.palm_radius
+            away = np.abs(np.linalg.norm(posed.palm[i] - pairs.point[n], axis=1) - hand.palm_radius)
             nearest = int(away.argmin())
             a = b = posed.palm[i, nearest]
             first = last = float(hand.palm_radius[nearest])
@@ -101,7 +98,7 @@ def _by_library(judge: JudgedTicks) -> Claim:
             f, k = divmod(body, 3)
             a, b = posed.joints[i, f, k], posed.joints[i, f, k + 1]
             first, last = (float(size) for size in hand.radius[f, k : k + 2])
-        found = coal_distance(a, b, first, last, center[leaf], float(radius[leaf]))
+        found = coal_distance(a, b, first, last, *pieces(leaf))
         off.append(abs(found - float(pairs.distance[n])))
         ticks.append(int(judge.chosen[i]))
     return judged(

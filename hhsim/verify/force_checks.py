@@ -6,7 +6,16 @@ from numpy.typing import NDArray
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
-from hhsim.verify.forces import Moment, balance, explained, fingertip_normals, moment, on_its_way, proxy_forces
+from hhsim.verify.forces import (
+    Moment,
+    balance,
+    explained,
+    fingertip_normals,
+    moment,
+    on_its_way,
+    proxy_forces,
+    pushes_alone,
+)
 from hhsim.verify.kinematics import Posed, turn_between
 from hhsim.verify.paper_contacts import on_another_part
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
@@ -59,7 +68,9 @@ def _fingertips(judge: JudgedTicks) -> Claim:
 def _slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
     """Tolerance [N] at some ticks of forces of a size (n,): multipliers are of the program a step before."""
     step = np.minimum(judge.moved[ticks], float(judge.options["step_tolerance"]))
-    rolling = float(leaves(judge.result)[1].min() + min(judge.hand.radius.min(), judge.hand.palm_radius.min()))
+    # What rolls on an edge or a corner of a mesh has its own radius alone.
+    smallest = 0.0 if judge.on_mesh else float(leaves(judge.result)[1].min())
+    rolling = smallest + float(min(judge.hand.radius.min(), judge.hand.palm_radius.min()))
     return FORCE * (1.0 + size) + TURN * size * step / rolling
 
 
@@ -70,7 +81,7 @@ def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
 
 def _moment(judge: JudgedTicks, i: int) -> Moment:
     flexion, pull = judge.chosen_shown.flexion[i], judge.pull[int(judge.chosen[i])]
-    return moment(judge.hand, judge.chosen_posed, flexion, judge.touching.of(i), i, pull)
+    return moment(judge.hand, judge.chosen_posed, flexion, judge.bearing_at(i), i, pull)
 
 
 def _stationarity(judge: JudgedTicks) -> Claim:
@@ -97,7 +108,9 @@ def _palm_balance(judge: JudgedTicks) -> Claim:
 def _complementarity(judge: JudgedTicks) -> Claim:
     """KKT: what does not touch bears nothing."""
     chosen = _judgeable(judge, STUCK)
-    apart = judge.pairs.nearest(len(judge.chosen))[chosen] > judge.touch + LENGTH
+    late = judge.status[judge.chosen[chosen]] & LAG > 0
+    bears = np.where(late, judge.bearing, judge.touch)
+    apart = judge.pairs.nearest(len(judge.chosen))[chosen] > bears[:, None] + LENGTH
     size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)
     says = "what does not touch bears no force"
@@ -118,7 +131,12 @@ def _balance(judge: JudgedTicks) -> Claim:
         ways = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
         off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in ways), default=np.inf)
         # On its way, or where the palm of `progressive` yields to a finger: what touches bears what it can.
-        if late or (progressive and off[n] > slack[i]):
+        yields = late or (progressive and off[n] > slack[i])
+        if yields and judge.on_mesh:
+            # Which faces, edges and corners near by are rows of the program, and which follow from others, is the
+            # solver's choice; what it is free to choose is where the pushes act, not that they are pushes.
+            off[n] = min(off[n], pushes_alone(at, force))
+        elif yields:
             pull = on_its_way(at, judge.diagonal, offset)
             off[n] = min(off[n], explained(at, judge.scale, force, pull, False))
     says = "forces push along the normals of what touches, and balance the coupling"
@@ -138,6 +156,9 @@ def _eq_14(judge: JudgedTicks) -> Claim:
     """Eq. 14 over what touches; left out are ticks with a pair within a nanometre of the limit, or found otherwise."""
     from scipy.spatial.transform import Rotation
 
+    name, says = "Eq. 14", "each body's force is the sum of k |p_g − p_h| n over what touches"
+    if judge.on_mesh:
+        return Claim(name, says, NOT_JUDGED, note="which features of a mesh the sum is over is not in the file")
     close = np.abs(judge.pairs.distance - judge.touch) <= LENGTH
     unclear = np.isin(np.arange(len(judge.chosen)), judge.pairs.tick[close])
     if judge.options["method"] == "paper":
@@ -158,9 +179,7 @@ def _eq_14(judge: JudgedTicks) -> Claim:
     ).reshape(len(chosen), PALM + 1, 3)
     off = np.abs(own - judge.stored_forces(judge.chosen[chosen])).max(axis=(1, 2))
     return judged(
-        "Eq. 14",
-        "each body's force is the sum of k |p_g − p_h| n over what touches",
-        off,
+        *(name, says, off),
         FORCE * (1.0 + np.abs(own).sum(axis=(1, 2))),
         "N",
         WHY_FORCE,

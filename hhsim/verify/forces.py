@@ -94,6 +94,11 @@ def explained(at: Moment, scale: FloatArray, stored: FloatArray, pull: FloatArra
     return _residual(np.concatenate([rows, forces]), np.concatenate([pull * scale, stored]))
 
 
+def pushes_alone(at: Moment, stored: FloatArray) -> float:
+    """How far [N] stored forces, shape (48,), are from pushes at what touches, whatever they balance."""
+    return _residual(at.bodies.T, stored)
+
+
 def on_its_way(at: Moment, diagonal: FloatArray, offset: float) -> FloatArray:
     """What bears the coupling of a hand that is not where it wants to be, shape (21,), by clarabel.
 

@@ -32,16 +32,17 @@ class HandReferee:
 
     Args:
         mesh: Watertight and wound outward [m], world.
+        open_too: As of `TrueSurface`.
 
     Raises:
         InputError: coal is not installed.
         MeshError: The mesh is not watertight.
     """
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, *, open_too: bool = False) -> None:
         import coal
 
-        self.surface = TrueSurface(mesh)
+        self.surface = TrueSurface(mesh, open_too=open_too)
         self._coal: Any = coal
         self._request, self._answer, self._still = coal.DistanceRequest(), coal.DistanceResult(), coal.Transform3s()
         self._request.gjk_tolerance = 1e-12
@@ -83,15 +84,16 @@ class HandReferee:
             return distance - float(radius.max()), distance - float(radius[2]), distance
 
         bound, best, nearest = piece(0.0, 1.0)
-        if bound >= limit:
-            return limit
         middle = 0.5 * (a + b)
+        # What is deeper inside than the limit is far from the surface too.
         if nearest <= 0.0 or self.surface.signed_distance(middle[None])[0] < 0.0:
             return -max(radius_a, radius_b)
+        if bound >= limit:
+            return limit
         pieces = [(bound, 0.0, 1.0)]
         for _ in range(_MOST_PIECES):
             bound, low, high = heapq.heappop(pieces)
-            if bound >= best - EXACT:
+            if bound >= min(limit, best - EXACT):
                 break
             for half in ((low, 0.5 * (low + high)), (0.5 * (low + high), high)):
                 lower, reached, _ = piece(*half)

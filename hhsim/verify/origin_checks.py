@@ -14,6 +14,7 @@ from hhsim.result.reader import Result
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.triangle_tree import OPTIONS, triangle_tree
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.file_checks import COVER, outside_spheres
 
@@ -49,7 +50,7 @@ def own_object(result: Result, again: bool) -> Mesh | None:
             size, thickness = (
                 None if scene.get(name) is None else 1e-3 * float(scene[name]) for name in ("size_mm", "thickness_mm")
             )
-            mesh, _ = resolve_object(word, scene.get("unit"), size, thickness)
+            mesh, _ = resolve_object(word, scene.get("unit"), size, thickness, solid=result.surface != "mesh")
         else:
             mesh = None
     except HhsimError:
@@ -59,6 +60,9 @@ def own_object(result: Result, again: bool) -> Mesh | None:
 
 def own_tree(result: Result, mesh: Mesh, again: bool) -> SphereTree | None:
     """The tree that hhsim has or makes of a mesh in its own frame, by the options of the scene; None for another's."""
+    stated = result.scene.get("tree_options") or {}
+    if again and {name: stated.get(name) for name in OPTIONS} == OPTIONS:
+        return triangle_tree(mesh, int(stated["level"]))
     options = _tree_options(result)
     if options is None:
         return None

@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.contacts import PALM, Pairs, near_pairs
 from hhsim.verify.file_checks import follows, leaves
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, turn_between
+from hhsim.verify.mesh_contacts import near_triangle_pairs
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -21,6 +23,8 @@ STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 
 """Flags of a tick's status."""
 LENGTH = 1e-9
 """Lengths that differ by this [m] are the same: a thousandth of the smallest that any table shows."""
+ON_THE_WAY = 20.0
+"""Offsets."""
 WHY_LENGTH = "a thousandth of the smallest length that a table shows"
 
 
@@ -76,6 +80,11 @@ class JudgedTicks:
         return never_penetrates(self.options["method"])
 
     @property
+    def on_mesh(self) -> bool:
+        """Whether the hand touched the triangles of the mesh, and not spheres."""
+        return self.result.surface == "mesh"
+
+    @property
     def touch(self) -> float:
         """Pairs no farther apart than this touch [m]."""
         return float(self.options["touch"])
@@ -99,17 +108,32 @@ class JudgedTicks:
         moved = np.linalg.norm(np.diff(self.shown_posed.joints, axis=0), axis=3).max(axis=(1, 2), initial=0.0)
         return np.concatenate([[np.inf], moved])
 
+    @property
+    def bearing(self) -> float:
+        """Pairs no farther apart than this bear a hand that is on its way [m]: its last step was not the last."""
+        return max(self.touch, ON_THE_WAY * float(self.options["offset"]))
+
+    def bearing_at(self, i: int) -> Pairs:
+        """Pairs that can bear a force at a chosen tick."""
+        late = self.status[self.chosen[i]] & LAG > 0
+        return self.pairs.within(self.bearing).of(i) if late else self.touching.of(i)
+
     @cached_property
     def candidates(self) -> Pairs:
         """Pairs of the chosen ticks within the margin, and a nanometre more."""
+        near = 2.0 * self.bearing
+        if self.safe:
+            near = max(near, float(self.options["margin"]) + 2.0 * LENGTH)
+        if self.on_mesh:
+            triangles = stored_mesh(self.result).triangles
+            return near_triangle_pairs(self.hand, self.chosen_posed, triangles, self.fingers, near)
         center, radius = leaves(self.result)
-        near = max(float(self.options["margin"]) + 2.0 * LENGTH, 2.0 * self.touch) if self.safe else 2.0 * self.touch
         return near_pairs(self.hand, self.chosen_posed, center, radius, self.fingers, near)
 
     @cached_property
     def pairs(self) -> Pairs:
         """Pairs of the chosen ticks that touch, or nearly so."""
-        return self.candidates.within(2.0 * self.touch)
+        return self.candidates.within(2.0 * self.bearing)
 
     @cached_property
     def touching(self) -> Pairs:
@@ -119,16 +143,28 @@ class JudgedTicks:
     @cached_property
     def miscounted(self) -> BoolArray:
         """Chosen ticks whose stored number of touching pairs is not the referee's, shape (len(chosen),)."""
-        pairs, size = self.pairs, len(self.chosen)
-        least, greatest = (
-            np.bincount(pairs.tick[pairs.distance <= self.touch + slack], minlength=size) for slack in (-LENGTH, LENGTH)
-        )
+        least, greatest = self.pair_counts(self.pairs, self.touch)
         counted = np.asarray(self.result["contacts/touching"])[self.chosen]
         return np.asarray((counted < least) | (counted > greatest))
 
+    def pair_counts(self, pairs: Pairs, limit: float) -> tuple[IntArray, IntArray]:
+        """Least and greatest number of pairs that a chosen tick can have within a limit [m], shapes (len(chosen),).
+
+        A leaf is one piece. Of a triangle the solver counts face, edges and corners, and those of its neighbours once:
+        at least one of each body that is near, and no more than all seven of each.
+        """
+        size = len(self.chosen)
+        sure, possible = (pairs.within(limit + slack) for slack in (-LENGTH, LENGTH))
+        greatest = np.bincount(possible.tick, minlength=size)
+        if self.on_mesh:
+            return sure.bodies(size), 7 * greatest
+        return np.bincount(sure.tick, minlength=size), greatest
+
     @property
     def sphere_penetration(self) -> float:
-        """Deepest in the leaf spheres [m]."""
+        """Deepest in the leaf spheres [m]; NaN where they were not what the hand touched."""
+        if self.on_mesh:
+            return float("nan")
         return max(0.0, -float(self.pairs.distance.min(initial=0.0)))
 
     def stored_forces(self, ticks: IntArray) -> FloatArray:

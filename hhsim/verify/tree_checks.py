@@ -6,7 +6,7 @@ closer, on the same triangle or sphere.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +27,8 @@ SPHERE_POINTS = 200_000
 LEAST_EACH = 40
 """Points on each sphere, however many there are."""
 NEIGHBOURS = 24
+NEEDLE = 1e-7
+"""A triangle that is no higher than this [m] is a line."""
 WORST = 200
 CHILDREN = 40
 ROUNDS = 5
@@ -128,17 +130,24 @@ def sticking_out(tree: SphereTree, level: int, *, leaves_only: bool = False) -> 
 class TrueSurface:
     """Signed distance to a watertight mesh: coal's, with the sign of pseudonormals (Bærentzen and Aanæs 2005).
 
+    Args:
+        mesh: [m].
+        open_too: Take a mesh that is not watertight as well: nothing is inside of it, no distance is negative, and its
+            triangles that are no higher than `NEEDLE` are left out, which coal has no distances of.
+
     Raises:
         InputError: coal is not installed.
         MeshError: The mesh is not watertight.
     """
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, *, open_too: bool = False) -> None:
         try:
             import coal
         except ImportError as error:
             raise InputError("the referee measures with coal, which is not installed: pip install coal") from error
         self._coal: Any = coal
+        if open_too:
+            mesh = _without_needles(mesh)
         self.triangles = mesh.triangles
         self.model = coal_model(mesh)
         self._faces = mesh.faces
@@ -148,8 +157,11 @@ class TrueSurface:
         edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         self._edges, self._edge_of = np.unique(edges, axis=0, return_inverse=True)
         self._edge_of = self._edge_of.reshape(-1, 3)
-        if (np.bincount(self._edge_of.ravel()) != 2).any():
-            raise MeshError(f"{mesh.name}: not watertight, so that nothing is outside of it; the referee needs that")
+        self.closed = bool((np.bincount(self._edge_of.ravel()) == 2).all()) and _is_wound_outward(mesh)
+        if not self.closed and not open_too:
+            raise MeshError(
+                f"{mesh.name}: not watertight and wound outward, so that nothing is outside of it; the referee needs it"
+            )
         self.edge_normal = np.zeros((len(self._edges), 3))
         self.vertex_normal = np.zeros((len(mesh.vertices), 3))
         for k in range(3):
@@ -164,16 +176,10 @@ class TrueSurface:
             )
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
-        """Signed distance [m] of points, shape (n, 3): negative inside; shape (n,)."""
-        coal = self._coal
-        point, still, place = coal.Sphere(0.0), coal.Transform3s(), coal.Transform3s()
-        request, answer = coal.DistanceRequest(), coal.DistanceResult()
-        distance, nearest, face = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.int64)
-        for i, p in enumerate(points):
-            place.setTranslation(p)
-            answer.clear()
-            distance[i] = coal.distance(self.model, still, point, place, request, answer)
-            nearest[i], face[i] = answer.getNearestPoint1(), answer.b1
+        """Signed distance [m] of points, shape (n, 3): negative inside a watertight mesh; shape (n,)."""
+        distance, nearest, face = nearest_on(self.model, points)
+        if not self.closed:
+            return distance
         outward = ((points - nearest) * self._pseudonormal(nearest, face)).sum(axis=1) >= 0.0
         return np.where(outward, distance, -distance)
 
@@ -197,6 +203,43 @@ class TrueSurface:
             on_vertex = ~gone[:, k] & (gone.sum(axis=1) >= 2)
             found[on_vertex] = self.vertex_normal[self._faces[face[on_vertex], k]]
         return found
+
+
+def _without_needles(mesh: Mesh) -> Mesh:
+    a, b, c = mesh.triangles.transpose(1, 0, 2)
+    longest = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2).max(axis=0)
+    high = np.linalg.norm(np.cross(b - a, c - a), axis=1) > NEEDLE * longest
+    return mesh if high.all() or not high.any() else replace(mesh, faces=mesh.faces[high])
+
+
+def _is_wound_outward(mesh: Mesh) -> bool:
+    """Whether each edge is walked once each way, around a positive volume."""
+    walked = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    there, back = (np.unique(ends, axis=0) for ends in (walked, walked[:, ::-1]))
+    return len(there) == len(walked) and np.array_equal(there, back) and mesh.volume > 0.0
+
+
+def nearest_on(model: Any, points: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Where points, shape (n, 3) [m], are nearest to a mesh, by coal.
+
+    Args:
+        model: The mesh, made by `coal_model`.
+        points: In its frame.
+
+    Returns:
+        Distances [m], never negative, shape (n,); the nearest points of the mesh [m], shape (n, 3); their faces, (n,).
+    """
+    import coal
+
+    point, still, place = coal.Sphere(0.0), coal.Transform3s(), coal.Transform3s()
+    request, answer = coal.DistanceRequest(), coal.DistanceResult()
+    distance, nearest, face = np.empty(len(points)), np.empty((len(points), 3)), np.empty(len(points), np.int64)
+    for i, p in enumerate(points):
+        place.setTranslation(p)
+        answer.clear()
+        distance[i] = coal.distance(model, still, point, place, request, answer)
+        nearest[i], face[i] = answer.getNearestPoint1(), answer.b1
+    return distance, nearest, face
 
 
 def coal_model(mesh: Mesh) -> Any:

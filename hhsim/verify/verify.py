@@ -47,7 +47,7 @@ class Verification:
         ticks: Of the file.
         looked_at: Ticks whose geometry and forces were judged; what is cheap was judged at all of them.
         every: One in so many, as asked for.
-        sphere_penetration: Deepest in the leaf spheres, of the ticks looked at [m].
+        sphere_penetration: Deepest in the leaf spheres, of the ticks looked at [m]; NaN where it touched the mesh.
         mesh_penetration: Deepest in the true mesh [m]; NaN where that could not be judged.
         stationarity: Imbalance of the coupling against what touches [N], at the tick nearest to what is let pass there;
             NaN where no optimum is claimed.
@@ -130,7 +130,7 @@ def require_coal() -> None:
         import coal  # noqa: F401
     except ImportError as error:
         raise InputError(
-            "hhsim verify measures against the mesh with coal, which is not installed: pip install 'hhsim[verify]'"
+            "distances to the true mesh are measured with coal, which is not installed: pip install 'hhsim[verify]'"
         ) from error
 
 
@@ -156,7 +156,7 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
     name, says = "mesh", "the graphic hand stays out of the true mesh"
     why = "the bounds of the referee's own distance"
     try:
-        referee = HandReferee(stored_mesh(judge.result))
+        referee = HandReferee(stored_mesh(judge.result), open_too=judge.on_mesh)
     except MeshError as error:
         return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
     hand, posed, at = judge.hand, judge.chosen_posed, judge.chosen_shown
@@ -175,7 +175,7 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
         least[i] = referee.clearances(shape, placed, MESH_LIMIT)[0][used].min()
     worst = int(least.argmin())
     depth = max(0.0, -float(least[worst]))
-    covers = any(claim.name == "cover" and claim.verdict in (HOLDS, FAILS) for claim in claims)
+    covers = judge.on_mesh or any(claim.name == "cover" and claim.verdict in (HOLDS, FAILS) for claim in claims)
     promised = judge.safe and covers
     verdict = NOT_CLAIMED if not promised else FAILS if depth > MESH_EXACT else HOLDS
     note = "" if promised else "neither the method nor the tree promises it"

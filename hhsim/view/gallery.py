@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.file import read_triangles
 from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
@@ -125,6 +125,15 @@ class _Rooted:
         self._stream.send_columns(f"{self._root}/{path}", *what, **how)
 
 
+def _motion(path: Path) -> Trajectory:
+    try:
+        return load_trajectory(path)
+    except TrajectoryError as error:
+        if path.suffix.lower() != ".csv":
+            raise
+        raise TrajectoryError(f"{error} (hhsim import makes a trajectory of another table)") from None
+
+
 def _read(path: Path, root: str, unit: str) -> Shown:
     kind = file_kind(path)
     if kind == "result":
@@ -135,7 +144,7 @@ def _read(path: Path, root: str, unit: str) -> Shown:
         corners = np.concatenate([result.static["object/vertices"], some])
         return Shown(path, kind, root, result, _bounds(corners), result.ticks)
     if kind == "motion":
-        motion = load_trajectory(path)
+        motion = _motion(path)
         hand = HandModel.default()
         still = slice(None, None, max(1, len(motion.time) // STILLS))
         poses = (motion.position, motion.orientation, motion.flexion, motion.abduction)

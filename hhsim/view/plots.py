@@ -51,7 +51,7 @@ class Plot:
 FORCE = Plot("plots/force", "force on the hand [N]", {"all": RED, **PER_FINGER, "palm": BROWN}, worst=False, height=1.7)
 DEPTH = Plot(
     "plots/depth",
-    "depth in the spheres [µm]",
+    "depth [µm]",
     {"deepest": RED, **PER_FINGER, "palm": BROWN},
     legend=False,
     height=0.75,

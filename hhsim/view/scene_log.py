@@ -28,14 +28,14 @@ from numpy.typing import NDArray
 
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.contact_points import ContactPoints
+from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.render.triangle_soup import Surface, mesh_surface
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.decimation import ShownTicks
 from hhsim.view.plots import Plot, palm_force, sizes
@@ -102,6 +102,7 @@ class ShownScene:
         hand: The hand.
         fingers: Which fingers the scene uses, shape (5,); the others go through the object.
         touch: Pairs nearer than this touch [m].
+        surface: Of the object that the hand touches, by name.
         spheres: Send the leaf spheres too.
         text: What was run, Markdown.
     """
@@ -111,13 +112,14 @@ class ShownScene:
     hand: HandModel
     fingers: NDArray[np.bool_]
     touch: float
+    surface: str = "spheres"
     spheres: bool = False
     text: str = ""
 
     @cached_property
-    def tree_arrays(self) -> TreeArrays:
-        """The tree as the kernels read it."""
-        return self.tree.arrays()
+    def surface_arrays(self) -> Any:
+        """What the hand touches, as the kernels read it."""
+        return contact_surface(self.surface, self.mesh, self.tree).arrays
 
     @cached_property
     def shape(self) -> HandShape:
@@ -212,7 +214,7 @@ class RerunScene:
         scene = self.scene
         placed = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation)
         contacts = find_contact_points(
-            scene.tree_arrays,
+            scene.surface_arrays,
             scene.shape,
             PlacedHand(*(np.ascontiguousarray(values, np.float64) for values in placed)),
             scene.touch,

@@ -162,6 +162,7 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
         hand=stored_hand(result),
         fingers=np.array([finger in used for finger in FINGERS]),
         touch=float(solver.get("touch", TOUCH)),
+        surface=str(solver.get("surface", "spheres")),
         spheres=spheres,
         text=description(result),
     )

@@ -1,20 +1,13 @@
 """Errors of runs that were tampered with by known amounts."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from hhsim.bench.run_errors import (
-    NEAR,
-    SAMPLES,
-    ErrorScene,
-    error_scene,
-    placed_of,
-    run_errors,
-    sampled,
-    sphere_clearance,
-)
+from hhsim.bench.mesh_errors import MeshReferee
+from hhsim.bench.run_errors import NEAR, ErrorScene, error_scene, hand_clearance, placed_of, run_errors
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
@@ -22,30 +15,41 @@ from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions
 
+pytest.importorskip("coal", reason="the true mesh is measured with coal: pip install 'hhsim[verify]'")
+
 OPTIONS = SolverOptions()
+ON_MESH = SolverOptions(surface="mesh")
+MESH = load_object("cube").mesh
 
 
 @pytest.fixture(scope="module")
 def world() -> tuple[ErrorScene, TreeArrays, TickRecord]:
     """One finger touches the cube, 200 ticks a second; and the run of the method as it comes."""
-    hand, mesh = HandModel.default(), load_object("cube").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=3))
-    scene = make_scene(mesh, tree, hand, load_script("touch"), rate=200.0)
-    errors = error_scene(hand, build_mesh_bvh(mesh.vertices, mesh.faces), scene.ticks, tree.arrays(), OPTIONS)
-    return errors, tree.arrays(), run(errors, tree.arrays())
+    hand = HandModel.default()
+    tree = cached_sphere_tree(MESH, TreeOptions(level=3))
+    scene = make_scene(MESH, tree, hand, load_script("touch"), rate=200.0)
+    errors = error_scene(hand, MeshReferee(MESH), scene.ticks, triangles(), OPTIONS)
+    return errors, tree.arrays(), run(errors, tree.arrays(), OPTIONS)
 
 
-def run(scene: ErrorScene, tree: TreeArrays) -> TickRecord:
+def triangles() -> Any:
+    return contact_surface("mesh", MESH, cached_sphere_tree(MESH, TreeOptions(level=3))).arrays
+
+
+def run(scene: ErrorScene, surface: Any, options: SolverOptions) -> TickRecord:
     ticks = scene.haptic
-    return HandSolver(scene.hand, tree, OPTIONS).run(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
+    solver = HandSolver(scene.hand, surface, options)
+    return solver.run(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
 
 
 def shifted(record: TickRecord, shift: np.ndarray) -> TickRecord:
@@ -56,8 +60,9 @@ def shifted(record: TickRecord, shift: np.ndarray) -> TickRecord:
 def test_ticks_in_contact_are_those_where_the_haptic_hand_is_near(
     world: tuple[ErrorScene, TreeArrays, TickRecord],
 ) -> None:
-    scene, tree, _ = world
-    clearance = sphere_clearance(scene.hand, tree, scene.haptic_placed, 1.0)
+    scene, *_ = world
+    bvh = build_mesh_bvh(MESH.vertices, MESH.faces)
+    clearance = mesh_clearance(bvh, hand_shape(scene.hand), scene.haptic_placed)
     assert np.array_equal(scene.contact, clearance < NEAR)
     assert 0 < scene.contact.sum() < scene.contact.size
     hold = scene.holds[0]
@@ -75,20 +80,46 @@ def test_a_good_run_is_good(world: tuple[ErrorScene, TreeArrays, TickRecord]) ->
     assert found.mesh_depth_max <= found.mesh_depth_p95 + 1e-6 <= 2e-6
     assert 0.0 < found.contact_error_mean <= found.contact_error_max == found.mesh_error
     assert abs(found.tracking_excess) < 1e-3
-    assert found.off_finest_mean < 1e-4
+    # The spheres' own error, and hardly more.
+    assert found.off_optimum_mean < found.contact_error_max
     assert found.force_hold > 0.1
     assert found.force_variation_hold < 1e-3 < found.force_variation_tremor
     assert (found.stuck_ticks, found.lag_max) == (0, 0.0)
-    assert SAMPLES <= found.samples <= SAMPLES + 1
+    # Spheres stick out: the shown hand touches them before the user's hand is near the mesh.
+    assert scene.contact.sum() <= found.samples < len(scene.contact)
+    assert found.contact_points > 0
+
+
+def test_on_the_mesh_the_contacts_lie_on_it_and_the_pose_is_the_optimum(
+    world: tuple[ErrorScene, TreeArrays, TickRecord],
+) -> None:
+    scene, tree, record = world
+    found = run_errors(scene, triangles(), ON_MESH, run(scene, triangles(), ON_MESH))
+    spheres = run_errors(scene, tree, OPTIONS, record)
+    assert (found.penetration_max, found.mesh_depth_max) == (0.0, 0.0)
+    assert 0.0 < found.contact_error_mean <= found.contact_error_max <= ON_MESH.touch + 1e-9
+    assert found.contact_error_max < 0.01 * spheres.contact_error_max
+    assert found.off_optimum_mean < 0.01 * spheres.off_optimum_mean
+    assert abs(found.tracking_excess) < 1e-3
+
+
+def test_of_a_mesh_that_encloses_nothing_the_contacts_alone_are_judged(
+    world: tuple[ErrorScene, TreeArrays, TickRecord],
+) -> None:
+    scene, tree, record = world
+    sheet = Mesh(MESH.vertices, MESH.faces[:-1], name="open")
+    found = run_errors(replace(scene, referee=MeshReferee(sheet)), tree, OPTIONS, record)
+    assert np.isnan([found.mesh_depth_max, found.mesh_depth_p95]).all()
+    assert 0.0 < found.mesh_error == found.contact_error_max
 
 
 def test_a_hand_beside_the_optimum_is_off_by_that_much(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
     scene, tree, record = world
-    best = record._replace(joints=scene.finest.joints.copy(), position=scene.finest.position.copy())
+    best = record._replace(joints=scene.optimum.joints.copy(), position=scene.optimum.position.copy())
     shift = np.tile([0.001, 0.002, 0.002], (len(record.position), 1))
     found = run_errors(scene, tree, OPTIONS, shifted(best, shift))
-    assert found.off_finest_mean == pytest.approx(0.003)
-    assert found.off_finest_max == pytest.approx(0.003)
+    assert found.off_optimum_mean == pytest.approx(0.003)
+    assert found.off_optimum_max == pytest.approx(0.003)
 
 
 def test_a_hand_pushed_in_is_as_deep_as_mesh_and_spheres_say(
@@ -104,8 +135,9 @@ def test_a_hand_pushed_in_is_as_deep_as_mesh_and_spheres_say(
     pushed = shifted(record, shift)
     found = run_errors(scene, tree, OPTIONS, pushed)
     placed = placed_of(pushed).at([tick])
-    assert found.penetration_max == pytest.approx(-sphere_clearance(scene.hand, tree, placed, 0.0)[0])
-    assert found.mesh_depth_max == pytest.approx(-mesh_clearance(scene.bvh, hand_shape(scene.hand), placed)[0])
+    assert found.penetration_max == pytest.approx(-hand_clearance(scene.hand, tree, placed, 0.0)[0])
+    bvh = build_mesh_bvh(MESH.vertices, MESH.faces)
+    assert found.mesh_depth_max == pytest.approx(-mesh_clearance(bvh, hand_shape(scene.hand), placed)[0], abs=1e-6)
     assert found.mesh_depth_max > 5e-4
     assert found.mesh_depth_p95 == 0.0
     assert found.posture_jump_max == pytest.approx(0.004, rel=0.02)
@@ -125,11 +157,12 @@ def test_a_hand_that_penetrates_all_the_time_has_no_excess(
 def test_a_hand_that_hovers_is_not_perfect(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
     scene, tree, record = world
     away = record.joints[scene.holds[0].start, 1, 3]
-    hovering = shifted(record, np.tile(0.01 * away / np.linalg.norm(away), (len(record.position), 1)))
+    best = record._replace(joints=scene.optimum.joints.copy(), position=scene.optimum.position.copy())
+    hovering = shifted(best, np.tile(0.01 * away / np.linalg.norm(away), (len(record.position), 1)))
     found = run_errors(scene, tree, OPTIONS, hovering)
     assert (found.penetration_max, found.mesh_depth_max) == (0.0, 0.0)
     assert np.isnan([found.contact_error_max, found.mesh_error]).all()
-    assert found.off_finest_mean == pytest.approx(0.01, rel=0.02)
+    assert found.off_optimum_mean == pytest.approx(0.01, rel=0.02)
 
 
 def test_status_is_counted(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
@@ -153,13 +186,4 @@ def test_a_stretch_has_no_figures_of_the_hold(world: tuple[ErrorScene, TreeArray
         *("force_ripple", "force_step"),
     }
     whole = asdict(run_errors(scene, tree, OPTIONS, record))
-    assert found["off_finest_max"] <= whole["off_finest_max"]
-
-
-def test_samples_are_spread_over_the_ticks() -> None:
-    ticks = np.arange(100, 300, 2)
-    chosen = sampled(ticks, 5)
-    assert chosen.tolist() == [100, 148, 198, 248, 298]
-    assert sampled(ticks, 3, [7]).tolist() == [7, 100, 198, 298]
-    assert sampled(ticks[:2], 5).tolist() == [100, 102]
-    assert sampled(np.zeros(0, np.int64), 5).tolist() == []
+    assert found["off_optimum_max"] <= whole["off_optimum_max"]

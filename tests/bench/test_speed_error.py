@@ -10,6 +10,7 @@ import pytest
 from hhsim.bench.run_errors import RunErrors
 from hhsim.bench.speed_error import (
     LINEARISATIONS,
+    NO_LEVEL,
     USUAL,
     Configuration,
     Run,
@@ -32,6 +33,7 @@ SMALL = SpeedErrorOptions(
     objects=("cube",),
     motions=("touch",),
     methods=("coupled", "progressive"),
+    surfaces=("spheres",),
     levels=(1, 2),
     linearisations=(12,),
     backends=("clarabel",),
@@ -85,6 +87,7 @@ def test_what_cannot_be_run_is_refused() -> None:
         ({"motions": ("grip",)}, "unknown trajectory 'grip'"),
         ({"methods": ("couple",)}, "unknown method 'couple': did you mean coupled"),
         ({"backends": ("quadprg",)}, "unknown QP solver 'quadprg'"),
+        ({"surfaces": ("mash",)}, "unknown surface 'mash': did you mean mesh"),
     ):
         with pytest.raises(UnknownNameError, match=message):
             replace(SMALL, **change)  # type: ignore[arg-type]
@@ -92,6 +95,8 @@ def test_what_cannot_be_run_is_refused() -> None:
         ({"motions": ("never",)}, "'never' touches nothing"),
         ({"levels": (6,)}, "tree level 6, expected 1 to 5"),
         ({"levels": ()}, "levels: name at least one"),
+        ({"surfaces": ()}, "surfaces: name at least one"),
+        ({"surfaces": ("mesh",), "methods": ("coupled", "paper")}, "method paper takes the surface spheres, not mesh"),
         ({"linearisations": (0,)}, "at least 1"),
         ({"repetitions": 0}, "at least 1"),
     ):
@@ -120,7 +125,7 @@ def test_every_configuration_runs_on_every_scene(small: list[Run]) -> None:
     assert ours.ticks == other.ticks < whole[0].ticks
     assert ours.errors is not None
     assert other.errors is not None
-    assert other.errors.off_finest_max == pytest.approx(ours.errors.off_finest_max, abs=1e-4)
+    assert other.errors.off_optimum_max == pytest.approx(ours.errors.off_optimum_max, abs=1e-4)
 
 
 def test_finer_spheres_are_nearer_to_the_mesh_and_to_the_optimum(small: list[Run]) -> None:
@@ -128,7 +133,40 @@ def test_finer_spheres_are_nearer_to_the_mesh_and_to_the_optimum(small: list[Run
     assert coarse is not None
     assert fine is not None
     assert fine.contact_error_max < 0.5 * coarse.contact_error_max
-    assert fine.off_finest_mean < 0.1 * coarse.off_finest_mean
+    assert fine.off_optimum_mean < 0.5 * coarse.off_optimum_mean
+
+
+def test_the_mesh_is_a_configuration_beside_the_levels_of_spheres() -> None:
+    both = replace(SMALL, surfaces=("spheres", "mesh"), methods=tuple(METHODS))
+    found = configurations(both)
+    assert len(found) == len(set(found)) == 2 * len(METHODS) + 2
+    assert [(c.method, c.level, c.is_default) for c in found if c.surface == "mesh"] == [
+        ("coupled", NO_LEVEL, False),
+        ("progressive", NO_LEVEL, False),
+    ]
+    for configuration in found:
+        assert configuration.solver_options().surface == configuration.surface
+    (own, _) = backend_configurations(both)
+    assert (own.surface, own.level) == ("spheres", 2)
+    (own, _) = backend_configurations(replace(SMALL, surfaces=("mesh", "spheres")))
+    assert (own.surface, own.level) == ("mesh", NO_LEVEL)
+
+
+def test_methods_that_nobody_named_are_those_that_take_the_surface() -> None:
+    assert SpeedErrorOptions(surfaces=("mesh",)).methods == ("coupled", "progressive")
+    assert SpeedErrorOptions.quick(surfaces=("mesh",)).methods == ("coupled", "progressive")
+    assert SpeedErrorOptions.quick(levels=(2,)).levels == (2,)
+
+
+def test_the_mesh_is_the_truth(small: list[Run]) -> None:
+    runs = measure(replace(SMALL, surfaces=("mesh",), repetitions=1))
+    assert [run.configuration.level for run in runs] == [NO_LEVEL] * 4
+    assert [run.failure for run in runs] == [""] * 4
+    (mesh, *_), (_, fine, *_) = runs, small
+    assert mesh.errors is not None and fine.errors is not None
+    assert mesh.errors.mesh_error < 1.1e-6 < 0.01 * fine.errors.mesh_error
+    assert mesh.errors.off_optimum_mean < 0.01 * fine.errors.off_optimum_mean
+    assert "distances from the true mesh are coal's" in remarks(runs)[0]
 
 
 def test_progress_counts_every_run() -> None:
@@ -164,13 +202,13 @@ def test_rows_sum_up_by_worst_mean_and_count() -> None:
     one, two = Configuration("coupled", 4, 12), Configuration("coupled", 4, 12, "clarabel", stretch=True)
     runs = [
         made_up(
-            "cube", "touch", one, 1e-5, mesh_error=1e-4, off_finest_mean=2e-3, lag_ticks=3, force_variation_hold=np.nan
+            "cube", "touch", one, 1e-5, mesh_error=1e-4, off_optimum_mean=2e-3, lag_ticks=3, force_variation_hold=np.nan
         ),
         made_up(
-            "cube", "grasp", one, 3e-5, mesh_error=3e-4, off_finest_mean=4e-3, lag_ticks=4, force_variation_hold=0.5
+            "cube", "grasp", one, 3e-5, mesh_error=3e-4, off_optimum_mean=4e-3, lag_ticks=4, force_variation_hold=0.5
         ),
         made_up(
-            "cup", "grasp", one, 9e-3, mesh_error=2e-4, off_finest_mean=9e-3, lag_ticks=5, force_variation_hold=0.7
+            "cup", "grasp", one, 9e-3, mesh_error=2e-4, off_optimum_mean=9e-3, lag_ticks=5, force_variation_hold=0.7
         ),
         made_up("cup", "grasp", two, 1e-6),
     ]
@@ -187,7 +225,7 @@ def test_rows_sum_up_by_worst_mean_and_count() -> None:
     ]
     (cube,) = chosen(rows, object="cube", motion=ALL)
     assert (cube["mesh_error"], cube["lag_ticks"], cube["ticks"], cube["contact_ticks"]) == (3e-4, 7, 20, 8)
-    assert cube["off_finest_mean"] == pytest.approx(3e-3)
+    assert cube["off_optimum_mean"] == pytest.approx(3e-3)
     assert cube["force_variation_hold"] == 0.5
     assert (cube["tick_cpu_p50"], cube["tick_cpu_max"]) == pytest.approx((2e-5, 3e-5))
     assert cube["tick_wall_p50"] == pytest.approx(4e-5)
@@ -207,14 +245,34 @@ def test_the_frontier_is_among_equals() -> None:
     fast, good, poor = (Configuration("coupled", level, 12) for level in (2, 4, 3))
     rows = table_rows(
         [
-            made_up("cube", "touch", fast, 1e-5, mesh_error=1e-3, off_finest_mean=1e-3),
-            made_up("cube", "touch", good, 3e-5, mesh_error=1e-4, off_finest_mean=2e-3),
-            made_up("cube", "touch", poor, 4e-5, mesh_error=9.9e-5, off_finest_mean=1e-2),
+            made_up("cube", "touch", fast, 1e-5, mesh_error=1e-3, off_optimum_mean=1e-3),
+            made_up("cube", "touch", good, 3e-5, mesh_error=1e-4, off_optimum_mean=2e-3),
+            made_up("cube", "touch", poor, 4e-5, mesh_error=9.9e-5, off_optimum_mean=1e-2),
         ]
     )
     best = chosen(rows, object="cube", motion="touch")
     assert [row["mesh_frontier"] for row in best] == [True, True, False]
     assert [row["tracking_frontier"] for row in best] == [True, False, False]
+
+
+def test_one_frontier_is_over_spheres_and_the_mesh() -> None:
+    coarse, fine = (Configuration("coupled", level, 12) for level in (4, 5))
+    mesh, slow = (Configuration(method, NO_LEVEL, 12, surface="mesh") for method in ("coupled", "progressive"))
+    rows = table_rows(
+        [
+            made_up("cube", "touch", coarse, 1e-5, mesh_error=2e-4, off_optimum_mean=3e-4),
+            made_up("cube", "touch", fine, 3e-5, mesh_error=5e-5, off_optimum_mean=1e-4),
+            made_up("cube", "touch", mesh, 2e-5, mesh_error=1e-6, off_optimum_mean=1e-6),
+            made_up("cube", "touch", slow, 4e-5, mesh_error=1e-6, off_optimum_mean=4e-3),
+        ]
+    )
+    found = chosen(rows, object=ALL, motion=ALL)
+    assert [(row["surface"], row["level"]) for row in found] == [
+        *(("spheres", 4), ("spheres", 5)),
+        *(("mesh", NO_LEVEL), ("mesh", NO_LEVEL)),
+    ]
+    for flag in ("mesh_frontier", "tracking_frontier"):
+        assert [row[flag] for row in found] == [True, False, True, False]
 
 
 def test_a_run_that_fails_is_told_and_wins_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -258,7 +316,7 @@ def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) ->
     assert matplotlib.image.imread(tmp_path / "small.png").shape[:2] == (840, 1920)
     for row in rows:
         row["mesh_error"] = np.nan
-        row["off_finest_mean"] = 0.0
+        row["off_optimum_mean"] = 0.0
         row["method"] = "unheard-of"
     draw_speed_error(tmp_path / "odd.png", rows)
     assert (tmp_path / "odd.png").stat().st_size > 10_000

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ import pytest
 
 import hhsim
 from hhsim.errors import InputError
+from hhsim.system import environment as system_info
 from hhsim.trees.file import load_tree
 from hhsim.trees.sph_format import load_sph
 
@@ -244,6 +246,14 @@ def test_info_tells_people_and_machines_the_same(run: Run) -> None:
     assert table.err == ""
     for value in (document["hhsim"], document["machine"]["cpu"], document["packages"]["numpy"]):
         assert value in table.out
+
+
+@pytest.mark.parametrize(("cores", "words"), [(1, "1 core"), (2, "2 cores")])
+def test_info_counts_cores(run: Run, monkeypatch: pytest.MonkeyPatch, cores: int, words: str) -> None:
+    found = system_info.collect()
+    monkeypatch.setattr(system_info, "collect", lambda: replace(found, machine=replace(found.machine, cores=cores)))
+    (line,) = (line for line in run("info").out.splitlines() if line.startswith("processor"))
+    assert line.endswith(f", {words}")
 
 
 def test_objects_tells_people_and_machines_the_same(run: Run) -> None:

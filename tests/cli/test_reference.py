@@ -141,10 +141,11 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     yield "hhsim replay", "--penalty-stiffness", f"{coupling.penalty:.0f}"
     yield "hhsim replay", "--tolerance", f"{usual.tolerance:g}".replace("e-0", "e-")
     yield "hhsim replay", "--frustum-ends", usual.frustum_ends
-    assert usual.budget is None and usual.fingers == FINGERS
+    yield "hhsim replay", "--budget", f"{1e-6 * usual.budget / usual.period:g} units a microsecond of the period"
+    assert usual.fingers == FINGERS
     suites = (
         ("paper", bench_paper.PaperOptions(), ("methods", "instances", "repetitions")),
-        ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "levels")),
+        ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "surfaces", "levels")),
         ("trees", bench_trees.TreesOptions(), ("objects", "spheres")),
         ("threads", bench_threads.ThreadsOptions(), ("objects", "threads")),
     )

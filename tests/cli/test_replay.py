@@ -71,6 +71,18 @@ def test_a_replay_prints_a_table_and_writes_every_tick(run: Run, tmp_path: Path,
     assert result["penetration_depth"].max() <= 1e-6
 
 
+def test_a_replay_on_the_mesh_says_so_and_a_method_of_spheres_refuses_it(run: Run, tmp_path: Path, short: Path) -> None:
+    answer = run("replay", "cube", short.name, "--surface", "mesh")
+    assert answer.code == 0, answer.err
+    (path,) = (tmp_path / "results").iterdir()
+    assert path.name.endswith("-cube-short-coupled-mesh.h5")
+    assert answer.out.startswith("cube, short, coupled, mesh: 200 ticks\n")
+    assert "stays out of the object's mesh in every tick" in answer.out
+    assert load_result(path).summary["contact_error_max"] <= 1e-6
+    refused = run("replay", "cube", short.name, "--surface", "mesh", "--method", "paper")
+    assert refused.code == 2 and "method paper takes the surface spheres, not mesh" in refused.err
+
+
 def test_a_replay_for_machines_is_one_document(run: Run, tmp_path: Path, short: Path) -> None:
     answer = run("replay", "sphere", short.name, "--method", "progressive", "--out", "run.h5", "--json")
     assert answer.code == 0, answer.err
@@ -351,9 +363,12 @@ def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: P
     assert answer.code == 2 and "'grasp' finds its place at the object itself" in answer.err
 
 
-def test_a_recording_of_which_nothing_was_mended_says_nothing_of_it() -> None:
+def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be() -> None:
     motion = replace(repair(smooth_recording()).trajectory, flags=np.zeros(300, dtype=np.uint32))
-    assert mended_remark(motion, "take.npz") == []
+    assert mended_remark(motion, "take.npz") == [
+        "the recording was imported on the way in: hhsim import tells what it was taken for"
+    ]
+    assert mended_remark(motion, "take.h5") == []
     touched = replace(motion, flags=np.full(300, SampleFlag.LIMITED.value, dtype=np.uint32))
     assert mended_remark(touched, "take.npz") == [
         "300 of 300 samples were mended on the way in: hhsim import tells what"

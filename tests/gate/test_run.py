@@ -71,7 +71,7 @@ def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) ->
 
 
 def test_other_options_of_a_base_cannot_be_compared(suite: Path, tmp_path: Path) -> None:
-    edit = replaced("skin: float = 3e-3", "skin: float = 4e-3")
+    edit = replaced('"skin": 3e-3', '"skin": 4e-3')
     base = find_side("base", changed_python(tmp_path / "other", "hhsim.solver.options", edit))
     report = judged(suite, find_side("head", this_python()), base)
     assert (report.verdict, report.exit_code) == ("not comparable", 3)

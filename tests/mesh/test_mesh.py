@@ -186,13 +186,13 @@ def obj(mesh: Mesh) -> str:
         (
             "noise.ply",
             b"\x00\x01noise" * 20,
-            r"cannot be read as .ply, so it is damaged or no such file \(ValueError: Not a ply file",
+            r"cannot be read as .ply, so it is damaged, or of another kind \(ValueError: Not a ply file",
         ),
-        ("noise.stl", bytes(range(256)) * 8, "cannot be read as .stl, so it is damaged or no such file$"),
+        ("noise.stl", bytes(range(256)) * 8, "cannot be read as .stl, so it is damaged, or of another kind$"),
         (
             "picture.obj",
             b"\x89PNG\r\n" + bytes(range(256)),
-            "cannot be read as .obj, so it is damaged or no such file$",
+            "cannot be read as .obj, so it is damaged, or of another kind$",
         ),
         ("noise.glb", b"\x00\x01noise" * 20, "cannot be read as .glb"),
         ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no triangles"),

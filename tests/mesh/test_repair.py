@@ -131,6 +131,19 @@ def test_wide_flat_hole_is_closed_and_warned_of() -> None:
     assert volume(surface) == pytest.approx(0.07**3)
 
 
+def test_wide_holes_and_small_ones_are_counted_apart_and_sum_up() -> None:
+    vertices = np.concatenate([CUBE.vertices, BALL.vertices + [0.2, 0.0, 0.0]])
+    top = (CUBE.vertices[CUBE.faces][:, :, 2] > 0.0).all(axis=1)
+    faces = np.concatenate([CUBE.faces[~top], BALL.faces[1:] + len(CUBE.vertices)])
+    surface = repaired(vertices, faces)
+    assert any(text.startswith("closed 2 holes up to") for text in surface.repairs)
+    assert [text for text in surface.warnings if "closed, and 1 small: it is solid there" in text]
+
+
+def test_a_length_of_negative_zero_reads_as_zero() -> None:
+    assert MeshInRepair(BALL.vertices, BALL.faces, "test").millimetres(-0.0) == "0 mm"
+
+
 def test_lengths_in_messages_are_real_ones() -> None:
     top = (CUBE.vertices[CUBE.faces][:, :, 2] > 0.0).all(axis=1)
     surface = closed_surface(CUBE.vertices * 1000.0, CUBE.faces[~top], "test", unit_length=0.001)

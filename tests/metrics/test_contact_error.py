@@ -16,7 +16,7 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import contact_error as module
 from hhsim.metrics.contact_error import TouchedObject
-from hhsim.metrics.mesh_penetration import contact_points
+from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay
@@ -42,7 +42,8 @@ def test_it_is_what_trimesh_measures_at_every_contact(grasp: Result) -> None:
     touched = run.touched
     assert touched is not None
     placed = PlacedHand(*(grasp[name] for name in PLACED))
-    points = contact_points(touched.tree, touched.shape, placed, touched.touch)
+    contacts = find_contact_points(touched.surface, touched.shape, placed, touched.touch)
+    points = [contacts.point[contacts.tick == tick] for tick in range(grasp.ticks)]
     surface = trimesh.Trimesh(touched.mesh.vertices, touched.mesh.faces, process=False)
     closest: Any = trimesh.proximity.closest_point
     expected = np.full(grasp.ticks, np.nan)

@@ -1,16 +1,23 @@
-"""Contact points with their bodies and normals: against the kernel of one tick, and by brute force over every pair."""
+"""Contact points with their bodies and normals: by brute force over every pair of a body and a leaf or a triangle."""
+
+from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
+from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
 
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.contact_points import ContactPoints
+from hhsim.kernels.contact.surface import ContactPoints
+from hhsim.mesh.features import mesh_features
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.metrics.contact_points import find_contact_points
-from hhsim.metrics.mesh_penetration import contact_points
 from hhsim.trees.sphere_tree import SphereTree
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 TOUCH = 1e-3
 
@@ -40,16 +47,74 @@ def found(hand: HandModel, tree: SphereTree, placed: PlacedHand) -> ContactPoint
     return find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
 
 
-def test_the_points_are_those_of_each_tick(
+def balls(hand: HandModel, placed: PlacedHand, tick: int) -> tuple[Array, Array, IntArray]:
+    """Centres [m] and radii [m] of balls that each body is made of, the palm's and 2,001 along each phalanx."""
+    center = [palm_spheres(hand.palm_tree.leaf_center, placed.position[tick], placed.orientation[tick])]
+    radius = [hand.palm_tree.leaf_radius]
+    part = [np.arange(15, 15 + len(radius[0]))]
+    share = np.linspace(0.0, 1.0, 2001)[:, None]
+    for body in range(15):
+        f, k = divmod(body, 3)
+        center.append((1.0 - share) * placed.joints[tick, f, k] + share * placed.joints[tick, f, k + 1])
+        radius.append((1.0 - share[:, 0]) * hand.radius[f, k] + share[:, 0] * hand.radius[f, k + 1])
+        part.append(np.full(len(share), body))
+    return np.concatenate(center), np.concatenate(radius), np.concatenate(part)
+
+
+def test_the_points_are_those_of_every_touching_pair(
     hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
 ) -> None:
     assert np.all(np.diff(found.tick) >= 0)
-    by_tick = contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
-    assert [np.count_nonzero(found.tick == tick) for tick in range(12)] == [len(points) for points in by_tick]
     assert len(found.tick) > 300, "more than the room at first"
-    for tick, expected in enumerate(by_tick):
-        ours = found.point[found.tick == tick]
-        np.testing.assert_allclose(ours[np.lexsort(ours.T)], expected[np.lexsort(expected.T)], atol=1e-15)
+    for tick in (1, 8):
+        center, radius, part = balls(hand, placed, tick)
+        away = np.linalg.norm(center[:, None] - tree.leaf_center, axis=2)
+        gap = away - radius[:, None] - tree.leaf_radius
+        expected = []
+        for one in range(part.max() + 1):
+            mine = np.flatnonzero(part == one)
+            best = mine[gap[mine].argmin(axis=0)]
+            leaf = np.flatnonzero(gap[best, np.arange(len(best))] <= TOUCH)
+            best = best[leaf]
+            along = (tree.leaf_center[leaf] - center[best]) / away[best, leaf][:, None]
+            expected.append(center[best] + radius[best, None] * along)
+        ours, theirs = found.point[found.tick == tick], np.concatenate(expected)
+        assert len(ours) == len(theirs) > 5
+        apart = np.linalg.norm(ours[:, None] - theirs, axis=2)
+        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 2e-5
+
+
+def test_the_points_on_a_mesh_are_those_of_every_touching_triangle(hand: HandModel, placed: PlacedHand) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.04)
+    vertices, faces = np.array(ball.vertices, np.float64), np.array(ball.faces, np.int64)
+    mesh, _ = mesh_features(vertices, faces, closed=True)
+    found = find_contact_points(mesh, hand_shape(hand), placed, TOUCH)
+    closest: Any = trimesh.triangles.closest_point
+    seen = 0
+    for tick in (6, 7):
+        center, radius, part = balls(hand, placed, tick)
+        ours = found.tick == tick
+        touched = set()
+        for triangle in vertices[faces]:
+            near = np.flatnonzero(np.linalg.norm(center - triangle.mean(axis=0), axis=1) < radius + 0.01)
+            point = closest(np.repeat(triangle[None], len(near), axis=0), center[near])
+            away = np.linalg.norm(center[near] - point, axis=1)
+            gap = away - radius[near]
+            for one in np.unique(part[near]):
+                mine = np.flatnonzero(part[near] == one)
+                best = mine[gap[mine].argmin()]
+                if gap[best] > TOUCH:
+                    continue
+                ball_of = near[best]
+                normal = (center[ball_of] - point[best]) / away[best]
+                same = found.body[ours] == min(one, 15)
+                off = np.linalg.norm(found.point[ours][same] - center[ball_of] + radius[ball_of] * normal, axis=1)
+                assert off.min() < 3e-5
+                assert (found.normal[ours][same][off.argmin()] @ normal) > 1.0 - 1e-5
+                touched.add(min(int(one), 15))
+                seen += 1
+        assert touched == set(found.body[ours].tolist())
+    assert seen > 100
 
 
 @pytest.mark.parametrize("step", [0.0, 1e-5, 1e-3, 0.02])

@@ -10,7 +10,8 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.mesh_penetration import contact_error, contact_points, mesh_clearance
+from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
 from hhsim.render.triangle_soup import hand_surface
 
 
@@ -69,12 +70,13 @@ def test_contact_points_lie_on_the_hand_and_on_the_spheres() -> None:
     low, high = 0.0, 0.2
     for _ in range(60):
         middle = 0.5 * (low + high)
-        near = contact_points(arrays, shape, over(hand, middle), 0.0)[0]
+        near = find_contact_points(arrays, shape, over(hand, middle), 0.0).point
         low, high = (middle, high) if len(near) else (low, middle)
     placed = over(hand, high, 2)
     placed.position[1] += 1.0
     placed.joints[1] += 1.0
-    touching, away = contact_points(arrays, shape, placed, 1e-5)
+    found = find_contact_points(arrays, shape, placed, 1e-5)
+    touching, away = (found.point[found.tick == tick] for tick in range(2))
     assert len(touching) >= 1
     assert len(away) == 0
     gap = np.linalg.norm(touching[:, None] - tree.leaf_center, axis=2) - tree.leaf_radius
@@ -83,7 +85,7 @@ def test_contact_points_lie_on_the_hand_and_on_the_spheres() -> None:
 
 def test_more_points_than_there_is_room_for_first() -> None:
     hand, tree = HandModel.default(), bumpy_ball(4000)
-    points = contact_points(tree.arrays(), hand_shape(hand), over(hand, 0.0), 0.02)[0]
+    points = find_contact_points(tree.arrays(), hand_shape(hand), over(hand, 0.0), 0.02).point
     assert len(points) > 4096
 
 

@@ -92,6 +92,9 @@ def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
         assert told.hand == side and f"a {side} one by the way its fingers bend" in words(told)
     wrong = read(joint_sample("right"), hand="left")
     assert wrong.hand == "left" and "bend backwards" in words(wrong)
+    wrong = read(joint_sample("right", bend=0.1), hand="left")
+    assert wrong.hand == "left" and "as a left hand its thumb is behind its palm" in words(wrong)
+    assert "thumb" not in words(read(joint_sample("right", bend=0.1), hand="right"))
     sample = joint_sample()
     flat = np.tile(
         sample.hand.joints(np.zeros(3), np.eye(4)[0], np.zeros((5, 3)), np.zeros(5)).reshape(20, 3), (9, 1, 1)

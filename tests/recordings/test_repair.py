@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from recording_samples import smooth_recording
 
 from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.hand.model import HandModel
 from hhsim.motion.sample_flags import FLAG_MEANINGS, MENDED, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, RawChannel
 from hhsim.recordings.hand_displacement import turn
@@ -16,6 +17,7 @@ from hhsim.recordings.repair import Repaired, RepairOptions, default_limits, rep
 
 Array = NDArray[np.float64]
 CLEAN = smooth_recording()
+HAND = HandModel.default()
 PLAIN = repair(CLEAN).trajectory
 
 
@@ -280,6 +282,13 @@ def test_joints_stay_within_the_hand() -> None:
     assert flagged(repaired, SampleFlag.LIMITED) and "index flexion 1" in repaired.findings[-1].text
     assert (repaired.trajectory.flexion <= limits.flexion_max).all()
     kept = repair(changed(flexion=flexion), RepairOptions(limits=None))
+    free, held = (
+        np.array([HAND.joints(np.zeros(3), np.eye(4)[0], f, a)[:, 3] for f, a in zip(each.flexion, each.abduction)])
+        for each in (kept.trajectory, repaired.trajectory)
+    )
+    most = 1e3 * np.linalg.norm(free - held, axis=2).max()
+    assert 10.0 < most < 100.0
+    assert f"which moves a fingertip by up to {most:.0f} mm" in repaired.findings[-1].text
     assert kept.trajectory.flexion.max() == pytest.approx(2.6) and not flagged(kept, SampleFlag.LIMITED)
 
 

@@ -1,6 +1,7 @@
 """Charts of benches: every suite that can be run has one, its points are the rows, and its units keep the numbers."""
 
 import importlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hhsim.bench.table import Column, Table, load_table, write_table
 from hhsim.report import bench_chart
 from hhsim.report.bench_chart import CHARTS, bench_figure
 from hhsim.report.bench_units import shown_unit
+from hhsim.report.figure import new_figure
 
 COLUMNS = {
     "paper": paper.ROW_COLUMNS,
@@ -31,7 +33,7 @@ COLUMNS = {
 @pytest.mark.parametrize("suite", sorted(CHARTS))
 def test_a_chart_names_columns_that_its_suite_has(suite: str) -> None:
     chart, names = CHARTS[suite], {column.name for column in COLUMNS[suite]}
-    assert {chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names
+    assert {*chart.series, *chart.labels, *filter(None, (chart.x, chart.y))} <= names
 
 
 def test_every_suite_has_a_chart() -> None:
@@ -66,6 +68,19 @@ def test_the_points_are_the_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(np.array(drawn[:2]), np.array(expected, dtype=np.float64))
 
 
+def test_speed_against_error_tells_surfaces_apart_and_older_tables_have_none(tmp_path: Path) -> None:
+    row = {"object": "cube", "motion": "all", "stretch": False, "method": "coupled"}
+    row |= {"tick_cpu_p50": 1e-5, "mesh_error": 1e-6}
+    rows = [{**row, "surface": surface} for surface in ("spheres", "mesh")]
+    columns = tuple(Column(name, name) for name in rows[0])
+    new = bench_figure(table(tmp_path, "speed-error", columns, rows))
+    assert new is not None
+    assert new.alt.endswith("2 points, by method and surface (coupled, spheres; coupled, mesh).")
+    old = bench_figure(table(tmp_path, "speed-error", columns[:-1], [row]))
+    assert old is not None
+    assert old.alt.endswith("1 points, by method (coupled).")
+
+
 def test_a_table_without_numbers_or_of_another_suite_has_none(tmp_path: Path) -> None:
     assert bench_figure(table(tmp_path, "threads", THREADS, [{"threads": 1, "total": None, "case": "S"}])) is None
     assert bench_figure(table(tmp_path, "threads", THREADS[:2], [{"threads": 1, "total": 1.0}])) is None
@@ -81,3 +96,23 @@ def test_the_unit_keeps_the_largest_number_at_one_or_more(tmp_path: Path, larges
     assert found.name == unit
     if largest:
         assert 1.0 <= largest / found.factor < 1e3 or unit in ("s", "ns")
+
+
+@pytest.mark.parametrize("title", sorted({chart.title for chart in CHARTS.values()}))
+@pytest.mark.parametrize(("width", "narrow"), [(7.0, False), (3.6, True)])
+def test_a_title_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, title: str, width: float, narrow: bool
+) -> None:
+    monkeypatch.setitem(CHARTS, "threads", replace(CHARTS["threads"], title=title))
+    found = bench_figure(table(tmp_path, "threads", THREADS, [{"threads": 1, "total": 1e-5, "case": "S"}]))
+    assert found is not None and found.drawing is not None
+    with new_figure(width, found.drawing.height(width, narrow)) as figure:
+        found.drawing.draw(figure, narrow)
+        figure.draw_without_rendering()
+        (text,) = (text for text in figure.axes[0].texts if text.get_fontweight() == "bold")
+        assert text.get_text().replace("\n", " ") == title
+        box = text.get_window_extent()
+        (legend,) = figure.legends
+        assert box.x0 >= 0.0
+        assert box.x1 <= figure.bbox.x1
+        assert not box.overlaps(legend.get_window_extent())

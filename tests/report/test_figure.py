@@ -23,11 +23,11 @@ from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report import pictures as report_pictures
 from hhsim.report import tick_series as report_columns
 from hhsim.report import time_series as report_series
-from hhsim.report.figure import ReportFigure, new_figure, time_text
+from hhsim.report.figure import RUN_STYLES, ReportFigure, new_figure, run_style, time_text
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.minmax_decimation import minmax_band
 from hhsim.report.pictures import hand_picture, overview_picture, overview_tick
-from hhsim.report.speed_error import speed_error_figure
+from hhsim.report.speed_error import MARKS, speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks import worst_ticks
 from hhsim.result.reader import Result, load_result
@@ -145,6 +145,49 @@ def test_results_side_by_side_are_told_apart(result: Result) -> None:
         both = draw({"A": result, "B": empty})
         assert both.png != draw({"A": result}).png
         assert "no tick" in both.alt.lower()
+
+
+@pytest.mark.parametrize("label", ["{}", "{}: paper", "{}: bunny grasp coupled, live session"])
+@pytest.mark.parametrize("results", [1, 2, 4, 8])
+@pytest.mark.parametrize(("width", "narrow"), [(7.0, False), (3.6, True)])
+def test_a_legend_covers_neither_its_title_nor_the_curves(
+    result: Result, label: str, results: int, width: float, narrow: bool
+) -> None:
+    drawing = series_figure({label.format("ABCDEFGH"[i]): first_ticks(result, 2) for i in range(results)}).drawing
+    assert drawing is not None
+    height = drawing.height(width, narrow)
+    with new_figure(width, height) as figure:
+        drawing.draw(figure, narrow)
+        figure.draw_without_rendering()
+        for axes in figure.axes:
+            legend = axes.get_legend()
+            if legend is None:
+                continue
+            (title,) = (text for text in axes.texts if text.get_fontweight() == "bold")
+            box, above = legend.get_window_extent(), title.get_window_extent()
+            assert not box.overlaps(above), axes
+            assert box.y0 >= axes.get_window_extent().y1
+            assert min(box.x0, above.x0) >= 0.0
+            assert max(box.x1, above.x1) <= figure.bbox.x1
+            assert max(box.y1, above.y1) <= figure.bbox.y1
+
+
+def test_no_two_results_have_one_colour_and_one_mark() -> None:
+    styles = {(run_style(n)[0], MARKS[n % len(MARKS)]) for n in range(len(RUN_STYLES))}
+    assert len(styles) == len(RUN_STYLES)
+
+
+def test_an_error_of_rounding_does_not_stretch_the_axis(result: Result) -> None:
+    def lowest(excess: float) -> float:
+        summary = {**result.summary, "tracking_excess": excess}
+        drawing = speed_error_figure({"A": changed(result, summary=summary)}).drawing
+        assert drawing is not None
+        with new_figure(7.0, drawing.height(7.0, False)) as figure:
+            drawing.draw(figure, False)
+            return float(figure.axes[2].get_ylim()[0])
+
+    assert lowest(1e-13) == lowest(0.0) > 1e-4
+    assert lowest(1e-5) < 1e-5
 
 
 def test_a_long_run_becomes_a_band_that_says_so(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -270,3 +313,24 @@ def test_a_tie_is_rounded_alike_whatever_unit_the_time_came_in() -> None:
     for nanoseconds in range(1050, 100_000, 100):
         micro = nanoseconds / 1e3
         assert time_text(1e-6 * micro) == time_text(1e-9 * nanoseconds) == time_text(1e-6 * (1e9 * (1e-9 * micro)))
+
+
+@pytest.mark.parametrize("chart", [series_figure, speed_error_figure])
+@pytest.mark.parametrize(("width", "narrow"), [(7.0, False), (6.5, False), (3.6, True), (3.46, True)])
+def test_a_legend_of_long_names_keeps_off_the_title_and_within_the_figure(
+    result: Result, chart: Chart, width: float, narrow: bool
+) -> None:
+    labels = [f"{letter}: nasty_bunny_94_components hand_of_the_second_session coupled, 72 Hz" for letter in "ABCD"]
+    drawing = chart(dict.fromkeys(labels, result)).drawing
+    assert drawing is not None
+    with new_figure(width, drawing.height(width, narrow)) as figure:
+        drawing.draw(figure, narrow)
+        figure.canvas.draw()
+        placed = [legend for axes in figure.axes if (legend := axes.get_legend())] + figure.legends
+        boxes = [legend.get_window_extent() for legend in placed]
+        titles = [t.get_window_extent() for axes in figure.axes for t in axes.texts if t.get_fontweight() == "bold"]
+        assert placed and titles
+        for box in boxes:
+            assert box.x0 >= -1.0 and box.x1 <= figure.bbox.width + 1.0 and box.y1 <= figure.bbox.height + 1.0
+            assert not any(box.overlaps(title) for title in titles)
+        assert {text.get_text()[:2] for legend in placed for text in legend.get_texts()} >= {"A:", "B:", "C:", "D:"}

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_reader import read_page
 
-from hhsim.report.html import Html, element, escaped, figure, joined, page, picture, table
+from hhsim.report.html import CARD_COLUMNS, Html, element, escaped, figure, joined, page, picture, table
 from hhsim.report.style import STYLE
 
 NASTY = '</td><script>alert("x")</script>&amp; \' "'
@@ -39,6 +39,16 @@ def test_a_table_holds_the_cells_that_it_is_given(rows: list[list[str]], caption
 def test_a_checksum_may_be_broken_and_a_word_is_not() -> None:
     cells = read_page(table("sums", ("one", "two", "three"), [("x", "0" * 64, "deformation of the object")])).all("td")
     assert [cell.attributes.get("class") for cell in cells] == ["long", None]
+
+
+@pytest.mark.parametrize(("columns", "sentences", "cards"), [(4, False, False), (5, False, True), (3, True, True)])
+def test_a_table_of_many_columns_is_cards_on_a_phone(columns: int, sentences: bool, cards: bool) -> None:
+    assert CARD_COLUMNS == 5
+    headings = [f"column {i}" for i in range(columns)]
+    found = read_page(table("t", headings, [["x"] * columns], cards=sentences))
+    assert found.one("table").attributes.get("class") == ("cards" if cards else None)
+    named = [cell.attributes.get("data-heading") for cell in found.all("td")]
+    assert named == (headings[1:] if cards else [None] * (columns - 1))
 
 
 def test_markup_is_not_escaped_twice() -> None:

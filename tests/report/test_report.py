@@ -19,6 +19,7 @@ from hhsim.bench.table import Column, write_table
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.metrics import worst_force_ripple
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.render.viewpoint import View
 from hhsim.replay.replay import replay
@@ -26,8 +27,9 @@ from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import stored_rows
 from hhsim.report.compare import SEEDED_NOISE, compared
 from hhsim.report.figure import ReportFigure
-from hhsim.report.html import NO_TEXT
+from hhsim.report.html import LONGEST_WORD, NO_TEXT
 from hhsim.report.report import FIGURES, check_report_path, make_report, write_report
+from hhsim.report.style import STYLE
 from hhsim.report.tick_table import figure_table, report_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
@@ -188,16 +190,18 @@ def test_phases_add_up_to_the_run(coupled: Path, dots: None) -> None:
 
 def test_each_finger_has_its_forces(coupled: Path, dots: None) -> None:
     result, rows = load_result(coupled), page_of(coupled).rows("Forces on each finger")
-    assert rows[0] == ["finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]"]
+    assert rows[0] == ["finger", "ticks with a force", "mean [N]", "largest [N]", "largest step [N]", "ripple [N]"]
     assert [row[0] for row in rows[1:]] == list(FINGERS)
     for finger, row in enumerate(rows[1:]):
         force = result["force/phalanx"][:, finger].sum(axis=1)
         size = np.linalg.norm(force, axis=1)
         if not size.any():
-            assert row[1:] == ["0", "—", "—", "—"]
+            assert row[1:] == ["0", "—", "—", "—", "—"]
             continue
         step = np.linalg.norm(force[1:] - force[:-1], axis=1).max()
-        assert row[1:] == [f"{(size > 0).sum():,}", *(f"{x:.3f}" for x in (size[size > 0].mean(), size.max(), step))]
+        ripple = worst_force_ripple(force, result.rate)
+        figures = (size[size > 0].mean(), size.max(), step, ripple)
+        assert row[1:] == [f"{(size > 0).sum():,}", *(f"{x:.3f}" for x in figures)]
 
 
 def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dots: None) -> None:
@@ -391,6 +395,93 @@ def test_another_scene_or_another_machine_is_not_compared(coupled: Path, tmp_pat
     assert by_label["tick in contact, CPU, p50"] == "3 × not comparable"
     assert by_label["penetration, max"] == "same"
     assert any(text.startswith("cpu: ") for text in report.comparisons[0].around)
+
+
+def in_scene(**others: Any) -> Change:
+    """Other words in the description of a result's scene."""
+
+    def change(file: h5py.File) -> None:
+        file.attrs["scene"] = json.dumps({**json.loads(file.attrs["scene"]), **others})
+
+    return change
+
+
+def test_what_differs_is_told_by_names_and_in_units(
+    coupled: Path, progressive: Path, tmp_path: Path, dots: None
+) -> None:
+    def thinner(file: h5py.File) -> None:
+        scene = json.loads(file.attrs["scene"])
+        in_scene(solver={**scene["solver"], "margin": 5e-4})(file)
+
+    door = changed(coupled, tmp_path, in_scene(object_name="door", object_mesh="0" * 64, unit="mm"), "door.h5")
+    pushed = changed(coupled, tmp_path, in_scene(motion="push"), "push.h5")
+    thin = changed(coupled, tmp_path, thinner, "thin.h5")
+    other, moved, near = make_report((coupled, door, pushed, thin)).comparisons
+    assert other.scene == ("object: cylinder and door",), "the unit is that of the mesh file"
+    assert moved.scene == ("motion: short and push",)
+    assert near.how == ("margin: 1 mm and 0.5 mm",)
+
+
+def test_the_title_names_scenes_or_methods(coupled: Path, progressive: Path, tmp_path: Path, dots: None) -> None:
+    assert page_of(coupled, progressive).one("h1").text == "cylinder, short: A: coupled; B: progressive"
+    doors = [changed(coupled, tmp_path, in_scene(object_name=f"door {i}"), f"{i}.h5") for i in range(5)]
+    assert page_of(coupled, *doors).one("h1").text == (
+        "6 results: cylinder, short; door 0, short; door 1, short; door 2, short; …"
+    )
+
+
+def test_the_key_figures_say_which_variation_it_is(coupled: Path, tmp_path: Path, dots: None) -> None:
+    def steady(file: h5py.File) -> None:
+        file["summary"].attrs["force_variation_tremor"] = np.nan
+
+    assert "variation, trembling [%]" in page_of(coupled).rows("Key figures")[0]
+    assert "variation in contact [%]" in page_of(changed(coupled, tmp_path, steady)).rows("Key figures")[0]
+
+
+SCREEN = 320
+"""Pixels of the smallest screen across."""
+EM = 16.0
+"""Pixels of a letter of the page."""
+
+
+def wide_lengths(style: str) -> list[str]:
+    """What a style sheet makes wider than the smallest screen, for the screen; conditions on its width are none."""
+    style = style.partition("@media print")[0]
+    style = re.sub(r"@media[^{]*", "", style)
+    style = re.sub(r"max-width:[^;]*;", "", style)
+    style = re.sub(r"min\(100%[^)]*\)", "100%", style)
+    sizes = {"px": 1.0, "rem": EM, "em": EM, "ch": EM / 2}
+    found = re.findall(r"(?:width:\s*|minmax\()([\d.]+)(px|rem|em|ch)\b", style)
+    return [f"{size}{unit}" for size, unit in found if float(size) * sizes[unit] > SCREEN - 2 * EM]
+
+
+def test_a_page_of_eight_results_fits_the_smallest_screen(coupled: Path, tmp_path: Path, dots: None) -> None:
+    name = "an-object-with-a-long-name"
+    others = [
+        changed(coupled, tmp_path, in_scene(object_name=f"{name}-{i}", motion=f"motion {i}"), f"{i}.h5")
+        for i in range(7)
+    ]
+    page = page_of(coupled, *others)
+    assert wide_lengths(STYLE) == []
+    assert wide_lengths("p { min-width: 40rem; }" + STYLE) == ["40rem"]
+    assert wide_lengths(".x { grid-template-columns: repeat(2, minmax(30rem, 1fr)); }") == ["30rem"]
+    assert not [e for e in page.elements if "style" in e.attributes]
+    # Pictures shrink with the page: `max-width` holds for each.
+    assert {e.tag for e in page.elements if "width" in e.attributes} <= {"img", "source"}
+    assert all("figure" in image.parents for image in page.all("img"))
+    starts = [i for i, e in enumerate(page.elements) if e.tag == "table"]
+    for start, end in itertools.pairwise([*starts, len(page.elements)]):
+        table = page.elements[start]
+        inside = [e for e in page.elements[start:end] if "table" in e.parents]
+        headings = [e.text for e in inside if e.tag == "th" and e.attributes.get("scope") == "col"]
+        if len(headings) > 3:
+            assert table.attributes.get("class") == "cards", headings
+            assert all(e.attributes["data-heading"] for e in inside if e.tag == "td")
+        for cell in (e for e in inside if e.tag in ("td", "th")):
+            longest = max(map(len, cell.text.split()), default=0)
+            assert longest <= LONGEST_WORD or cell.attributes.get("class") == "long", cell.text
+    for block in (e for e in page.elements if e.tag == "pre"):
+        assert block.attributes["tabindex"] == "0", "a keyboard scrolls it"
 
 
 def emptied(file: h5py.File, ticks: int) -> None:

@@ -146,12 +146,24 @@ def test_the_spheres_are_a_surface() -> None:
     np.testing.assert_array_equal(SURFACES["spheres"].center(tree), [tree.x[0], tree.y[0], tree.z[0]])
     with pytest.raises(InputError, match="is no surface of an object"):
         surface_of((1.0,))
+    with pytest.raises(InputError, match="the options name the surface 'mesh', but TreeArrays are not its arrays"):
+        HandSolver(HandModel.default(), tree, SolverOptions(surface="mesh"))
+
+
+def test_methods_of_the_papers_spheres_take_no_other_surface() -> None:
+    for method, why in (("paper", "between frustums and spheres"), ("penalty", "triangles have no depth")):
+        with pytest.raises(InputError, match=f"method {method} takes the surface spheres, not mesh: .*{why}"):
+            SolverOptions(method=method, surface="mesh")
+    with pytest.raises(InputError, match="unknown surface 'triangles'"):
+        SolverOptions(surface="triangles")
+    assert SolverOptions(surface="mesh").skin < SolverOptions().skin
+    assert SolverOptions(surface="mesh", skin=2e-3, touch=1e-5).touch == 1e-5
 
 
 def test_a_surface_is_added_by_one_file(plane: Any) -> None:
     hand = HandModel.default()
     motion = random_targets(hand, 400, 7)
-    solver = HandSolver(hand, plane.arrays(-0.02), SolverOptions())
+    solver = HandSolver(hand, plane.arrays(-0.02), SolverOptions(surface="plane"))
     record = solver.run(*motion)
     palm = hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius
 

@@ -60,6 +60,8 @@ def test_an_axis_that_is_inside_is_in_by_its_radius() -> None:
     inside = referee.round_cone(np.array([-0.01, 0.0, 0.0]), np.array([0.01, 0.0, 0.0]), 0.004, 0.003, FAR)
     through = referee.round_cone(np.array([-0.01, 0.0, 0.0]), np.array([0.01, 0.0, 0.1]), 0.004, 0.003, FAR)
     assert inside == through == -0.004
+    deep = referee.round_cone(np.array([-0.01, 0.0, 0.0]), np.array([0.01, 0.0, 0.0]), 0.004, 0.003, 0.0)
+    assert deep == -0.004, "farther from the surface than the limit, and inside"
 
 
 @pytest.mark.parametrize("name", ["bunny", "cube"])

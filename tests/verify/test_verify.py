@@ -522,6 +522,74 @@ def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault:
         assert "checksums" not in failing(found)
 
 
+@pytest.fixture(scope="module")
+def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return run(tmp_path_factory.mktemp("mesh"), surface="mesh")
+
+
+def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path) -> None:
+    hand = HandModel.default()
+    moved = random_targets(hand, 900, 5)
+    names = ("position", "orientation", "flexion", "abduction")
+    motion = Trajectory(time=np.arange(900) / 1000.0, **{name: getattr(moved, name) for name in names})
+    base = open_scene("cube", "touch", level=3)
+    scene = make_scene(base.mesh, base.tree, hand, motion)
+    for method in ("coupled", "progressive"):
+        replay(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "way.h5")
+        result = load_result(tmp_path / "way.h5")
+        assert (np.asarray(result["status"]) & 2 > 0).sum() > 300
+        assert failing(verify(result, every=9)) == set()
+
+        def aside(file: h5py.File) -> None:
+            force, late = file["tick/force/phalanx"], np.flatnonzero(file["tick/status"][...] & 2)
+            size = np.abs(force[...]).sum(axis=(1, 2, 3))
+            looked_at = late[late % 9 == 0]
+            tick = looked_at[size[looked_at].argmax()]
+            finger, phalanx = divmod(int(np.linalg.norm(force[tick], axis=2).argmax()), 3)
+            force[tick, finger, phalanx] = np.roll(force[tick, finger, phalanx], 1)
+
+        assert "force balance" in failing(verify(planted(result.path, tmp_path, aside), every=9))
+
+
+def touched_spheres(file: h5py.File) -> None:
+    """The run is said to have touched spheres."""
+    forge_scene(file, lambda scene: scene["solver"].update(surface="spheres"))
+
+
+ON_MESH = [moved_hand, scaled_force, force_in_the_air, not_the_optimum, uncounted_pair, thicker_finger, swapped_forces]
+ON_MESH += [tangential_force, claimed_depth, fewer_bodies, wider_margin, wider_touch, renamed_method]
+"""Faults that geometry finds: of a run on the mesh by distances to its triangles, under the same names."""
+
+
+def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> None:
+    found = verify(on_mesh, every=10, again=True)
+    assert failing(found) == set()
+    for name in (
+        "depth",
+        "non-penetration",
+        "touching pairs",
+        "candidates",
+        "distance by coal",
+        "mesh",
+        "stationarity",
+    ):
+        assert verdict(found, name) == HOLDS
+    assert np.isnan(found.sphere_penetration) and found.mesh_penetration == 0.0
+    # A force is borne within a micrometre of the mesh, or what bears it does not touch.
+    assert on_mesh.scene["solver"]["touch"] == 1e-6 >= on_mesh.summary["contact_error_max"]
+    bears = next(claim for claim in found.claims if claim.name == "complementarity")
+    assert bears.verdict == HOLDS and bears.checked > 0
+    assert on_mesh.summary["force_contact_max"] > 1.0
+
+
+@pytest.mark.parametrize("fault", [*ON_MESH, touched_spheres], ids=lambda fault: fault.__name__)
+def test_a_planted_fault_of_a_run_on_the_mesh(
+    on_mesh: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
+) -> None:
+    found = verify(planted(on_mesh.path, tmp_path, fault), every=40)
+    assert FAULTS.get(fault, "non-penetration") in failing(found)
+
+
 def test_the_documentation_lists_what_is_planted(repository: Path) -> None:
     assert documented_faults(repository, 0) == {fault.__name__: claim for fault, claim in FAULTS.items()}
 

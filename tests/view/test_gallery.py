@@ -94,5 +94,11 @@ def test_what_cannot_be_looked_at_is_told(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=message):
             file_kind(tmp_path / name)
+    table = tmp_path / "quest.csv"
+    table.write_text("time,right_wrist_x\n0,0\n", encoding="utf-8")
+    with pytest.raises(
+        InputError, match=r"the header lacks px, .*\(hhsim import makes a trajectory of another table\)"
+    ):
+        view_files([table], parse_target(str(tmp_path / "x.rrd")))
     with pytest.raises(InputError, match="at least one"):
         view_files([], parse_target(str(tmp_path / "x.rrd")))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hhsim.bench.paper.contact_check import hold_distances
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.bench.paper.scene import RATE, Stage, held_ticks
-from hhsim.bench.run_errors import digest_of, placed_of, sphere_clearance
+from hhsim.bench.run_errors import digest_of, hand_clearance, placed_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -199,7 +199,7 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
         curves=curves,
         contact=contact,
         # 0 - x and not -x: a free hand has depth 0, not minus 0.
-        depth=np.maximum(0.0, 0.0 - sphere_clearance(stage.hand, stage.arrays, placed_of(record), 0.0)),
+        depth=np.maximum(0.0, 0.0 - hand_clearance(stage.hand, stage.arrays, placed_of(record), 0.0)),
         touches=touches,
         variation=variation,
     )

@@ -5,23 +5,24 @@ poses, and a stuck tick is explained only where `hhsim.bench.robustness.local_op
 tick, finds no way either.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.bench.robustness.case import DEEPEST, Figure, Outcome
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.local_optimality import way_out
+from hhsim.bench.robustness.pieces import Pieces
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import is_finite_configuration
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_STUCK
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 
@@ -53,15 +54,15 @@ def common_figures(outcomes: list[Outcome]) -> list[Figure]:
     ]
 
 
-def worst_penetration(hand: HandModel, tree: TreeArrays, record: TickRecord) -> float:
+def worst_penetration(hand: HandModel, surface: Any, record: TickRecord) -> float:
     """Deepest penetration of the recorded hands [m], by `metrics.penetration`; NaN where one is nowhere."""
-    depth = recorded_penetration(hand, tree, record).depth
+    depth = recorded_penetration(hand, surface, record).depth
     return float(depth.max()) if len(depth) else 0.0
 
 
-def least_clearance(hand: HandModel, tree: TreeArrays, placed: PlacedHand, limit: float) -> Array:
+def least_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: float) -> Array:
     """Least signed distance of hand and object at every tick [m], shape (T,); `limit` stands for all above it."""
-    palm, finger = hand_clearance(tree, *hand_shape(hand), *placed, limit=limit)
+    palm, finger = hand_clearance(surface, *hand_shape(hand), *placed, limit=limit)
     least: Array = np.minimum(palm, finger.min(axis=1))
     return least
 
@@ -99,7 +100,7 @@ def motion_difference(first: TickRecord, second: TickRecord) -> float:
 
 
 def unexplained_stuck(
-    hand: HandModel, tree: SphereTree, options: SolverOptions, motion: HandConfiguration, record: TickRecord
+    hand: HandModel, pieces: Pieces, options: SolverOptions, motion: HandConfiguration, record: TickRecord
 ) -> int:
     """Stuck ticks from where the hand could have moved.
 
@@ -108,7 +109,7 @@ def unexplained_stuck(
 
     Args:
         hand: The hand.
-        tree: The object, world.
+        pieces: Of the object, world.
         options: Of the method; lengths and stiffness count.
         motion: The haptic input, samples that are not finite included.
         record: What the method made of it, the same ticks.
@@ -127,7 +128,7 @@ def unexplained_stuck(
             if len(verdicts) >= MOST_CHECKS:
                 unexplained += 1
                 continue
-            verdicts[key] = way_out(hand, tree, options, here, goal) > 0.0
+            verdicts[key] = way_out(hand, pieces, options, here, goal) > 0.0
         unexplained += verdicts[key]
     return unexplained
 

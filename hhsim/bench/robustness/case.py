@@ -1,7 +1,8 @@
 """What a hard case is: seeded runs of a hand against an object, and the figures, each with its bar, that judge them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,9 @@ from numpy.typing import NDArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.solver.options import SolverOptions
+from hhsim.mesh.mesh import Mesh
+from hhsim.solver.options import BY_SURFACE, SolverOptions
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -49,24 +52,32 @@ class HardRun:
     Attributes:
         name: Among the runs of its case.
         hand: The hand.
-        tree: The object, world frame.
+        tree: The object's leaf spheres, world frame; None where it is triangles alone.
         motion: What the haptic hand does.
         adapt: What the case changes in the options of the method.
         lead: Ticks before the motion, judged like it.
         repeats: How many times the motion is done, one after the other.
         marks: Ticks of the motion whose shown hand is kept each time.
         scale: The scene's lengths over those of a hand; penetrations are judged in proportion.
+        mesh: The object's triangles, world frame; None where it is spheres alone.
     """
 
     name: str
     hand: HandModel
-    tree: SphereTree
+    tree: SphereTree | None
     motion: HandConfiguration
     adapt: Callable[[SolverOptions], SolverOptions] = lambda options: options
     lead: HandConfiguration | None = None
     repeats: int = 1
     marks: tuple[int, ...] = ()
     scale: float = 1.0
+    mesh: Mesh | None = None
+
+    def solver(self, options: SolverOptions) -> SolverOptions:
+        """What it is solved with: on the spheres where there are no triangles, and as the case has it."""
+        if options.surface == "mesh" and self.mesh is None:
+            options = replace(options, surface="spheres", skin=BY_SURFACE, touch=BY_SURFACE)
+        return self.adapt(options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +117,11 @@ class Outcome:
     memory: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
+    def surface(self) -> Any:
+        """What the hand touched, in the kernels' form."""
+        return contact_surface(self.options.surface, self.run.mesh, self.run.tree).arrays
+
+    @property
     def ticks(self) -> TickRecord:
         """The record of a run that was not refused."""
         assert self.record is not None
@@ -123,6 +139,7 @@ class HardCase:
         judge: The case's own figures, from the outcomes in the order of the runs; penetration, finite numbers, limits
             and stuck ticks are judged for every case alike.
         may_refuse: A clear refusal is as good as a sound motion.
+        mesh_only: Its objects are triangles alone.
     """
 
     name: str
@@ -130,3 +147,4 @@ class HardCase:
     build: Callable[[int], Sequence[HardRun]]
     judge: Callable[[Sequence[Outcome]], Sequence[Figure]] = lambda outcomes: ()
     may_refuse: bool = False
+    mesh_only: bool = False

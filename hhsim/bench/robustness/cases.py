@@ -7,22 +7,31 @@ from hhsim.bench.robustness.contact_cases import CONTACT_CASES
 from hhsim.bench.robustness.endurance_cases import endurance_case
 from hhsim.bench.robustness.input_cases import INPUT_CASES
 from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES
-from hhsim.errors import check_known
+from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
+from hhsim.errors import InputError, check_known
 
 ENDURANCE_TICKS = 20_000
 """Of the closed loops, where nothing else is said; ten minutes at 1 kHz are 600,000."""
 
 
-def hard_cases(names: Sequence[str] = (), ticks: int = ENDURANCE_TICKS) -> tuple[HardCase, ...]:
+def hard_cases(
+    names: Sequence[str] = (), ticks: int = ENDURANCE_TICKS, surfaces: Sequence[str] = ("spheres",)
+) -> tuple[HardCase, ...]:
     """The cases of these names in the catalogue's order, all of them for none.
 
     Args:
         names: Kebab-case.
         ticks: How long the case `endurance` is.
+        surfaces: What the hand touches; without `mesh` there are no cases of triangles alone.
 
     Raises:
         UnknownNameError: No case of that name; the message lists the near ones.
+        InputError: A named case needs another surface.
     """
-    cases = (*INPUT_CASES, *CONTACT_CASES, *INVARIANCE_CASES, endurance_case(ticks))
+    cases = (*INPUT_CASES, *CONTACT_CASES, *INVARIANCE_CASES, endurance_case(ticks), *TRIANGLE_CASES)
     check_known("hard case", names, [case.name for case in cases])
-    return tuple(case for case in cases if not names or case.name in names)
+    chosen = [case for case in cases if not names or case.name in names]
+    left_out = [case.name for case in chosen if case.mesh_only and "mesh" not in surfaces]
+    if names and left_out:
+        raise InputError(f"hard case '{left_out[0]}' is made of triangles alone: it takes --surface mesh")
+    return tuple(case for case in chosen if case.name not in left_out)

@@ -9,11 +9,20 @@ from hhsim.bench.robustness.acceptance import least_clearance, part_of, shown_ha
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
+from hhsim.bench.robustness.triangle_objects import (
+    ball_mesh,
+    box_mesh,
+    joined_mesh,
+    ring_mesh,
+    roof_mesh,
+    usual_ball_mesh,
+)
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import frozen_decay
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.trees.cache import cached_sphere_tree
@@ -50,7 +59,8 @@ def _handle(seed: int) -> Sequence[HardRun]:
         motion = sequence(motion, target).hold(19)
     motion = motion.line(inside, 40).line(inside._replace(position=0.03 * axis[None]), 60).hold(40)
     motion = motion.line(inside, 60).hold(20).line(outside, 120).hold(20)
-    return [HardRun("ring", right_hand(), tree, motion)]
+    mesh = ring_mesh(center, axis, inner, HANDLE_PROFILE)
+    return [HardRun("ring", right_hand(), tree, motion, mesh=mesh)]
 
 
 def _judge_handle(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
@@ -67,7 +77,7 @@ def _judge_handle(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 def _opposed(seed: int) -> Sequence[HardRun]:
     random = np.random.default_rng([seed, 11])
     hand = right_hand()
-    runs = [HardRun("wedge", hand, _wedge(), _wedge_motion())]
+    runs = [HardRun("wedge", hand, _wedge(), _wedge_motion(), mesh=_wedge_mesh())]
     down = quaternion(np.array([-0.5 * np.pi, 0.0, 0.0]))
     # A fingertip fits between the bunny's ears, and a finger between the cup's wall and its handle, with 2 to 3 mm.
     places = (
@@ -89,7 +99,8 @@ def _opposed(seed: int) -> Sequence[HardRun]:
             )
             target.orientation[0] = quaternion_product(target.orientation[0], orientation)
             motion = motion.line(target, 10).hold(20)
-        runs.append(HardRun(title, hand, tree, motion.line(goal, 20).line(start, 120).hold(20)))
+        motion = motion.line(goal, 20).line(start, 120).hold(20)
+        runs.append(HardRun(title, hand, tree, motion, mesh=thing.mesh))
     return runs
 
 
@@ -106,6 +117,16 @@ def _wedge() -> SphereTree:
         turned = np.stack([points[:, 0], cosine * -points[:, 1], sine * points[:, 1]], axis=1)
         sides.append(turned + [0.0, 0.04, 0.0])
     return tree_of(np.concatenate(sides), 2.3e-3)
+
+
+def _wedge_mesh() -> Mesh:
+    wall = box_mesh(0.08, 0.08, 4.6e-3).transformed(np.eye(3), (0.0, 0.04, 0.0))
+    sides = []
+    for sign in (-1.0, 1.0):
+        cosine, sine = np.cos(WEDGE_ANGLE), sign * np.sin(WEDGE_ANGLE)
+        turn = np.array([[1.0, 0.0, 0.0], [0.0, -cosine, -sine], [0.0, sine, -cosine]])
+        sides.append(wall.transformed(turn, (0.0, 0.04, 0.0)))
+    return joined_mesh(sides)
 
 
 def _wedge_motion() -> HandConfiguration:
@@ -129,18 +150,19 @@ def _inside(seed: int) -> Sequence[HardRun]:
     hand, tree = right_hand(), usual_ball()
     tip = tip_at(hand, np.array([0.0, 0.0, BALL_RADIUS - 0.01]), quaternion(np.zeros(3)), POINTING)
     wall = tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3)
+    wall_mesh, mesh = box_mesh(0.3, 0.3, 4.6e-3), usual_ball_mesh()
     runs = []
-    for name, start, thing in (
-        ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), tree),
-        ("fingertip 10 mm in", still(tip, flexion=POINTING), tree),
-        ("ball in a closed fist", still(np.zeros(3), flexion=FIST), _fist_ball(0.02)),
-        ("palm in a wall", still((0.0, 0.0, 0.0), flexion=HALF), wall),
+    for name, start, thing, faces in (
+        ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), tree, mesh),
+        ("fingertip 10 mm in", still(tip, flexion=POINTING), tree, mesh),
+        ("ball in a closed fist", still(np.zeros(3), flexion=FIST), _fist_ball(0.02), _fist_ball_mesh(0.02)),
+        ("palm in a wall", still((0.0, 0.0, 0.0), flexion=HALF), wall, wall_mesh),
     ):
         motion = start.hold(99).line(start._replace(flexion=HALF[None]), 100)
         # Whichever side the hand is on, from somewhere around the object it is pulled straight away.
         for corner in ((0.5, 0.0, 0.0), (0.0, 0.0, 0.5), (-0.5, 0.0, 0.0), (0.0, 0.0, -0.5), (0.5, 0.0, 0.0)):
             motion = motion.line(still(corner, flexion=HALF), 150)
-        runs.append(HardRun(name, hand, thing, motion.hold(50)))
+        runs.append(HardRun(name, hand, thing, motion.hold(50), mesh=faces))
     return runs
 
 
@@ -151,7 +173,7 @@ def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
         record = outcome.ticks
         unmarked += not record.status[0] & STATUS_START_INSIDE
         held = shown_hand(part_of(record, 0, 100))
-        gap = max(gap, float(least_clearance(outcome.run.hand, outcome.run.tree.arrays(), held, 1.0)[-1]))
+        gap = max(gap, float(least_clearance(outcome.run.hand, outcome.surface, held, 1.0)[-1]))
         away = max(away, float(np.linalg.norm(record.position[-1] - outcome.run.motion.position[-1])))
     return [
         Figure("starts that are not told", unmarked, 0),
@@ -160,12 +182,19 @@ def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     ]
 
 
-def _fist_ball(radius: float, leaves: int = 300) -> SphereTree:
-    hand = right_hand()
-    joints = hand.joints(np.zeros(3), quaternion(np.zeros(3)), FIST, np.zeros(5))
+def _fist_middle() -> Array:
     # What the four fingers curl around.
-    middle = joints[1:, 1:3].reshape(-1, 3).mean(axis=0)
-    return ball(leaves, radius).transformed(np.eye(3), middle)
+    joints = right_hand().joints(np.zeros(3), quaternion(np.zeros(3)), FIST, np.zeros(5))
+    middle: Array = joints[1:, 1:3].reshape(-1, 3).mean(axis=0)
+    return middle
+
+
+def _fist_ball(radius: float, leaves: int = 300) -> SphereTree:
+    return ball(leaves, radius).transformed(np.eye(3), _fist_middle())
+
+
+def _fist_ball_mesh(radius: float) -> Mesh:
+    return ball_mesh(radius, 3).transformed(np.eye(3), _fist_middle())
 
 
 def _fist(seed: int) -> Sequence[HardRun]:
@@ -180,7 +209,8 @@ def _fist(seed: int) -> Sequence[HardRun]:
     for _ in range(20):
         target = still(random.normal(0.0, 0.03, 3), quaternion(random.normal(0.0, 0.4, 3)), FIST)
         motion = motion.line(target, 25).hold(25)
-    return [HardRun("ball of 20 mm", hand, tree, motion.line(closed, 30).line(opened, 100).line(above, 100).hold(20))]
+    motion = motion.line(closed, 30).line(opened, 100).line(above, 100).hold(20)
+    return [HardRun("ball of 20 mm", hand, tree, motion, mesh=_fist_ball_mesh(0.02))]
 
 
 def _degenerate(seed: int) -> Sequence[HardRun]:
@@ -262,7 +292,8 @@ def _ridge(seed: int) -> Sequence[HardRun]:
     sliding.position[:] += np.concatenate(
         [0.08 * time, 0.003 * np.sin(40.0 * np.pi * time), np.zeros_like(time)], axis=1
     )
-    return [HardRun("fingertip along it", hand, tree, sequence(motion, sliding).hold(60))]
+    mesh = roof_mesh(0.12, 8.0 * RIDGE_SPHERE, 6.4 * RIDGE_SPHERE)
+    return [HardRun("fingertip along it", hand, tree, sequence(motion, sliding).hold(60), mesh=mesh)]
 
 
 def _judge_ridge(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
@@ -324,7 +355,8 @@ def _limits(seed: int) -> Sequence[HardRun]:
         above = still((0.0, -0.045, 0.12), flexion=flexion)
         pressed = still((0.0, -0.045, 0.03), flexion=flexion)
         away = above.hold(20).line(pressed, 120).hold(100)
-        runs.append(HardRun(f"{name}, pressed on a ball", hand, tree, away.line(above, 100).hold(20)))
+        motion = away.line(above, 100).hold(20)
+        runs.append(HardRun(f"{name}, pressed on a ball", hand, tree, motion, mesh=usual_ball_mesh()))
     return runs
 
 
@@ -372,6 +404,7 @@ def _abduction(seed: int) -> Sequence[HardRun]:
             hand,
             tree_of(between, max(room, 0.002)),
             sequence(above.line(motion, 100), motion),
+            mesh=ball_mesh(max(room, 0.002), 3).transformed(np.eye(3), between),
         )
     ]
 

@@ -7,6 +7,7 @@ import numpy as np
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import HALF
 from hhsim.bench.robustness.sphere_objects import coarse_ball, right_hand
+from hhsim.bench.robustness.triangle_objects import coarse_ball_mesh
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion
 from hhsim.motion.analytic_motion import still
@@ -31,14 +32,22 @@ def endurance_case(ticks: int) -> HardCase:
 
 
 def _loops(repeats: int) -> Sequence[HardRun]:
-    hand, tree = right_hand(), coarse_ball()
+    hand, tree, mesh = right_hand(), coarse_ball(), coarse_ball_mesh()
     above = still((0.0, -0.045, 0.12), flexion=HALF)
     pressed = still((0.0, -0.045, 0.055), flexion=np.full((5, 3), 0.6))
     around = _around(pressed, LOOP - 600)
     through_air = sequence(above.hold(49).line(pressed, 250), around).hold(60).line(above, 220).hold(20)
     contact = _around(pressed, LOOP - 100).hold(100)
     return [
-        HardRun("through air and contact", hand, tree, through_air, repeats=repeats, marks=(LOOP - 242, LOOP - 1)),
+        HardRun(
+            "through air and contact",
+            hand,
+            tree,
+            through_air,
+            repeats=repeats,
+            marks=(LOOP - 242, LOOP - 1),
+            mesh=mesh,
+        ),
         HardRun(
             "in contact all the time",
             hand,
@@ -47,6 +56,7 @@ def _loops(repeats: int) -> Sequence[HardRun]:
             lead=above.line(pressed, 250).hold(50),
             repeats=repeats,
             marks=(LOOP - 1,),
+            mesh=mesh,
         ),
     ]
 

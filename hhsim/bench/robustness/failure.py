@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from hhsim.bench.robustness.delta_debugging import Shrunk, Trace, Trial
 from hhsim.bench.robustness.local_optimality import way_out
+from hhsim.bench.robustness.pieces import Pieces
 from hhsim.errors import check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import Penetration, penetration
@@ -27,7 +27,6 @@ from hhsim.motion.file import save_trajectory
 from hhsim.motion.tick_motion import hold_readings, trajectory_of
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.sphere_tree import SphereTree
 
 Mask = NDArray[np.bool_]
 Solver = Callable[[], HandSolver]
@@ -40,9 +39,9 @@ MADE_BY = "hhsim failure "
 """What the source of a kept trajectory begins with."""
 
 
-def recorded_penetration(hand: HandModel, tree: TreeArrays, record: TickRecord) -> Penetration:
+def recorded_penetration(hand: HandModel, surface: Any, record: TickRecord) -> Penetration:
     """Depths [m] of the hand that a record holds, by `hhsim.metrics.metrics`; nothing is taken from the solver."""
-    return penetration(tree, *hand_shape(hand), record.joints, record.position, record.orientation)
+    return penetration(surface, *hand_shape(hand), record.joints, record.position, record.orientation)
 
 
 def not_finite(record: TickRecord) -> Mask:
@@ -59,7 +58,7 @@ def penetrates(limit: float = SAFE_DEPTH) -> Fails:
     return lambda motion, record, depth: ~(depth.depth <= limit)
 
 
-def is_stuck(hand: HandModel, tree: SphereTree, options: SolverOptions) -> Fails:
+def is_stuck(hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
     """Fails where a tick kept the last hand although `local_optimality` finds a way; finds only the first."""
 
     def fails(motion: HandConfiguration, record: TickRecord, depth: Penetration) -> Mask:
@@ -67,7 +66,7 @@ def is_stuck(hand: HandModel, tree: SphereTree, options: SolverOptions) -> Fails
         wanted, shown = hold_readings(motion), HandConfiguration.of(record)
         for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
             goal, here = wanted.part(tick, tick + 1), shown.part(tick, tick + 1)
-            if way_out(hand, tree, options, here, goal) > 0.0:
+            if way_out(hand, pieces, options, here, goal) > 0.0:
                 found[tick] = True
                 break
         return found
@@ -79,7 +78,7 @@ KINDS = ("penetration", "not finite", "stuck")
 """The failures that have a name."""
 
 
-def failure_of(kind: str, hand: HandModel, tree: SphereTree, options: SolverOptions) -> Fails:
+def failure_of(kind: str, hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
     """The failure of a name.
 
     Raises:
@@ -90,16 +89,16 @@ def failure_of(kind: str, hand: HandModel, tree: SphereTree, options: SolverOpti
         return penetrates()
     if kind == "not finite":
         return lambda motion, record, depth: not_finite(record)
-    return is_stuck(hand, tree, options)
+    return is_stuck(hand, pieces, options)
 
 
-def make_trial(hand: HandModel, tree: SphereTree, solver: Solver, fails: Fails) -> Trial:
+def make_trial(hand: HandModel, solver: Solver, fails: Fails) -> Trial:
     """A trial for `delta_debugging`: a fresh solver runs the motion from its first sample on, as a replay does."""
-    arrays = tree.arrays()
 
     def trial(motion: HandConfiguration) -> Trace:
-        record = solver().run(*motion)
-        depth = recorded_penetration(hand, arrays, record)
+        fresh = solver()
+        record = fresh.run(*motion)
+        depth = recorded_penetration(hand, fresh.workspace.surface, record)
         return Trace(fails(motion, record, depth), HandConfiguration.of(record))
 
     return trial
@@ -113,7 +112,7 @@ class Provenance:
         kind: Of failure, see `KINDS`.
         object: A name of the catalogue or a file.
         object_options: What a replay must be told of the object, such as "--level 3"; empty for the catalogue's own.
-        method: That fails.
+        method: That fails; the surface that it touches is in `solver`.
         seed: Of the random targets.
         tick: Of the long run at which it failed.
         failing_tick: Of the kept motion at which it fails.
@@ -143,7 +142,7 @@ class Provenance:
             words.append(self.object_options)
         if self.hand != "right":
             words.append(f"--hand {self.hand}")
-        flags = ("qp", "force", "linearisations", "budget", "tolerance", "frustum_ends")
+        flags = ("surface", "qp", "force", "linearisations", "budget", "tolerance", "frustum_ends")
         words += [
             f"--{name.replace('_', '-')} {used[name]}" for name in flags if used.get(name, plain[name]) != plain[name]
         ]

@@ -17,6 +17,7 @@ from hhsim.bench.robustness.acceptance import (
     worst_penetration,
 )
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.table import Column
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
@@ -35,6 +36,7 @@ class CaseResult:
 
     Attributes:
         case, method: Their names.
+        surface: What of the objects the hand touched; of a case that is spheres alone they, whatever was asked for.
         figures: All of them, the common ones first; empty where an exception ended the case.
         reason: Why it failed where no figure says it: the exception, or the refusal; empty otherwise.
         refused: The method refused the scene with a clear message, which is in `reason`.
@@ -46,6 +48,7 @@ class CaseResult:
 
     case: str
     method: str
+    surface: str
     figures: tuple[Figure, ...]
     reason: str = ""
     refused: bool = False
@@ -83,29 +86,32 @@ def _strain(figure: Figure) -> float:
 
 
 def bench_hard(
-    cases: Sequence[HardCase], methods: Sequence[str], seed: int = 0, progress: Progress | None = None
+    cases: Sequence[HardCase], solvers: Sequence[SolverOptions], seed: int = 0, progress: Progress | None = None
 ) -> list[CaseResult]:
-    """Run every case with every method.
+    """Run every case with every solver; those of triangles alone with those on the mesh.
 
     Args:
         cases: From `hard_cases.hard_cases`.
-        methods: Names of `solver_options.METHODS`.
+        solvers: A method and a surface each; a case whose objects are spheres alone runs on these.
         seed: Of everything random in the scenes.
         progress: Called with the case, the runs done and all runs.
     """
     results = []
     for number, case in enumerate(cases):
         if progress is not None:
-            progress(case.name, number * len(methods), len(cases) * len(methods))
+            progress(case.name, number * len(solvers), len(cases) * len(solvers))
+        taking = [options for options in solvers if options.surface == "mesh" or not case.mesh_only]
         try:
             runs = case.build(seed)
         except Exception as error:  # a scene that cannot be built is a fault of the bench, reported as one
-            results += [CaseResult(case.name, method, (), reason=_reason(error)) for method in methods]
+            results += [
+                CaseResult(case.name, options.method, options.surface, (), reason=_reason(error)) for options in taking
+            ]
             continue
-        for i, method in enumerate(methods):
-            results.append(judge_case(case, runs, SolverOptions(method=method)))
+        for i, options in enumerate(taking):
+            results.append(judge_case(case, runs, options))
             if progress is not None:
-                progress(case.name, number * len(methods) + i + 1, len(cases) * len(methods))
+                progress(case.name, number * len(solvers) + i + 1, len(cases) * len(solvers))
     return results
 
 
@@ -118,10 +124,11 @@ def judge_case(case: HardCase, runs: Sequence[HardRun], options: SolverOptions) 
         figures = [*common_figures(sound)] if sound else []
         figures += case.judge(outcomes) if not refusals else ()
     except Exception as error:
-        return CaseResult(case.name, options.method, (), reason=_reason(error))
+        return CaseResult(case.name, options.method, options.surface, (), reason=_reason(error))
     return CaseResult(
         case=case.name,
         method=options.method,
+        surface=" and ".join(sorted({outcome.options.surface for outcome in outcomes})),
         figures=tuple(figures),
         reason=refusals[0] if refusals else "",
         refused=bool(refusals),
@@ -136,17 +143,15 @@ def judge_case(case: HardCase, runs: Sequence[HardRun], options: SolverOptions) 
 
 def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
     """Run a scene from its first tick, and measure what is judged of every case alike."""
-    adapted = run.adapt(options)
-    tree = run.tree.arrays()
-    solver = HandSolver(run.hand, tree, adapted)
-    outcome = Outcome(run, adapted, None)
+    outcome = Outcome(run, run.solver(options), None)
+    solver = HandSolver(run.hand, outcome.surface, outcome.options)
     marked, memory = [], []
     try:
         if run.lead is not None:
-            outcome = _counted(outcome, run.lead, solver.run(*run.lead))
+            outcome = _counted(outcome, solver.workspace.surface, run.lead, solver.run(*run.lead))
         for _ in range(run.repeats):
             record = solver.run(*run.motion)
-            outcome = _counted(outcome, run.motion, record)
+            outcome = _counted(outcome, solver.workspace.surface, run.motion, record)
             marked.append(shown_points(record)[list(run.marks)])
             memory.append(resident_memory())
     except HhsimError as error:
@@ -154,19 +159,20 @@ def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
     return replace(outcome, marked=np.array(marked), memory=np.array(memory, dtype=np.float64))
 
 
-def _counted(outcome: Outcome, motion: HandConfiguration, record: TickRecord) -> Outcome:
-    run, tree = outcome.run, outcome.run.tree.arrays()
+def _counted(outcome: Outcome, surface: Any, motion: HandConfiguration, record: TickRecord) -> Outcome:
+    run, options = outcome.run, outcome.options
+    pieces = pieces_of(options.surface, run.mesh, run.tree)
     lagging = (record.status & STATUS_LAG) > 0
     return replace(
         outcome,
         record=record,
         ticks_done=outcome.ticks_done + motion.ticks,
         # np.maximum, unlike max, keeps a NaN whichever side it is on.
-        penetration=float(np.maximum(outcome.penetration, worst_penetration(run.hand, tree, record))),
+        penetration=float(np.maximum(outcome.penetration, worst_penetration(run.hand, surface, record))),
         nonfinite=outcome.nonfinite + count_nonfinite(record),
         limit_excess=float(np.maximum(outcome.limit_excess, limit_excess(run.hand, record))),
         stuck=outcome.stuck + int(((record.status & STATUS_STUCK) > 0).sum()),
-        unexplained=outcome.unexplained + unexplained_stuck(run.hand, run.tree, outcome.options, motion, record),
+        unexplained=outcome.unexplained + unexplained_stuck(run.hand, pieces, options, motion, record),
         lagging=outcome.lagging + int(lagging.sum()),
         lag=float(np.maximum(outcome.lag, record.lag.max(initial=0.0))),
     )
@@ -185,6 +191,7 @@ def resident_memory() -> float:
 COLUMNS = (
     Column("case", "hard case"),
     Column("method", "method of the solver"),
+    Column("surface", "what of the objects the hand touched"),
     Column("case_passed", "whether the method kept every bar of the case"),
     Column("figure", "what was measured; empty where the case ended before"),
     Column("value", "measured value, in the unit of the column `unit`"),
@@ -209,6 +216,7 @@ def table_rows(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
         {
             "case": result.case,
             "method": result.method,
+            "surface": result.surface,
             "case_passed": result.passed,
             "figure": figure.name,
             "value": float(figure.value),

@@ -17,6 +17,7 @@ from hhsim.bench.robustness.acceptance import (
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import HALF, POINTING, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, right_hand, tree_of, usual_ball
+from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, disc_mesh, usual_ball_mesh
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.metrics.metrics import frozen_decay
@@ -38,13 +39,14 @@ RIM = 0.01
 def _deep(seed: int) -> Sequence[HardRun]:
     above = still((0.0, -0.03, 0.21), flexion=HALF)
     deep = still((0.0, -0.03, 0.02), flexion=HALF)
-    return [HardRun("ball of 120 mm", right_hand(), ball(4000, 0.12), above.line(deep, 190).hold(150))]
+    motion = above.line(deep, 190).hold(150)
+    return [HardRun("ball of 120 mm", right_hand(), ball(4000, 0.12), motion, mesh=ball_mesh(0.12))]
 
 
 def _judge_deep(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     outcome = outcomes[0]
     record = outcome.ticks
-    gap = float(least_clearance(outcome.run.hand, outcome.run.tree.arrays(), shown_hand(part_of(record, -1)), 1.0)[0])
+    gap = float(least_clearance(outcome.run.hand, outcome.surface, shown_hand(part_of(record, -1)), 1.0)[0])
     still_after = frozen_decay(record.total[190:])
     return [
         Figure("gap to the surface at the end", gap, TOUCHING, "m"),
@@ -54,7 +56,7 @@ def _judge_deep(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 
 
 def _swipe(seed: int) -> Sequence[HardRun]:
-    hand, leaf = right_hand(), disc(LEAF_RADIUS, 0.8e-3, 1e-3)
+    hand, leaf, mesh = right_hand(), disc(LEAF_RADIUS, 0.8e-3, 1e-3), disc_mesh(LEAF_RADIUS, 1e-3)
     upright = quaternion(np.zeros(3))
     tilted = quaternion(np.array([0.5, 0.3, 0.2]))
 
@@ -64,7 +66,7 @@ def _swipe(seed: int) -> Sequence[HardRun]:
         middle = tip_at(hand, np.zeros(3), orientation, flexion) if finger else np.zeros(3)
         start, end = (still(middle + side * way, orientation, flexion) for side in (-1.0, 1.0))
         # 0.2 m in 40 ticks of 1 ms.
-        return HardRun(name, hand, leaf, start.hold(4).line(end, 40).hold(40))
+        return HardRun(name, hand, leaf, start.hold(4).line(end, 40).hold(40), mesh=mesh)
 
     return [
         run("fingertip", (0.0, 0.0, -1.0), upright, True),
@@ -89,6 +91,7 @@ def _teleport(seed: int) -> Sequence[HardRun]:
     random = np.random.default_rng([seed, 1])
     turned = quaternion(np.array([0.4, 0.3, 0.1]))
     wall = tree_of(plate(2.0 * WALL, 2.0 * WALL, 3e-3, 0.0), 2.3e-3)
+    ball_of = usual_ball_mesh()
     jumps = [still((0.0, 0.0, 0.3), flexion=HALF)]
     for _ in range(25):
         direction = random.normal(size=3)
@@ -98,7 +101,13 @@ def _teleport(seed: int) -> Sequence[HardRun]:
         )
     air = still((0.0, 0.0, 0.4)).hold(4)
     return [
-        HardRun("through air", hand, usual_ball(), sequence(air, still((0.5, 0.0, 0.4)), still((0.5, -0.5, 0.4)))),
+        HardRun(
+            "through air",
+            hand,
+            usual_ball(),
+            sequence(air, still((0.5, 0.0, 0.4)), still((0.5, -0.5, 0.4))),
+            mesh=ball_of,
+        ),
         HardRun(
             "across a ball",
             hand,
@@ -106,14 +115,16 @@ def _teleport(seed: int) -> Sequence[HardRun]:
             sequence(
                 still((0.0, -0.03, 0.25), flexion=HALF, ticks=5), still((0.0, -0.03, -0.25), flexion=HALF, ticks=200)
             ),
+            mesh=ball_of,
         ),
         HardRun(
             "across a wall",
             hand,
             wall,
             sequence(still((0.0, 0.0, 0.25), turned, HALF, 0.0, 5), still((0.0, 0.0, -0.25), turned, HALF, 0.0, 100)),
+            mesh=box_mesh(2.0 * WALL, 2.0 * WALL, 4.6e-3),
         ),
-        HardRun("to and fro", hand, usual_ball(), sequence(*jumps)),
+        HardRun("to and fro", hand, usual_ball(), sequence(*jumps), mesh=ball_of),
     ]
 
 
@@ -138,6 +149,7 @@ def _wall(seed: int) -> Sequence[HardRun]:
                 right_hand(),
                 wall,
                 start.line(start._replace(position=np.array([[0.0, 0.0, -0.15]])), 300).hold(150),
+                mesh=disc_mesh(0.1, 1e-3),
             )
         )
     return runs
@@ -173,12 +185,12 @@ def _bad_samples(seed: int) -> Sequence[HardRun]:
     late = HandConfiguration(*(values.copy() for values in clean))
     for values in late:
         values[:7] = np.nan
-    hand, tree = right_hand(), usual_ball()
+    hand, tree, mesh = right_hand(), usual_ball(), usual_ball_mesh()
     return [
-        HardRun("a fifth is bad", hand, tree, dirty),
-        HardRun("the last good one repeated", hand, tree, hold_readings(dirty)),
-        HardRun("none at first", hand, tree, late),
-        HardRun("the first one from the start", hand, tree, hold_readings(late)),
+        HardRun("a fifth is bad", hand, tree, dirty, mesh=mesh),
+        HardRun("the last good one repeated", hand, tree, hold_readings(dirty), mesh=mesh),
+        HardRun("none at first", hand, tree, late, mesh=mesh),
+        HardRun("the first one from the start", hand, tree, hold_readings(late), mesh=mesh),
     ]
 
 
@@ -203,7 +215,7 @@ def _turns(seed: int) -> Sequence[HardRun]:
             turned = touching._replace(orientation=quaternion_product(quaternion(angle * axis), touching.orientation))
             motion = sequence(motion, turned).hold(59)
             motion = sequence(motion, touching).hold(59)
-        runs.append(HardRun(name, hand, tree, motion))
+        runs.append(HardRun(name, hand, tree, motion, mesh=usual_ball_mesh()))
     return runs
 
 
@@ -215,7 +227,7 @@ def _never(seed: int) -> Sequence[HardRun]:
     motion = still((0.0, 0.0, 0.45), flexion=HALF, ticks=ticks)
     motion.position[:] += 0.1 * np.sin(2.0 * np.pi * time * [1.0, 2.0, 3.0] + phase)
     motion.orientation[:] = quaternion(1.2 * np.sin(2.0 * np.pi * time * [2.0, 1.0, 3.0] + phase))
-    return [HardRun("half a metre away", right_hand(), usual_ball(), motion)]
+    return [HardRun("half a metre away", right_hand(), usual_ball(), motion, mesh=usual_ball_mesh())]
 
 
 def _judge_never(outcomes: Sequence[Outcome]) -> Sequence[Figure]:

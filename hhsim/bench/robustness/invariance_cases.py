@@ -10,11 +10,13 @@ from hhsim.bench.robustness.acceptance import shown_points
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import handling
 from hhsim.bench.robustness.sphere_objects import coarse_ball, right_hand, scaled_hand, tree_of, usual_ball
+from hhsim.bench.robustness.triangle_objects import coarse_ball_mesh, loose_mesh, usual_ball_mesh
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
+from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import random_targets
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -34,7 +36,7 @@ class Variant:
 
     Attributes:
         name: Of the run.
-        motion, tree, hand: The scene.
+        motion, tree, mesh, hand: The scene.
         adapt: Its options.
         back: The shown points [m], shape (T, 21, 3), as the usual scene has them.
         stronger: Its forces over the usual ones.
@@ -45,6 +47,7 @@ class Variant:
     name: str
     motion: HandConfiguration
     tree: SphereTree
+    mesh: Mesh
     hand: HandModel
     adapt: Adapt = lambda options: options
     back: Callable[[Array], Array] = lambda points: points
@@ -55,7 +58,7 @@ class Variant:
 
 def usual() -> Variant:
     """The scene that all of them vary."""
-    return Variant("as it is", handling(TICKS), usual_ball(), right_hand())
+    return Variant("as it is", handling(TICKS), usual_ball(), usual_ball_mesh(), right_hand())
 
 
 def _after(first: Adapt, then: Adapt) -> Adapt:
@@ -79,6 +82,7 @@ def _case(
                 variant.motion,
                 _after(adapt, variant.adapt),
                 scale=variant.scale,
+                mesh=variant.mesh,
             )
             for variant in (usual(), *variants(seed))
         ]
@@ -132,6 +136,7 @@ def _scaled(scene: Variant, factor: float) -> Variant:
         f"times {factor:g}",
         scene.motion._replace(position=scene.motion.position * factor),
         scene.tree.scaled(factor),
+        scene.mesh.scaled(factor),
         scaled_hand(scene.hand, factor),
         lambda options: options.scaled(factor),
         lambda points: points / factor,
@@ -149,6 +154,7 @@ def _far(seed: int) -> Sequence[Variant]:
             name="37 m away",
             motion=scene.motion._replace(position=scene.motion.position + away),
             tree=scene.tree.transformed(np.eye(3), away),
+            mesh=scene.mesh.transformed(np.eye(3), away),
             back=lambda points: points - away,
         )
     ]
@@ -164,9 +170,9 @@ def _turned(seed: int) -> Sequence[Variant]:
             position=scene.motion.position @ matrix.T,
             orientation=quaternion_product(turn, scene.motion.orientation),
         )
-        tree = scene.tree.transformed(matrix, np.zeros(3))
+        tree, mesh = scene.tree.transformed(matrix, np.zeros(3)), scene.mesh.transformed(matrix, np.zeros(3))
         back = _turning(matrix)
-        variants.append(replace(scene, name=name, motion=motion, tree=tree, back=back, turned=matrix))
+        variants.append(replace(scene, name=name, motion=motion, tree=tree, mesh=mesh, back=back, turned=matrix))
     return variants
 
 
@@ -186,11 +192,11 @@ def _flips(seed: int) -> Sequence[Variant]:
     ]
 
 
-def _to_convergence(options: SolverOptions) -> SolverOptions:
-    # Until nothing moves: what then differs is due to the rows, and not to when a tick has had enough.
+def to_convergence(options: SolverOptions) -> SolverOptions:
+    """Until nothing moves: what then differs is due to the rows, and not to when a tick has had enough."""
     if options.method not in ("coupled", "progressive"):
         return options
-    return replace(options, step_tolerance=1e-7, linearisations=60)
+    return replace(options, step_tolerance=1e-7, linearisations=60, budget=UNLIMITED)
 
 
 def _doubled(seed: int) -> Sequence[Variant]:
@@ -200,9 +206,12 @@ def _doubled(seed: int) -> Sequence[Variant]:
     radius = np.repeat(scene.tree.leaf_radius, 8)
     # Seen from a fingertip 10 mm away, 1e-11 m to the side is a normal 1e-9 rad off.
     shaken = center + random.uniform(-1e-11, 1e-11, center.shape)
+    corners = np.repeat(scene.mesh.triangles, 8, axis=0)
+    # Its triangles are 1.5 mm wide.
+    askew = corners + random.uniform(-1e-12, 1e-12, corners.shape)
     return [
-        replace(scene, name="each sphere eight times", tree=tree_of(center, radius)),
-        replace(scene, name="eight times, 1e-9 rad apart", tree=tree_of(shaken, radius)),
+        replace(scene, name="each piece eight times", tree=tree_of(center, radius), mesh=loose_mesh(corners)),
+        replace(scene, name="eight times, 1e-9 rad apart", tree=tree_of(shaken, radius), mesh=loose_mesh(askew)),
     ]
 
 
@@ -215,6 +224,7 @@ def _stiffness_ratios(seed: int) -> Sequence[HardRun]:
             coarse_ball(),
             motion,
             _stiffer(*(ratio if i == j else 1.0 for j in range(3))),
+            mesh=coarse_ball_mesh(),
         )
         for ratio in (1e-3, 1e-1, 1e1, 1e3, 1e6)
         for i, name in enumerate(("k_t", "k_r", "k_θ"))
@@ -230,8 +240,8 @@ INVARIANCE_CASES = (
     _case("far-from-origin", "the scene 37 m from the origin: the same motion", _far),
     _case(
         "doubled-constraints",
-        "every sphere eight times, exactly and 1e-9 rad apart: the same motion",
+        "every sphere or triangle eight times, exactly and 1e-9 rad apart: the same motion",
         _doubled,
-        _to_convergence,
+        to_convergence,
     ),
 )

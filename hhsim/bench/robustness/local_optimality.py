@@ -1,19 +1,20 @@
 """Whether a hand that stood still could have moved: the judge of stuck ticks, apart from the solver.
 
-It shares nothing with a tick but the hand's kinematics and the program's solver: distances are taken by brute force,
-their derivatives by differences, and whether a step is free is decided by the distances at its end.
+It shares nothing with a tick but the hand's kinematics and the program's solver: distances to leaf spheres or triangles
+are taken by brute force, their derivatives by differences, and whether a step is free is decided by the distances at
+its end.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.bench.robustness.pieces import Body, Pieces, hand_bodies
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
-from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
-from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array, Array, Array]
@@ -29,16 +30,16 @@ DIFFERENCE = 1e-6
 
 
 def way_out(
-    hand: HandModel, tree: SphereTree, options: SolverOptions, graphic: HandConfiguration, haptic: HandConfiguration
+    hand: HandModel, pieces: Pieces, options: SolverOptions, graphic: HandConfiguration, haptic: HandConfiguration
 ) -> float:
     """The share of a step towards the haptic hand that was free and worth taking; 0 where there is none.
 
     A step is as long as the solver's longest near the object, follows the optimum of the linearised contacts, and keeps
-    the abduction. It counts where all spheres stay clear of the hand and the energy falls as the program promised.
+    the abduction. It counts where all pieces stay clear of the hand and the energy falls as the program promised.
 
     Args:
         hand: The hand.
-        tree: The object's sphere tree, world.
+        pieces: Of the object, world.
         options: Of the solver: stiffness, margin, offset.
         graphic: One tick, where the hand stood still.
         haptic: One tick, where the user has it, a reading of a hand.
@@ -52,7 +53,7 @@ def way_out(
     if longest < ARRIVED:
         return 0.0
     clipped = target * min(1.0, options.margin / longest)
-    pairs = _Pairs(hand, tree, here, 4.0 * options.margin)
+    pairs = _Pairs(hand, pieces, here, 4.0 * options.margin)
     distance, matrix = pairs.linearised(here)
     limits = _limit_rows(hand, here)
     problem = QpProblem(
@@ -104,43 +105,30 @@ def _limit_rows(hand: HandModel, here: Pose) -> tuple[Array, Array]:
 
 
 class _Pairs:
-    """The object's leaves near each body of the hand."""
+    """The object's pieces near each body of the hand."""
 
-    def __init__(self, hand: HandModel, tree: SphereTree, pose: Pose, near: float) -> None:
-        self._hand = hand
-        self._palm = np.asarray(hand.palm_tree.leaf_center), np.asarray(hand.palm_tree.leaf_radius)
-        everything = [(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius))] * (15 + len(self._palm[1]))
-        self._leaves = everything
-        distances = self._distances(pose)
-        self._leaves = [(c[d <= near], r[d <= near]) for (c, r), d in zip(everything, distances)]
+    def __init__(self, hand: HandModel, pieces: Pieces, pose: Pose, near: float) -> None:
+        self._hand, self._shape = hand, hand_shape(hand)
+        self._pieces = [pieces.near(body, near) for body in self._bodies(pose)]
+        self._chosen: slice | NDArray[np.bool_] = slice(None)
+        self._chosen = self._distances([pose])[0] <= near
 
-    def _distances(self, pose: Pose) -> list[Array]:
-        hand, found = self._hand, []
-        joints = hand.joints(*pose)
-        for body in range(15):
-            center, radius = self._leaves[body]
-            ends, radii = joints[body // 3, body % 3 : body % 3 + 2], hand.radius[body // 3, body % 3 : body % 3 + 2]
-            cone = round_cone_distance(center, ends[0], ends[1], float(radii[0]), float(radii[1]))
-            found.append(cone - radius)
-        for place, size, (center, radius) in zip(
-            palm_spheres(self._palm[0], pose[0], pose[1]), self._palm[1], self._leaves[15:]
-        ):
-            found.append(np.linalg.norm(center - place, axis=1) - radius - size)
-        return found
+    def _bodies(self, pose: Pose) -> list[Body]:
+        return hand_bodies(self._shape, self._hand.joints(*pose), pose[0], pose[1])
 
-    def all(self, pose: Pose) -> Array:
-        """Signed distances [m] of all near pairs, shape (N,)."""
-        return np.concatenate(self._distances(pose))
+    def _distances(self, poses: list[Pose]) -> Array:
+        # Signed distances [m] of all near pairs at each pose, shape (P, N).
+        places = zip(*(self._bodies(pose) for pose in poses), strict=True)
+        found = [pieces.distances(body) for pieces, body in zip(self._pieces, places, strict=True)]
+        return np.concatenate(found, axis=1)[:, self._chosen]
 
     def least(self, pose: Pose) -> float:
         """Least signed distance [m] of all near pairs, infinite where there is none."""
-        return float(self.all(pose).min(initial=np.inf))
+        return float(self._distances([pose]).min(initial=np.inf))
 
     def linearised(self, pose: Pose) -> tuple[Array, Array]:
         """Distances, shape (N,), and their derivatives by the 21 variables, shape (N, 21)."""
-        columns = []
-        for variable in range(21):
-            step = np.zeros(21)
-            step[variable] = DIFFERENCE
-            columns.append((self.all(_moved(pose, step)) - self.all(_moved(pose, -step))) / (2.0 * DIFFERENCE))
-        return self.all(pose), np.stack(columns, axis=1)
+        steps = DIFFERENCE * np.eye(21)
+        here, *there = self._distances([pose, *(_moved(pose, sign * step) for sign in (1.0, -1.0) for step in steps)])
+        ahead, behind = np.array(there[:21]), np.array(there[21:])
+        return here, ((ahead - behind) / (2.0 * DIFFERENCE)).T

@@ -1,8 +1,8 @@
 """`hhsim bench recorded`: recordings of real hands, each against every object, by every method, every tick measured.
 
 Penetration is recomputed from the recorded poses, and on a share of the ticks in touch once more by brute force over
-all leaves; a stuck tick is judged by `hhsim.bench.robustness.local_optimality`. A recording that cannot be read or
-placed is a row with the reason.
+all leaves or triangles; a stuck tick is judged by `hhsim.bench.robustness.local_optimality`. A recording that cannot be
+read or placed is a row with the reason.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 
 from hhsim.bench.robustness.acceptance import unexplained_stuck
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_penetration
+from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
 from hhsim.bench.robustness.recorded_metrics import RecordedFigures, longest_run
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.metrics.contact_error import MOST_TICKS, TouchedObject
 from hhsim.metrics.metrics import contact_force_step, force_variation_rate, sample_variation_rate, statistics
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
@@ -36,6 +37,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.log_histogram import LogHistogram
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 Placing = Literal["auto", "recorded"]
@@ -149,13 +151,15 @@ def _runs(
         scene, text = _scene(motion, hand, at, options)
     except HhsimError as error:
         for solver in solvers:
-            yield RecordedFigures(recording=name, object=at.name, method=solver.method, reason=str(error))
+            known = RecordedFigures(recording=name, object=at.name, method=solver.method, surface=solver.surface)
+            yield replace(known, reason=str(error))
         return
     for solver in solvers:
         known = RecordedFigures(
             recording=name,
             object=at.name,
             method=solver.method,
+            surface=solver.surface,
             placement=text,
             samples=motion.sample_count,
             rate=options.rate,
@@ -211,29 +215,30 @@ def run_scene(
     Raises:
         HhsimError: More pairs were near than the solver holds.
     """
-    solver = replace(solver, period=1.0 / scene.ticks.rate)
+    solver = solver.at_rate(scene.ticks.rate)
     warm_up(scene.hand, solver)
-    tree = scene.tree.arrays()
-    running = HandSolver(scene.hand, tree, solver)
+    surface = contact_surface(solver.surface, scene.mesh, scene.tree).arrays
+    pieces = pieces_of(solver.surface, scene.mesh, scene.tree)
+    running = HandSolver(scene.hand, surface, solver)
     ticks = scene.ticks
     blocks: list[tuple[NDArray[Any], ...]] = []
     cpu, candidates, unexplained = LogHistogram(), 0, 0
-    brute = _BruteForce(scene, np.random.default_rng(seed))
+    brute = _BruteForce(pieces, hand_shape(scene.hand), ticks.tick_count, np.random.default_rng(seed))
     fingers = np.array([finger in solver.fingers for finger in FINGERS])
-    touched_object = TouchedObject(scene.mesh, tree, hand_shape(scene.hand), fingers, solver.touch)
+    touched_object = TouchedObject(scene.mesh, surface, hand_shape(scene.hand), fingers, solver.touch)
     looked_at, off_mesh = max(1, ticks.tick_count // MOST_TICKS), [np.nan]
     for first in range(0, ticks.tick_count, BLOCK):
         part = slice(first, first + BLOCK)
         motion = HandConfiguration.of(ticks).at(part)
         record = running.run(*motion)
         touching = record.work[:, WORK_TOUCHING] > 0
-        depth = recorded_penetration(scene.hand, tree, record).depth
+        depth = recorded_penetration(scene.hand, surface, record).depth
         stated = (record.status.copy(), record.total.copy(), record.lag.copy())
         blocks.append((*stated, depth, not_finite(record), touching))
         near = record.work[:, WORK_CANDIDATES] > 0
         cpu.add(record.duration_cpu[near])
         candidates = max(candidates, int(record.work[:, WORK_CANDIDATES].max(initial=0)))
-        unexplained += unexplained_stuck(scene.hand, scene.tree, solver, motion, record)
+        unexplained += unexplained_stuck(scene.hand, pieces, solver, motion, record)
         brute.look(record, np.flatnonzero(touching))
         some = touching & ((first + np.arange(len(touching))) % looked_at == 0)
         placed = PlacedHand(record.joints, record.position, record.orientation)
@@ -272,19 +277,18 @@ def run_scene(
 
 
 class _BruteForce:
-    """Depths of chosen ticks in touch over all leaves, one by one."""
+    """Depths of chosen ticks in touch over all leaves or triangles, one by one."""
 
-    def __init__(self, scene: Scene, random: np.random.Generator) -> None:
-        self._scene, self._random = scene, random
-        self._every = max(1, scene.ticks.tick_count // BRUTE_TICKS)
+    def __init__(self, pieces: Pieces, shape: HandShape, ticks: int, random: np.random.Generator) -> None:
+        self._pieces, self._shape, self._random = pieces, shape, random
+        self._every = max(1, ticks // BRUTE_TICKS)
         self.ticks, self.depth = 0, float("nan")
 
     def look(self, record: TickRecord, touching: NDArray[np.int64]) -> None:
         """Recompute some of a block's ticks in touch."""
-        tree, shape = self._scene.tree, hand_shape(self._scene.hand)
         count = min(len(touching), -(-len(record.status) // self._every))
         for tick in self._random.choice(touching, count, replace=False) if count else ():
             shown = record.joints[tick], record.position[tick], record.orientation[tick]
-            clear = brute_clearance(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius), *shape, *shown)
+            clear = hand_distance(self._pieces, self._shape, *shown)
             self.depth = float(np.fmax(self.depth, max(0.0, -clear)))
             self.ticks += 1

@@ -27,6 +27,7 @@ class RecordedFigures(CpuTimes):
     recording: str
     object: str = ""
     method: str = ""
+    surface: str = ""
     reason: str = ""
     placement: str = ""
     samples: int = 0
@@ -77,6 +78,7 @@ COLUMNS = (
     Column("recording", "recording"),
     Column("object", "object; empty where the recording could not be read"),
     Column("method", "method of the solver"),
+    Column("surface", "what of the object the hand touches"),
     Column("reason", "why there was no run"),
     Column("placement", "where the object was put, and how the hand begins"),
     Column("samples", "samples of the recording"),
@@ -85,7 +87,7 @@ COLUMNS = (
     Column("fastest", "farthest way of a fingertip of the user's hand in a tick", "m"),
     Column("penetration", "deepest penetration", "m"),
     Column("penetrating", "ticks deeper than 1 um"),
-    Column("brute_ticks", "ticks in touch recomputed by brute force over all leaves"),
+    Column("brute_ticks", "ticks in touch recomputed by brute force over all leaves or triangles"),
     Column("brute_depth", "deepest penetration of those, by brute force", "m"),
     Column("not_finite", "ticks whose hand or force is not finite"),
     Column("touching", "ticks in touch with the object"),
@@ -130,30 +132,30 @@ _MEANS = ("force_mean", "variation_tick", "variation_sample")
 
 
 def totals(rows: Sequence[RecordedFigures]) -> list[RecordedFigures]:
-    """All recordings of each object and method as one, and where there are several objects those of each method.
+    """All recordings of each object, method and surface as one; where there are several objects, those of all too.
 
     Counts are added; of what has a largest it is that; percentiles are over all ticks; means are those of the
     recordings that have one.
     """
     ran = [row for row in rows if not row.reason]
-    pairs = dict.fromkeys((row.object, row.method) for row in ran)
-    found = [
-        _total([row for row in ran if (row.object, row.method) == key], object_=key[0], method=key[1]) for key in pairs
-    ]
-    if len({row.object for row in ran}) > 1:
-        methods = dict.fromkeys(row.method for row in ran)
-        found += [_total([row for row in ran if row.method == name], object_="all", method=name) for name in methods]
+    objects = list(dict.fromkeys(row.object for row in ran))
+    solvers = dict.fromkeys((row.method, row.surface) for row in ran)
+    found = []
+    for name in [*objects, *(["all"] if len(objects) > 1 else [])]:
+        for solver in solvers:
+            group = [row for row in ran if (row.method, row.surface) == solver and name in (row.object, "all")]
+            found += [_total(group, name)] if group else []
     return found
 
 
-def _total(group: Sequence[RecordedFigures], *, object_: str, method: str) -> RecordedFigures:
+def _total(group: Sequence[RecordedFigures], object_: str) -> RecordedFigures:
     figures: dict[str, Any] = {name: sum(getattr(row, name) for row in group) for name in _ADDED}
     figures |= {name: _largest([getattr(row, name) for row in group]) for name in _LARGEST}
     figures |= {name: statistics([getattr(row, name) for row in group]).mean for name in _MEANS}
     cpu = LogHistogram.sum(row.cpu for row in group)
     count = len({row.recording for row in group})
-    known = RecordedFigures(recording=f"all {count}", object=object_, method=method, rate=group[0].rate, cpu=cpu)
-    return replace(known, **figures)
+    known = RecordedFigures(recording=f"all {count}", object=object_, rate=group[0].rate, cpu=cpu)
+    return replace(known, method=group[0].method, surface=group[0].surface, **figures)
 
 
 def _largest(values: Sequence[Any]) -> Any:

@@ -1,7 +1,7 @@
 """The suite `stress`: random targets against objects, as long as you like, every tick measured from what it shows.
 
-Penetration is recomputed from the recorded hand, and on a share of the ticks once more by brute force over all leaves.
-A run of any length takes the same memory: ticks are run, measured and forgotten block by block.
+Penetration is recomputed from the recorded hand, and on a share of the ticks once more by brute force over all leaves
+or triangles. A run of any length takes the same memory: ticks are run, measured and forgotten block by block.
 """
 
 from collections import deque
@@ -122,9 +122,7 @@ def _keep(
     behind = stretch[-1][0].ticks - tick_in_block - 1
     motion, graphic = (sequence(*pieces) for pieces in zip(*stretch))
     end = motion.ticks - behind
-    trial = make_trial(
-        case.hand, case.tree, lambda: make_solver(case), failure_of(kind, case.hand, case.tree, case.solver)
-    )
+    trial = make_trial(case.hand, lambda: make_solver(case), failure_of(kind, case.hand, case.pieces, case.solver))
     reproduced = True
     try:
         shrunk = delta_debug(motion.part(0, end), trial, graphic=graphic.part(0, end))
@@ -134,8 +132,9 @@ def _keep(
         shrunk = Shrunk(whole, trial(whole), tick + 1, 1)
         reproduced = bool(shrunk.trace.failed.any())
     last = shrunk.tick if reproduced else shrunk.motion.ticks - 1
-    record = make_solver(case).run(*shrunk.motion)
-    depth = float(recorded_penetration(case.hand, case.tree.arrays(), record).depth[last])
+    solver = make_solver(case)
+    record = solver.run(*shrunk.motion)
+    depth = float(recorded_penetration(case.hand, solver.workspace.surface, record).depth[last])
     provenance = Provenance(
         kind=kind,
         object=case.object,
@@ -151,7 +150,8 @@ def _keep(
     )
     case.keep.mkdir(parents=True, exist_ok=True)
     stem = Path(case.object).stem
-    name = f"{stem}-{case.solver.method}-{kind.replace(' ', '-')}-seed{case.seed}-tick{tick}.h5"
+    touched = "" if case.solver.surface == "spheres" else f"-{case.solver.surface}"
+    name = f"{stem}-{case.solver.method}{touched}-{kind.replace(' ', '-')}-seed{case.seed}-tick{tick}.h5"
     path = free_name(case.keep / name)
     command = keep_failure(path, shrunk, provenance)
     return KeptFailure(kind, tick, str(path), shrunk.motion.ticks, last, depth, reproduced, command)

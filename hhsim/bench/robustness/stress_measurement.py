@@ -5,13 +5,13 @@ from numpy.typing import NDArray
 
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite
 from hhsim.bench.robustness.local_optimality import way_out
+from hhsim.bench.robustness.pieces import hand_distance
 from hhsim.bench.robustness.stress_case import StressCase
 from hhsim.bench.robustness.stress_metrics import KeptFailure, StressFigures
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
-from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.metrics.metrics import Penetration, hand_clearance
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.system.log_histogram import LogHistogram
@@ -56,8 +56,7 @@ class StressMeasure:
 
     def __init__(self, case: StressCase) -> None:
         self._case = case
-        self._tree = case.tree.arrays()
-        self._leaves = np.array(case.tree.leaf_center), np.array(case.tree.leaf_radius)
+        self._surface, self._pieces = case.surface, case.pieces
         self._cpu = LogHistogram()
         self._deepest = np.zeros(3)
         self._force = (-np.inf, np.nan)
@@ -106,8 +105,8 @@ class StressMeasure:
         shape = hand_shape(self._case.hand)
         for tick in range(-self.ticks % BRUTE_EVERY, len(record.status), BRUTE_EVERY):
             shown = record.joints[tick], record.position[tick], record.orientation[tick]
-            brute = brute_clearance(*self._leaves, *shape, *shown)
-            by_tree = hand_clearance(self._tree, *shape, *PlacedHand(*(values[None] for values in shown)), limit=FAR)
+            brute = hand_distance(self._pieces, shape, *shown)
+            by_tree = hand_clearance(self._surface, *shape, *PlacedHand(*(values[None] for values in shown)), limit=FAR)
             difference = abs(min(brute, FAR) - float(np.minimum(by_tree[0], by_tree[1].min(axis=1))[0]))
             self._brute_ticks += 1
             self._brute_difference = max(self._brute_difference, difference)
@@ -132,7 +131,7 @@ class StressMeasure:
                 self._stuck_checked += 1
                 case = self._case
                 goal, here = haptic.part(tick, tick + 1), shown.part(tick, tick + 1)
-                unexplained[tick] = way_out(case.hand, case.tree, case.solver, here, goal) > 0.0
+                unexplained[tick] = way_out(case.hand, self._pieces, case.solver, here, goal) > 0.0
         self._unexplained += int(unexplained.sum())
         return unexplained
 
@@ -142,6 +141,7 @@ class StressMeasure:
         return StressFigures(
             object=case.object,
             method=case.solver.method,
+            surface=case.solver.surface,
             level=case.tree.depth,
             spheres=case.tree.leaf_count,
             seed=case.seed,

@@ -33,12 +33,13 @@ class StressFigures(CpuTimes):
 
     `coupling_force` is the coupling's own at the tick of the largest force, palm and joints together, and `force_ratio`
     the largest ratio of the two at any tick. `unexplained` are the stuck ticks that had a way out
-    (`hhsim.bench.robustness.local_optimality`), of those looked into. `brute_ticks` were recomputed over all leaves;
-    `brute_difference` is the largest disagreement with what the trees gave.
+    (`hhsim.bench.robustness.local_optimality`), of those looked into. `brute_ticks` were recomputed over all leaves or
+    triangles; `brute_difference` is the largest disagreement with what the trees gave.
     """
 
     object: str
     method: str
+    surface: str
     level: int
     spheres: int
     seed: int
@@ -83,6 +84,7 @@ class StressFigures(CpuTimes):
 COLUMNS = (
     Column("object", "object"),
     Column("method", "method"),
+    Column("surface", "what of the object the hand touches"),
     Column("level", "level of the sphere tree"),
     Column("spheres", "leaf spheres of the object"),
     Column("seed", "seed of the random targets"),
@@ -123,11 +125,12 @@ _LARGEST = (
 
 
 def total(rows: Sequence[StressFigures]) -> StressFigures:
-    """All cases of one method as one: counts added up, largest of what has a largest, percentiles over all ticks."""
+    """All cases of one solver as one: counts added up, largest of what has a largest, percentiles over all ticks."""
     strongest = max(rows, key=lambda row: row.force_max)
     return StressFigures(
         object="all",
         method=rows[0].method,
+        surface=rows[0].surface,
         seed=rows[0].seed,
         force_max=strongest.force_max,
         coupling_force=strongest.coupling_force,

@@ -1,20 +1,21 @@
-"""Which parts of a stored hand touch the object, where and which way: pairs of a hand body and a leaf sphere.
+"""Which parts of a stored hand touch the object, where and which way: pairs of a hand body and a piece of its surface.
 
 Many ticks in one call; from the stored poses alone, nothing is taken from the solver.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.contact.surface import ContactPoints, Walk, cone_contacts
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, round_cone_parameter
-from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
+from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
+from hhsim.kernels.sphere_tree import STACK_SIZE
 
 SURE = 1e-12
 """Distances are computed to a small part of this [m]."""
@@ -23,27 +24,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-class ContactPoints(NamedTuple):
-    """Touching pairs of a hand body and a leaf, in the order of the ticks.
-
-    | field | meaning | shape |
-    |---|---|---|
-    | tick | of each pair, from 0 | (N,) |
-    | body | 0 to 14 the phalanges, finger by finger, proximal first; 15 the palm | (N,) |
-    | point | the body's nearest point to the leaf [m], world | (N, 3) |
-    | normal | unit, from the object to the hand; zero where it has no direction | (N, 3) |
-    """
-
-    tick: Indices
-    body: Indices
-    point: Array
-    normal: Array
-
-
 @jit_allocating
 def find_contact_pairs(
     shape: HandShape,
-    tree: TreeArrays,
+    surface: Any,
     chosen: Indices,
     joints: Array,
     position: Array,
@@ -52,14 +36,14 @@ def find_contact_pairs(
     touch: float,
     pairs_out: ContactPoints,
 ) -> int:
-    """Pairs of a hand body and a leaf sphere no more than `touch` [m] apart, or inside each other.
+    """Pairs of a hand body and a piece of the surface no more than `touch` [m] apart, or inside each other.
 
-    A body whose place is not finite has none. One that was away from every leaf by more than `touch` is not looked at
+    A body whose place is not finite has none. One that was away from every piece by more than `touch` is not looked at
     again before its ends have moved by what it was away more: nothing of the hull of two spheres moves further.
 
     Args:
         shape: Of the hand.
-        tree: The object, world.
+        surface: The object's, world.
         chosen: The ticks to look at, in order.
         joints: [m], world, shape (T, 5, 4, 3).
         position: Of the palm [m], world, shape (T, 3).
@@ -69,11 +53,10 @@ def find_contact_pairs(
         pairs_out: Where the pairs go; its arrays have more room than pairs are expected.
 
     Returns:
-        The number of pairs; -1 where there is no room for them.
+        The number of pairs; -1 where there is no room for them or for the walk.
     """
     phalanx_radius, palm_center, palm_radius = shape
-    stack = np.empty(STACK_SIZE, np.int64)
-    index = np.empty(tree.x.shape[0], np.int64)
+    walk = Walk(np.empty(STACK_SIZE, np.int64), np.empty(pairs_out.tick.shape[0], np.int64))
     rotation = np.empty((3, 3))
     count = 0
     phalanges = FINGER_COUNT * PHALANX_COUNT
@@ -109,30 +92,16 @@ def find_contact_pairs(
             if _farthest_moved(ends, seen[part]) + SURE < free[part]:
                 continue
             cone = RoundCone(ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop)
-            found, clearance, _ = gather_round_cone(tree, cone, touch, stack, index)
-            free[part] = clearance - touch if found == 0 else -1.0
+            after, clearance = cone_contacts(surface, cone, touch, walk, count, pairs_out)
+            if after < 0:
+                return -1
+            free[part] = clearance - touch if after == count else -1.0
             for i in range(6):
                 seen[part, i] = ends[i]
-            if count + found > pairs_out.tick.shape[0]:
-                return -1
-            for i in range(found):
-                leaf = index[i]
-                dx, dy, dz = tree.x[leaf] - ax, tree.y[leaf] - ay, tree.z[leaf] - az
-                s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
-                qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
-                away = math.sqrt(qx * qx + qy * qy + qz * qz)
-                # A leaf that is centred on the axis has no nearest point; any is as good.
-                inverse = 1.0 / away if away > 0.0 else 0.0
-                share = (radius - s * drop) * inverse
-                pairs_out.tick[count] = tick
-                pairs_out.body[count] = min(part, PALM_BODY)
-                pairs_out.point[count, 0] = tree.x[leaf] - qx + share * qx
-                pairs_out.point[count, 1] = tree.y[leaf] - qy + share * qy
-                pairs_out.point[count, 2] = tree.z[leaf] - qz + share * qz
-                pairs_out.normal[count, 0] = -inverse * qx
-                pairs_out.normal[count, 1] = -inverse * qy
-                pairs_out.normal[count, 2] = -inverse * qz
-                count += 1
+            for i in range(count, after):
+                pairs_out.tick[i] = tick
+                pairs_out.body[i] = min(part, PALM_BODY)
+            count = after
     return count
 
 

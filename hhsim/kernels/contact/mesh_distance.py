@@ -1,4 +1,4 @@
-"""The graphic hand against the true mesh: how near or how deep, and where it touches the object's spheres.
+"""The graphic hand against the true mesh: how near or how deep.
 
 A round cone is the union of the balls with centre x(s) on its axis and radius r(s), 0 <= s <= 1, so its signed distance
 to the mesh is the least of f(s) = d(x(s)) - r(s), with d the mesh's signed distance. For a hand not deeper than the
@@ -15,8 +15,6 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside
-from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, round_cone_parameter
-from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -150,75 +148,3 @@ def hand_mesh_distances(
                     interval,
                 )
         distance_out[tick] = best
-
-
-@jit_allocating
-def mesh_contact_points(
-    phalanx_radius: Array,
-    palm_center: Array,
-    palm_radius: Array,
-    tree: TreeArrays,
-    joints: Array,
-    position: Array,
-    rotation: Array,
-    touch: float,
-    point_out: Array,
-) -> int:
-    """Points of the hand's surface that touch the object's leaf spheres, or are inside of them, at one tick.
-
-    For each pair of a hand body and a leaf no more than `touch` apart, the point of the body nearest to the leaf.
-
-    Args:
-        phalanx_radius: [m], shape (5, 4).
-        palm_center: Of the palm's spheres [m], palm frame, shape (P, 3).
-        palm_radius: [m], shape (P,).
-        tree: The object, world.
-        joints: [m], world, shape (5, 4, 3).
-        position: Of the palm [m], world, shape (3,).
-        rotation: Palm to world, shape (3, 3).
-        touch: [m].
-        point_out: World [m], shape (capacity, 3).
-
-    Returns:
-        The number of points; -1 where `point_out` is too small.
-    """
-    stack = np.empty(STACK_SIZE, np.int64)
-    index = np.empty(tree.x.shape[0], np.int64)
-    count = 0
-    palm = palm_center.shape[0]
-    for body in range(palm + FINGER_COUNT * PHALANX_COUNT):
-        ux = uy = uz = 0.0
-        length = tan_slope = inverse_length = drop = 0.0
-        if body < palm:
-            c = palm_center[body]
-            ax = position[0] + rotation[0, 0] * c[0] + rotation[0, 1] * c[1] + rotation[0, 2] * c[2]
-            ay = position[1] + rotation[1, 0] * c[0] + rotation[1, 1] * c[1] + rotation[1, 2] * c[2]
-            az = position[2] + rotation[2, 0] * c[0] + rotation[2, 1] * c[1] + rotation[2, 2] * c[2]
-            radius = palm_radius[body]
-        else:
-            f, k = (body - palm) // PHALANX_COUNT, (body - palm) % PHALANX_COUNT
-            a, b = joints[f, k], joints[f, k + 1]
-            ax, ay, az = a[0], a[1], a[2]
-            radius = phalanx_radius[f, k]
-            dx, dy, dz = b[0] - ax, b[1] - ay, b[2] - az
-            length = math.sqrt(dx * dx + dy * dy + dz * dz)
-            tan_slope, inverse_length = cone_slope(length, radius, phalanx_radius[f, k + 1])
-            ux, uy, uz = dx * inverse_length, dy * inverse_length, dz * inverse_length
-            drop = radius - phalanx_radius[f, k + 1]
-        cone = RoundCone(ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop)
-        found, _, _ = gather_round_cone(tree, cone, touch, stack, index)
-        for i in range(found):
-            if count >= point_out.shape[0]:
-                return -1
-            leaf = index[i]
-            dx, dy, dz = tree.x[leaf] - ax, tree.y[leaf] - ay, tree.z[leaf] - az
-            s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
-            qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
-            away = math.sqrt(qx * qx + qy * qy + qz * qz)
-            # A leaf that is centred on the axis has no nearest point; any is as good.
-            share = (radius - s * drop) / away if away > 0.0 else 0.0
-            point_out[count, 0] = tree.x[leaf] - qx + share * qx
-            point_out[count, 1] = tree.y[leaf] - qy + share * qy
-            point_out[count, 2] = tree.z[leaf] - qz + share * qz
-            count += 1
-    return count

@@ -1,4 +1,4 @@
-"""What the surface of an object is to a tick: five kernels, declared for the type of its arrays.
+"""What the surface of an object is to a tick: six kernels, declared for the type of its arrays.
 
 A surface keeps its near pairs with each hand body in a record of its own type, its candidates; what detection needs of
 them all is in `SHARED_CANDIDATES`. A pair is one body and one piece of the surface: a leaf sphere, a triangle.
@@ -94,6 +94,34 @@ def record_pairs(
     """Write contact records of a body's measured pairs up to `limit` [m], from `row` on.
 
     Returns the row after the last, -1 where there is no room.
+    """
+
+
+class ContactPoints(NamedTuple):
+    """Touching pairs of a hand body and a piece of the surface, in the order of the ticks.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | tick | of each pair, from 0 | (N,) |
+    | body | 0 to 14 the phalanges, finger by finger, proximal first; 15 the palm | (N,) |
+    | point | the body's nearest point to the piece [m], world | (N, 3) |
+    | normal | unit, from the object to the hand; zero where it has no direction | (N, 3) |
+    """
+
+    tick: Indices
+    body: Indices
+    point: NDArray[np.float64]
+    normal: NDArray[np.float64]
+
+
+@generic
+def cone_contacts(
+    surface: Any, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
+) -> tuple[int, float]:
+    """Where a round cone is no more than `limit` [m] from pieces of the surface, or inside of them.
+
+    Writes point and normal of each pair, from `row` on. Returns the row after the last, -1 where there is no room, and
+    a distance [m] that no piece without a pair is nearer than.
     """
 
 

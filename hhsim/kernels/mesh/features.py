@@ -245,7 +245,7 @@ def gather_faces(
         top -= 1
         node = stack[top]
         _block_distances(spheres.block, node, cone, near)
-        tests += 1
+        tests += BRANCHING
         for i in range(BRANCHING):
             if near[i] > reach:
                 clearance = min(clearance, near[i])

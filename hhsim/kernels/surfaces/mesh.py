@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
+    ContactPoints,
     Surface,
     Walk,
+    cone_contacts,
     cone_distance,
     gather_pairs,
     measure_pairs,
@@ -643,6 +645,62 @@ def _corner_distance(mesh: MeshFeatures, face: int, cone: RoundCone) -> tuple[fl
             if distance < best:
                 best, parameter = distance, s
     return best, parameter
+
+
+@jit
+def _contact(triangle: Triangle, cone: RoundCone, s: float, limit: float, row: int, pairs_out: ContactPoints) -> int:
+    # The pair of a triangle and the ball at s of the axis.
+    x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
+    px, py, pz, square, _ = closest_on_triangle(x, y, z, triangle)
+    radius, away = cone.radius - cone.drop * cone.inverse_length * s, math.sqrt(square)
+    if away - radius > limit:
+        return row
+    if row >= pairs_out.tick.shape[0]:
+        return -1
+    inverse = 1.0 / away if away > 0.0 else 0.0
+    normal = (inverse * (x - px), inverse * (y - py), inverse * (z - pz))
+    for j in range(3):
+        pairs_out.normal[row, j] = normal[j]
+        pairs_out.point[row, j] = (x, y, z)[j] - radius * normal[j]
+    return row + 1
+
+
+@cone_contacts.of(MeshFeatures)
+@jit
+def _cone_contacts(
+    mesh: MeshFeatures, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
+) -> tuple[int, float]:
+    # Of each triangle where it is nearest to the axis, and at the ends of a phalanx, which may lie flat on it.
+    spheres, stack = mesh.spheres, walk.stack
+    clearance = np.inf
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        for i in range(BRANCHING):
+            child, away = spheres.child[node, i], block_distance(spheres.block, node, i, cone)
+            if away > limit:
+                clearance = min(clearance, away)
+                continue
+            if child >= 0:
+                stack[top] = child
+                top += 1
+                continue
+            face = -1 - child
+            distance, s = _corner_distance(mesh, face, cone)
+            if distance > limit:
+                clearance = min(clearance, distance)
+                continue
+            c = mesh.corner[face]
+            triangle = Triangle(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
+            row = _contact(triangle, cone, s, limit, row, pairs_out)
+            for end in (0.0, cone.length):
+                if row >= 0 and end != s and cone.length > 0.0:
+                    row = _contact(triangle, cone, end, limit, row, pairs_out)
+            if row < 0:
+                return -1, 0.0
+    return row, clearance
 
 
 @cone_distance.of(MeshFeatures)

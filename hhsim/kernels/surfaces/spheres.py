@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
+    ContactPoints,
     Surface,
     Walk,
+    cone_contacts,
     cone_distance,
     gather_pairs,
     measure_pairs,
@@ -22,6 +24,7 @@ from hhsim.kernels.round_cone_distance import (
     RoundCone,
     Spheres,
     round_cone_distances,
+    round_cone_parameter,
     sphere_cone,
     sphere_pair_distances,
 )
@@ -347,6 +350,33 @@ def _record(
     if body < PALM_BODY:
         return _phalanx_contacts(tree, hand, pose, body, candidates, limit, row, contacts)
     return _palm_contacts(tree, pose, candidates, limit, row, contacts)
+
+
+@cone_contacts.of(TreeArrays)
+@jit
+def _cone_contacts(
+    tree: TreeArrays, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
+) -> tuple[int, float]:
+    found, clearance, _ = gather_round_cone(tree, cone, limit, walk.stack, walk.scratch)
+    if found < 0 or row + found > pairs_out.tick.shape[0]:
+        return -1, 0.0
+    for i in range(found):
+        leaf = walk.scratch[i]
+        dx, dy, dz = tree.x[leaf] - cone.x, tree.y[leaf] - cone.y, tree.z[leaf] - cone.z
+        s = round_cone_parameter(dx, dy, dz, cone.ux, cone.uy, cone.uz, cone.tan_slope, cone.inverse_length)
+        qx, qy, qz = dx - s * cone.length * cone.ux, dy - s * cone.length * cone.uy, dz - s * cone.length * cone.uz
+        away = math.sqrt(qx * qx + qy * qy + qz * qz)
+        # A leaf that is centred on the axis has no nearest point; any is as good.
+        inverse = 1.0 / away if away > 0.0 else 0.0
+        share = (cone.radius - s * cone.drop) * inverse
+        pairs_out.point[row, 0] = tree.x[leaf] - qx + share * qx
+        pairs_out.point[row, 1] = tree.y[leaf] - qy + share * qy
+        pairs_out.point[row, 2] = tree.z[leaf] - qz + share * qz
+        pairs_out.normal[row, 0] = -inverse * qx
+        pairs_out.normal[row, 1] = -inverse * qy
+        pairs_out.normal[row, 2] = -inverse * qz
+        row += 1
+    return row, clearance
 
 
 @cone_distance.of(TreeArrays)

@@ -19,7 +19,7 @@ from hhsim.kernels.tick.step import ACTIVE_CONTACTS, STEP
 STATUS_STUCK = 1
 """The tick kept the last feasible configuration although the haptic hand asked for a motion."""
 STATUS_LAG = 2
-"""The work budget ended with a shortened step: there is distance still to go."""
+"""The work budget ended with a shortened step, or before a step was found: there is distance still to go."""
 STATUS_INPUT_INVALID = 4
 """The input was not finite; the last good one was used."""
 STATUS_START_INSIDE = 8
@@ -82,6 +82,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | full | this tick met more pairs than the arrays hold |
     | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
     | unfinished | a tick came nowhere, and the hand has not arrived since: the next begins with what it found out |
+    | idle | how many ticks in a row came nowhere |
     | work | counters of this tick |
     | excess | workspace of `kernels.contact.redundant_contacts` |
     | stiffness | G |
@@ -124,6 +125,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("way_moved", np.float64),
             ("accepted", np.bool_),
             ("unfinished", np.bool_),
+            ("idle", np.int64),
             ("full", np.bool_),
             ("bad_steps", np.int64),
             ("work", np.int64, (WORK_COUNTERS,)),

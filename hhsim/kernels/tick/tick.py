@@ -393,6 +393,10 @@ def _cap_lag(state: Record) -> None:
     state.lag = min(state.lag, farthest_joint(state.pose.joints, state.haptic.joints))
 
 
+ON_THE_WAY = 20.0
+"""A hand on its way bears on what is this many offsets from it: its last step has not brought it nearer yet."""
+
+
 @jit_once
 def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: Record, qp: QpWork) -> None:
     # A tick that ends on its way shows a configuration that is no optimum, and the multipliers of its last program
@@ -400,7 +404,8 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
     # program, of the touching contacts only, that standing still satisfies, so that the forces stay within the
     # coupling's own. The same where the palm has yielded to a finger: it stands at the edge of what the finger's own
     # program allows, and there that program's multipliers grow without bound.
-    contacts = find_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
+    near = max(options.touch, ON_THE_WAY * options.offset)
+    contacts = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
     state.active.count = 0
     if contacts != 0 or state.contacts.start[FINGER_COUNT + 1] == 0:
         return
@@ -416,6 +421,10 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
         keep_active(state.contacts, state.step, state.active)
 
 
+MOST_IDLE = 10
+"""Ticks in a row that may come nowhere for want of time before they are stuck."""
+
+
 @jit_once
 def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: bool, state: Record, qp: QpWork) -> int:
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits.
@@ -425,6 +434,8 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     began = monotonic_ns()
     status = 0
     candidates = state.candidates
+    cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
+    state.idle = 0 if state.accepted else state.idle + 1
     unsafe = 0.0
     for body in range(BODY_COUNT):
         unsafe += state.since_safe[body]
@@ -437,7 +448,8 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     if state.full:
         status |= STATUS_CAPACITY_EXCEEDED
     if not state.accepted:
-        status |= STATUS_STUCK
+        # A tick that was not given the time to find a step is on its way: the next one goes on. But not for ever.
+        status |= STATUS_LAG if cut_short and state.idle <= MOST_IDLE else STATUS_STUCK
         state.lag = np.inf
     elif state.lag > 0.0:
         status |= STATUS_LAG

@@ -65,6 +65,7 @@ class UdpGlove(GloveDevice):
         self._order = PacketOrder()
         self._kind = Kind.BENDS
         self._unused: Kind | None = None
+        self._told = False
         self._waiting: deque[tuple[Packet, int]] = deque()
         self._heard_ns = 0
         self._seq = 0
@@ -117,6 +118,7 @@ class UdpGlove(GloveDevice):
             count += 1
         if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
             silence, hint = f"{1e-9 * SILENCE_NS:g} s", self._in_vain()
+            self._told = bool(hint)
             what = f"no sample came for {silence}: {hint}" if hint else f"nothing came for {silence}"
             raise DeviceError(f"{self._name}: {what}")
         return count
@@ -139,13 +141,15 @@ class UdpGlove(GloveDevice):
         return sent
 
     def reconnect(self) -> bool:
-        """See `GloveDevice.reconnect`; the bridge is back when it says something."""
+        """See `GloveDevice.reconnect`; the bridge is back when a sample comes, whatever else it says."""
         if self._port is None:
             return self._out is not None
-        if not self._port.wait(0.0):
-            return False
-        self._heard_ns = time.monotonic_ns()
-        return True
+        if not self._waiting:
+            self._receive(1)
+        if not self._waiting and not self._told and (hint := self._in_vain()):
+            self._told = True
+            raise DeviceError(f"{self._name}: {hint}")
+        return bool(self._waiting)
 
     def close(self) -> None:
         """See `GloveDevice.close`."""

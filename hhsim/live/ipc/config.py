@@ -154,6 +154,12 @@ class LiveSetup:
         """Of a tick [ns]."""
         return round(1e9 / self.rate)
 
+    def surface_arrays(self) -> Any:
+        """What the hand touches, in the kernels' form."""
+        from hhsim.trees.contact_surface import contact_surface
+
+        return contact_surface(self.options.surface, self.mesh, self.tree).arrays
+
     def bend_lines(self) -> tuple[Array, Array]:
         """See `Calibration.bend_lines`; the default regression's for a glove without a calibration."""
         return (self.device.calibration or DexmoRegression.default()).bend_lines()

@@ -112,11 +112,11 @@ def decode_packet(data: bytes) -> Packet:
         raise PacketError(f"{len(data)} bytes; expected at least {HEADER.size}")
     magic, version, kind, count, session, seq, t_ns, answers, battery = HEADER.unpack_from(data)
     if magic != MAGIC or version != VERSION:
-        raise PacketError(f"begins with {magic!r}, version {version}; expected {MAGIC!r}, version {VERSION}")
-    if count != COUNT.get(kind):
-        raise PacketError(
-            f"kind {kind} with {count} numbers; expected one of { ({int(k): n for k, n in COUNT.items()}) }"
-        )
+        raise PacketError(f"begins with {magic!r}, version {version}, not {MAGIC!r}, {VERSION}")
+    if kind not in COUNT:
+        raise PacketError(f"kind {kind}; expected one of {', '.join(str(int(known)) for known in COUNT)}")
+    if count != COUNT[Kind(kind)]:
+        raise PacketError(f"kind {kind} with {count} numbers; expected {COUNT[Kind(kind)]}")
     if len(data) != HEADER.size + 4 * count:
         raise PacketError(f"{len(data)} bytes; expected {HEADER.size + 4 * count} for {count} numbers")
     values = np.frombuffer(data, NUMBERS, count, HEADER.size).astype(np.float32)

@@ -50,7 +50,7 @@ def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
 
     Helpers of a real-time thread would spin on its own processor. The same bytes come out with one.
     """
-    return replace(options, period=1.0 / rate, threads=1)
+    return replace(options.at_rate(rate), threads=1)
 
 
 class LiveLoop:
@@ -89,7 +89,7 @@ class LiveLoop:
         period = setup.period_ns
         self.deadlines = Deadlines(period, clock)
         self.wakeups, self.latencies, self.works = TickTimes(), TickTimes(), TickTimes()
-        self.solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
+        self.solver = HandSolver(setup.hand, setup.surface_arrays(), loop_options(setup.options, setup.rate))
         self.commander = FingerCommander(setup.output, setup.bend_lines(), 1e-9 * period)
         self.interlock = Interlock(setup.safety, dry_run=setup.dry_run)
         self.watch = GloveWatch(device.info)
@@ -237,7 +237,9 @@ class LiveLoop:
         for sample in self._samples[:count]:
             was_usable, self._usable = self._usable, self.watch.use(sample, self._flexion, self._abduction)
             if was_usable and not self._usable:
-                self._safety_log.detail[Safety.NOT_FINITE] = reading_of_no_hand(sample, self.device.info)
+                self._safety_log.detail[Safety.NOT_FINITE] = reading_of_no_hand(
+                    sample, self.device.info, self.watch.known
+                )
             if self._usable:
                 self._sample_ns = int(sample["time_ns"])
                 self._input_seq = int(sample["seq"])
@@ -250,7 +252,11 @@ class LiveLoop:
         if self.deadlines.tick < self._next_reconnect:
             return False
         self._next_reconnect = self.deadlines.tick + self._reconnect_ticks
-        if not self.device.reconnect():
+        try:
+            if not self.device.reconnect():
+                return False
+        except DeviceError as error:
+            self.memory.log(WARNING, f"the glove is still gone: {error}")
             return False
         self._lost = False
         return True

@@ -53,6 +53,8 @@ class GloveWatch:
         """Nothing is seen yet."""
         self.free = np.zeros(FINGER_COUNT, dtype=bool)
         """Fingers on which nothing may push, shape (5,)."""
+        self.known = np.zeros(0, dtype=bool)
+        """Channels that the last usable sample had a finite number of, shape (n,); before the first n is 0."""
         self._always_free = np.zeros(FINGER_COUNT, dtype=bool)
         self._always_free[list(info.kept_free)] = True
         self._events: list[tuple[int, str]] = [(WARNING, text) for text in info.doubtful]
@@ -78,6 +80,7 @@ class GloveWatch:
         # NaN compares false.
         if not (sample["good"] and (np.abs(angles) <= MOST_ANGLE).all()):
             return False
+        self.known = np.isfinite(sample["channels"])
         now = int(sample["time_ns"])
         believed = self._jumps.step(angles, now)
         stuck = self._stuck.stuck if self._noiseless else self._stuck.step(angles[:15], now)
@@ -96,22 +99,31 @@ class GloveWatch:
         self._events.append((level, text))
 
 
-def reading_of_no_hand(sample: np.void, info: GloveInfo) -> str:
-    """Name and value of the channel that is farthest beyond any hand, as the glove sent it; "" where none is.
+def reading_of_no_hand(sample: np.void, info: GloveInfo, known: NDArray[np.bool_]) -> str:
+    """Name and value of the channel that is no number, else of the one farthest beyond any hand, as the glove sent it.
 
     Args:
         sample: Of `GLOVE_SAMPLE`.
         info: Of the glove.
+        known: Channels that the last usable sample had, as `GloveWatch.known`: what a glove never sends is no fault.
+
+    Returns:
+        For the log; "" where no channel is such.
     """
     values = np.abs(sample["channels"][: len(info.channels)])
     most = {"": MOST_READING, "rad": MOST_ANGLE}.get(info.unit, np.inf)
+    unit = f" {info.unit}" if info.unit else ""
+    bad = np.flatnonzero(~np.isfinite(values[: known.size]) & known[: values.size])
+    if bad.size:
+        return f"{info.channels[bad[0]]} is {sample['channels'][bad[0]]}"
     # NaN compares false: a channel that a glove does not have is NaN too.
     if not (values > most).any():
         return ""
     channel = int(np.nanargmax(values))
-    unit = f" {info.unit}" if info.unit else ""
+    degrees = ": are the angles in degrees?" if info.unit == "rad" and values[channel] <= 360.0 else ""
     return (
-        f"{info.channels[channel]} is {sample['channels'][channel]:.4g}{unit}, and {most:.3g}{unit} the most of a hand"
+        f"{info.channels[channel]} is {sample['channels'][channel]:.4g}{unit}, "
+        f"and {most:.3g}{unit} the most of a hand{degrees}"
     )
 
 

@@ -122,9 +122,9 @@ class Watchdog:
             self._status["watchdog_armed"] = int(self._armed)
 
     def _connect(self, device: FingerRelease) -> bool:
-        if self._opened:
-            return device.reconnect()
         try:
+            if self._opened:
+                return device.reconnect()
             device.open_for_release(1.0)
         except DeviceError:
             return False

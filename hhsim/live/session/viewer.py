@@ -77,7 +77,7 @@ class LiveViewer:
         self._memory = memory
         self._ticks = RingReader(memory.ticks)
         self._events = RingReader(memory.events)
-        self._columns = TickColumns(setup.tree.arrays(), setup.hand, setup.options)
+        self._columns = TickColumns(setup.surface_arrays(), setup.hand, setup.options)
         self._parent = os.getppid()
         self._stop = False
         self._begin_ns = -1
@@ -102,6 +102,7 @@ class LiveViewer:
             hand=setup.hand,
             fingers=np.array([finger in setup.options.fingers for finger in FINGERS]),
             touch=setup.options.touch,
+            surface=setup.options.surface,
             text=f"# Live session\n\n`{' '.join(setup.command)}`\n",
         )
         extent = float(np.linalg.norm(setup.mesh.extent + HAND_ROOM))

@@ -75,7 +75,7 @@ class SessionWriter:
         device = dict(facts.get("device", {}))
         self._channels = len(device.get("channels", ()))
         self._sample_columns = sample_columns(self._channels)
-        self._columns = TickColumns(setup.tree.arrays(), setup.hand, options)
+        self._columns = TickColumns(setup.surface_arrays(), setup.hand, options)
         self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
         self._came = dict.fromkeys(RINGS, False)
         self._next_tick = 0

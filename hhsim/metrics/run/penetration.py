@@ -1,4 +1,4 @@
-"""How deep the shown hand is in the object's leaf spheres."""
+"""How deep the shown hand is in the object's surface."""
 
 import numpy as np
 

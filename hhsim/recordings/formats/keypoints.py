@@ -41,6 +41,8 @@ NUMBERED = re.compile(r"(?:^|[^0-9a-zA-Z])(?:[a-zA-Z]*?)([0-9]{1,2})[^0-9a-zA-Z]
 PLAIN = re.compile(r"^([xyz])[_ ]?([0-9]{1,2})$", re.IGNORECASE)
 LISTS = re.compile(r'"[a-zA-Z_]*(landmarks|keypoints)[a-zA-Z_]*"', re.IGNORECASE)
 DEEPEST = 6
+FEWEST_NAMED = 4
+"""So many joints in the names of columns are no coincidence."""
 NPY = b"\x93NUMPY"
 
 
@@ -244,6 +246,10 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     try:
         header = read_header(content.text)
     except (TrajectoryError, InputError):
+        return False
+    said = map(joint_name, header)
+    if len({name.joint for name in said if name.joint and name.part in ("x", "y", "z")}) >= FEWEST_NAMED:
+        # Columns that say of which joint they are may stand in any order.
         return False
     others = len(header) - 3 * COUNT
     return bool(_numbered_columns(header)) or (others == 0 or (others == 1 and time_column(header) is not None))

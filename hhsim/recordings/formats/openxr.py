@@ -63,7 +63,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     what = f"{joints_found(named[side])}{f' of the {side} hand' if side else ''} named"
     missing = joints_missing(named[side])
     if missing:
-        raise TrajectoryError(f"{what}, but no x, y, z of {missing}; expected at least MediaPipe's 21")
+        raise TrajectoryError(
+            f"{what}, but no x, y, z of {missing}; expected at least MediaPipe's 21 "
+            "(--format keypoints takes 63 columns in their order, whatever their names)"
+        )
     count = len(table.rows)
     stamps = time_column(name for name in table.header if not joint_name(name).joint)
     if stamps is None and options.rate is None:

@@ -36,6 +36,7 @@ METHOD = Method(
     summary="the paper's way as printed",
     engine=PaperEngine,
     refuses_backends="method paper is solved by active-set, as the paper has it, not by {qp}",
+    refuses_surfaces="the paper's constraints are between frustums and spheres",
     defaults={"force": "paper", "linearisations": 1, "margin": 5e-4},
 )
 """As printed: forces by Eq. 14, one linearisation a tick, Δr = 0.5 mm."""

@@ -25,6 +25,7 @@ from hhsim.bench.robustness.failure import (
     make_trial,
     penetrates,
 )
+from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
@@ -117,7 +118,7 @@ def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
     solver = SlippingSolver(HAND, BALL.arrays(), SolverOptions())
     motion = random_targets(HAND, 3000, 1)
     record = solver.run(*motion)
-    trial = make_trial(HAND, BALL, lambda: SlippingSolver(HAND, BALL.arrays(), SolverOptions()), penetrates())
+    trial = make_trial(HAND, lambda: SlippingSolver(HAND, BALL.arrays(), SolverOptions()), penetrates())
     # The stretch begins inside the object, from where a fresh start retreats to another side of it.
     failing = int(np.argmax(trial(motion).failed))
     stretch, graphic = (
@@ -172,7 +173,7 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
     def faulty() -> HandSolver:
         return SlippingSolver(HAND, tree.arrays(), options)
 
-    trial = make_trial(HAND, tree, faulty, penetrates())
+    trial = make_trial(HAND, faulty, penetrates())
     motion = random_targets(HAND, 2500, 3)
     shrunk = delta_debug(motion, trial)
     assert shrunk.motion.ticks <= 3
@@ -214,8 +215,8 @@ def test_every_kind_of_failure_is_seen() -> None:
     motion = random_targets(HAND, 3, 0)
     options = SolverOptions()
     record = HandSolver(HAND, BALL.arrays(), options).run(*motion)
-    trial = {kind: failure_of(kind, HAND, BALL, options) for kind in KINDS}
-    sound = make_trial(HAND, BALL, lambda: HandSolver(HAND, BALL.arrays(), options), trial["penetration"])(motion)
+    trial = {kind: failure_of(kind, HAND, pieces_of("spheres", None, BALL), options) for kind in KINDS}
+    sound = make_trial(HAND, lambda: HandSolver(HAND, BALL.arrays(), options), trial["penetration"])(motion)
     assert not sound.failed.any()
     from hhsim.bench.robustness.failure import recorded_penetration
 
@@ -231,7 +232,7 @@ def test_every_kind_of_failure_is_seen() -> None:
     motion.position[2, 0] += 0.01
     np.testing.assert_array_equal(trial["stuck"](motion, record, depth), [False, False, True])
     with pytest.raises(UnknownNameError, match="stuck"):
-        failure_of("stock", HAND, BALL, options)
+        failure_of("stock", HAND, pieces_of("spheres", None, BALL), options)
 
 
 def test_the_command_names_every_option_that_a_replay_has_a_flag_for() -> None:

@@ -25,8 +25,10 @@ from hhsim.bench.robustness.hard import (
     run_scene,
     table_rows,
 )
+from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.postures import HALF
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, right_hand, tree_of
+from hhsim.bench.robustness.triangle_objects import usual_ball_mesh
 from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
@@ -41,6 +43,7 @@ from hhsim.solver.options import SolverOptions
 Array = NDArray[np.float64]
 
 BALL = tree_of(np.zeros((1, 3)), BALL_RADIUS)
+PIECES = pieces_of("spheres", None, BALL)
 PRESS = still((0.0, -0.03, 0.15), flexion=HALF).line(still((0.0, -0.03, 0.03), flexion=HALF), 100).hold(40)
 LAST = PRESS.ticks - 1
 
@@ -136,7 +139,9 @@ def test_a_scene_that_cannot_be_built_ends_no_bench() -> None:
         raise ValueError("no such shape")
 
     steps: list[tuple[str, int, int]] = []
-    results = bench_hard([HardCase("broken", "", broken), CASE], ["coupled"], progress=lambda *news: steps.append(news))
+    results = bench_hard(
+        [HardCase("broken", "", broken), CASE], [SolverOptions()], progress=lambda *news: steps.append(news)
+    )
     assert [(result.case, result.passed) for result in results] == [("broken", False), ("press", True)]
     assert results[0].reason == "ValueError: no such shape"
     assert steps[-1] == ("press", 2, 2)
@@ -172,11 +177,11 @@ def test_a_figure_keeps_its_bar(figure: Figure, passed: bool) -> None:
 def test_the_deciding_figure_is_the_one_that_failed_or_came_nearest() -> None:
     common = Figure("penetration", 0.0, 1e-6, "m")
     figures = (common, Figure("a", 0.5, 1.0), Figure("b", 9.0, 10.0), Figure("c", 20.0, 10.0, at_least=True))
-    assert CaseResult("", "", figures).deciding == figures[2]
+    assert CaseResult("", "", "", figures).deciding == figures[2]
     failed = (*figures, Figure("d", 1.0, 0.0))
-    assert CaseResult("", "", failed).deciding == failed[4]
-    assert CaseResult("", "", (*figures, Figure("e", math.nan, 1.0))).deciding is not None
-    assert CaseResult("", "", (common,)).deciding is None
+    assert CaseResult("", "", "", failed).deciding == failed[4]
+    assert CaseResult("", "", "", (*figures, Figure("e", math.nan, 1.0))).deciding is not None
+    assert CaseResult("", "", "", (common,)).deciding is None
 
 
 def test_penetration_is_that_of_brute_force() -> None:
@@ -194,7 +199,7 @@ def test_penetration_is_that_of_brute_force() -> None:
 def stuck_at(motion: HandConfiguration, record: TickRecord, tick: int) -> int:
     status = record.status.copy()
     status[tick] |= STATUS_STUCK
-    return unexplained_stuck(right_hand(), BALL, SolverOptions(), motion, record._replace(status=status))
+    return unexplained_stuck(right_hand(), PIECES, SolverOptions(), motion, record._replace(status=status))
 
 
 def test_a_stuck_tick_is_explained_where_the_hand_can_go_no_nearer() -> None:
@@ -227,13 +232,13 @@ def test_held_input_is_judged_by_the_last_sample_that_was_sound() -> None:
 def test_more_stuck_ticks_than_are_looked_at_are_not_explained(monkeypatch: pytest.MonkeyPatch) -> None:
     record = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*PRESS)
     stuck = record._replace(status=record.status | STATUS_STUCK)
-    assert unexplained_stuck(right_hand(), BALL, SolverOptions(), PRESS.part(0, 30), part_of(stuck, 0, 30)) == 0
+    assert unexplained_stuck(right_hand(), PIECES, SolverOptions(), PRESS.part(0, 30), part_of(stuck, 0, 30)) == 0
     monkeypatch.setattr("hhsim.bench.robustness.acceptance.MOST_CHECKS", 10)
     # The first tick is done twice, and looked at once.
     twice = PRESS.part(0, 1).hold(30).line(PRESS.part(29), 12)
     again = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*twice)
     again = again._replace(status=again.status | STATUS_STUCK)
-    assert unexplained_stuck(right_hand(), BALL, SolverOptions(), twice, again) == 12 - 9
+    assert unexplained_stuck(right_hand(), PIECES, SolverOptions(), twice, again) == 12 - 9
 
 
 def test_loops_keep_the_marks_and_the_memory() -> None:
@@ -249,9 +254,9 @@ def test_loops_keep_the_marks_and_the_memory() -> None:
 
 def test_only_methods_that_promise_to_pass_can_miss() -> None:
     bad = (Figure("penetration", 1.0, 1e-6, "m"),)
-    results = [CaseResult("a", method, bad) for method in ("coupled", "progressive", "paper", "penalty")]
+    results = [CaseResult("a", method, "spheres", bad) for method in ("coupled", "progressive", "paper", "penalty")]
     assert [result.method for result in missed(results)] == ["coupled", "progressive"]
-    assert missed([CaseResult("a", "coupled", (Figure("penetration", 0.0, 1e-6, "m"),))]) == []
+    assert missed([CaseResult("a", "coupled", "spheres", (Figure("penetration", 0.0, 1e-6, "m"),))]) == []
 
 
 def test_the_command_prints_a_table_and_writes_every_figure(run: Run, tmp_path: Path) -> None:
@@ -268,9 +273,36 @@ def test_the_command_prints_a_table_and_writes_every_figure(run: Run, tmp_path: 
     assert table.options == {
         "cases": ["never-touches", "too-many-pairs"],
         "methods": ["coupled"],
+        "surfaces": ["spheres"],
         "seed": 0,
         "ticks": 20_000,
     }
+
+
+def test_on_the_mesh_a_case_says_what_the_hand_touched(run: Run, tmp_path: Path) -> None:
+    words = ("never-touches", "too-many-pairs", "flat-finger", "--surface", "mesh", "--out", "hard.h5")
+    answer = run("bench", "hard", *words)
+    assert answer.code == 0, answer.err
+    rows = load_table(tmp_path / "hard.h5").rows
+    found = {(row["case"], row["method"]): row["surface"] for row in rows}
+    safe = ("coupled", "progressive")
+    assert found == {
+        **{("never-touches", method): "mesh" for method in safe},
+        **{("flat-finger", method): "mesh" for method in safe},
+        **{("too-many-pairs", method): "spheres" for method in safe},
+    }
+    assert "on spheres, since their objects are nothing else: too-many-pairs" in answer.out
+
+
+def test_a_run_without_triangles_is_that_of_the_spheres() -> None:
+    run = pressed(0)[0]
+    kept = run_scene(run, SolverOptions(surface="mesh"))
+    assert kept.options == SolverOptions()
+    usual = run_scene(run, SolverOptions())
+    np.testing.assert_array_equal(kept.ticks.position, usual.ticks.position)
+    touched = run_scene(replace(run, mesh=usual_ball_mesh()), SolverOptions(surface="mesh"))
+    assert touched.options.surface == "mesh" and touched.penetration == 0.0
+    assert not np.array_equal(touched.ticks.position, usual.ticks.position)
 
 
 def test_machines_get_every_figure(run: Run) -> None:
@@ -311,6 +343,9 @@ def test_the_cases_can_be_listed(run: Run, tmp_path: Path) -> None:
     [
         (["fast-swip"], "unknown hard case 'fast-swip': did you mean fast-swipe?"),
         (["--method", "couple"], "unknown method 'couple': did you mean coupled?"),
+        (["soup"], "unknown hard case 'soup'"),
+        (["flat-finger"], "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
+        (["--surface", "mesh", "--method", "penalty"], "method penalty takes the surface spheres, not mesh"),
         (["--out", "hard.csv"], "hard.csv must end in .h5"),
     ],
 )

@@ -1,21 +1,37 @@
 """The judge of stuck ticks: it finds a way where there is one, and none at an optimum."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sampled import sampled
 from sphere_scenes import bumpy_ball, sphere_tree
 from stress_motion import random_targets
+from triangle_scenes import CLEAR, floor, wedge
 
 from hhsim.bench.robustness.local_optimality import way_out
+from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
+from hhsim.bench.robustness.postures import INDEX, POINTING
 from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.triangle_objects import roof_mesh, strips_mesh
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion
+from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.contact_surface import contact_surface
 
+Array = NDArray[np.float64]
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)
+LEAVES = pieces_of("spheres", None, BALL)
 OPTIONS = SolverOptions()
+ON_MESH = SolverOptions(surface="mesh")
 
 
 def tick_of(record: object, tick: int) -> HandConfiguration:
@@ -26,25 +42,34 @@ def test_in_free_space_the_way_is_free() -> None:
     motion = random_targets(HAND, 2, 0)
     goal = motion.part(1, 2).copy()
     goal.position[0, 0] += 0.05
-    assert way_out(HAND, BALL, OPTIONS, motion.part(0, 1), goal) == 1.0
-    assert way_out(HAND, BALL, OPTIONS, goal, goal) == 0.0
+    for pieces in (LEAVES, pieces_of("mesh", floor(), None)):
+        assert way_out(HAND, pieces, OPTIONS, motion.part(0, 1), goal) == 1.0
+        assert way_out(HAND, pieces, OPTIONS, goal, goal) == 0.0
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "surface"),
+    sampled(
+        [(seed, surface) for seed in range(4) for surface in ("spheres", "mesh")],
+        lambda place, case: case[1] == "spheres" or case[0] == 0,
+    ),
+)
+def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surface: str) -> None:
     # Held still, the coupled method comes to rest at a local optimum; on the way there it is at none.
     motion = random_targets(
         HAND, 10 * 200, seed, StressOptions(hold=200, bound="none", sweep=False, position_spread=0.03)
     )
-    record = HandSolver(HAND, BALL.arrays(), OPTIONS).run(*motion)
+    mesh, options = load_object("triangular-prism").mesh, SolverOptions(surface=surface)
+    pieces = pieces_of(surface, mesh, BALL)
+    record = HandSolver(HAND, contact_surface(surface, mesh, BALL).arrays, options).run(*motion)
     touching, moving = 0, 0
     for hold in range(1, 10):
         end = 200 * hold + 199
         rest = tick_of(record, end)
         touching += int(record.work[end, 6] > 0)
-        assert way_out(HAND, BALL, OPTIONS, rest, motion.part(end, end + 1)) == 0.0
+        assert way_out(HAND, pieces, options, rest, motion.part(end, end + 1)) == 0.0
         next_goal = motion.part((end + 1) % 2000, (end + 1) % 2000 + 1)
-        moving += int(way_out(HAND, BALL, OPTIONS, rest, next_goal) > 0.0)
+        moving += int(way_out(HAND, pieces, options, rest, next_goal) > 0.0)
     assert touching > 4
     assert moving == 9
 
@@ -57,11 +82,95 @@ def test_a_straight_finger_that_pushes_a_wall_can_only_go_back_or_aside() -> Non
     tree = sphere_tree((joints[2, 3] + (HAND.radius[2, 3] + 0.1 + 1e-9) * ahead)[None], np.array([0.1]))
     here = HandConfiguration(*(np.array(values)[None] for values in sample))
 
-    def way(direction: NDArray[np.float64]) -> float:
+    def way(direction: Array) -> float:
         goal = here.copy()
         goal.position[0] += 0.05 * direction
-        return way_out(HAND, tree, OPTIONS, here, goal)
+        return way_out(HAND, pieces_of("spheres", None, tree), OPTIONS, here, goal)
 
     assert way(ahead) == 0.0
     assert way(-ahead) == 1.0
     assert way(np.array([1.0, 0.0, 0.0])) > 0.0
+
+
+def resting(mesh: Mesh, start: HandConfiguration, way: tuple[float, float, float]) -> tuple[HandConfiguration, Pieces]:
+    """The hand moved along `way`, a direction, until it is `CLEAR` of the triangles: no farther at once than it is."""
+    pieces, shape = pieces_of("mesh", mesh, None), hand_shape(HAND)
+    hand, gap = start, np.inf
+    while gap > 1e-9:
+        placed = forward_kinematics(HAND, *hand)
+        gap = hand_distance(pieces, shape, placed.joints[0], placed.position[0], placed.orientation[0]) - CLEAR
+        assert gap > -1e-9
+        hand = hand._replace(position=hand.position + max(gap, 0.0) * np.array(way))
+    return hand, pieces
+
+
+def towards(hand: HandConfiguration, pieces: Pieces, way: tuple[float, float, float]) -> float:
+    goal = hand.copy()
+    goal.position[0] += way
+    return way_out(HAND, pieces, ON_MESH, hand, goal)
+
+
+DOWN, UP = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
+
+
+def stiff(hand: HandConfiguration, pieces: Pieces, way: tuple[float, float, float]) -> float:
+    """As `towards`, for a hand whose rotation and joints are too stiff to yield."""
+    goal = hand.copy()
+    goal.position[0] += way
+    options = replace(ON_MESH, stiffness=Stiffness(rotation=1e9, flexion=1e9))
+    return way_out(HAND, pieces, options, hand, goal)
+
+
+def test_on_a_plane_straight_down_is_no_way_and_obliquely_is_one() -> None:
+    hand, pieces = resting(floor(), still((0.0, 0.0, 0.2)), DOWN)
+    assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
+    assert stiff(hand, pieces, (0.02, 0.01, -0.02)) > 0.0
+    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
+    # From below alike: a sheet has two sides.
+    hand, pieces = resting(floor(), still((0.0, 0.0, -0.2)), UP)
+    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 0.0
+    assert stiff(hand, pieces, (0.02, 0.01, 0.02)) > 0.0
+    assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 1.0
+
+
+def test_a_plane_of_many_triangles_is_as_free_as_one_of_two() -> None:
+    # Whose edges are all around the contact: none of them is in the way of sliding.
+    lines = np.arange(-0.2, 0.2001, 0.004)
+    fine = strips_mesh(list(lines), [lines] * (len(lines) - 1))
+    hand, pieces = resting(fine, still((0.001, 0.0007, 0.2)), DOWN)
+    assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
+    for way in ((0.02, 0.01, -0.02), (-0.01, 0.01, -0.02), (0.0, -0.02, 0.0)):
+        assert stiff(hand, pieces, way) > 0.0, way
+    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
+
+
+def test_a_hand_that_can_turn_or_bend_about_its_contact_has_a_way() -> None:
+    hand, pieces = resting(floor(), still((0.0, 0.0, 0.2)), DOWN)
+    assert towards(hand, pieces, (0.0, 0.0, -0.02)) > 0.0
+
+
+def test_a_finger_across_a_ridge_goes_along_it_and_off_it_and_not_through() -> None:
+    joints = HAND.joints(np.zeros(3), quaternion(np.zeros(3)), POINTING, np.zeros(5))[INDEX]
+    middle = 0.5 * (joints[1] + joints[2])
+    above = still(np.array([0.0, 0.0, 0.05]) - middle, flexion=POINTING)
+    hand, pieces = resting(roof_mesh(0.3, 0.01, 0.05), above, DOWN)
+    placed = forward_kinematics(HAND, *hand).joints[0, INDEX]
+    # It is the axis that is at the edge, and neither end of it.
+    assert placed[1, 1] < -0.005 and placed[2, 1] > 0.005
+    assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
+    assert stiff(hand, pieces, (0.02, 0.0, 0.0)) > 0.0
+    assert stiff(hand, pieces, (0.0, 0.02, -0.02)) > 0.0
+    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
+
+
+def test_in_a_wedge_of_two_faces_only_along_it_and_out_of_it() -> None:
+    # A fingertip that points down into the valley.
+    turn = quaternion(np.array([-0.5 * np.pi, 0.0, 0.0]))
+    tip = HAND.joints(np.zeros(3), turn, POINTING, np.zeros(5))[INDEX, 3]
+    above = still(np.array([0.0, 0.0, 0.2]) - tip, turn, POINTING)
+    hand, pieces = resting(wedge(0.5), above, DOWN)
+    for way in ((0.0, 0.0, -0.02), (0.0, 0.005, -0.02), (0.0, -0.005, -0.02)):
+        assert stiff(hand, pieces, way) == 0.0, way
+    assert stiff(hand, pieces, (0.02, 0.0, -0.02)) > 0.0
+    assert stiff(hand, pieces, (0.0, 0.02, 0.04)) > 0.0
+    assert stiff(hand, pieces, (0.0, 0.0, 0.02)) == 1.0

@@ -169,6 +169,17 @@ def test_a_hand_that_stands_still_beside_a_way_is_found(folder: Path, monkeypatc
     assert (row.stuck, row.longest_stuck, row.unexplained) == (3, 3, 3) and row.missed
 
 
+def test_on_the_mesh_the_hand_touches_the_mesh_itself(folder: Path) -> None:
+    solvers = [SolverOptions(surface=surface) for surface in ("spheres", "mesh")]
+    rows = list(bench_recorded([folder / "a.h5"], [bench_object()], solvers, HERE))
+    spheres, mesh = rows
+    assert (spheres.surface, mesh.surface) == ("spheres", "mesh")
+    assert mesh.safe and not mesh.missed and mesh.penetration == 0.0
+    assert mesh.brute_ticks >= 5 and mesh.brute_depth == 0.0 and mesh.touching > 50
+    assert mesh.contact_error_max < 2e-6 < 1e-3 < spheres.contact_error_max
+    assert [(row.surface, row.ticks) for row in totals(rows)] == [(row.surface, row.ticks) for row in rows]
+
+
 def test_files_and_folders(folder: Path, tmp_path: Path) -> None:
     assert [path.name for path in recording_files([folder, folder / "b.csv"])] == ["a.h5", "b.csv"]
     with pytest.raises(InputError, match="no such file or folder"):

@@ -1,6 +1,7 @@
 """The suite `stress`: its figures are those of the ticks, a planted fault is missed by no count, kept and shrunk."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, record_clearance
 
 from hhsim.bench.robustness import stress, stress_measurement
+from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.bench.robustness.stress import BLOCK, STRETCH_BLOCKS, run_case, run_stress
 from hhsim.bench.robustness.stress_case import StressCase
 from hhsim.bench.robustness.stress_metrics import COLUMNS, StressFigures, table_row, total
+from hhsim.bench.robustness.triangle_objects import coarse_ball_mesh
 from hhsim.bench.table import load_table
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -33,12 +36,19 @@ TICKS = BLOCK + 700
 """More than a block, so that what is carried from one to the next is carried."""
 
 
-def case(method: str = "coupled", ticks: int = TICKS, keep: Path | None = None, wild: bool = False) -> StressCase:
+def case(
+    method: str = "coupled",
+    ticks: int = TICKS,
+    keep: Path | None = None,
+    wild: bool = False,
+    surface: str = "spheres",
+) -> StressCase:
     return StressCase(
         object="ball",
         tree=BALL,
+        mesh=coarse_ball_mesh(),
         hand=HAND,
-        solver=SolverOptions(method=method),
+        solver=SolverOptions(method=method, surface=surface),
         stress=StressOptions(wild=wild),
         seed=4,
         ticks=ticks,
@@ -52,9 +62,8 @@ class Planted(HandSolver):
     def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
         record = super().run(position, orientation, flexion, abduction)
         right = (record.work[:, WORK_TOUCHING] > 0) & (position[:, 0] > 0.02)
-        tree = self.workspace.surface
         inside = np.flatnonzero(right & (flexion[:, 1, 0] > 0.9))
-        center = np.array([tree.x[0], tree.y[0], tree.z[0]])
+        center = self.workspace.center()
         record.joints[inside, 1] += center - record.joints[inside, 1, 1:2]
         record.position[inside] = center
         record.total[right & (flexion[:, 4, 1] > 1.6), 1] = np.inf
@@ -110,7 +119,7 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
 
 def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path) -> None:
     def make(made: StressCase) -> HandSolver:
-        return Planted(made.hand, made.tree.arrays(), made.solver)
+        return Planted(made.hand, made.surface, made.solver)
 
     wanted = case(keep=tmp_path / "kept")
     figures = run_case(wanted, make_solver=make)
@@ -135,11 +144,47 @@ def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path) -> None:
         assert not rerun_failure(Path(failure.path), HAND, BALL).failed.any()
 
 
+@pytest.mark.parametrize("method", ["coupled", "progressive"])
+def test_on_the_mesh_the_figures_are_of_the_mesh(method: str) -> None:
+    figures = run_case(case(method, 1500, surface="mesh"))
+    assert (figures.surface, figures.brute_ticks, figures.penetration) == ("mesh", 2, 0.0)
+    assert figures.brute_difference < 1e-9
+    assert figures.touching > 300 and figures.safe
+    # On the spheres of the same ball the same motion is another run.
+    assert run_case(case(method, 1500)).touching != figures.touching
+
+
+def test_a_mesh_that_the_kernels_and_brute_force_see_differently_is_a_missed_limit() -> None:
+    wrong = replace(case(ticks=1500, surface="mesh"), mesh=coarse_ball_mesh().scaled(1.001))
+    measure = stress_measurement.StressMeasure(wrong)
+    measure._pieces = case(surface="mesh").pieces
+    motion = wrong.targets().take(1500)
+    record = wrong.new_solver().run(*motion)
+    measure.add(motion, record, recorded_penetration(HAND, wrong.surface, record))
+    assert 3e-5 < measure.figures(()).brute_difference < 4.5e-5 and measure.figures(()).missed
+
+
+def test_a_failure_on_the_mesh_is_kept_with_its_surface(tmp_path: Path) -> None:
+    def make(made: StressCase) -> HandSolver:
+        return Planted(made.hand, made.surface, made.solver)
+
+    wanted = case(keep=tmp_path, surface="mesh")
+    figures = run_case(wanted, make_solver=make)
+    failure = next(kept for kept in figures.failures if kept.kind == "penetration")
+    assert failure.reproduced and figures.missed
+    assert Path(failure.path).name.startswith("ball-coupled-mesh-penetration-")
+    assert failure.command == f"hhsim replay ball {failure.path} --method coupled --samples hold --surface mesh"
+    path = Path(failure.path)
+    again = rerun_failure(path, HAND, BALL, lambda: make(wanted), wanted.mesh)
+    assert np.flatnonzero(again.failed).tolist() == [failure.failing_tick]
+    assert not rerun_failure(path, HAND, BALL, mesh=wanted.mesh).failed.any()
+
+
 def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stress_measurement, "MOST_STUCK_CHECKED", 40)
 
     def make(made: StressCase) -> HandSolver:
-        return Lazy(made.hand, made.tree.arrays(), made.solver)
+        return Lazy(made.hand, made.surface, made.solver)
 
     figures = run_case(case(ticks=900, keep=tmp_path), make_solver=make)
     assert figures.stuck > figures.unexplained > 10
@@ -237,6 +282,15 @@ def test_the_command_writes_its_table_and_prints_it(run: Any, tmp_path: Path) ->
         }
 
 
+def test_surfaces_have_rows_of_their_own_and_methods_that_take_no_mesh_are_left_out(run: Any, tmp_path: Path) -> None:
+    words = ("bench", "stress", "cube", "--ticks", "200", "--surface", "spheres,mesh", "--out", "both.h5")
+    answer = run(*words)
+    assert answer.code == 0, answer.err
+    rows = [(row["method"], row["surface"]) for row in load_table(tmp_path / "both.h5").rows]
+    assert rows == [*((method, "spheres") for method in METHODS), ("coupled", "mesh"), ("progressive", "mesh")]
+    assert {"coupled: no limit missed", "coupled on the mesh: no limit missed"} <= set(answer.out.splitlines())
+
+
 def test_the_command_tells_a_missed_limit_and_how_to_see_it(
     run: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -258,6 +312,11 @@ def test_the_command_tells_a_missed_limit_and_how_to_see_it(
     ("arguments", "line"),
     [
         (["--method", "couple"], "hhsim: error: unknown method 'couple': did you mean coupled?"),
+        (
+            ["--surface", "mesh", "--method", "paper"],
+            "hhsim: error: method paper takes the surface spheres, not mesh: " + METHODS["paper"].refuses_surfaces,
+        ),
+        (["--surface", "mehs"], "hhsim: error: unknown surface 'mehs': did you mean mesh?"),
         (["bunyn"], "hhsim: error: unknown object 'bunyn': did you mean bunny?"),
         (["--out", "x.csv"], "hhsim: error: x.csv must end in .h5: the CSV file of the same name goes beside it"),
     ],

@@ -10,7 +10,20 @@ from hhsim.bench.table import load_table
 
 SMALL = (
     *("bench", "speed-error", "--object", "cube", "--motion", "touch", "--method", "coupled,progressive"),
-    *("--level", "2", "--linearisations", "12", "--qp", "active-set", "--repetitions", "1", "--rate", "33"),
+    *(
+        "--surface",
+        "spheres",
+        "--level",
+        "2",
+        "--linearisations",
+        "12",
+        "--qp",
+        "active-set",
+        "--repetitions",
+        "1",
+        "--rate",
+        "33",
+    ),
 )
 
 
@@ -48,6 +61,20 @@ def test_json_is_one_document(run: Run, tmp_path: Path) -> None:
     assert (tmp_path / "b.svg").is_file()
 
 
+def test_the_mesh_is_a_row_of_its_own(run: Run, tmp_path: Path) -> None:
+    answer = run(*SMALL, "--surface", "mesh", "--method", "coupled", "--out", "a.h5")
+    assert answer.code == 0, answer.err
+    assert "Methods as they come, and on the mesh" in answer.out
+    rows = [row for row in load_table(tmp_path / "a.h5").rows if row["object"] == "all"]
+    assert [(row["method"], row["surface"], row["level"]) for row in rows] == [
+        ("coupled", "spheres", 2),
+        ("coupled", "mesh", 0),
+        ("progressive", "spheres", 2),
+        ("progressive", "mesh", 0),
+    ]
+    assert [float(row["contact_error_max"]) < 1.1e-6 for row in rows] == [False, True, False, True]
+
+
 def test_without_a_name_it_goes_to_results(run: Run, tmp_path: Path) -> None:
     answer = run(*SMALL, "--quiet")
     assert (answer.code, answer.out) == (0, "")
@@ -63,6 +90,8 @@ def test_without_a_name_it_goes_to_results(run: Run, tmp_path: Path) -> None:
         (("--qp", "gurobi-like"), "unknown QP solver"),
         (("--level", "0"), "expected whole numbers from 1 on"),
         (("--level", "9"), "tree level 9"),
+        (("--surface", "mash"), "unknown surface 'mash': did you mean mesh"),
+        (("--surface", "mesh", "--method", "paper"), "method paper takes the surface spheres, not mesh"),
         (("--method", "coupled,"), "expected names with commas between"),
         (("--out", "a.txt"), "must end in .h5"),
         (("--plot", "a.h5"), "no picture by its ending"),

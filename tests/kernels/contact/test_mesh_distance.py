@@ -1,4 +1,4 @@
-"""Round cones against meshes: closed forms on a cube, trimesh on real objects; contact points against brute force."""
+"""Round cones against meshes: closed forms on a cube, trimesh on real objects."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,11 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sphere_scenes import bumpy_ball
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.mesh_distance import (
     DEEPEST_INTERVAL,
     hand_mesh_distances,
-    mesh_contact_points,
     round_cone_mesh_distance,
 )
 from hhsim.kernels.kd_tree import STACK
@@ -159,40 +157,3 @@ def test_a_pose_that_is_not_finite_has_no_distance() -> None:
     hand_mesh_distances(*hand_arrays(hand), CUBE_BVH, joints, *two, 0.05, RESOLUTION, found)
     assert np.isnan(found[0])
     assert np.isfinite(found[1])
-
-
-def test_contact_points_are_those_of_every_touching_pair() -> None:
-    hand, tree = HandModel.default(), bumpy_ball(250)
-    radius, center, palm_radius = hand_arrays(hand)
-    joints, position, rotation = placed(hand, 0.045)
-    touch = 1e-3
-    room = np.empty((5000, 3))
-    arrays = tree.arrays()
-    count = mesh_contact_points(radius, center, palm_radius, arrays, joints[0], position[0], rotation[0], touch, room)
-    expected = []
-    balls = [(c + position[0], r) for c, r in zip(center, palm_radius)]
-    for leaf, leaf_radius in zip(tree.leaf_center, tree.leaf_radius):
-        for ball, ball_radius in balls:
-            away = leaf - ball
-            if np.linalg.norm(away) - ball_radius - leaf_radius <= touch:
-                expected.append(ball + ball_radius * away / np.linalg.norm(away))
-        share = np.linspace(0.0, 1.0, 4001)[:, None]
-        for f in range(5):
-            for k in range(3):
-                axis = joints[0, f, k] + share * (joints[0, f, k + 1] - joints[0, f, k])
-                sizes = radius[f, k] + share[:, 0] * (radius[f, k + 1] - radius[f, k])
-                gaps = np.linalg.norm(leaf - axis, axis=1) - sizes - leaf_radius
-                best = int(gaps.argmin())
-                if gaps[best] <= touch:
-                    away = leaf - axis[best]
-                    expected.append(axis[best] + sizes[best] * away / np.linalg.norm(away))
-    assert count == len(expected) > 20
-    ours, theirs = room[:count], np.array(expected)
-    nearest = np.linalg.norm(ours[:, None] - theirs[None], axis=2)
-    assert nearest.min(axis=1).max() < 2e-5
-    assert nearest.min(axis=0).max() < 2e-5
-    small = np.empty((count - 1, 3))
-    assert (
-        mesh_contact_points(radius, center, palm_radius, arrays, joints[0], position[0], rotation[0], touch, small)
-        == -1
-    )

@@ -34,7 +34,7 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.solver.surface import SURFACES
 from hhsim.solver.workspace import tick_state
@@ -365,7 +365,7 @@ def test_open_meshes_by_search_over_their_triangles(name: str) -> None:
 def test_no_hand_enters_a_mesh_or_gets_stuck_at_it(name: str, method: str, ticks: int) -> None:
     vertices, faces = {**CLOSED, **OPEN}[name]()
     mesh, _ = mesh_features(vertices, faces, closed=name in CLOSED)
-    solver = HandSolver(HAND, mesh, SolverOptions(method=method))
+    solver = HandSolver(HAND, mesh, SolverOptions(method=method, surface="mesh"))
     motion = RandomTargets(HAND, 5)
     bvh = build_mesh_bvh(vertices, faces) if name in CLOSED else None
     touched = 0
@@ -554,7 +554,7 @@ def program(rows: Rows, chosen: NDArray[np.bool_], at: Motion, target: Array, op
 def test_rows_and_programs_of_real_ticks_against_all_features(name: str) -> None:
     vertices, faces = {"cube": CLOSED["cube"], "curved": finely_curved, "soup": soup}[name]()
     mesh, _ = mesh_features(vertices, faces, closed=name != "soup")
-    options = SolverOptions()
+    options = SolverOptions(surface="mesh", budget=UNLIMITED)
     solver = HandSolver(HAND, mesh, options)
     motion = Motion(*RandomTargets(HAND, 3, StressOptions(sweep=False)).take(1200))
     programs = same = ghosts = 0

@@ -297,6 +297,38 @@ def test_a_bridge_that_comes_back_with_other_numbers_is_told_of(bridge: Bridge) 
             assert reader.until_lost().endswith("packets of kind 1 come; this glove's are of kind 3")
 
 
+def test_a_bridge_is_back_with_a_sample_and_not_with_what_is_none(bridge: Bridge) -> None:
+    with opened(bridge, Kind.BENDS, np.zeros(5)) as device:
+        reader = Reader(device)
+        reader.read()
+        assert reader.until_lost().endswith("nothing came for 0.5 s")
+        assert not device.reconnect()
+        for junk in (b"XXXX" + bytes(48), encode_packet(Kind.POSE, np.zeros(7), session=1, seq=1, t_ns=0)):
+            bridge.socket.sendto(junk, ("127.0.0.1", bridge.port))
+        with pytest.raises(DeviceError, match="of kind 4 come; this glove's are of kind 1"):
+            device.reconnect()
+        bridge.socket.sendto(b"XXXX" + bytes(48), ("127.0.0.1", bridge.port))
+        assert not device.reconnect(), "said once"
+        bridge.send(Kind.BENDS, np.zeros(5), 1)
+        assert device.reconnect()
+        assert len(reader.read()) == 1
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"XXXX\x01\x01\x05\0" + bytes(44), "begins with b'XXXX', version 1, not b'HHGL', 1"),
+        (b"HHGL\x02\x01\x05\0" + bytes(44), "begins with b'HHGL', version 2, not b'HHGL', 1"),
+        (b"HHGL\x01\x03\x07\0" + bytes(52), "kind 3 with 7 numbers; expected 20"),
+        (b"HHGL\x01\x09\x14\0" + bytes(104), "kind 9; expected one of 1, 2, 3, 4, 16"),
+    ],
+)
+def test_bytes_that_are_no_packet_are_told_in_a_few_words(data: bytes, said: str) -> None:
+    with pytest.raises(PacketError) as error:
+        decode_packet(data)
+    assert str(error.value) == said
+
+
 def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_path: Path) -> None:
     port = free_ports(socket.SOCK_DGRAM)
     arguments = ("--port", port, "--lose", 0.03, "--swap", 0.05, "--seed", 5)

@@ -13,7 +13,7 @@ from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_set
 from numpy.typing import NDArray
 
 from hhsim.kernels.tick.block import HapticBlock
-from hhsim.live.device import FingerCommand
+from hhsim.live.device import DeviceError, FingerCommand
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
@@ -154,7 +154,8 @@ def test_a_sample_that_is_not_good_frees_the_fingers_in_its_tick_and_is_never_us
 @pytest.mark.parametrize(
     ("unit", "reading", "detail"),
     [
-        ("rad", 80.2, ": bend is 80.2 rad, and 6.28 rad the most of a hand"),
+        ("rad", 80.2, ": bend is 80.2 rad, and 6.28 rad the most of a hand: are the angles in degrees?"),
+        ("rad", 8e9, ": bend is 8e+09 rad, and 6.28 rad the most of a hand"),
         ("", -57.0, ": bend is -57, and 1.5 the most of a hand"),
         ("", 1.2, ""),
         ("", np.nan, ""),
@@ -166,6 +167,30 @@ def test_a_reading_of_no_hand_is_named(unit: str, reading: float, detail: str) -
     session.glove.info = replace(session.glove.info, unit=unit)
     session.run()
     assert f"a sample that is not finite, or of no hand: the fingers are free{detail}" in session.events
+
+
+def test_a_channel_that_became_no_number_is_named_and_one_that_never_was_is_not() -> None:
+    said = "a sample that is not finite, or of no hand: the fingers are free"
+    script = [Moment(FREE, reading=0.5), Moment(FREE, good=False, reading=np.nan), Moment(FREE)]
+    assert f"{said}: bend is nan" in Session(script).run().events
+    assert said in Session([Moment(FREE), *script[1:]]).run().events
+
+
+def test_why_a_glove_stays_away_is_told_when_it_is_known() -> None:
+    session = Session([Moment(FREE), Moment(gone=True), *[Moment(FREE)] * 200])
+    known, connect = iter([DeviceError("it speaks another language")]), session.glove.reconnect
+
+    def reconnect() -> bool:
+        for error in known:
+            raise error
+        return connect()
+
+    session.glove.reconnect = reconnect  # type: ignore[method-assign]
+    session.run()
+    events = [text for text in session.events if "the glove is" in text]
+    assert len(events) == 3, events
+    assert events[0].startswith("the glove is gone: the fingers are free")
+    assert events[1:] == ["the glove is still gone: it speaks another language", "the glove is back"]
 
 
 def test_a_hand_that_begins_inside_the_object_is_told_of_once() -> None:

@@ -93,7 +93,7 @@ def test_one_more_file_is_in_the_report_and_its_verdict(replayed: tuple[ReplaySu
     summary, result = replayed
     (run,) = report_runs([result])
     assert "lag_mean" in run.verdict.missed
-    assert read_page(figures_section([run], [])).rows("Figures")[-1] == ["lag, mean", summary.rows[-1].shown, "mm", ""]
+    assert read_page(figures_section([run], [])).rows("Figures")[-1] == ["lag, mean", summary.rows[-1].shown, "mm"]
     (cut,) = report_runs([dataclasses.replace(result, complete=False)])
     assert cut.rows[-1].value == summary.rows[-1].value
 

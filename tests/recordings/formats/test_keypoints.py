@@ -11,6 +11,7 @@ from joint_samples import array_npy, arrays_npz, joint_sample
 from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
+from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import read_content
@@ -74,6 +75,18 @@ def test_our_own_hand_comes_back(form: str) -> None:
     assert np.allclose(recording.time, np.arange(40) / 100 if made else TIME, atol=1e-9)
     still = read_content(Content(data=data, name="take"), ReadOptions(rate=100.0))
     assert (still.position == 0.0).all() and "the wrist stands still" in words(still)
+
+
+def test_columns_that_name_their_joints_are_read_by_name_in_any_order() -> None:
+    names = [f"{joint}_{axis}" for joint in KEYPOINTS for axis in "xyz"]
+    lines = [line.split(",") for line in table(["time_s", *names]).splitlines()]
+    order = [0, 1, 2, 3, *(k for finger in range(4, -1, -1) for k in range(4 + 12 * finger, 16 + 12 * finger))]
+    for columns in (range(64), order):
+        text = "\n".join(",".join(line[k] for k in columns) for line in lines) + "\n"
+        recording = read_content(Content(data=text.encode(), name="take"), ReadOptions(world_up="y"))
+        assert (recording.form, recording.hand) == ("openxr", "right")
+        assert np.abs(recording.flexion - SAMPLE.motion.flexion).max() < 1e-6
+        assert np.allclose(recording.position, SAMPLE.motion.position, atol=1e-9)
 
 
 def test_the_mediapipe_recording_of_others_keeps_its_angles(shared_data: Any) -> None:

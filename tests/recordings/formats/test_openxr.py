@@ -7,6 +7,7 @@ from recording_samples import read_as
 
 from hhsim.errors import HhsimError
 from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.joint_names import OPENXR_JOINTS
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import format_of, read_content
@@ -36,6 +37,32 @@ def test_our_own_hand_comes_back(side: Side, unity: bool, radii: bool) -> None:
     if radii:
         assert recording.bones.radius is not None and np.allclose(recording.bones.radius, sample.hand.radius)
         assert recording.bones.hand_length == pytest.approx(0.1903, abs=1e-4)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("unity", [False, True])
+@pytest.mark.parametrize("bend", [0.0, 0.1, 0.3])
+def test_a_hand_that_is_held_open_is_told_by_its_thumb(side: Side, unity: bool, bend: float) -> None:
+    sample = joint_sample(side, bend=bend)
+    recording = read_as("openxr", openxr_csv(sample, side, unity=unity))
+    assert recording.hand == side
+    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
+    assert ("left-handed, as Unity's" in words(recording)) is unity
+
+
+def test_an_open_hand_whose_thumb_is_level_with_it_is_taken_for_right_handed_with_a_word() -> None:
+    sample = joint_sample(bend=0.0)
+    names = ["wrist", "index_proximal", "little_proximal"]
+    wrist, index, little = (sample.joints[:, OPENXR_JOINTS.index(name)] for name in names)
+    joints = sample.joints.copy()
+    for k, name in enumerate(("proximal", "distal", "tip")):
+        joints[:, OPENXR_JOINTS.index(f"thumb_{name}")] = wrist + (0.5 + 0.2 * k) * (
+            index + 0.5 * (index - little) - wrist
+        )
+    text = openxr_csv(sample._replace(joints=joints), unity=True)
+    assert "to tell whether its coordinates are left-handed, as Unity's: taken for right-handed" in words(
+        read_as("openxr", text)
+    )
 
 
 @pytest.mark.parametrize("unity", [False, True])

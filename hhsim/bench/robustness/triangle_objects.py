@@ -1,0 +1,116 @@
+"""Objects made of triangles by formula: those that scenes of spheres stand for, and sheets, edges, soups besides."""
+
+from collections.abc import Sequence
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.bench.robustness.sphere_objects import BALL_RADIUS
+from hhsim.mesh.mesh import Mesh
+
+Array = NDArray[np.float64]
+
+SECTIONS = 96
+"""Sides of what is round."""
+
+
+@cache
+def coarse_ball_mesh() -> Mesh:
+    """1,280 triangles, `BALL_RADIUS`: with flats of a few millimetres."""
+    return ball_mesh(BALL_RADIUS, 3)
+
+
+@cache
+def usual_ball_mesh() -> Mesh:
+    """5,120 triangles, `BALL_RADIUS`."""
+    return ball_mesh(BALL_RADIUS)
+
+
+def ball_mesh(radius: float, subdivisions: int = 4) -> Mesh:
+    """A ball about the origin [m], 20 · 4ⁿ triangles."""
+    return _made("icosphere", subdivisions=subdivisions, radius=radius)
+
+
+def box_mesh(width: float, depth: float, height: float) -> Mesh:
+    """A box about the origin [m], along x, y, z."""
+    return _made("box", extents=(width, depth, height))
+
+
+def disc_mesh(radius: float, thickness: float) -> Mesh:
+    """A round leaf about the plane z = 0 and the origin [m]."""
+    return _made("cylinder", radius=radius, height=thickness, sections=SECTIONS)
+
+
+def ring_mesh(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e-3) -> Mesh:
+    """A ring of round profile about an axis [m]: `inner` is the radius of the hole, `thickness` of the profile."""
+    from trimesh import geometry
+
+    align: Any = geometry.align_vectors
+    sections = {"major_sections": SECTIONS, "minor_sections": SECTIONS // 4}
+    made = _made("torus", major_radius=inner + thickness, minor_radius=thickness, **sections)
+    return made.transformed(align([0.0, 0.0, 1.0], axis)[:3, :3], center)
+
+
+def _made(shape: str, **sizes: Any) -> Mesh:
+    from trimesh import creation
+
+    made = getattr(creation, shape)(**sizes)
+    return Mesh(made.vertices, made.faces, name=shape)
+
+
+def roof_mesh(length: float, half_width: float, height: float) -> Mesh:
+    """A prism whose ridge is the x axis [m], the roof falling off from it to both sides; closed."""
+    x = 0.5 * length
+    profile = [(0.0, 0.0), (-half_width, -height), (half_width, -height)]
+    vertices = np.array([(end, y, z) for end in (-x, x) for y, z in profile])
+    sides = [(i, j, 3 + j, 3 + i) for i, j in ((0, 1), (1, 2), (2, 0))]
+    faces = [face for a, b, c, d in sides for face in ((a, c, b), (a, d, c))]
+    return outward(Mesh(vertices, np.array([*faces, (0, 1, 2), (3, 5, 4)]), name="roof"))
+
+
+def cone_mesh(radius: float, height: float, sides: int) -> Mesh:
+    """A cone whose apex is the origin, above its base [m]; every side is a triangle. A negative height is a pit."""
+    turn = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(sides, -height)], axis=1)
+    after = 1 + (np.arange(sides) + 1) % sides
+    faces = np.stack([np.zeros(sides, np.int64), 1 + np.arange(sides), after], axis=1)
+    return Mesh(np.concatenate([np.zeros((1, 3)), rim]), faces, name="cone")
+
+
+def sheet_mesh(width: float, depth: float) -> Mesh:
+    """Two triangles in the plane z = 0 about the origin [m]: a sheet of no thickness."""
+    return strips_mesh([-0.5 * width, 0.5 * width], [[-0.5 * depth, 0.5 * depth]])
+
+
+def strips_mesh(columns: Sequence[float], rows: Sequence[ArrayLike]) -> Mesh:
+    """Rectangles in the plane z = 0 [m], two triangles each; columns of different rows meet at T-junctions.
+
+    Args:
+        columns: Where they begin and end along x [m], ascending, one more than there are.
+        rows: Where the rectangles of each column begin and end along y [m], ascending.
+    """
+    corners: list[tuple[float, float, float]] = []
+    for left, right, ys in zip(columns[:-1], columns[1:], rows, strict=True):
+        y = np.asarray(ys, np.float64)
+        for low, high in pairwise(y):
+            corners += [(left, low, 0.0), (right, low, 0.0), (right, high, 0.0)]
+            corners += [(left, low, 0.0), (right, high, 0.0), (left, high, 0.0)]
+    return loose_mesh(np.array(corners).reshape(-1, 3, 3))
+
+
+def loose_mesh(corners: Array) -> Mesh:
+    """Triangles as they are, corners of shape (F, 3, 3) [m]."""
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), name="triangles")
+
+
+def joined_mesh(meshes: Sequence[Mesh]) -> Mesh:
+    """Several meshes as one."""
+    return loose_mesh(np.concatenate([mesh.triangles for mesh in meshes]))
+
+
+def outward(mesh: Mesh) -> Mesh:
+    """The same with its triangles wound counter-clockwise from outside."""
+    return mesh if mesh.volume > 0.0 else Mesh(mesh.vertices, mesh.faces[:, ::-1], name=mesh.name)

@@ -1,0 +1,58 @@
+"""What the solver touches of an object: the leaf spheres of its tree, or the triangles of its mesh."""
+
+from typing import Any, NamedTuple
+
+from hhsim.errors import InputError
+from hhsim.mesh.features import mesh_features
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.repair_log import counted
+from hhsim.mesh.topology import is_closed, merged_vertices
+from hhsim.trees.sphere_tree import SphereTree
+
+
+class ContactSurface(NamedTuple):
+    """A surface in the kernels' form, and what to tell of it.
+
+    | field | meaning |
+    |---|---|
+    | arrays | of a surface of `hhsim.kernels.surfaces`, in the frame of mesh and tree |
+    | notes | what of the object cannot be touched or is not known, a sentence each |
+    """
+
+    arrays: Any
+    notes: tuple[str, ...] = ()
+
+
+def encloses(mesh: Mesh) -> bool:
+    """Whether the triangles of a mesh enclose something, wound outward."""
+    return is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]) and mesh.volume > 0.0
+
+
+def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> ContactSurface:
+    """Make the surface that an option names.
+
+    Args:
+        name: `spheres` or `mesh`.
+        mesh: The object [m]; None where it is spheres alone.
+        tree: Its sphere tree, in the same frame; None where it is triangles alone.
+
+    Raises:
+        InputError: A surface that no object has, or not this one.
+        MeshError: No triangle has an area.
+    """
+    if name not in ("spheres", "mesh"):
+        raise InputError(f"no object has the surface '{name}': expected spheres or mesh")
+    if name == "spheres" and tree is not None:
+        return ContactSurface(tree.arrays())
+    if name == "spheres" or mesh is None:
+        raise InputError(f"this object has no {name}")
+    closed = encloses(mesh)
+    features, left_out = mesh_features(mesh.vertices, mesh.faces, closed=closed)
+    notes = []
+    if left_out.without_area:
+        notes.append(f"{counted(left_out.without_area, 'triangle')} without area cannot be touched")
+    if left_out.repeated:
+        notes.append(f"{counted(left_out.repeated, 'triangle')} on the same corners as another one left out")
+    if not closed:
+        notes.append("the triangles enclose nothing: both sides can be touched, and no hand begins inside")
+    return ContactSurface(features, tuple(notes))

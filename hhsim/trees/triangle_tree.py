@@ -1,0 +1,108 @@
+"""A sphere tree around any triangles, for a mesh that encloses nothing: what finds them, not what stands for them.
+
+Its spheres reach out of the mesh by their radius. A hand that touches the triangles themselves does not feel that; what
+the tree serves there is to close a script's fingers on the object and to find where it is touched.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import MeshError
+from hhsim.mesh.mesh import Mesh
+from hhsim.trees.cache import Progress, cached_sphere_tree
+from hhsim.trees.contact_surface import encloses
+from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.options import TreeOptions
+from hhsim.trees.sphere_tree import SphereTree
+
+FloatArray = NDArray[np.float64]
+
+BRANCHING = 8
+OPTIONS = {"around": "triangles"}
+"""What such a tree says of how it was made."""
+
+
+def triangle_tree(mesh: Mesh, level: int) -> SphereTree:
+    """Make a tree whose leaves cover every triangle.
+
+    Args:
+        mesh: Any triangles [m].
+        level: Of the leaves: 8 ** level of them at most.
+    """
+    center, radius = _around(_pieces(mesh.triangles, BRANCHING**level))
+    groups = _grouped(center, BRANCHING**level)
+    leaf, size = np.empty((len(groups), 3)), np.empty(len(groups))
+    for i, members in enumerate(groups):
+        low, high = center[members].min(axis=0), center[members].max(axis=0)
+        leaf[i] = 0.5 * (low + high)
+        size[i] = (np.linalg.norm(center[members] - leaf[i], axis=1) + radius[members]).max()
+    tree = build_hierarchy(leaf, size, level, BRANCHING)
+    return replace(tree, mesh_sha256=mesh.sha256, options={**OPTIONS, "level": level})
+
+
+def tree_of_any(mesh: Mesh, level: int, progress: Progress | None = None) -> SphereTree:
+    """The usual tree of a mesh that encloses something; a `triangle_tree` of one that does not.
+
+    Args:
+        mesh: Any triangles [m].
+        level: Of the leaves.
+        progress: As for `hhsim.trees.builder.build_sphere_tree`.
+    """
+    if encloses(mesh):
+        try:
+            return cached_sphere_tree(mesh, TreeOptions(level=level), progress)
+        except MeshError:
+            # Closed, but with parts that no sphere tree has an inside of: overlaps wound against each other, slivers.
+            pass
+    return triangle_tree(mesh, level)
+
+
+def _pieces(triangles: FloatArray, most: int) -> FloatArray:
+    """Halve the longest sides of the largest triangles until there are about as many as leaves, shape (N, 3, 3)."""
+    pieces = triangles
+    while len(pieces) < most:
+        side = np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2)
+        longest = side.max(axis=1)
+        # All that are at least half as long as the longest one, as long as there is room.
+        order = np.argsort(-longest, kind="stable")[: most - len(pieces)]
+        split = order[longest[order] > 0.5 * longest[order[0]]]
+        first = side[split].argmax(axis=1)
+        rows = np.arange(len(split))
+        a, b, c = (pieces[split][rows, (first + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        kept = np.delete(pieces, split, axis=0)
+        pieces = np.concatenate([kept, np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return pieces
+
+
+def _around(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A ball around each triangle: on its longest side where that is wide enough, else around its middle."""
+    side = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+    rows, first = np.arange(len(triangles)), side.argmax(axis=1)
+    on_side = 0.5 * (triangles[rows, first] + triangles[rows, (first + 1) % 3])
+    best, size = on_side, np.linalg.norm(triangles - on_side[:, None], axis=2).max(axis=1)
+    middle = triangles.mean(axis=1)
+    other = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
+    smaller = other < size
+    return np.where(smaller[:, None], middle, best), np.where(smaller, other, size)
+
+
+def _grouped(center: FloatArray, most: int) -> list[NDArray[np.int64]]:
+    """Halve the places along their widest side until there are no more than `most` groups."""
+    groups = [np.arange(len(center))]
+    if len(center) <= most:
+        return [np.array([i]) for i in range(len(center))]
+    while len(groups) < most:
+        halves = []
+        for members in groups:
+            if len(members) == 1:
+                halves.append(members)
+                continue
+            place = center[members]
+            axis = int(np.ptp(place, axis=0).argmax())
+            order = members[np.argsort(place[:, axis], kind="stable")]
+            halves += [order[: len(order) // 2], order[len(order) // 2 :]]
+        groups = halves
+    return groups

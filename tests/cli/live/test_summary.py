@@ -1,0 +1,76 @@
+"""What a live session prints at its end says how well its recording holds, as a replay's table does."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+from short_grasp import short_grasp, short_result
+
+from hhsim.live.device import DeviceCounters
+from hhsim.live.session.statistics import LiveTally
+from hhsim.live.session.supervisor import SessionOutcome
+from hhsim.metrics.run.registry import tick_figures
+from hhsim.metrics.run_ticks import result_ticks
+from hhsim.result.reader import Result
+
+summary = importlib.import_module("hhsim.cli.live.summary")
+FAR = 1e-4
+"""Spheres of a coarse tree reach out of the mesh by more than this [m]."""
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return short_result(tmp_path_factory.mktemp("session") / "session.h5", short_grasp(release=0.05))
+
+
+def ended(record: Path | None, failed: str = "") -> SessionOutcome:
+    recorded = 250 if record is not None else 0
+    return SessionOutcome("duration", 0.25, 250, 0, LiveTally(), {}, DeviceCounters(), record, recorded, 0, failed)
+
+
+def test_the_table_says_how_far_off_the_mesh_the_hand_touched(
+    recording: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = tick_figures(result_ticks(recording))["contact_error_max"]
+    assert expected > FAR
+    rows = {label: (shown, unit) for label, shown, unit in summary.summary_rows(ended(recording.path))}
+    assert rows["contacts off the mesh in the recording, max"] == (f"{1e3 * expected:.3f}", "mm")
+    assert rows["penetration in the recording, max"] == ("0.000", "µm")
+    assert summary.summary_json(ended(recording.path), "")["contact_error_max"] == expected
+    # However the poses are read.
+    blocks = Result.blocks
+    monkeypatch.setattr(Result, "blocks", lambda self, names: blocks(self, names, 37))
+    assert summary.recording_errors(ended(recording.path))["contact_error_max"] == expected
+
+
+@pytest.mark.parametrize(("recorded", "failed"), [(False, ""), (True, "the disk is full")])
+def test_without_a_whole_recording_there_is_no_such_line(recording: Result, recorded: bool, failed: str) -> None:
+    outcome = ended(recording.path if recorded else None, failed)
+    assert not [label for label, _, _ in summary.summary_rows(outcome) if "in the recording" in label]
+    found = summary.summary_json(outcome, "")
+    assert (found["penetration_max"], found["contact_error_max"]) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("recorded", "failed", "handless"),
+    [(6, "", "3"), (9, "", None), (6, "the recording stopped: the disk is full", None)],
+)
+def test_every_tick_is_recorded_lost_or_had_no_hand(
+    recorded: int, failed: str, handless: str | None, tmp_path: Path
+) -> None:
+    outcome = SessionOutcome(
+        reason="duration",
+        seconds=0.01,
+        ticks=10,
+        missed=0,
+        tally=LiveTally(),
+        facts={},
+        counters=DeviceCounters(),
+        record=tmp_path / "none.h5",
+        recorded=recorded,
+        record_lost=1,
+        record_failed=failed,
+    )
+    rows = {label: value for label, value, _ in summary.summary_rows(outcome)}
+    assert rows["ticks recorded, lost"] == f"{recorded}, 1"
+    assert rows.get("ticks without a hand, not recorded") == handless

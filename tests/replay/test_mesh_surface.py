@@ -1,0 +1,124 @@
+"""Replays with contact at the triangles themselves: the file, the figures, a second run, the report."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from short_grasp import short_grasp, short_scene
+
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.tick.state import STATUS_LAG
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.run_ticks import PLACED
+from hhsim.replay.repeat import run_again
+from hhsim.replay.replay import replay
+from hhsim.replay.summary import ReplaySummary
+from hhsim.report.report import make_report
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.open_scene import open_scene
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.contact_surface import contact_surface
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return short_scene(short_grasp())
+
+
+@pytest.fixture(scope="module", params=["coupled", "progressive"])
+def run(
+    request: pytest.FixtureRequest, scene: Scene, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Result, ReplaySummary]:
+    path = tmp_path_factory.mktemp("mesh") / f"{request.param}.h5"
+    summary = replay(scene, SolverOptions(method=request.param, surface="mesh"), path, description={"hand_file": None})
+    return load_result(path), summary
+
+
+def test_the_hand_touches_the_mesh_to_a_micrometre_and_is_nowhere_inside(run: tuple[Result, ReplaySummary]) -> None:
+    result, summary = run
+    figures = summary.attributes()
+    assert figures["penetration_max"] == 0.0 and figures["stuck_ticks"] == 0
+    assert 4e-7 < figures["contact_error_max"] <= 1e-6
+    assert figures["force_contact_max"] > 1.0
+    assert summary.verdict.line == "within limits. The shown hand stays out of the object's mesh in every tick."
+    # The joints' and the palm's spheres by an independent library: outside, and some of them on the mesh.
+    surface = trimesh.Trimesh(result.static["object/vertices"], result.static["object/faces"], process=False)
+    placed = PlacedHand(*(np.array(result[name]) for name in PLACED))
+    signed_distance: Any = trimesh.proximity.signed_distance
+    least = np.inf
+    for tick in range(0, result.ticks, 20):
+        centers = placed.joints[tick].reshape(-1, 3)
+        away = np.abs(signed_distance(surface, centers)) - result.static["hand/phalanx_radius"].reshape(-1)
+        assert away.min() > 0.0
+        least = min(least, float(away.min()))
+    assert least < 1e-3
+
+
+def test_spheres_of_the_same_scene_are_farther_off(
+    run: tuple[Result, ReplaySummary], scene: Scene, tmp_path: Path
+) -> None:
+    result, summary = run
+    spheres = replay(scene, SolverOptions(method=result.method), tmp_path / "spheres.h5")
+    assert spheres.attributes()["contact_error_max"] > 1e-3 > 500 * summary.attributes()["contact_error_max"]
+
+
+def test_a_tick_on_its_way_keeps_its_forces(tmp_path: Path) -> None:
+    # Where a finger snaps over an edge of the teapot, its tick ends on the way, micrometres from what bears it.
+    summary = replay(open_scene("teapot", "slide"), SolverOptions(surface="mesh"), tmp_path / "slide.h5")
+    result = load_result(tmp_path / "slide.h5")
+    late = np.flatnonzero(np.asarray(result["status"]) & STATUS_LAG)
+    size = np.linalg.norm(result["force/total"], axis=1)
+    assert late.size > 0
+    assert (np.abs(size[late] - size[late - 1]) < 0.25 * size[late - 1]).all()
+    assert summary.attributes()["force_step"] < 25.0
+
+
+def test_a_second_run_and_the_report_know_the_surface(run: tuple[Result, ReplaySummary]) -> None:
+    result, _ = run
+    assert result.surface == "mesh" and result.scene["solver"]["skin"] == 5e-4
+    assert run_again(result).identical
+    text = make_report([result.path]).html.replace("&#x27;", "'").replace("&#39;", "'")
+    assert "the mesh" in text and "stays out of the object's mesh" in text
+
+
+def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, tmp_path: Path) -> None:
+    # The upper half of the cylinder's triangles: an open shell.
+    middle = scene.mesh.triangles.mean(axis=1)
+    upper = middle[:, 2] > np.median(middle[:, 2])
+    shell = Mesh(scene.mesh.vertices, scene.mesh.faces[upper], name="shell")
+    opened = make_scene(shell, scene.tree, scene.hand, scene.trajectory)
+    summary = replay(opened, SolverOptions(surface="mesh"), tmp_path / "shell.h5")
+    assert summary.attributes()["penetration_max"] == 0.0
+    assert any("both sides can be touched" in note for note in summary.notes)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "nasty_soup_100_triangles.stl",
+        "nasty_bunny_5_holes.obj",
+        "nasty_bunny_94_components.ply",
+        "nasty_teapot_open_shells.obj",
+        "nasty_ycb_mug_nonmanifold.obj",
+    ],
+)
+def test_meshes_that_enclose_nothing_are_grasped(name: str, shared_data: Path, tmp_path: Path) -> None:
+    found = open_scene(shared_data / "meshes" / name, short_grasp(), size=0.1, solid=False, level=3)
+    summary = replay(found, SolverOptions(surface="mesh"), tmp_path / "nasty.h5")
+    figures = summary.attributes()
+    assert figures["penetration_max"] == 0.0 and figures["stuck_ticks"] == 0
+    assert figures["force_contact_max"] > 0.1 and figures["contact_error_max"] <= 1e-6
+    assert any("both sides can be touched" in note for note in summary.notes)
+
+
+def test_what_cannot_be_touched_is_said(scene: Scene) -> None:
+    mesh = scene.mesh
+    first = mesh.faces[0]
+    spoiled = Mesh(mesh.vertices, np.concatenate([mesh.faces, [first], [[first[0], first[0], first[1]]]]))
+    notes = contact_surface("mesh", spoiled, scene.tree).notes
+    assert any(note.startswith("1 triangle without area") for note in notes)
+    assert any(note.startswith("1 triangle on the same corners") for note in notes)
+    assert contact_surface("mesh", mesh, scene.tree).notes == ()
