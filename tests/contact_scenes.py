@@ -46,7 +46,7 @@ def scene(seed: int) -> tuple[HandModel, SphereTree, Motion, Any]:
     state = tick_state(ROOT**2)[0]
     set_pose(hand, state.pose, at)
     arrays = hand.arrays()
-    assert evaluate(arrays, state.pose, tree.arrays(), 3e-3, 0.0, state.candidates, state.work) == 0
+    assert evaluate(arrays, state.pose, tree.arrays(), 3e-3, 3e-3, 0.0, state.candidates, state.work) == 0
     assert find_contacts(tree.arrays(), arrays, state.pose, state.candidates, 3e-3, state.contacts) == 0
     return hand, tree, at, state
 

@@ -146,7 +146,7 @@ def prepared(solver: HandSolver, motion: Motion, tick: int, relaxed: bool = Fals
     state.reach = options.margin
     state.relaxed = relaxed
     hand, surface = solver.workspace.hand, solver.workspace.surface
-    evaluate(hand, state.pose, surface, options.margin, options.skin, state.candidates, state.work)
+    evaluate(hand, state.pose, surface, options.margin, options.margin, options.skin, state.candidates, state.work)
     return int(kernel.prepare(hand, surface, options, state))
 
 

@@ -37,6 +37,7 @@ def tick_options(options: SolverOptions) -> TickOptions:
         linearisations=options.linearisations,
         budget=options.budget,
         margin=options.margin,
+        listed=options.margin if SURFACES[options.surface].lists_margin else 0.0,
         skin=options.skin,
         offset=options.offset,
         step_tolerance=options.step_tolerance,
@@ -96,8 +97,8 @@ class TickWorkspace:
         """What to say where more pairs are near than the arrays hold."""
         return HhsimError(
             f"more than {CONTACT_ROWS:,} contacts, or more pairs of one part of the hand and the object than there is "
-            f"room for, lie within the margin of {self.options.margin * 1e3:g} mm: use a smaller --margin or a coarser "
-            "sphere tree"
+            f"room for, lie within the margin of {self.options.margin * 1e3:g} mm: use a smaller --margin or "
+            f"{SURFACES[self.options.surface].coarser}"
         )
 
     def center(self) -> NDArray[np.float64]:

@@ -118,16 +118,17 @@ AHEAD = 0.5
 
 
 @jit
-def choose_gathers(margin: float, skin: float, candidates: Record) -> None:
+def choose_gathers(needed: float, margin: float, skin: float, candidates: Record) -> None:
     """Say which bodies are to be gathered: those that must be, and where none must, the one that will soonest.
 
     Bodies that move together would else be gathered together, and their tick take many times another's.
     """
-    soonest, least = -1, margin + AHEAD * skin
+    candidates.needed = needed
+    soonest, least = -1, needed + AHEAD * skin
     for body in range(BODY_COUNT):
         # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
         slack, fresh = candidates.slack[body], candidates.fresh[body]
-        due = slack < margin or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
+        due = slack < needed or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
         candidates.due[body] = 1 if due else 0
         if due:
             least = -np.inf
@@ -201,6 +202,7 @@ def evaluate(
     hand: HandArrays,
     pose: Record,
     surface: Any,
+    needed: float,
     margin: float,
     skin: float,
     candidates: Record,
@@ -214,7 +216,8 @@ def evaluate(
         hand: The hand.
         pose: The configuration.
         surface: The object's, world frame.
-        margin: Every pair up to this far [m] is to be known.
+        needed: Every pair up to this far [m] is to be known.
+        margin: The most that is ever needed [m].
         skin: Gathered in excess of the margin [m], so that lists last for several ticks.
         candidates: The lists, brought up to date.
         work: Counters of node tests, pair tests and gathers, added to, shape (>= 3,).
@@ -223,7 +226,7 @@ def evaluate(
         0, or FULL.
     """
     follow_motion(hand, pose, candidates)
-    choose_gathers(margin, skin, candidates)
+    choose_gathers(needed, margin, skin, candidates)
     walk = Walk(candidates.stack[:], candidates.scratch[:])
     first, last = as_int64(0), as_int64(BODY_COUNT)
     return evaluate_range(hand, pose, surface, margin, skin, first, last, candidates, walk, work[:])

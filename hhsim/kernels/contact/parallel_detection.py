@@ -25,11 +25,17 @@ Indices = NDArray[np.int64]
 
 @jit_once
 def worth_sharing(
-    hand: HandArrays, pose: Record, margin: float, skin: float, candidates: Record, thread_team: Record
+    hand: HandArrays,
+    pose: Record,
+    needed: float,
+    margin: float,
+    skin: float,
+    candidates: Record,
+    thread_team: Record,
 ) -> bool:
     """Whether the coming evaluation is long enough to be shared; if so, its parts are put in order."""
     follow_motion(hand, pose, candidates)
-    choose_gathers(margin, skin, candidates)
+    choose_gathers(needed, margin, skin, candidates)
     thread_team.parts = 0
     total = 0
     for part in range(PARTS):

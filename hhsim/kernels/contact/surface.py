@@ -23,6 +23,7 @@ SHARED_CANDIDATES = [
     ("anchor", np.float64, (BODY_COUNT, BOX_CORNERS, 3)),
     ("nearest", np.float64, (BODY_COUNT,)),
     ("due", np.int64, (BODY_COUNT,)),
+    ("needed", np.float64),
 ]
 """Fields of the candidates of every surface.
 
@@ -33,6 +34,7 @@ SHARED_CANDIDATES = [
 | fresh | slack when the body was gathered [m]; negative infinity before that, infinity where it never is |
 | anchor | where the body was then: the ends of its axis, or the corners of a box around the palm's centres [m] |
 | due | 1 where the body is to be gathered now, 2 where ahead of need, else 0 |
+| needed | slack that no body may have less of now [m] |
 | nearest | least signed distance of each body, infinite where it has no pair [m] |
 
 And two of the surface's own size, int64: `scratch` and `stack`, for a walk.
@@ -55,12 +57,16 @@ class Surface(NamedTuple):
     | arrays | the NamedTuple that its kernels are declared for |
     | candidates | dtype of its candidates |
     | center | a point [m] (3,) that a hand inside gets away from, of such arrays |
+    | coarser | what has fewer pieces, for messages |
+    | lists_margin | whether pairs up to the whole margin are listed in every tick, as the paper counts them |
     """
 
     summary: str
     arrays: type
     candidates: "np.dtype[Any]"
     center: Callable[[Any], NDArray[np.float64]]
+    coarser: str = "a coarser object"
+    lists_margin: bool = True
 
 
 @generic

@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit_inline
+from hhsim.kernels.jit import jit_inline, jit_vector
 from hhsim.kernels.mesh.features import FACE_FIELDS
 from hhsim.kernels.round_cone_distance import RoundCone
 
@@ -39,6 +39,8 @@ and it is less by 1e-14 m at most."""
 @jit_inline
 def vertex_witness(cone: RoundCone, dx: float, dy: float, dz: float) -> tuple[float, float]:
     """(distance, s) [m] of a round cone and the vertex at a + (dx, dy, dz)."""
+    if cone.length == 0.0:
+        return math.sqrt(dx * dx + dy * dy + dz * dz) - cone.radius, 0.0
     t = dx * cone.ux + dy * cone.uy + dz * cone.uz
     px, py, pz = dx - t * cone.ux, dy - t * cone.uy, dz - t * cone.uz
     h2 = px * px + py * py + pz * pz
@@ -53,10 +55,12 @@ def line_witness(
     cone: RoundCone, dx: float, dy: float, dz: float, wx: float, wy: float, wz: float
 ) -> tuple[float, float, float]:
     """(distance, s, foot) [m] of a round cone and the line along w through a - (dx, dy, dz), where its foot is 0."""
-    slope = cone.drop * cone.inverse_length
     dw = dx * wx + dy * wy + dz * wz
-    uw = cone.ux * wx + cone.uy * wy + cone.uz * wz
     px, py, pz = dx - dw * wx, dy - dw * wy, dz - dw * wz
+    if cone.length == 0.0:
+        return math.sqrt(px * px + py * py + pz * pz) - cone.radius, 0.0, dw
+    slope = cone.drop * cone.inverse_length
+    uw = cone.ux * wx + cone.uy * wy + cone.uz * wz
     qx, qy, qz = cone.ux - uw * wx, cone.uy - uw * wy, cone.uz - uw * wz
     q = qx * qx + qy * qy + qz * qz
     crossing = q > slope * slope and q > PARALLEL
@@ -91,6 +95,17 @@ def edge_distance(edge: Array, i: int, cone: RoundCone) -> tuple[float, float]:
     """(distance, s) [m] of edge i, shape (·, 7), in the order of `EDGE_FIELDS`."""
     dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
     return edge_witness(cone, dx, dy, dz, edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6])
+
+
+@jit_vector
+def edge_distances(
+    edge: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array
+) -> None:
+    """(distance, s) [m] of edges start to stop - 1, shape (7, ·): field by field, for the vector unit."""
+    for i in range(start, stop):
+        dx, dy, dz = cone.x - edge[0, i], cone.y - edge[1, i], cone.z - edge[2, i]
+        found = edge_witness(cone, dx, dy, dz, edge[3, i], edge[4, i], edge[5, i], edge[6, i])
+        distance_out[i], parameter_out[i] = found
 
 
 @jit_inline

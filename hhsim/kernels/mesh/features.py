@@ -222,7 +222,13 @@ def _block_distances(block: Array, node: int, cone: RoundCone, distance_out: Arr
 
 @jit
 def gather_faces(
-    spheres: FaceSpheres, cone: RoundCone, reach: float, stack: Indices, near: Array, face_out: Indices
+    spheres: FaceSpheres,
+    cone: RoundCone,
+    reach: float,
+    look_out: float,
+    stack: Indices,
+    near: Array,
+    face_out: Indices,
 ) -> tuple[int, float, int]:
     """Faces whose spheres are within `reach` [m] of a round cone.
 
@@ -230,6 +236,7 @@ def gather_faces(
         spheres: Around the faces.
         cone: The body.
         reach: [m].
+        look_out: How far groups of faces are looked into, at least `reach`, for a clearance that is not theirs [m].
         stack: Workspace, shape (STACK_SIZE,).
         near: Workspace, shape (8,).
         face_out: The faces; as many as there is room for.
@@ -247,13 +254,15 @@ def gather_faces(
         _block_distances(spheres.block, node, cone, near)
         tests += BRANCHING
         for i in range(BRANCHING):
-            if near[i] > reach:
+            if near[i] > look_out:
                 clearance = min(clearance, near[i])
                 continue
             child = spheres.child[node, i]
             if child >= 0:
                 stack[top] = child
                 top += 1
+            elif near[i] > reach:
+                clearance = min(clearance, near[i])
             elif count >= face_out.shape[0]:
                 return -1, 0.0, tests
             else:

@@ -31,7 +31,7 @@ from hhsim.kernels.mesh.feature_distance import (
     ON,
     above,
     edge_bound,
-    edge_distance,
+    edge_distances,
     edge_witness,
     face_bounds,
     face_distance,
@@ -39,7 +39,15 @@ from hhsim.kernels.mesh.feature_distance import (
     vertex_distance,
     vertex_witness,
 )
-from hhsim.kernels.mesh.features import BRANCHING, NOWHERE, MeshFeatures, block_distance, gather_faces
+from hhsim.kernels.mesh.features import (
+    ALONG,
+    BRANCHING,
+    EDGE_FIELDS,
+    NOWHERE,
+    MeshFeatures,
+    block_distance,
+    gather_faces,
+)
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.triangle import Triangle, closest_on_triangle
@@ -55,15 +63,18 @@ PALM_ROOM = 32768
 ROOM = PALM_BODY * PHALANX_ROOM + PALM_ROOM
 """Faces near a phalanx and near the palm, and in all; as many edges, as many vertices."""
 NEAR_CONE = 0.03
-"""Sine of the angle by which a witness may lie outside of its feature's normal cone and still have a row.
+"""Sine of the angle by which a witness may lie outside of its feature's normal cone and still have a row, whose normal
+is the cone's nearest.
 
-Two edges of a face that a phalanx lies on take turns in being the nearest; a body of radius 8 mm is lifted by no more
-than 4 µm for the time of one linearisation.
+Two edges of a face that a phalanx lies on take turns in being the nearest. With the witness's own normal a row would
+hold back what slides towards it.
 """
 LOOK_OUT = 3.0
-AHEAD_SOON = 0.9
-SOON = 0.75
-"""A palm sphere is gathered with the others where its slack is less than this share of the reach."""
+LISTING = 4
+SOON = 0.7
+AHEAD_SPHERES = 6
+"""In a tick that has nothing else to gather, up to so many of the palm's spheres are gathered ahead of need: of those
+whose slack exceeds what is needed by less than this share of the way to the reach."""
 FLAT = np.inf
 """Radius of curvature of a face [m]."""
 
@@ -75,6 +86,7 @@ CANDIDATES = np.dtype(
         ("face_distance", np.float64, (ROOM,)),
         ("edge_distance", np.float64, (ROOM,)),
         ("vertex_distance", np.float64, (ROOM,)),
+        ("edge_line", np.float64, (EDGE_FIELDS, ROOM)),
         ("edge_parameter", np.float64, (ROOM,)),
         ("vertex_parameter", np.float64, (ROOM,)),
         ("faces", np.int64, (PARTS,)),
@@ -95,6 +107,7 @@ CANDIDATES = np.dtype(
 |---|---|
 | face, edge, vertex | features near the parts, by their place in `MeshFeatures` |
 | face_distance, … | signed distances [m] |
+| edge_line | the edges again, see `EDGE_FIELDS` |
 | edge_parameter, vertex_parameter | s of the witness on the axis [m] |
 | faces, edges, vertices | how many each part has |
 | spare | slack of each of the palm's spheres beyond that of the palm [m] |
@@ -163,18 +176,16 @@ def _gather_part(
     # Returns the part's slack; a negative infinity where there is no room. A part that was near nothing looks farther
     # than it lists, for a slack that lasts.
     cone = _cone(hand, pose, part)
-    wide = reach if _pair_count(candidates, part) > 0 else LOOK_OUT * reach
-    near, found = candidates.near[part], walk.scratch
-    count, slack, tests = gather_faces(mesh.spheres, cone, wide, walk.stack, near, found)
-    work[COUNT_NODE_TESTS] += tests
-    if count < 0 and wide > reach:
-        count, slack, tests = gather_faces(mesh.spheres, cone, reach, walk.stack, near, found)
-        work[COUNT_NODE_TESTS] += tests
+    look_out = reach if _pair_count(candidates, part) > 0 else LOOK_OUT * reach
+    found = walk.scratch
+    count, slack, tests = gather_faces(mesh.spheres, cone, reach, look_out, walk.stack, candidates.near[part], found)
+    # A face with its edges and vertices takes about as long as a group of spheres.
+    work[COUNT_NODE_TESTS] += tests + LISTING * max(count, 0)
     room = PHALANX_ROOM if part < PALM_BODY else _palm_room(hand)
     if count < 0:
         return -np.inf
     start, one_sided = _start(hand, part), mesh.pseudonormal.shape[0] > 0
-    face_out, edge_out, vertex_out = candidates.face, candidates.edge, candidates.vertex
+    face_out, edge_out, vertex_out, line_out = candidates.face, candidates.edge, candidates.vertex, candidates.edge_line
     face_edge, face_vertex = mesh.face_edge, mesh.face_vertex
     wing_start, spoke_start = mesh.wing_start, mesh.spoke_start
     tolerance = NEAR_CONE * (cone.radius + reach)
@@ -202,6 +213,8 @@ def _gather_part(
                     return -np.inf
                 else:
                     edge_out[edges] = edge
+                    for m in range(EDGE_FIELDS):
+                        line_out[m, edges] = mesh.edge[edge, m]
                     edges += 1
             vertex = face_vertex[face, k]
             if vertex >= 0:
@@ -237,26 +250,29 @@ def _group_cone(hand: HandArrays, pose: Record, group: int) -> RoundCone:
 def _gather_palm_spheres(
     mesh: MeshFeatures, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
 ) -> bool:
-    # Only the spheres whose own slack is used up, or soon will be: the others' lists are as good as they were.
+    # Only the spheres whose own slack is used up, and a few that soon will be: the others' lists are as good as they
+    # were, and all of them at once would take many times another tick.
     spheres = hand.palm_radius.shape[0]
     if spheres > PALM_SPHERES:
         return False
     spare, used = candidates.spare, candidates.slack[PALM_BODY]
-    # Ahead of need only a few of them are, in a tick that has nothing else to gather.
-    soon = (SOON if candidates.due[PALM_BODY] == 1 else AHEAD_SOON) * reach
+    needed = candidates.needed
+    soon = needed + SOON * (reach - needed)
+    ahead = AHEAD_SPHERES if candidates.due[PALM_BODY] == 2 else 0
     total = 0
     slack = np.inf
     for group in range(hand.palm_group_start.shape[0] - 1):
         first, last = PALM_BODY + hand.palm_group_start[group], PALM_BODY + hand.palm_group_start[group + 1]
         due, listed = 0, 0
         for part in range(first, last):
-            due += 0 if used + spare[part] > soon else 1
+            due += 0 if used + spare[part] > (soon if ahead > 0 else needed) else 1
             listed += _pair_count(candidates, part)
         if due > 1 and listed == 0:
             # Where the sphere around a group is near nothing, nor is any of them.
             count, clearance, tests = gather_faces(
                 mesh.spheres,
                 _group_cone(hand, pose, group),
+                reach,
                 LOOK_OUT * reach,
                 walk.stack,
                 candidates.near[PALM_BODY],
@@ -268,7 +284,8 @@ def _gather_palm_spheres(
                     spare[part] = max(used + spare[part], clearance) - used
         for part in range(first, last):
             own = used + spare[part]
-            if not own > soon:
+            if not own > (soon if ahead > 0 else needed):
+                ahead -= 1 if own > needed else 0
                 own = _gather_part(mesh, hand, pose, part, reach, candidates, walk, work)
                 if own == -np.inf:
                     # What has been gathered anew has no common measure with what has not.
@@ -322,9 +339,9 @@ def _measure_part(mesh: MeshFeatures, hand: HandArrays, pose: Record, part: int,
     for i in range(start, start + candidates.faces[part]):
         distance[i] = face_distance(mesh.face, index[i], cone)
         least = min(least, distance[i])
-    index, distance, parameter = candidates.edge, candidates.edge_distance, candidates.edge_parameter
-    for i in range(start, start + candidates.edges[part]):
-        distance[i], parameter[i] = edge_distance(mesh.edge, index[i], cone)
+    stop, distance = start + candidates.edges[part], candidates.edge_distance
+    edge_distances(candidates.edge_line[:], start, stop, cone, distance[:], candidates.edge_parameter[:])
+    for i in range(start, stop):
         least = min(least, distance[i])
     index, distance, parameter = candidates.vertex, candidates.vertex_distance, candidates.vertex_parameter
     for i in range(start, start + candidates.vertices[part]):
@@ -429,11 +446,26 @@ def _face_rows(
 
 
 @jit_inline
-def _in_cone(directions: Array, start: int, stop: int, dx: float, dy: float, dz: float, size: float) -> bool:
+def _into_cone(
+    directions: Array, start: int, stop: int, nx: float, ny: float, nz: float
+) -> tuple[bool, int, tuple[float, float, float]]:
+    # Brings a unit vector that is a little beyond one side of a normal cone into it: whether it is in now, the side
+    # that it was beyond, -1 for none, and the vector.
+    side, over = -1, 0.0
     for w in range(start, stop):
-        if dx * directions[w, 0] + dy * directions[w, 1] + dz * directions[w, 2] > NEAR_CONE * size:
-            return False
-    return True
+        lean = nx * directions[w, 0] + ny * directions[w, 1] + nz * directions[w, 2]
+        if lean > NEAR_CONE or (lean > 0.0 and side >= 0):
+            return False, side, (nx, ny, nz)
+        if lean > 0.0:
+            side, over = w, lean
+    if side >= 0:
+        nx, ny, nz = nx - over * directions[side, 0], ny - over * directions[side, 1], nz - over * directions[side, 2]
+        scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = scale * nx, scale * ny, scale * nz
+        for w in range(start, stop):
+            if nx * directions[w, 0] + ny * directions[w, 1] + nz * directions[w, 2] > ALONG:
+                return False, side, (nx, ny, nz)
+    return True, side, (nx, ny, nz)
 
 
 @jit_once
@@ -482,21 +514,24 @@ def _edge_rows(
             radius = cone.radius - slope * s
             if which > 0 and size - radius > limit:
                 continue
-            if not _in_cone(mesh.wing, mesh.wing_start[e], mesh.wing_start[e + 1], dx, dy, dz, size):
-                continue
-            if row >= contacts.key.shape[0]:
-                return -1
             if size > 0.0:
                 scale = 1.0 / size
                 normal = (dx * scale, dy * scale, dz * scale)
             else:
                 normal = _across(wx, wy, wz)
+            inside, side, normal = _into_cone(mesh.wing, mesh.wing_start[e], mesh.wing_start[e + 1], *normal)
+            if not inside:
+                continue
+            if row >= contacts.key.shape[0]:
+                return -1
+            away = size if side < 0 else dx * normal[0] + dy * normal[1] + dz * normal[2]
             key = first_key + 3 * (mesh.face.shape[0] + e) + which
-            _write(contacts, row, (x, y, z), normal, radius, size - radius, 0.0, key)
-            contacts.straight[0, row] = wx
-            contacts.straight[1, row] = wy
-            contacts.straight[2, row] = wz
-            contacts.slides[row] = 1 if which == 0 and 0.0 < s < cone.length else 0
+            _write(contacts, row, (x, y, z), normal, radius, away - radius, 0.0 if side < 0 else FLAT, key)
+            if side < 0:
+                contacts.straight[0, row] = wx
+                contacts.straight[1, row] = wy
+                contacts.straight[2, row] = wz
+                contacts.slides[row] = 1 if which == 0 and 0.0 < s < cone.length else 0
             row += 1
     return row
 
@@ -538,18 +573,26 @@ def _vertex_rows(
         x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
         dx, dy, dz = x - vertex[v, 0], y - vertex[v, 1], z - vertex[v, 2]
         size = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if not _in_cone(mesh.spoke, mesh.spoke_start[v], mesh.spoke_start[v + 1], dx, dy, dz, size):
-            continue
-        if row >= contacts.key.shape[0]:
-            return -1
         if size > 0.0:
             scale = 1.0 / size
             normal = (dx * scale, dy * scale, dz * scale)
         else:
             normal = _across(cone.ux, cone.uy, 1.0 if cone.length == 0.0 else cone.uz)
+        inside, side, normal = _into_cone(mesh.spoke, mesh.spoke_start[v], mesh.spoke_start[v + 1], *normal)
+        if not inside:
+            continue
+        if row >= contacts.key.shape[0]:
+            return -1
+        radius = cone.radius - slope * s
+        away = size if side < 0 else dx * normal[0] + dy * normal[1] + dz * normal[2]
         key = first_key + 3 * (before + v)
-        _write(contacts, row, (x, y, z), normal, cone.radius - slope * s, distance[i], 0.0, key)
-        contacts.slides[row] = 1 if 0.0 < s < cone.length else 0
+        _write(contacts, row, (x, y, z), normal, radius, away - radius, 0.0, key)
+        if side < 0:
+            contacts.slides[row] = 1 if 0.0 < s < cone.length else 0
+        else:
+            # There the object is the edge along that spoke.
+            for j in range(3):
+                contacts.straight[j, row] = mesh.spoke[side, j]
         row += 1
     return row
 
@@ -746,4 +789,6 @@ SURFACE = Surface(
     arrays=MeshFeatures,
     candidates=CANDIDATES,
     center=_center,
+    coarser="a mesh of fewer triangles",
+    lists_margin=False,
 )

@@ -394,4 +394,5 @@ SURFACE = Surface(
     arrays=TreeArrays,
     candidates=CANDIDATES,
     center=_center,
+    coarser="a coarser sphere tree",
 )

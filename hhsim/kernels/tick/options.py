@@ -12,6 +12,7 @@ class TickOptions(NamedTuple):
     | linearisations | most of them in a tick |
     | budget | work units after which no further linearisation begins |
     | margin | pairs up to this far enter the program; the longest step near the object |
+    | listed | pairs up to this far are at hand however slowly the hand moves; at most the margin |
     | skin | pairs up to this much farther are kept at hand between ticks |
     | offset | clearance that active contacts keep, so that second-order errors of small steps do not penetrate |
     | step_tolerance | a step shorter than this ends the tick |
@@ -25,6 +26,7 @@ class TickOptions(NamedTuple):
     linearisations: int
     budget: int
     margin: float
+    listed: float
     skin: float
     offset: float
     step_tolerance: float

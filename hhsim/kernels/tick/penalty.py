@@ -159,13 +159,14 @@ PENALTY_STATE = np.dtype(
 @jit_once
 def _evaluate(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     # A hand deep inside has more pairs near than there is room for: then the deepest have to do.
-    if evaluate(hand, state.pose, surface, options.margin, options.skin, state.candidates, state.work) == 0:
+    margin, candidates = options.margin, state.candidates
+    if evaluate(hand, state.pose, surface, margin, margin, options.skin, candidates, state.work) == 0:
         return True
     reach = 0.0
     for _ in range(DEPTHS):
-        if evaluate(hand, state.pose, surface, reach, 0.0, state.candidates, state.work) == 0:
+        if evaluate(hand, state.pose, surface, reach, reach, 0.0, candidates, state.work) == 0:
             return True
-        reach = 2.0 * reach - options.margin
+        reach = 2.0 * reach - margin
     return False
 
 

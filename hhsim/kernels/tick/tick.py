@@ -110,13 +110,21 @@ def set_haptic(
 
 
 @jit
+def _usual_reach(options: TickOptions, state: Record) -> float:
+    # What moves as fast as in the last tick, or stands still, needs no more; what does not, gains reach as it goes.
+    return min(options.margin, max(REACH_FLOOR * options.step_tolerance, REACH_PACE * state.moved))
+
+
+@jit
 def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Kinematics and pair distances at the present configuration."""
     update_kinematics(hand, state.pose)
     pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
-    if state.thread_team.members > 1 and worth_sharing(hand, pose, margin, skin, candidates, state.thread_team):
+    # As far as the next program may reach, in this tick or in the next.
+    needed = max(options.listed, max(state.reach, _usual_reach(options, state)))
+    if state.thread_team.members > 1 and worth_sharing(hand, pose, needed, margin, skin, candidates, state.thread_team):
         return evaluate_in_parallel(hand, pose, surface, margin, skin, candidates, state.thread_team, state.work)
-    return evaluate(hand, pose, surface, margin, skin, candidates, state.work)
+    return evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
 
 
 @jit_once
@@ -189,8 +197,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.bad_steps = 0
     state.step.duration[:] = 0
     state.step.iterations = 0
-    # What moves as fast as in the last tick, or stands still, needs no more; what does not, gains reach as it goes.
-    state.reach = min(options.margin, max(REACH_FLOOR * options.step_tolerance, REACH_PACE * state.moved))
+    state.reach = _usual_reach(options, state)
     _follow_way(state)
     state.moved = 0.0
     state.lag = 0.0
@@ -231,7 +238,7 @@ def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     _aim(state)
     state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]
-    bodies, pairs = pairs_near(surface, hand, candidates, options.margin)
+    bodies, pairs = pairs_near(surface, hand, candidates, max(options.listed, reach))
     state.work[WORK_BODIES] = max(state.work[WORK_BODIES], bodies)
     state.work[WORK_LINEARISATIONS] += 1
     state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], pairs)
@@ -348,11 +355,11 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     move(state.pose, step.delta, problem.abduction_step, fraction)
     for body in range(BODY_COUNT):
         state.since_safe[body] += fraction * state.motion[body]
-    status = evaluate_pose(hand, surface, options, state)
-    wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
     state.moved += fraction * longest
     if fraction < 1.0 or state.clipped:
         state.reach = min(options.margin, REACH_GROWTH * state.reach)
+    status = evaluate_pose(hand, surface, options, state)
+    wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
     state.lag = wanted - fraction * longest
     done = False
     if status != 0:

@@ -28,7 +28,7 @@ def in_contact(tree: SphereTree, at: Motion, reach: float) -> Any:
     state = tick_state(ROOT**2)[0]
     set_pose(RIGHT, state.pose, at)
     arrays = RIGHT.arrays()
-    assert evaluate(arrays, state.pose, tree.arrays(), reach, 0.0, state.candidates, state.work) == 0
+    assert evaluate(arrays, state.pose, tree.arrays(), reach, reach, 0.0, state.candidates, state.work) == 0
     assert find_contacts(tree.arrays(), arrays, state.pose, state.candidates, reach, state.contacts) == 0
     return state
 

@@ -96,7 +96,7 @@ def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: flo
     corners, cones = soup(random, count), random_cones(random, 1, 0.05)
     spheres = spheres_of(corners)
     stack, near, found = np.zeros(STACK_SIZE, np.int64), np.zeros(BRANCHING), np.zeros(count, np.int64)
-    total, clearance, tests = gather_faces(spheres, cones.kernel(0), reach, stack, near, found)
+    total, clearance, tests = gather_faces(spheres, cones.kernel(0), reach, reach, stack, near, found)
     faces = found[:total]
     assert len(set(faces.tolist())) == total
     assert BRANCHING <= tests <= spheres.child.size
@@ -129,7 +129,7 @@ def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: flo
         if face > 20:
             break
     if total > 0:
-        room = gather_faces(spheres, cones.kernel(0), reach, stack, near, found[: total - 1])
+        room = gather_faces(spheres, cones.kernel(0), reach, reach, stack, near, found[: total - 1])
         assert room[0] == -1
 
 

@@ -24,7 +24,7 @@ from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, line_witness, vertex_distance
-from hhsim.kernels.mesh.features import MeshFeatures
+from hhsim.kernels.mesh.features import ALONG, MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.surfaces.mesh import NEAR_CONE
@@ -74,7 +74,7 @@ def finger_rows(mesh: MeshFeatures) -> dict[str, Array]:
     """Rows of the middle phalanx of the index of a straight hand at the origin; points in the frame of its axis."""
     state = new_state()
     set_pose(HAND, state.pose, still(1, np.zeros(3)))
-    assert evaluate(ARRAYS, state.pose, mesh, MARGIN, SKIN, state.candidates, state.work) == 0
+    assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
     assert find_contacts(mesh, ARRAYS, state.pose, state.candidates, MARGIN, state.contacts) == 0
     contacts = state.contacts
     rows = np.flatnonzero(contacts.body[: contacts.start[-1]] == INDEX_MIDDLE)
@@ -312,7 +312,7 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
                 continue
             at = target
             set_pose(HAND, state.pose, at)
-            assert evaluate(ARRAYS, state.pose, mesh, MARGIN, SKIN, state.candidates, state.work) == 0
+            assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
             cones = bodies(at)
             brute = np.array([_least_of_all(mesh, cones.kernel(i)) for i in range(len(cones.a))])
             least = np.append(brute[:PALM], brute[PALM:].min())
@@ -426,7 +426,7 @@ def test_curvature_at_faces_edges_and_vertices_is_that_of_second_differences(see
         )
         state = new_state()
         set_pose(HAND, state.pose, at)
-        assert evaluate(ARRAYS, state.pose, mesh, 2e-3, 0.0, state.candidates, state.work) == 0
+        assert evaluate(ARRAYS, state.pose, mesh, 2e-3, 2e-3, 0.0, state.candidates, state.work) == 0
         assert find_contacts(mesh, ARRAYS, state.pose, state.candidates, 2e-3, state.contacts) == 0
         contacts, count = state.contacts, int(state.contacts.start[-1])
         step = random.normal(size=DOF) * np.where(np.arange(DOF) < 3, 0.05, 1.0)
@@ -486,6 +486,12 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
         if size - radius > margin:
             return
         normal = off / size
+        # A witness that is a little beyond one side of the cone counts with the cone's nearest direction.
+        lean = directions @ normal
+        beyond = np.flatnonzero(lean > 0.0)
+        if len(beyond) == 1 and lean[beyond[0]] <= NEAR_CONE:
+            normal = normal - lean[beyond[0]] * directions[beyond[0]]
+            normal /= np.linalg.norm(normal)
         point = x - radius * normal
         rates = np.zeros(DOF)
         rates[:3], rates[3:6] = normal, np.cross(point - at.position[0], normal)
@@ -494,9 +500,9 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
             for j in range(k + 1):
                 rates[6 + 3 * f + j] = normal @ np.cross(state.pose.axis[f], point - joints[f, j])
         key.append(3 * part * (faces + edges + len(mesh.vertex)) + number)
-        distance.append(size - radius)
+        distance.append(off @ normal - radius)
         matrix.append(rates)
-        kept.append(known and bool((off @ directions.T <= NEAR_CONE * size).all()))
+        kept.append(known and bool((directions @ normal <= ALONG).all()))
 
     for part in range(len(cones.a)):
         cone = cones.kernel(part)
