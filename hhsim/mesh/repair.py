@@ -9,6 +9,7 @@ from hhsim.mesh.repair_log import MeshInRepair, counted
 from hhsim.mesh.self_intersection import resolve_overlaps, turn_outward
 from hhsim.mesh.topology import (
     alike_wound,
+    distinct_rows,
     face_areas,
     merged_vertices,
     part_labels,
@@ -117,7 +118,7 @@ def _once(faces: IntArray) -> BoolArray:
     first = np.argmin(faces, axis=1)
     turned = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
     sign = np.where(turned[:, 1] < turned[:, 2], 1, -1)
-    group = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    group = distinct_rows(np.sort(faces, axis=1))[1]
     count = np.bincount(group)
     net = np.bincount(group, weights=sign)
     both_sides = np.abs(net) < count

@@ -70,11 +70,19 @@ Two edges of a face that a phalanx lies on take turns in being the nearest. With
 hold back what slides towards it.
 """
 LOOK_OUT = 3.0
-LISTING = 4
+"""A part that is near nothing looks so many times as far as its reach, for a slack that lasts."""
+LISTING = 6
+"""Node tests that a face near a part counts as: its edges and vertices are looked at too."""
 SOON = 0.7
 AHEAD_SPHERES = 6
 """In a tick that has nothing else to gather, up to so many of the palm's spheres are gathered ahead of need: of those
 whose slack exceeds what is needed by less than this share of the way to the reach."""
+CROWD = 512
+SHARES = (1.0, 0.3, 0.1, 0.0)
+"""Where more features than a crowd are within the reach of a part, the next share of the way from what is needed to
+that reach is tried: a list that is measured at every step must be short, however fine the mesh."""
+LAST_SHARE = 0.25
+"""Of what is needed, where even that is more than there is room for: the steps are as short then."""
 FLAT = np.inf
 """Radius of curvature of a face [m]."""
 
@@ -94,6 +102,7 @@ CANDIDATES = np.dtype(
         ("vertices", np.int64, (PARTS,)),
         ("spare", np.float64, (PARTS,)),
         ("least", np.float64, (PARTS,)),
+        ("share", np.int64, (PARTS,)),
         ("near", np.float64, (PARTS, BRANCHING)),
         *SHARED_CANDIDATES,
         ("scratch", np.int64, (PHALANX_ROOM,)),
@@ -112,6 +121,7 @@ CANDIDATES = np.dtype(
 | faces, edges, vertices | how many each part has |
 | spare | slack of each of the palm's spheres beyond that of the palm [m] |
 | least | least distance of each part [m] |
+| share | which of `SHARES` each part was last gathered with |
 | near, scratch, stack | of a walk |
 """
 
@@ -163,28 +173,25 @@ def _pair_count(candidates: Record, part: int) -> int:
 
 
 @jit
-def _gather_part(
+def _list_features(
     mesh: MeshFeatures,
-    hand: HandArrays,
-    pose: Record,
+    cone: RoundCone,
     part: int,
+    start: int,
+    room: int,
     reach: float,
     candidates: Record,
     walk: Walk,
     work: Indices,
 ) -> float:
-    # Returns the part's slack; a negative infinity where there is no room. A part that was near nothing looks farther
-    # than it lists, for a slack that lasts.
-    cone = _cone(hand, pose, part)
+    # Returns the part's slack; a negative infinity where there is no room.
     look_out = reach if _pair_count(candidates, part) > 0 else LOOK_OUT * reach
     found = walk.scratch
     count, slack, tests = gather_faces(mesh.spheres, cone, reach, look_out, walk.stack, candidates.near[part], found)
-    # A face with its edges and vertices takes about as long as a group of spheres.
     work[COUNT_NODE_TESTS] += tests + LISTING * max(count, 0)
-    room = PHALANX_ROOM if part < PALM_BODY else _palm_room(hand)
     if count < 0:
         return -np.inf
-    start, one_sided = _start(hand, part), mesh.pseudonormal.shape[0] > 0
+    one_sided = mesh.pseudonormal.shape[0] > 0
     face_out, edge_out, vertex_out, line_out = candidates.face, candidates.edge, candidates.vertex, candidates.edge_line
     face_edge, face_vertex = mesh.face_edge, mesh.face_vertex
     wing_start, spoke_start = mesh.wing_start, mesh.spoke_start
@@ -231,6 +238,34 @@ def _gather_part(
     candidates.faces[part] = faces - start
     candidates.edges[part] = edges - start
     candidates.vertices[part] = vertices - start
+    return slack
+
+
+@jit
+def _gather_part(
+    mesh: MeshFeatures,
+    hand: HandArrays,
+    pose: Record,
+    part: int,
+    reach: float,
+    candidates: Record,
+    walk: Walk,
+    work: Indices,
+) -> float:
+    # Returns the part's slack; a negative infinity where there is no room.
+    cone, start = _cone(hand, pose, part), _start(hand, part)
+    room = PHALANX_ROOM if part < PALM_BODY else _palm_room(hand)
+    needed, last = candidates.needed, len(SHARES) - 1
+    slack = -np.inf
+    for k in range(candidates.share[part], last + 2):
+        least = needed + SHARES[k] * max(reach - needed, 0.0) if k <= last else LAST_SHARE * needed
+        most = min(CROWD, room) if k < last else room
+        slack = _list_features(mesh, cone, part, start, most, least, candidates, walk, work)
+        if slack > -np.inf:
+            # Where few are left, more may be looked for the next time.
+            few = 8 * _pair_count(candidates, part) < CROWD
+            candidates.share[part] = max(k - 1, 0) if few else k
+            break
     return slack
 
 
@@ -758,6 +793,7 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
     while top > 0:
         top -= 1
         node = stack[top]
+        nearest = np.inf
         for i in range(BRANCHING):
             child, away = spheres.child[node, i], block_distance(spheres.block, node, i, cone)
             if not away <= best or away > 0.1 * NOWHERE:
@@ -766,9 +802,14 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
                 distance, s = _corner_distance(mesh, -1 - child, cone)
                 if distance < best:
                     best, found, parameter = distance, -1 - child, s
+                continue
+            stack[top] = child
+            if nearest < away:
+                # The nearest stays on top and is looked at first: the others may then be too far.
+                stack[top], stack[top - 1] = stack[top - 1], stack[top]
             else:
-                stack[top] = child
-                top += 1
+                nearest = away
+            top += 1
     if signed and found >= 0:
         c = mesh.corner[found]
         x, y, z = cone.x + parameter * cone.ux, cone.y + parameter * cone.uy, cone.z + parameter * cone.uz
