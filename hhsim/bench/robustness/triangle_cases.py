@@ -242,7 +242,7 @@ def _facets(seed: int) -> Sequence[HardRun]:
         tube = tube_mesh(ROUND, 0.08, count)
         runs.append(_run(f"{count} around a cylinder, along the finger", tube, along))
         runs.append(_run(f"{count} around a cylinder, across it", tube.transformed(turned, np.zeros(3)), across))
-    runs += [_run(f"{count} around a ball", globe_mesh(ROUND, count), along) for count in (64, 256)]
+    runs += [_run(f"{count} around a ball", globe_mesh(ROUND, count), along) for count in (64, 128)]
     return [each for run in runs for each in (run, replace(run, adapt=to_convergence))]
 
 
