@@ -1,6 +1,7 @@
 """The table of `hhsim bench mesh-size`: finer meshes of one object, ready in a fresh process, their ticks by turns."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,11 @@ SMALL = MeshSizeOptions(object_name="cube", subdivisions=(1,))
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[dict[str, Any]]:
-    return measure(SMALL)
+def rows() -> Iterator[list[dict[str, Any]]]:
+    with pytest.MonkeyPatch.context() as patch:
+        # A tree of level 4 takes half a minute, twice.
+        patch.setattr(mesh_size, "MESH_LEVEL", 2)
+        yield measure(SMALL)
 
 
 def test_there_is_a_row_for_each_size_and_method(rows: list[dict[str, Any]]) -> None:
