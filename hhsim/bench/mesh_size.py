@@ -100,7 +100,9 @@ def finer_mesh(mesh: Mesh, subdivisions: int) -> Mesh:
         return mesh
     from trimesh import Trimesh, remesh
 
-    finer = Trimesh(*remesh.subdivide_loop(mesh.vertices, mesh.faces, iterations=subdivisions), process=False)
+    subdivide: Any = remesh.subdivide_loop
+    vertices, faces = subdivide(mesh.vertices, mesh.faces, iterations=subdivisions)
+    finer = Trimesh(vertices, faces, process=False)
     edge = float(np.linalg.norm(np.diff(finer.vertices[finer.edges_unique], axis=1), axis=2).mean())
     away = np.random.default_rng(subdivisions).normal(0.0, ROUGHNESS * edge, (len(finer.vertices), 1))
     return Mesh(finer.vertices + away * finer.vertex_normals, finer.faces, name=f"{mesh.name}-{len(finer.faces)}")

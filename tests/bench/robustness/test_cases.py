@@ -105,6 +105,7 @@ def test_cases_keep_the_spheres_only_where_they_are_nothing_else() -> None:
         hard_cases(("triangle-soup",))
 
 
+@cache
 def over_facets(method: str) -> list[Outcome]:
     """The first cylinder whose facets are narrower than a fingertip; as the method comes, and to convergence."""
     pair = [run for run in scenes("facets") if run.name == "256 around a cylinder, along the finger"]
