@@ -10,6 +10,7 @@ SUITES = {
     "recorded": "Recordings of real hands against any objects: penetration, force variation, time, lag, stuck.",
     "qp": "The programs of real ticks, solved by every solver at hand.",
     "trees": "Sphere trees: error against spheres against CPU time, beside other programs.",
+    "mesh-size": "Contact with ever more triangles: time of a tick, time and memory to get ready.",
     "threads": "One thread or several: detection, response and total, by how much of the hand is in contact.",
 }
 """Every suite with its one line."""

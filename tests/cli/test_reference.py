@@ -117,7 +117,7 @@ def test_what_means_the_same_is_explained_alike(name: str) -> None:
 
 def library_defaults() -> Iterator[tuple[str, str, str]]:
     """Command, option and what the library takes where the option is not given, as the help should spell it."""
-    from hhsim.bench import speed_error
+    from hhsim.bench import mesh_size, speed_error
     from hhsim.bench import threads as bench_threads
     from hhsim.bench import trees as bench_trees
     from hhsim.bench.paper import bench as bench_paper
@@ -147,13 +147,18 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
         ("paper", bench_paper.PaperOptions(), ("methods", "instances", "repetitions")),
         ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "surfaces", "levels")),
         ("trees", bench_trees.TreesOptions(), ("objects", "spheres")),
+        ("mesh-size", mesh_size.MeshSizeOptions(), ("subdivisions",)),
         ("threads", bench_threads.ThreadsOptions(), ("objects", "threads")),
     )
     for suite, run, fields in suites:
         for field in fields:
             value = getattr(run, field)
             values = value if isinstance(value, tuple) else (value,)
-            one = field if field in ("spheres", "threads", "instances", "repetitions") else field.removesuffix("s")
+            one = (
+                field
+                if field in ("spheres", "subdivisions", "threads", "instances", "repetitions")
+                else field.removesuffix("s")
+            )
             yield f"hhsim bench {suite}", f"--{one}", ",".join(map(str, values))
     yield "hhsim bench qp", "--object", ",".join(qp_harvest.OBJECTS)
     yield "hhsim bench qp", "--motion", ",".join(qp_harvest.MOTIONS)

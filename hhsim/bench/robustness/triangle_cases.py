@@ -1,6 +1,7 @@
-"""Hard contacts that triangles alone have: sheets of no thickness, sharp edges, slivers, T-junctions, loose pieces."""
+"""Hard contacts that triangles alone have: sheets, sharp edges, facets, slivers, T-junctions, loose pieces."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +14,18 @@ from hhsim.bench.robustness.sphere_objects import right_hand
 from hhsim.bench.robustness.triangle_objects import (
     box_mesh,
     cone_mesh,
+    globe_mesh,
     joined_mesh,
     loose_mesh,
     roof_mesh,
     sheet_mesh,
     strips_mesh,
+    tube_mesh,
 )
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import FROZEN_LIMIT, frozen_decay
+from hhsim.metrics.metrics import FROZEN_LIMIT, force_ripple, frozen_decay
 from hhsim.motion.analytic_motion import random_targets, still
 
 Array = NDArray[np.float64]
@@ -38,6 +41,18 @@ LYING = 1e-5
 """What is this near [m] to a face lies on it."""
 STEADY = FROZEN_LIMIT
 """Pressed ever more on a plane a finger is pushed back ever more, and slid on it alike: trembling is neither."""
+ROUND = 0.04
+"""Radius of what a fingertip slides over [m]."""
+PRESSED = 0.003
+"""How deep it is commanded there [m]. A finger that is pressed much harder bends sideways at every edge, whatever it
+is solved by: force over radius is then more than the finger is stiff."""
+SLID, SLIDING = 0.02, 400
+"""How far [m], in how many ticks: 50 mm/s. At 100 mm/s the normal of a fingertip alone turns by 1.3 % in a tick."""
+STEP = 0.02
+SLOWEST, FASTEST = 0.7, 1.4
+"""Of the tip over the user's in a tick: along a facet 1, over an edge a little more, on the way to it a little less."""
+RIPPLE = 1.1
+"""Over that of the optimum: facets shake a finger that slides over them, and nothing else is to."""
 
 
 def _run(name: str, mesh: Mesh, motion: HandConfiguration) -> HardRun:
@@ -203,6 +218,56 @@ def _judge_vertex(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     return [_released(outcomes), *rest]
 
 
+def _sliding(way: Array) -> HandConfiguration:
+    # The index finger comes down beside the top, slides straight over it, and goes away; its pad touches.
+    hand = right_hand()
+    turn, bent = quaternion(np.array([-0.3, 0.0, 0.0])), POINTING.copy()
+    bent[INDEX] = (0.2, 0.3, 0.2)
+    # Off the middle, so that no contact is symmetric.
+    middle = np.array([1.3e-3 * way[1], 1.3e-3 * way[0], ROUND + hand.radius[INDEX, 3] - PRESSED])
+    start, end = (still(tip_at(hand, middle + share * SLID * way, turn, bent), turn, bent) for share in (-0.5, 0.5))
+    above = (0.0, 0.0, 0.03)
+    motion = _by(start, above).hold(4).line(start, 100).hold(60).line(end, SLIDING).hold(60)
+    return motion.line(_by(end, above), 100).hold(20)
+
+
+SLIDE = slice(164, 164 + SLIDING)
+
+
+def _facets(seed: int) -> Sequence[HardRun]:
+    along, across = _sliding(np.array([0.0, 1.0, 0.0])), _sliding(np.array([1.0, 0.0, 0.0]))
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    runs = []
+    for count in (64, 128, 256, 1024):
+        tube = tube_mesh(ROUND, 0.08, count)
+        runs.append(_run(f"{count} around a cylinder, along the finger", tube, along))
+        runs.append(_run(f"{count} around a cylinder, across it", tube.transformed(turned, np.zeros(3)), across))
+    runs += [_run(f"{count} around a ball", globe_mesh(ROUND, count), along) for count in (64, 128)]
+    return [each for run in runs for each in (run, replace(run, adapt=to_convergence))]
+
+
+def _judge_facets(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
+    figures = [_released(outcomes)]
+    for outcome, optimum in zip(outcomes[::2], outcomes[1::2], strict=True):
+        name, force = outcome.run.name, outcome.ticks.total[SLIDE]
+        step = np.linalg.norm(np.diff(force, axis=0), axis=1).max() / np.linalg.norm(force, axis=1).mean()
+        shown = np.diff(outcome.ticks.joints[SLIDE, INDEX, 3], axis=0)
+        asked = np.diff(outcome.run.motion.position[SLIDE], axis=0)
+        pace = (shown * asked).sum(axis=1) / (asked * asked).sum(axis=1)
+        rate = 1.0 / outcome.options.period
+        ripple = force_ripple(force, rate) / force_ripple(optimum.ticks.total[SLIDE], rate)
+        figures += [
+            Figure(f"largest force step over the mean force, {name}", float(step), STEP),
+            Figure(
+                f"way of the tip over the user's, least in a tick, {name}", float(pace.min()), SLOWEST, at_least=True
+            ),
+            Figure(f"way of the tip over the user's, most in a tick, {name}", float(pace.max()), FASTEST),
+            Figure(f"ripple over that of the optimum, {name}", ripple, RIPPLE),
+            _rest(outcome, slice(SLIDE.stop, SLIDE.stop + 60)),
+        ]
+    return figures
+
+
 def _on_floor() -> HandConfiguration:
     # A fingertip pressed and slid, then the hand with all of its fingers.
     finger = _by(_poking(), (0.01, -0.02, 0.002))
@@ -285,6 +350,13 @@ TRIANGLE_CASES = (
         "a fingertip on the vertex of 100 triangles, and in it",
         _vertex,
         _judge_vertex,
+        mesh_only=True,
+    ),
+    HardCase(
+        "facets",
+        "a fingertip slides over cylinders and balls of 64 to 1,024 facets: no step, no stop, little ripple",
+        _facets,
+        _judge_facets,
         mesh_only=True,
     ),
     _floor("slivers", "a floor with triangles 1,000,000 times as long as wide: as on two", "slivers", _slivers),

@@ -15,6 +15,10 @@ Array = NDArray[np.float64]
 
 SECTIONS = 96
 """Sides of what is round."""
+UPPER = 0.5
+"""How far from its top the upper side of a tube reaches [rad]."""
+ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+"""Rotation from the z axis to the x axis."""
 
 
 @cache
@@ -42,6 +46,41 @@ def box_mesh(width: float, depth: float, height: float) -> Mesh:
 def disc_mesh(radius: float, thickness: float) -> Mesh:
     """A round leaf about the plane z = 0 and the origin [m]."""
     return _made("cylinder", radius=radius, height=thickness, sections=SECTIONS)
+
+
+def tube_mesh(radius: float, length: float, facets: int) -> Mesh:
+    """A closed cylinder about the x axis and the origin [m]; its upper side as fine as with so many facets around.
+
+    The facets that reach farther than `UPPER` from the top are a dozen.
+    """
+    fine, most = 2.0 * np.pi / facets, int(UPPER * facets / (2.0 * np.pi))
+    upper = fine * np.arange(-most, most + 1)
+    turn = np.concatenate([upper, np.linspace(upper[-1], 2.0 * np.pi + upper[0], 13)[1:-1]])
+    rim = radius * np.stack([-np.sin(turn), np.cos(turn)], axis=1)
+    count, x = len(turn), 0.5 * length
+    ends = [np.column_stack([np.full(count, end), rim]) for end in (-x, x)]
+    here = np.arange(count)
+    after = (here + 1) % count
+    low, high = np.full(count, 2 * count), np.full(count, 2 * count + 1)
+    faces = np.concatenate(
+        [
+            np.column_stack(corners)
+            for corners in (
+                (here, count + here, count + after),
+                (here, count + after, after),
+                (low, here, after),
+                (high, count + after, count + here),
+            )
+        ]
+    )
+    vertices = np.concatenate([*ends, [[-x, 0.0, 0.0], [x, 0.0, 0.0]]])
+    return outward(Mesh(vertices, faces, name="tube"))
+
+
+def globe_mesh(radius: float, facets: int) -> Mesh:
+    """A ball about the origin [m], poles on the x axis; so many facets around, half as many from pole to pole."""
+    # trimesh makes twice as many around as the second number says.
+    return _made("uv_sphere", radius=radius, count=(facets // 2, facets // 2)).transformed(ALONG_X, np.zeros(3))
 
 
 def ring_mesh(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e-3) -> Mesh:

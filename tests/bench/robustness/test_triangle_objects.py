@@ -8,11 +8,13 @@ from hhsim.bench.robustness.triangle_objects import (
     box_mesh,
     cone_mesh,
     disc_mesh,
+    globe_mesh,
     joined_mesh,
     ring_mesh,
     roof_mesh,
     sheet_mesh,
     strips_mesh,
+    tube_mesh,
 )
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.topology import face_areas
@@ -53,6 +55,24 @@ def test_a_ridge_and_an_apex_are_at_the_origin() -> None:
         assert len(cone.faces) == 100 and (cone.faces[:, 0] == 0).all()
         assert (cone.vertices[0] == 0.0).all() and not encloses(cone)
         np.testing.assert_allclose(cone.vertices[1:, 2], -height)
+
+
+def test_what_is_round_has_the_facets_that_it_is_asked_for_where_it_is_touched() -> None:
+    for count in (64, 256):
+        tube = tube_mesh(0.04, 0.08, count)
+        assert encloses(tube)
+        rim = tube.vertices[tube.vertices[:, 0] == 0.04]
+        np.testing.assert_allclose(np.linalg.norm(rim[:-1, 1:], axis=1), 0.04)
+        turn = np.sort(np.arctan2(rim[:-1, 1], rim[:-1, 2]))
+        upper = turn[np.abs(turn) < 0.4]
+        np.testing.assert_allclose(np.diff(upper), 2.0 * np.pi / count)
+        assert len(upper) > 0.7 * 0.8 * count / (2.0 * np.pi)
+        globe = globe_mesh(0.04, count)
+        assert encloses(globe)
+        np.testing.assert_allclose(np.linalg.norm(globe.vertices, axis=1), 0.04)
+        np.testing.assert_allclose(globe.vertices[:, 0].max(), 0.04)
+        level = globe.vertices[:, 0][np.argmin(np.abs(globe.vertices[:, 0]))]
+        assert (np.abs(globe.vertices[:, 0] - level) < 1e-9).sum() == count
 
 
 def test_floors_cover_their_square_and_nothing_else() -> None:

@@ -1,0 +1,69 @@
+"""`hhsim bench mesh-size`."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import click
+
+from ..comma_list import counts
+from ..console import announce_compilation, number, print_json, print_notes, print_rows, progress
+from ..option_group import OptionGroup, option, shared
+from ..options import Output
+from .table_document import table_document
+
+
+class MeshSizeSettings(OptionGroup):
+    """Which object, and how much finer."""
+
+    object_name: str = option("--object", metavar="NAME", default="bunny", help="Object of the catalogue.")
+    subdivisions: tuple[int, ...] | None = shared(
+        counts("--subdivisions", "subdivisions", "How often each triangle becomes four. Default: 2,4.")
+    )
+
+
+@click.command()
+@MeshSizeSettings.argument("settings")
+@Output.argument("output")
+def command(settings: MeshSizeSettings, output: Output) -> None:
+    """Measure how contact with triangles grows with their number.
+
+    The object as it is, and finer, rounded and a little rough, under the same grasp, in turns. Getting ready (reading
+    the file, the tree, the hierarchy) is measured in a fresh process, first without what the cache keeps, then with it.
+
+    \b
+    Examples:
+      hhsim bench mesh-size
+      hhsim bench mesh-size --object teapot --subdivisions 1,2,3 --out sizes.h5
+    """
+    from hhsim.bench.mesh_size import COLUMNS, MeshSizeOptions, measure
+    from hhsim.bench.table import csv_path, write_table
+
+    run = MeshSizeOptions(**settings.given())
+    output_path = output.table_path("mesh-size")
+    announce_compilation(quiet=output.quiet)
+    with progress(quiet=output.quiet) as report:
+        rows = measure(run, report)
+    write_table(output_path, "mesh-size", COLUMNS, rows, asdict(run))
+    if output.as_json:
+        print_json({**table_document(output_path, COLUMNS, asdict(run)), "rows": rows})
+    elif not output.quiet:
+        print_rows(CELLS, rows, words=("method",), title=f"{run.object_name}, CPU time of a tick in contact")
+        print_notes(
+            [f"{row['triangles']:,} triangles, {row['method']}: {row['failure']}" for row in rows if row["failure"]]
+        )
+        print(f"the table is in {output_path} and {csv_path(output_path)}")
+
+
+CELLS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "triangles": lambda row: f"{row['triangles']:,}",
+    "method": lambda row: row["method"],
+    "ready [s]": lambda row: number(row["ready"], 1),
+    "again [s]": lambda row: number(row["ready_again"], 1),
+    "memory [MB]": lambda row: number(row["memory"], 0, 1e-6),
+    "p50 [µs]": lambda row: number(row["tick_p50"], 1, 1e6, missing=""),
+    "p99 [µs]": lambda row: number(row["tick_p99"], 0, 1e6, missing=""),
+    "×": lambda row: number(row["tick_ratio"], 2, missing=""),
+    "candidates": lambda row: number(row["candidates"], 0, missing=""),
+    "distances": lambda row: number(row["pair_tests"], 0, missing=""),
+}
