@@ -214,8 +214,8 @@ def spent_units(state: Record) -> int:
 @jit
 def _is_spent(options: TickOptions, state: Record) -> bool:
     # One linearisation more, as long as those before it, must fit in.
-    done = state.work[WORK_LINEARISATIONS]
-    return as_bool((done + 1) * spent_units(state) >= done * options.budget)
+    spent = spent_units(state)
+    return as_bool(spent + spent // max(state.work[WORK_LINEARISATIONS], 1) >= options.budget)
 
 
 @jit

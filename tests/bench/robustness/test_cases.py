@@ -28,9 +28,6 @@ ON_MESH = {case.name: case for case in hard_cases(ticks=4 * LOOP, surfaces=("mes
 BARE_SPHERES = ("degenerate-spheres", "many-pairs", "too-many-pairs", "touching-at-rest", "wire")
 QUICK = ("sharp-edge", "flat-finger", "many-at-a-vertex")
 """On the mesh, every time; all of them in the soak."""
-TILTED = pytest.mark.xfail(
-    strict=True, reason="a tick that ends after one linearisation may bear on an edge outside of the edge's normal cone"
-)
 MOST_PAIRS = pytest.mark.parametrize("most_pairs", [1.5e7, pytest.param(4e9, marks=pytest.mark.soak)])
 """Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
 
@@ -84,10 +81,7 @@ def test_every_hard_case_is_passed(name: str, method: str, most_pairs: float) ->
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     "name",
-    [
-        name if name in QUICK else pytest.param(name, marks=[pytest.mark.soak, *([TILTED] if name == "facets" else [])])
-        for name in ON_MESH
-    ],
+    [name if name in QUICK else pytest.param(name, marks=pytest.mark.soak) for name in ON_MESH],
 )
 def test_every_hard_case_is_passed_on_the_mesh(name: str, method: str) -> None:
     outcomes = [run_scene(run, SolverOptions(method=method, surface="mesh")) for run in scenes(name)]
@@ -126,7 +120,6 @@ def test_a_finger_that_slides_over_facets_does_not_stop_at_an_edge(method: str) 
         assert (np.linalg.norm(outcome.ticks.total[SLIDE], axis=1) > 0.05).all()
 
 
-@TILTED
 @pytest.mark.parametrize("method", METHODS)
 def test_facets_are_felt_as_they_are(method: str) -> None:
     figures = ON_MESH["facets"].judge(over_facets(method))
