@@ -25,6 +25,8 @@ from hhsim.gate.timing_test import TimeComparison
 from hhsim.result.reader import Result
 from tools.gate_trials import PLANTED_LINES, TIMED_LINE, changed_python, plant_work, tally
 
+pytestmark = pytest.mark.slow
+
 Run = Callable[..., Any]
 
 HAND_LINE = "        placed = PlacedHand(record.joints, record.position, record.orientation)\n"

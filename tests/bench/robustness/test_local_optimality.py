@@ -26,6 +26,8 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)

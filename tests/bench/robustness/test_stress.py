@@ -27,6 +27,8 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 
 HAND = HandModel.default()
