@@ -44,8 +44,24 @@ def triangles() -> None:
     ticks("coupled", "progressive", surface="mesh")
 
 
+def distances() -> None:
+    """What tests measure by brute force."""
+    import numpy as np
+    from sphere_scenes import brute_clearance, brute_pairs, bumpy_ball, still
+
+    from hhsim.hand.model import HandModel
+
+    hand, ball, motion = HandModel.default(), bumpy_ball(8), still(1, np.zeros(3))
+    leaves, palm = (ball.leaf_center, ball.leaf_radius), hand.palm_tree
+    brute_pairs(hand, *leaves, motion)
+    joints = hand.joints(*(values[0] for values in motion))[None]
+    sizes = hand.radius, palm.leaf_center, palm.leaf_radius
+    brute_clearance(*leaves, *sizes, joints, motion.position, motion.orientation)
+
+
 def others() -> None:
-    """The builder of trees, and the other ticks: about as much."""
+    """The builder of trees, the other ticks, and what tests measure by: about as much."""
+    distances()
     trees()
     ticks("paper", "penalty")
 

@@ -26,11 +26,13 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.file import save_tree
 from hhsim.trees.options import TreeOptions
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 20.0
 """That a command may take over a damaged file."""
-BLOCK = 10
+BLOCK = 6
 """Corruptions of a test: `make test` runs the first block of some kinds, `make soak` a thousand corruptions of each."""
-BLOCKS = 1000 // BLOCK
+BLOCKS = -(-1000 // BLOCK)
 
 
 class Kind(NamedTuple):

@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhsim.bench.table import Column, check_table_path, csv_path, load_table, write_table
@@ -74,7 +74,9 @@ def test_the_csv_says_the_same(tmp_path: Path) -> None:
     ]
 
 
-@given(st.lists(st.floats(), min_size=1, max_size=20))
+# Few files, of many numbers each: writing one is what takes time.
+@settings(max_examples=15)
+@given(st.lists(st.floats(), min_size=1, max_size=150))
 def test_numbers_come_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, numbers: list[float]) -> None:
     path = tmp_path_factory.mktemp("bench") / "a.h5"
     write_table(path, "hard", [Column("x", "a number", "m")], [{"x": number} for number in numbers], {})

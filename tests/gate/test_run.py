@@ -7,6 +7,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -24,6 +25,8 @@ from hhsim.gate.suite import GateScene, load_suite
 from hhsim.gate.timing_test import TimeComparison
 from hhsim.result.reader import Result
 from tools.gate_trials import PLANTED_LINES, TIMED_LINE, changed_python, plant_work, tally
+
+pytestmark = pytest.mark.slow
 
 Run = Callable[..., Any]
 
@@ -43,6 +46,12 @@ def replaced(old: str, new: str) -> Callable[[str], str]:
 @pytest.fixture(scope="module")
 def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_suite(tmp_path_factory.mktemp("suite"))
+
+
+@pytest.fixture(scope="module")
+def this_side() -> Side:
+    """The hhsim that is tested here, as the head."""
+    return find_side("head", this_python())
 
 
 def judged(suite: Path, head: Side, base: Side | None = None) -> GateReport:
@@ -70,15 +79,17 @@ def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) ->
     assert 4.5e-6 < report.missed[0].head < shift
 
 
-def test_other_options_of_a_base_cannot_be_compared(suite: Path, tmp_path: Path) -> None:
+def test_other_options_of_a_base_cannot_be_compared(suite: Path, this_side: Side, tmp_path: Path) -> None:
     edit = replaced('"skin": 3e-3', '"skin": 4e-3')
     base = find_side("base", changed_python(tmp_path / "other", "hhsim.solver.options", edit))
-    report = judged(suite, find_side("head", this_python()), base)
+    report = judged(suite, this_side, base)
     assert (report.verdict, report.exit_code) == ("not comparable", 3)
     assert report.rows[0].reason == "different inputs: skin: 0.004 and 0.003"
 
 
-def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(suite: Path, tmp_path: Path) -> None:
+def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(
+    suite: Path, this_side: Side, tmp_path: Path
+) -> None:
     edit = replaced(HAND_LINE, "        raise RuntimeError('planted')\n" + HAND_LINE)
     head = find_side("head", changed_python(tmp_path / "broken", "hhsim.replay.tick_columns", edit))
     report = judged(suite, head)
@@ -86,7 +97,7 @@ def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(suite: Path,
     assert "RuntimeError: planted" in report.missed[0].reason
     scene = GateScene("gone", "no-such-object", "pinch")
     with pytest.raises(RunFailed, match=r"scene gone: unknown object .no-such-object.") as failed:
-        find_side("head", this_python()).figures(scene, suite.parent)
+        this_side.figures(scene, suite.parent)
     assert failed.value.refused
 
 
@@ -101,12 +112,33 @@ class Once(Side):
         return super().replay(scene, folder, read)
 
 
+@pytest.fixture
+def one_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every replay of a side after the first is that one again, and so is the reference workload's time.
+
+    What is tested is what is made of them.
+    """
+    whole = Side.replay
+    results: list[tuple[RunFigures, float]] = []
+
+    def replay(side: Side, scene: GateScene, folder: Path, read: Callable[[Result], Any]) -> Any:
+        if not results:
+            # Read to the end before the file is gone.
+            results.append(whole(side, scene, folder, lambda result: (run_figures(result), cpu_p50(result))))
+        return results[0][0] if read is run_figures else results[0][1]
+
+    monkeypatch.setattr(Side, "replay", replay)
+    monkeypatch.setattr("hhsim.gate.machine_calibration.reference_p50", lambda: 1e-6)
+
+
 @pytest.mark.parametrize(
     ("failing", "kind", "code"),
     sampled([("head", "run", 1), ("base", "inputs", 3)], lambda place, case: case[0] == "base"),
 )
-def test_a_side_that_breaks_while_it_is_timed_is_told(suite: Path, failing: str, kind: str, code: int) -> None:
-    sides = {name: find_side(name, this_python()) for name in ("head", "base")}
+def test_a_side_that_breaks_while_it_is_timed_is_told(
+    suite: Path, this_side: Side, one_run: None, failing: str, kind: str, code: int
+) -> None:
+    sides = {name: replace(this_side, name=name) for name in ("head", "base")}
     once = sides[failing]
     sides[failing] = Once(once.name, once.python, once.version, once.package)
     report = gate_suite(load_suite(suite), sides["head"], base=sides["base"], record_times=True)
@@ -145,21 +177,6 @@ def test_the_folder_that_the_gate_runs_in_is_not_where_modules_come_from(tmp_pat
     script = "from pathlib import Path; from hhsim.gate.run import *; print(find_side('head', this_python()).version)"
     answer = subprocess.run([sys.executable, "-P", "-c", script], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stderr
-
-
-@pytest.fixture
-def one_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every replay of a side after the first is that one again: what is tested is what is made of them."""
-    whole = Side.replay
-    results: list[tuple[RunFigures, float]] = []
-
-    def replay(side: Side, scene: GateScene, folder: Path, read: Callable[[Result], Any]) -> Any:
-        if not results:
-            # Read to the end before the file is gone.
-            results.append(whole(side, scene, folder, lambda result: (run_figures(result), cpu_p50(result))))
-        return results[0][0] if read is run_figures else results[0][1]
-
-    monkeypatch.setattr(Side, "replay", replay)
 
 
 def test_a_recorded_baseline_with_times_is_the_same_again(run: Run, suite: Path, tmp_path: Path, one_run: None) -> None:

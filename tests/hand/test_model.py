@@ -143,9 +143,9 @@ def test_palm_spheres_cover_the_palm_and_join_the_fingers() -> None:
 
 
 def test_deeper_palm_trees_are_finer() -> None:
-    finer = HandModel.default(palm_level=3)
-    assert finer.palm_tree.leaf_count > RIGHT.palm_tree.leaf_count
-    assert finer.palm_tree.errors[-1].protrusion_max < RIGHT.palm_tree.errors[-1].protrusion_max
+    coarser = HandModel.default(palm_level=1)
+    assert coarser.palm_tree.leaf_count < RIGHT.palm_tree.leaf_count
+    assert coarser.palm_tree.errors[-1].protrusion_max > RIGHT.palm_tree.errors[-1].protrusion_max
 
 
 @pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])

@@ -17,12 +17,12 @@ from hhsim.kernels.jit import cache_root, generic, imported_kernels, jit
 PACKAGE = Path(hhsim.__file__).parent
 
 
-def kernel_cache(root: Path, module: str = "tick.block", **environment: str) -> str:
-    """Folder that a copy of the package under `root` would keep the kernels of a module in."""
-    name = f"hhsim.kernels.{module}"
-    script = f"import hhsim.kernels.jit as jit; print(jit.__file__); print(jit.module_cache({name!r}).name)"
+def kernel_caches(root: Path, *modules: str, **environment: str) -> dict[str, str]:
+    """Folders that a copy of the package under `root` would keep the kernels of these modules in, by their names."""
+    script = "import sys, hhsim.kernels.jit as jit; print(jit.__file__)\n"
+    script += "for name in sys.argv[1:]: print(jit.module_cache(f'hhsim.kernels.{name}').name)"
     found = subprocess.run(
-        [sys.executable, "-c", script],
+        [sys.executable, "-c", script, *modules],
         cwd=root,
         env={**os.environ, "PYTHONPATH": str(root), "HHSIM_CACHE_DIR": str(root / "cache"), **environment},
         capture_output=True,
@@ -30,7 +30,12 @@ def kernel_cache(root: Path, module: str = "tick.block", **environment: str) -> 
         check=True,
     ).stdout.split()
     assert Path(found[0]).is_relative_to(root), "not the copy"
-    return found[1]
+    return dict(zip(modules, found[1:], strict=True))
+
+
+def kernel_cache(root: Path, module: str = "tick.block", **environment: str) -> str:
+    """The same of one module."""
+    return kernel_caches(root, module, **environment)[module]
 
 
 @pytest.fixture
@@ -51,13 +56,11 @@ def test_an_edit_of_a_kernel_makes_all_that_call_it_stale(copy: Path) -> None:
 
 
 def test_an_edit_of_a_kernel_keeps_those_that_do_not_call_it(copy: Path) -> None:
-    before = {
-        module: kernel_cache(copy, module)
-        for module in ("round_cone_distance", "contact.detection", "cover.greedy_cover", "tick.tick")
-    }
+    before = kernel_caches(copy, "round_cone_distance", "contact.detection", "cover.greedy_cover", "tick.tick")
     source = copy / "hhsim" / "kernels" / "contact" / "detection.py"
     source.write_text(source.read_text() + "\n# one more line\n")
-    stale = {module for module, folder in before.items() if kernel_cache(copy, module) != folder}
+    after = kernel_caches(copy, *before)
+    stale = {module for module, folder in before.items() if after[module] != folder}
     assert stale == {"contact.detection", "tick.tick"}
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from corrupted_meshes import corrupted
 from numpy.typing import NDArray
+from sampled import sampled
 
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
@@ -27,6 +28,8 @@ from hhsim.mesh.topology import face_areas, is_closed, signed_volume, undirected
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube, sphere
+
+pytestmark = pytest.mark.slow
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -102,7 +105,7 @@ def assert_true_statement(vertices: FloatArray, faces: IntArray, surface: MeshIn
 
 
 @pytest.mark.parametrize(
-    "seed", [seed if CORRUPTED or seed % 33 == 2 else pytest.param(seed, marks=pytest.mark.soak) for seed in SEEDS]
+    "seed", [seed if CORRUPTED or seed % 66 == 35 else pytest.param(seed, marks=pytest.mark.soak) for seed in SEEDS]
 )
 @pytest.mark.usefixtures("coarse")
 def test_corrupted_meshes_become_a_covered_solid_or_are_refused(seed: int) -> None:
@@ -245,7 +248,7 @@ def test_loose_triangles_are_turned_outward_one_by_one(turned: float) -> None:
 NASTY = ("nasty_bunny_94_components.ply", "nasty_teapot_open_shells.obj")
 
 
-@pytest.mark.parametrize("file", NASTY)
+@pytest.mark.parametrize("file", sampled(NASTY, lambda place, _: place == 1))
 @pytest.mark.usefixtures("coarse")
 def test_nasty_meshes_get_the_same_solid_by_winding_number_as_by_repair(
     shared_data: Path, file: str, monkeypatch: pytest.MonkeyPatch

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from short_grasp import short_grasp, short_scene
 
+from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.tick.state import STATUS_LAG
 from hhsim.mesh.mesh import Mesh
@@ -21,6 +22,8 @@ from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -76,10 +79,23 @@ def test_a_tick_on_its_way_keeps_its_forces(tmp_path: Path) -> None:
     assert summary.attributes()["force_step"] < 25.0
 
 
-def test_a_second_run_and_the_report_know_the_surface(run: tuple[Result, ReplaySummary]) -> None:
+def test_a_second_run_knows_the_surface(run: tuple[Result, ReplaySummary]) -> None:
     result, _ = run
     assert result.surface == "mesh" and result.scene["solver"]["skin"] == 5e-4
     assert run_again(result).identical
+
+
+def no_picture(*_: object) -> Any:
+    raise InputError("none is drawn here")
+
+
+@pytest.mark.parametrize("run", ["coupled", pytest.param("progressive", marks=pytest.mark.soak)], indirect=True)
+def test_the_report_knows_the_surface(run: tuple[Result, ReplaySummary], monkeypatch: pytest.MonkeyPatch) -> None:
+    result, _ = run
+    # What is drawn is tested elsewhere, and takes time.
+    monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
+    for picture in ("overview_picture", "held_picture"):
+        monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
     text = make_report([result.path]).html.replace("&#x27;", "'").replace("&#39;", "'")
     assert "the mesh" in text and "stays out of the object's mesh" in text
 

@@ -83,7 +83,7 @@ def test_fingers_that_a_scene_does_not_use_follow_the_users_hand(method: str, fi
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_budget_ends_the_tick_and_leaves_lag_and_nothing_worse(method: str) -> None:
-    motion = random_targets(HAND, 1500, 4)
+    motion = random_targets(HAND, 700, 4)
     free = HandSolver(HAND, BALL.arrays(), SolverOptions(method=method, budget=UNLIMITED)).run(*motion)
     assert free.work[:, WORK_UNITS].max() > 200_000
     before = np.inf

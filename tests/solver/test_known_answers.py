@@ -221,7 +221,7 @@ def torque_balance(tree: SphereTree, goal: Motion, stiffness: Stiffness) -> tupl
     return angles(force), force
 
 
-@pytest.mark.parametrize("depth", [1e-3, 3e-3])
+@pytest.mark.parametrize("depth", [1e-3, pytest.param(3e-3, marks=pytest.mark.soak)])
 def test_in_the_papers_order_a_finger_bends_before_the_palm_moves(depth: float) -> None:
     tree, goal = face_ahead(depth)
     answer = hold(tree, goal, -0.05 * AHEAD, method="progressive")

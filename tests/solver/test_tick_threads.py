@@ -92,7 +92,7 @@ def test_any_number_of_threads_gives_the_same_bytes(hand: HandModel, method: str
 @pytest.mark.parametrize("leaves", [300, 3000])
 def test_random_targets_give_the_same_bytes(hand: HandModel, method: str, leaves: int) -> None:
     tree = bumpy_ball(leaves)
-    motion = random_targets(hand, 3000, seed=leaves, hold=30, sweep=True)
+    motion = random_targets(hand, 900, seed=leaves, hold=30, sweep=True)
     alone, _ = run(hand, tree, motion, method=method)
     for threads in (2, 3, PARTS):
         shared, tasks = run(hand, tree, motion, method=method, threads=threads)

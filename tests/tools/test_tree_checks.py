@@ -16,7 +16,7 @@ def judged(mesh: Mesh) -> Verdict:
     return referee(mesh, tree, [2], mesh_points=20_000, sphere_points=40_000)[0]
 
 
-@pytest.mark.parametrize("name", ["bunny", "cube"])
+@pytest.mark.parametrize("name", [pytest.param("bunny", marks=pytest.mark.soak), "cube"])
 def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent(name: str) -> None:
     mesh = load_object(name).mesh
     mesh = mesh.scaled(0.1 / float(mesh.extent.max()))

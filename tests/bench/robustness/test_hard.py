@@ -280,14 +280,14 @@ def test_the_command_prints_a_table_and_writes_every_figure(run: Run, tmp_path: 
 
 
 def test_on_the_mesh_a_case_says_what_the_hand_touched(run: Run, tmp_path: Path) -> None:
-    words = ("never-touches", "too-many-pairs", "flat-finger", "--surface", "mesh", "--out", "hard.h5")
+    words = ("ridge", "too-many-pairs", "flat-finger", "--surface", "mesh", "--out", "hard.h5")
     answer = run("bench", "hard", *words)
     assert answer.code == 0, answer.err
     rows = load_table(tmp_path / "hard.h5").rows
     found = {(row["case"], row["method"]): row["surface"] for row in rows}
     safe = ("coupled", "progressive")
     assert found == {
-        **{("never-touches", method): "mesh" for method in safe},
+        **{("ridge", method): "mesh" for method in safe},
         **{("flat-finger", method): "mesh" for method in safe},
         **{("too-many-pairs", method): "spheres" for method in safe},
     }

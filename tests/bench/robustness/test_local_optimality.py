@@ -26,6 +26,8 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)
@@ -50,28 +52,28 @@ def test_in_free_space_the_way_is_free() -> None:
 @pytest.mark.parametrize(
     ("seed", "surface"),
     sampled(
-        [(seed, surface) for seed in range(4) for surface in ("spheres", "mesh")],
-        lambda place, case: case[1] == "spheres" or case[0] == 0,
+        [(seed, surface) for seed in range(4) for surface in ("spheres", "mesh")], lambda place, case: case[0] == 0
     ),
 )
 def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surface: str) -> None:
     # Held still, the coupled method comes to rest at a local optimum; on the way there it is at none.
-    motion = random_targets(
-        HAND, 10 * 200, seed, StressOptions(hold=200, bound="none", sweep=False, position_spread=0.03)
-    )
+    # Brute force over triangles takes ten times what it takes over spheres.
+    holds = 10 if surface == "spheres" else 4
+    ticks = 200 * holds
+    motion = random_targets(HAND, ticks, seed, StressOptions(hold=200, bound="none", sweep=False, position_spread=0.03))
     mesh, options = load_object("triangular-prism").mesh, SolverOptions(surface=surface)
     pieces = pieces_of(surface, mesh, BALL)
     record = HandSolver(HAND, contact_surface(surface, mesh, BALL).arrays, options).run(*motion)
     touching, moving = 0, 0
-    for hold in range(1, 10):
+    for hold in range(1, holds):
         end = 200 * hold + 199
         rest = tick_of(record, end)
         touching += int(record.work[end, 6] > 0)
         assert way_out(HAND, pieces, options, rest, motion.part(end, end + 1)) == 0.0
-        next_goal = motion.part((end + 1) % 2000, (end + 1) % 2000 + 1)
+        next_goal = motion.part((end + 1) % ticks, (end + 1) % ticks + 1)
         moving += int(way_out(HAND, pieces, options, rest, next_goal) > 0.0)
-    assert touching > 4
-    assert moving == 9
+    assert touching > holds // 2 - 1
+    assert moving == holds - 1
 
 
 def test_a_straight_finger_that_pushes_a_wall_can_only_go_back_or_aside() -> None:

@@ -188,7 +188,7 @@ def test_slack_bounds_what_the_lists_do_not_hold_however_the_hand_came_there(see
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=30)
+@settings(max_examples=8)
 def test_records_say_where_the_surfaces_are_nearest(seed: int) -> None:
     random = np.random.default_rng(seed)
     tree = cloud(random, 300)

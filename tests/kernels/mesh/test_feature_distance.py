@@ -218,7 +218,7 @@ def sliver(random: np.random.Generator, aspect: float) -> tuple[Array, Array]:
 
 
 @given(SEEDS, st.sampled_from([1e2, 1e3, 1e4, 1e5, 1e6, 1e8, 1e10, 1e12]))
-@settings(max_examples=80)
+@settings(max_examples=32)
 def test_slivers(seed: int, aspect: float) -> None:
     random = np.random.default_rng(seed)
     corners, normal = sliver(random, aspect)
@@ -277,7 +277,7 @@ def on_axis(cones: Cones) -> tuple[Array, Array]:
 
 
 @given(SEEDS)
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_no_motion_beats_the_bounds_of_a_face(seed: int) -> None:
     random = np.random.default_rng(seed)
     corners, cones = random_triangles(random, 1), random_cones(random, 12, 0.04)
@@ -320,7 +320,7 @@ def fan(random: np.random.Generator, spokes: int) -> tuple[Array, NDArray[np.int
 
 
 @given(SEEDS, st.integers(3, 7))
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_no_motion_beats_the_bounds_of_an_edge_or_a_vertex(seed: int, spokes: int) -> None:
     random = np.random.default_rng(seed)
     mesh, _ = mesh_features(*fan(random, spokes), closed=False)

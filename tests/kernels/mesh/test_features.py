@@ -90,7 +90,7 @@ def test_the_sphere_of_a_face_is_the_least_one(seed: int) -> None:
 
 
 @given(SEEDS, st.sampled_from(COUNTS), st.sampled_from([1e-6, 1e-3, 4e-3, 0.02, 0.1]))
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: float) -> None:
     random = np.random.default_rng(seed)
     corners, cones = soup(random, count), random_cones(random, 1, 0.05)

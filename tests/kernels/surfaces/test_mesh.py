@@ -39,6 +39,8 @@ from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.solver.surface import SURFACES
 from hhsim.solver.workspace import tick_state
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -266,7 +268,7 @@ def placed(motion: Motion) -> PlacedHand:
     return forward_kinematics(HAND, *motion)
 
 
-@pytest.mark.parametrize("name", [*CLOSED, *OPEN])
+@pytest.mark.parametrize("name", sampled([*CLOSED, *OPEN], lambda _, name: name not in ("cup", "teapot", "torus")))
 def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(name: str) -> None:
     vertices, faces = {**CLOSED, **OPEN}[name]()
     closed = name in CLOSED
@@ -286,13 +288,7 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
         way /= np.linalg.norm(way)
 
         def clearance(motion: Motion) -> float:
-            if bvh is not None:
-                return float(mesh_clearance(bvh, SHAPE, placed(motion))[0])
-            return (
-                float(least_by_search(motion, vertices[faces]).min())
-                if len(faces) < 10
-                else soup_clearance(motion, mesh)
-            )
+            return soup_clearance(motion, mesh) if bvh is None else float(mesh_clearance(bvh, SHAPE, placed(motion))[0])
 
         low, high = 0.0, 0.3
         for _ in range(9):
@@ -310,6 +306,8 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
             independent = clearance(target)
             if not 1e-6 < independent < 6e-3:
                 continue
+            if bvh is None and len(faces) < 10:
+                independent = float(least_by_search(target, vertices[faces]).min())
             at = target
             set_pose(HAND, state.pose, at)
             assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
@@ -359,7 +357,7 @@ def test_open_meshes_by_search_over_their_triangles(name: str) -> None:
             for name in ("cube", "cup", "sheet")
             for method in ("coupled", "progressive")
         ],
-        lambda _, case: case[2] == 2000,
+        lambda _, case: case in (("cube", "coupled", 2000), ("cup", "progressive", 2000), ("sheet", "coupled", 2000)),
     ),
 )
 def test_no_hand_enters_a_mesh_or_gets_stuck_at_it(name: str, method: str, ticks: int) -> None:
@@ -411,7 +409,7 @@ def row_distance(mesh: MeshFeatures, key: int, at: Motion) -> float:
     return float(vertex_distance(mesh.vertex, feature - count[1], cones.kernel(part))[0])
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", sampled(range(4), lambda place, _: place == 2))
 def test_curvature_at_faces_edges_and_vertices_is_that_of_second_differences(seed: int) -> None:
     random = np.random.default_rng(seed)
     vertices, faces = soup()

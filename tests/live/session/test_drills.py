@@ -26,6 +26,8 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.session.supervisor import RECORDER, VIEWER, WATCHDOG
 from hhsim.result.reader import load_result
 
+pytestmark = pytest.mark.slow
+
 JUST_BEFORE = 200_000_000
 """A finger is held so shortly before a fault [ns]."""
 WHILE = 0.6

@@ -211,7 +211,7 @@ def test_what_was_overwritten_is_counted_and_told(ticks: Records, tmp_path: Path
 
 
 @given(cuts=st.lists(st.integers(0, 60), max_size=8), written=st.sets(st.integers(0, 8)))
-@settings(max_examples=8)
+@settings(max_examples=4)
 def test_blocks_of_any_size_give_the_same_arrays(
     session: Result, ticks: Records, tmp_path_factory: pytest.TempPathFactory, cuts: list[int], written: set[int]
 ) -> None:

@@ -1,0 +1,113 @@
+"""The referee on runs whose hand touched the mesh itself: honest ones hold, and planted faults are found there too."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from planted_faults import (
+    FAULTS,
+    HOLD,
+    claimed_depth,
+    described_grasp,
+    failing,
+    fewer_bodies,
+    force_in_the_air,
+    forge_scene,
+    moved_hand,
+    not_the_optimum,
+    planted,
+    renamed_method,
+    scaled_force,
+    swapped_forces,
+    tangential_force,
+    thicker_finger,
+    uncounted_pair,
+    verdict,
+    wider_margin,
+    wider_touch,
+)
+from stress_motion import random_targets
+
+from hhsim.hand.model import HandModel
+from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.replay import replay
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.open_scene import open_scene
+from hhsim.scene.scene import make_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.claim import HOLDS
+from hhsim.verify.verify import verify
+
+pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return described_grasp(tmp_path_factory.mktemp("mesh"), surface="mesh")
+
+
+def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path) -> None:
+    hand = HandModel.default()
+    moved = random_targets(hand, 300, 5)
+    names = ("position", "orientation", "flexion", "abduction")
+    motion = Trajectory(time=np.arange(300) / 1000.0, **{name: getattr(moved, name) for name in names})
+    base = open_scene("cube", "touch", level=3)
+    scene = make_scene(base.mesh, base.tree, hand, motion)
+    for method in ("coupled", "progressive"):
+        replay(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "way.h5")
+        result = load_result(tmp_path / "way.h5")
+        assert (np.asarray(result["status"]) & 2 > 0).sum() > 40
+        assert failing(verify(result, every=9)) == set()
+
+        def aside(file: h5py.File) -> None:
+            force, late = file["tick/force/phalanx"], np.flatnonzero(file["tick/status"][...] & 2)
+            size = np.abs(force[...]).sum(axis=(1, 2, 3))
+            looked_at = late[late % 9 == 0]
+            tick = looked_at[size[looked_at].argmax()]
+            finger, phalanx = divmod(int(np.linalg.norm(force[tick], axis=2).argmax()), 3)
+            force[tick, finger, phalanx] = np.roll(force[tick, finger, phalanx], 1)
+
+        assert "force balance" in failing(verify(planted(result.path, tmp_path, aside), every=9))
+
+
+def touched_spheres(file: h5py.File) -> None:
+    """The run is said to have touched spheres."""
+    forge_scene(file, lambda scene: scene["solver"].update(surface="spheres"))
+
+
+ON_MESH = [moved_hand, scaled_force, force_in_the_air, not_the_optimum, uncounted_pair, thicker_finger, swapped_forces]
+ON_MESH += [tangential_force, claimed_depth, fewer_bodies, wider_margin, wider_touch, renamed_method]
+"""Faults that geometry finds: of a run on the mesh by distances to its triangles, under the same names."""
+
+
+def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> None:
+    found = verify(on_mesh, every=10, again=True)
+    assert failing(found) == set()
+    for name in (
+        "depth",
+        "non-penetration",
+        "touching pairs",
+        "candidates",
+        "distance by coal",
+        "mesh",
+        "stationarity",
+    ):
+        assert verdict(found, name) == HOLDS
+    assert np.isnan(found.sphere_penetration) and found.mesh_penetration == 0.0
+    # A force is borne within a micrometre of the mesh, or what bears it does not touch.
+    assert on_mesh.scene["solver"]["touch"] == 1e-6 >= on_mesh.summary["contact_error_max"]
+    bears = next(claim for claim in found.claims if claim.name == "complementarity")
+    assert bears.verdict == HOLDS and bears.checked > 0
+    assert on_mesh.summary["force_contact_max"] > 1.0
+
+
+@pytest.mark.parametrize("fault", [*ON_MESH, touched_spheres], ids=lambda fault: fault.__name__)
+def test_a_planted_fault_of_a_run_on_the_mesh(
+    on_mesh: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
+) -> None:
+    found = verify(planted(on_mesh.path, tmp_path, fault), every=HOLD)
+    assert FAULTS.get(fault, "non-penetration") in failing(found)
