@@ -97,17 +97,6 @@ def edge_distance(edge: Array, i: int, cone: RoundCone) -> tuple[float, float]:
     return edge_witness(cone, dx, dy, dz, edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6])
 
 
-@jit_vector
-def edge_distances(
-    edge: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array
-) -> None:
-    """(distance, s) [m] of edges start to stop - 1, shape (7, ·): field by field, for the vector unit."""
-    for i in range(start, stop):
-        dx, dy, dz = cone.x - edge[0, i], cone.y - edge[1, i], cone.z - edge[2, i]
-        found = edge_witness(cone, dx, dy, dz, edge[3, i], edge[4, i], edge[5, i], edge[6, i])
-        distance_out[i], parameter_out[i] = found
-
-
 @jit_inline
 def above(face: Array, i: int, x: float, y: float, z: float) -> bool:
     """Whether a point lies above or below the inside of face i, shape (·, 16), in the order of `FACE_FIELDS`."""
@@ -134,6 +123,50 @@ def face_distance(face: Array, i: int, cone: RoundCone) -> float:
     second = abs(nx * bx + ny * by + nz * bz - height) - cone.radius + cone.drop
     second = second if above(face, i, bx, by, bz) else ELSEWHERE
     return min(first, second)
+
+
+@jit_inline
+def edge_end_distance(edge: Array, i: int, cone: RoundCone) -> float:
+    """Distance [m] of edge i, shape (·, 7), from the nearer end of a phalanx's axis that is over it."""
+    wx, wy, wz, extent = edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6]
+    dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
+    foot = dx * wx + dy * wy + dz * wz
+    px, py, pz = dx - foot * wx, dy - foot * wy, dz - foot * wz
+    first = math.sqrt(px * px + py * py + pz * pz) - cone.radius
+    first = first if foot >= -ON and foot <= extent + ON else ELSEWHERE
+    dx, dy, dz = dx + cone.length * cone.ux, dy + cone.length * cone.uy, dz + cone.length * cone.uz
+    foot = dx * wx + dy * wy + dz * wz
+    px, py, pz = dx - foot * wx, dy - foot * wy, dz - foot * wz
+    second = math.sqrt(px * px + py * py + pz * pz) - cone.radius + cone.drop
+    second = second if foot >= -ON and foot <= extent + ON else ELSEWHERE
+    return min(first, second)
+
+
+@jit_vector
+def face_distances(face: Array, start: int, stop: int, cone: RoundCone, distance_out: Array) -> None:
+    """`face_distance` of faces start to stop - 1, shape (·, 16), for the vector unit: each field lies in one piece."""
+    # An index that might be negative is looked at first, and the vector unit left out.
+    for i in range(np.uint64(start), np.uint64(stop)):
+        distance_out[i] = face_distance(face, i, cone)
+
+
+@jit_vector
+def edge_distances(
+    edge: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array, end_out: Array
+) -> None:
+    """The same of edges, shape (·, 7): `edge_distance` and `edge_end_distance`."""
+    for i in range(np.uint64(start), np.uint64(stop)):
+        distance_out[i], parameter_out[i] = edge_distance(edge, i, cone)
+        end_out[i] = edge_end_distance(edge, i, cone)
+
+
+@jit_vector
+def vertex_distances(
+    vertex: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array
+) -> None:
+    """The same of vertices, shape (·, 3): `vertex_distance`."""
+    for i in range(np.uint64(start), np.uint64(stop)):
+        distance_out[i], parameter_out[i] = vertex_distance(vertex, i, cone)
 
 
 @jit_inline

@@ -34,15 +34,16 @@ from hhsim.kernels.mesh.feature_distance import (
     edge_distances,
     edge_witness,
     face_bounds,
-    face_distance,
+    face_distances,
     vertex_bound,
-    vertex_distance,
+    vertex_distances,
     vertex_witness,
 )
 from hhsim.kernels.mesh.features import (
     ALONG,
     BRANCHING,
     EDGE_FIELDS,
+    FACE_FIELDS,
     NOWHERE,
     MeshFeatures,
     block_distance,
@@ -94,7 +95,10 @@ CANDIDATES = np.dtype(
         ("face_distance", np.float64, (ROOM,)),
         ("edge_distance", np.float64, (ROOM,)),
         ("vertex_distance", np.float64, (ROOM,)),
+        ("face_plane", np.float64, (FACE_FIELDS, ROOM)),
         ("edge_line", np.float64, (EDGE_FIELDS, ROOM)),
+        ("vertex_point", np.float64, (3, ROOM)),
+        ("edge_end", np.float64, (ROOM,)),
         ("edge_parameter", np.float64, (ROOM,)),
         ("vertex_parameter", np.float64, (ROOM,)),
         ("faces", np.int64, (PARTS,)),
@@ -116,7 +120,8 @@ CANDIDATES = np.dtype(
 |---|---|
 | face, edge, vertex | features near the parts, by their place in `MeshFeatures` |
 | face_distance, … | signed distances [m] |
-| edge_line | the edges again, see `EDGE_FIELDS` |
+| face_plane, edge_line, vertex_point | the features once more, field by field |
+| edge_end | signed distance of the nearer end of a phalanx that is over the edge [m] |
 | edge_parameter, vertex_parameter | s of the witness on the axis [m] |
 | faces, edges, vertices | how many each part has |
 | spare | slack of each of the palm's spheres beyond that of the palm [m] |
@@ -192,7 +197,8 @@ def _list_features(
     if count < 0:
         return -np.inf
     one_sided = mesh.pseudonormal.shape[0] > 0
-    face_out, edge_out, vertex_out, line_out = candidates.face, candidates.edge, candidates.vertex, candidates.edge_line
+    face_out, edge_out, vertex_out = candidates.face, candidates.edge, candidates.vertex
+    plane_out, line_out, point_out = candidates.face_plane, candidates.edge_line, candidates.vertex_point
     face_edge, face_vertex = mesh.face_edge, mesh.face_vertex
     wing_start, spoke_start = mesh.wing_start, mesh.spoke_start
     tolerance = NEAR_CONE * (cone.radius + reach)
@@ -209,6 +215,8 @@ def _list_features(
             if faces >= start + room:
                 return -np.inf
             face_out[faces] = face
+            for m in range(FACE_FIELDS):
+                plane_out[m, faces] = mesh.face[face, m]
             faces += 1
         for k in range(3):
             edge = face_edge[face, k]
@@ -234,6 +242,8 @@ def _list_features(
                     return -np.inf
                 else:
                     vertex_out[vertices] = vertex
+                    for m in range(3):
+                        point_out[m, vertices] = mesh.vertex[vertex, m]
                     vertices += 1
     candidates.faces[part] = faces - start
     candidates.edges[part] = edges - start
@@ -361,28 +371,36 @@ def _gather(
 @jit_vector
 def _count_within(distance: Array, start: int, stop: int, limit: float) -> int:
     within = 0
-    for i in range(start, stop):
+    for i in range(np.uint64(start), np.uint64(stop)):
         within += 1 if distance[i] <= limit else 0
     return within
+
+
+@jit_vector
+def _least(distance: Array, start: int, stop: int) -> float:
+    least = ELSEWHERE
+    for i in range(np.uint64(start), np.uint64(stop)):
+        least = distance[i] if distance[i] < least else least
+    return least
 
 
 @jit
 def _measure_part(mesh: MeshFeatures, hand: HandArrays, pose: Record, part: int, candidates: Record) -> float:
     start, cone = _start(hand, part), _cone(hand, pose, part)
-    least = np.inf
-    index, distance = candidates.face, candidates.face_distance
-    for i in range(start, start + candidates.faces[part]):
-        distance[i] = face_distance(mesh.face, index[i], cone)
-        least = min(least, distance[i])
-    stop, distance = start + candidates.edges[part], candidates.edge_distance
-    edge_distances(candidates.edge_line[:], start, stop, cone, distance[:], candidates.edge_parameter[:])
-    for i in range(start, stop):
-        least = min(least, distance[i])
-    index, distance, parameter = candidates.vertex, candidates.vertex_distance, candidates.vertex_parameter
-    for i in range(start, start + candidates.vertices[part]):
-        distance[i], parameter[i] = vertex_distance(mesh.vertex, index[i], cone)
-        least = min(least, distance[i])
-    return least
+    distance = candidates.face_distance
+    stop = start + candidates.faces[part]
+    face_distances(candidates.face_plane[:].T, start, stop, cone, distance[:])
+    least = _least(distance[:], start, stop)
+    distance = candidates.edge_distance
+    stop = start + candidates.edges[part]
+    edge_distances(
+        candidates.edge_line[:].T, start, stop, cone, distance[:], candidates.edge_parameter[:], candidates.edge_end[:]
+    )
+    least = min(least, _least(distance[:], start, stop))
+    distance = candidates.vertex_distance
+    stop = start + candidates.vertices[part]
+    vertex_distances(candidates.vertex_point[:].T, start, stop, cone, distance[:], candidates.vertex_parameter[:])
+    return min(least, _least(distance[:], start, stop))
 
 
 @measure_pairs.of(MeshFeatures)
@@ -522,10 +540,11 @@ def _edge_rows(
         candidates.edge_distance,
         candidates.edge_parameter,
     )
+    end_distance = candidates.edge_end
     slope = cone.drop * cone.inverse_length
     for i in range(start, stop):
         # Where the nearest point of the axis is beyond the edge, an end of it may still be over it.
-        if limit < distance[i] < ELSEWHERE:
+        if distance[i] > limit and end_distance[i] > limit:
             continue
         e = index[i]
         wx, wy, wz = edge[e, 3], edge[e, 4], edge[e, 5]
