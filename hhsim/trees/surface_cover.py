@@ -266,6 +266,8 @@ def _cover_in_frame(
         if progress is not None:
             progress("cover", turn + 1, cycles + 1)
     cover.center, cover.depth = best
+    # There were more spheres, or fewer, in the last turn than in the best one.
+    cover.step = np.zeros(len(cover.depth))
     cover.assign()
     for _ in range(_TRIMS):
         cover.refine(_TRIM_FROM)

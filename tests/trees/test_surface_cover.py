@@ -107,6 +107,16 @@ def test_size_does_not_matter(scale: float) -> None:
     assert large == pytest.approx(scale * plain, rel=1e-6)
 
 
+@pytest.mark.soak
+def test_a_ball_that_needs_fewer_spheres_than_it_may_have() -> None:
+    # Where one sphere more would gain nothing none is added, so that turns end with different numbers of them.
+    ball = trimesh.creation.uv_sphere(radius=0.04, count=[64, 128])
+    ball.apply_transform(trimesh.transformations.rotation_matrix(0.5 * np.pi, [0, 1, 0]))
+    center, radius = build_cover(*arrays(ball), 64)
+    assert len(radius) <= 64
+    assert prove_cover(*arrays(ball), center, radius)[0].size == 0
+
+
 def test_progress_counts_the_rounds() -> None:
     calls: list[tuple[str, int, int]] = []
     build_cover(*arrays(SHAPES["box"]), 20, progress=lambda *call: calls.append(call))
