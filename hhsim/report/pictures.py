@@ -145,7 +145,9 @@ def overview_view(result: Result) -> View:
     return _moment(result, overview_tick(result), None).view
 
 
-def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = None) -> ReportFigure:
+def hand_picture(
+    result: Result, tick: int, view: tuple[float, float] | None = None, usual: View | None = None
+) -> ReportFigure:
     """The hand at one tick, with contact points and forces.
 
     Args:
@@ -153,11 +155,13 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
         tick: Number of the tick, from 0.
         view: Azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or for the
             clearest of some where much is hidden there.
+        usual: The view of the overview, where it is known.
 
     Raises:
         InputError: No such tick, or the result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
-    usual = overview_view(result) if view is None else None
+    if view is None and usual is None:
+        usual = overview_view(result)
     moment = _moment(result, tick, None if view is None else View(*view), usual)
     with new_figure(*PICTURE) as figure:
         camera = _camera(moment, PICTURE)
