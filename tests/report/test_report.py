@@ -82,7 +82,9 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("report", "worst_ticks_section"):
         monkeypatch.setattr(f"hhsim.report.{module}.overview_view", lambda result: View(0.0, 0.0))
     monkeypatch.setattr("hhsim.report.report.held_picture", lambda result, view: dot("overview"))
-    monkeypatch.setattr("hhsim.report.worst_ticks_section.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}"))
+    monkeypatch.setattr(
+        "hhsim.report.worst_ticks_section.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}")
+    )
 
 
 def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
