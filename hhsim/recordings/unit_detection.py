@@ -153,8 +153,8 @@ def _refuse_few_degrees(recording: Recording) -> None:
     share = float((beyond.sum(axis=1) >= JOINTS_BEYOND).mean()) if beyond.size else 0.0
     if share > MANY:
         raise TrajectoryError(
-            f"joint angles reach {float(np.nanmax(np.abs(angles))):.3g}: as radians, {JOINTS_BEYOND} or more of them are "
-            f"over {np.degrees(SLACK):.0f}° beyond a hand's range in {100.0 * share:.0f} % of the samples; say "
+            f"joint angles reach {float(np.nanmax(np.abs(angles))):.3g}: as radians, {JOINTS_BEYOND} or more are over "
+            f"{np.degrees(SLACK):.0f}° beyond a hand's range in {100.0 * share:.0f} % of the samples; say "
             "--angle-unit deg, or --angle-unit rad if that is what they are"
         )
 
