@@ -82,7 +82,8 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         elif not limited and not promised(name, method):
             reason = f"not promised by {method}"
         rounding = max(metric.judged.rounding if metric.judged else 0.0, ROUNDING * abs(before))
-        word = _word(value, before, SLIGHT * abs(before), rounding)
+        sizes = (abs(value), abs(before)) if metric.signed else (value, before)
+        word = _word(*sizes, SLIGHT * abs(before), rounding)
         figure = metric if trembling or metric.moving_hold is None else metric.moving_hold
         shown = figure.label, figure.unit, figure.scale
         rows.append(GateRow(scene, "error", name, *shown, value, before, limit, word, passed, reason))

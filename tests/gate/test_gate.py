@@ -282,6 +282,13 @@ def test_an_error_has_a_word_beside_its_limit(figures: RunFigures, value: float,
     assert (row.verdict, row.passed) == (word, value <= 1.1)
 
 
+@pytest.mark.parametrize(("before", "value", "word"), [(0.5, -20.0, "worse"), (-20.0, 0.5, "better")])
+def test_an_energy_below_the_optimum_is_not_better(figures: RunFigures, before: float, value: float, word: str) -> None:
+    head, base = (replace(figures, errors={**figures.errors, "tracking_excess": each}) for each in (value, before))
+    (row,) = (row for row in judge_errors("tiny", head, base, {}) if row.name == "tracking_excess")
+    assert row.verdict == word
+
+
 @pytest.mark.parametrize(
     ("before", "passed", "reason"),
     [
