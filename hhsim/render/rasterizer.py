@@ -173,8 +173,6 @@ def _blurred(depth: FloatArray, pixel: IntArray, shape: tuple[int, int], width: 
         shape: Rows and columns of the picture.
         width: Standard deviation [pixels].
     """
-    from scipy.ndimage import gaussian_filter
-
     step = max(1, int(width / 4.0))
     row, column = np.divmod(pixel, shape[1])
     lines, width_there = (np.bincount(np.arange(size) // step) for size in shape)
@@ -182,7 +180,7 @@ def _blurred(depth: FloatArray, pixel: IntArray, shape: tuple[int, int], width: 
     least = depth.min(initial=0.0)
     total = np.bincount(cell, depth - least, len(lines) * len(width_there))
     coarse = total.reshape(len(lines), -1) / np.outer(lines, width_there)
-    smooth = gaussian_filter(coarse, width / step, mode="nearest") + least
+    smooth = _gaussian(coarse.shape[0], width / step) @ coarse @ _gaussian(coarse.shape[1], width / step).T + least
     # Bilinear between the middles of cells: down first, which is of all columns of cells, then across at each pixel.
     above, down = _between(shape[0], step, len(lines))
     left, across = _between(shape[1], step, len(width_there))
@@ -192,6 +190,13 @@ def _blurred(depth: FloatArray, pixel: IntArray, shape: tuple[int, int], width: 
     flat = strips.ravel()
     first = flat[start]
     return np.asarray(first + share * (flat[start + 1] - first))
+
+
+def _gaussian(cells: int, width: float) -> FloatArray:
+    """Shares of the cells of a line, shape (cells, cells), that are blended into each; standard deviation in cells."""
+    place = np.arange(cells)
+    share = np.exp(-0.5 * ((place[:, None] - place) / width) ** 2)
+    return np.asarray(share / share.sum(axis=1, keepdims=True))
 
 
 def _between(pixels: int, step: int, cells: int) -> tuple[IntArray, FloatArray]:
