@@ -98,9 +98,9 @@ def _others(result: Result) -> dict[str, float]:
     found = {}
     for name in limitable():
         metric = run_metrics().get(name)
+        compute = None if metric is None else metric.compute
         if name not in judged:
-            own = metric is None or metric.compute is None
-            found[name] = float(result.summary.get(name, np.nan) if own else metric.compute(run))
+            found[name] = float(result.summary.get(name, np.nan) if compute is None else compute(run))
     return found
 
 
