@@ -24,9 +24,10 @@ def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: b
     """Write the ticks of a result to a CSV table.
 
     RESULT is a file that hhsim replay or hhsim live wrote. Each tick is a line, each column has its unit in the
-    heading, and an array is a column an element. By default these are time, input sample, palms, total force, depth,
-    contacts, times and status; --columns names others (docs/files.md). Fingers and joints are counted from 0, the
-    thumb, and from the palm. Numbers have every digit, so that they are read back as they were.
+    heading, and an array is a column an element. By default these are time, input sample, palms, total force, its size
+    and that of the force on each finger, depth, contacts, times and status; --columns names others (docs/files.md).
+    Fingers and joints are counted from 0, the thumb, and from the palm. Numbers have every digit, so that they are read
+    back as they were.
 
     \b
     Examples:

@@ -67,7 +67,8 @@ def command(
     SUITE is a TOML file of scenes and limits; without it, hhsim-gate.toml of the current folder, else the one that
     ships. Errors have absolute limits. Work counters are compared with the base exactly, but for a stated slack. Times
     are medians over processes of the CPU p50: of base and head run in turn with --base-python, or divided by a fixed
-    reference workload where the baseline was recorded elsewhere. A RESULT is judged as it is, without times.
+    reference workload where the baseline was recorded elsewhere. A RESULT is judged as it is; of its times, only those
+    that the suite limits.
 
     Exit codes: 0 ok, 1 a limit was missed, 2 bad input, 3 the two sides were fed with different inputs.
 
@@ -91,7 +92,7 @@ def command(
     if target is not None and names_a_result(target):
         if comparison.base_python is not None or comparison.write_baseline is not None:
             raise click.UsageError("--base-python and --write-baseline run a suite: a RESULT is judged as it is")
-        report = _judge_result(target, comparison.baseline)
+        report = _judge_result(target, comparison.baseline, timed=comparison.time)
     else:
         report = _judge_suite(target, comparison, quiet=quiet)
     # The name of a file need be no UTF-8.
@@ -111,7 +112,7 @@ def command(
     return report.exit_code
 
 
-def _judge_result(path: Path, baseline: Path | None) -> "GateReport":
+def _judge_result(path: Path, baseline: Path | None, *, timed: bool) -> "GateReport":
     from hhsim.gate.baseline import load_baseline
     from hhsim.gate.gate import find_suite, gate_result
     from hhsim.gate.suite import SUITE_FILE
@@ -121,7 +122,7 @@ def _judge_result(path: Path, baseline: Path | None) -> "GateReport":
     base: Result | Baseline | None = None
     if baseline is not None:
         base = load_result(baseline) if names_a_result(baseline) else load_baseline(baseline)
-    return gate_result(load_result(path), suite, base)
+    return gate_result(load_result(path), suite, base, timed=timed)
 
 
 def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) -> "GateReport":

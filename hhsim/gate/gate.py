@@ -8,6 +8,7 @@ from typing import Any
 from hhsim.errors import InputError
 from hhsim.gate.baseline import Baseline, RecordedScene
 from hhsim.gate.input_hash import differences
+from hhsim.gate.limits import OF_SESSIONS, without_times
 from hhsim.gate.metrics import RunFigures, run_figures
 from hhsim.gate.run import RunFailed, Side, interleaved_times, times_beside_reference
 from hhsim.gate.suite import GateScene, GateSuite, default_suite, load_suite
@@ -17,6 +18,7 @@ from hhsim.gate.verdict import (
     judge_counters,
     judge_errors,
     judge_inputs,
+    judge_others,
     judge_time,
     overall,
     unjudged,
@@ -90,7 +92,7 @@ def gate_suite(
         head: What is judged.
         base: What it is compared with, run in the same job.
         baseline: A recorded one; where both are given, counters are compared with this one, times with `base`.
-        timed: Whether times are judged.
+        timed: Whether times are judged, by the base and by limits.
         record_times: Whether times of head are taken for a baseline to come, even where nothing is compared.
         progress: Called with what is being done, how much is done and how much there is.
 
@@ -122,10 +124,16 @@ def gate_suite(
     return GateReport(suite.source, " and ".join(against), tuple(rows), tuple(notes), recorded)
 
 
-def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None) -> GateReport:
+def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None, *, timed: bool = True) -> GateReport:
     """Judge a result by the suite's limits of its method, and its counters by another result or a baseline.
 
-    Times are not judged: those of two runs that were not run in turn say nothing.
+    Times are not compared: those of two runs that were not run in turn say nothing.
+
+    Args:
+        result: What is judged.
+        suite: Limits.
+        base: What it is compared with.
+        timed: Whether times that the suite limits are judged.
 
     Raises:
         InputError: A result without ticks.
@@ -143,7 +151,10 @@ def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None
             before = alike[0]
         else:
             unlike = f"no scene of {source} has the inputs of {result.path}"
-    rows = _judged(name, head, before, suite.limits_of(result.method), suite.slack)
+    limits = suite.limits_of(result.method)
+    if result.live is None:
+        limits = {figure: limit for figure, limit in limits.items() if figure not in OF_SESSIONS}
+    rows = _judged(name, head, before, limits if timed else without_times(limits), suite.slack)
     if unlike:
         rows.insert(0, unjudged(name, "inputs", unlike))
     stopped = f"the run of {result.path} was stopped: only its first {result.ticks:,} ticks are judged"
@@ -154,12 +165,13 @@ def _judged(
     name: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float], slack: Mapping[str, float]
 ) -> list[GateRow]:
     """All rows of a run but its time; of a base that was fed with something else, no figure is told."""
+    others = judge_others(name, head, limits)
     if base is None:
-        return judge_errors(name, head, None, limits)
+        return [*judge_errors(name, head, None, limits), *others]
     inputs = judge_inputs(name, head, base)
     if differences(base.inputs, head.inputs):
-        return [inputs, *judge_errors(name, head, None, limits)]
-    return [inputs, *judge_errors(name, head, base, limits), *judge_counters(name, head, base, slack)]
+        return [inputs, *judge_errors(name, head, None, limits), *others]
+    return [inputs, *judge_errors(name, head, base, limits), *others, *judge_counters(name, head, base, slack)]
 
 
 class _SceneRun:
@@ -207,7 +219,8 @@ class _SceneRun:
                 if apart:
                     times_with = None
                     why = why or ("" if baseline is None else f"base has different inputs: {'; '.join(apart)}")
-        self.rows = _judged(scene.name, figures, before, scene.limits, scene.slack)
+        limits = scene.limits if timed else without_times(scene.limits)
+        self.rows = _judged(scene.name, figures, before, limits, scene.slack)
         comparable = before is None or not differences(before.inputs, figures.inputs)
         if why:
             self.rows.insert(0, unjudged(scene.name, "inputs", why))

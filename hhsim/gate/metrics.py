@@ -4,16 +4,17 @@ Errors are computed anew from the stored poses and forces where that needs no so
 is stale or wrong does not pass.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.gate.input_hash import RunInputs, run_inputs
+from hhsim.gate.limits import limitable
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics import metrics
-from hhsim.metrics.run.registry import judged_metrics
+from hhsim.metrics.run.registry import judged_metrics, run_metrics
 from hhsim.metrics.run_metric import Figure
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.stored_scene import stored_tree
@@ -44,12 +45,15 @@ class RunFigures:
         errors: By the names of `hhsim.metrics.run.registry.judged_metrics`; NaN where undefined.
         counters: By the names of `COUNTERS`.
         cpu_p50: Median CPU time of its ticks in contact, of all ticks where it has no contact [s].
+        others: Figures of `hhsim.gate.limits.limitable` that are judged only where a suite limits them, by name, SI or
+            %; NaN where undefined. None of a baseline.
     """
 
     inputs: RunInputs
     errors: dict[str, float]
     counters: dict[str, int]
     cpu_p50: float
+    others: dict[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """As plain values; what is undefined is None."""
@@ -64,7 +68,7 @@ def run_figures(result: Result) -> RunFigures:
         InputError: A dataset that the result's schema does not have, or a tree that is none.
     """
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items()}
-    return RunFigures(run_inputs(result), _errors(result), counters, cpu_p50(result))
+    return RunFigures(run_inputs(result), _errors(result), counters, cpu_p50(result), _others(result))
 
 
 def cpu_p50(result: Result) -> float:
@@ -87,6 +91,17 @@ def _errors(result: Result) -> dict[str, float]:
         name: np.inf if np.isnan(value) and lost.intersection(judged_metrics()[name].needs) else value
         for name, value in found.items()
     }
+
+
+def _others(result: Result) -> dict[str, float]:
+    run, judged = result_ticks(result, _ComputedAnew(result)), judged_metrics()
+    found = {}
+    for name in limitable():
+        metric = run_metrics().get(name)
+        compute = None if metric is None else metric.compute
+        if name not in judged:
+            found[name] = float(result.summary.get(name, np.nan) if compute is None else compute(run))
+    return found
 
 
 class _ComputedAnew:

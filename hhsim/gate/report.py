@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from hhsim.gate.gate import GateReport
 from hhsim.gate.verdict import GateRow
 
-HEADINGS = ("scene", "figure", "head", "base", "limit", "unit", "verdict", "")
+HEADINGS = ("scene", "figure", "head", "base", "limit", "unit", "verdict", "outcome")
 NUMBERS = ("head", "base", "limit")
 OK, MISSED = "ok", "MISSED"
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
+from hhsim.gate.limits import OF_SESSIONS, limitable
 from hhsim.gate.metrics import COUNTERS
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.limits import promised
@@ -80,7 +81,7 @@ class GateScene:
         arguments: More arguments of `hhsim replay`.
         timed: Whether its time is judged.
         limits: Largest value of each figure that has a limit, by the names of
-            `hhsim.metrics.run.registry.judged_metrics`, SI or %.
+            `hhsim.metrics.run.registry.run_metrics`, SI or %.
         slack: Of each counter, as a share of the baseline's value.
     """
 
@@ -112,7 +113,8 @@ class GateSuite:
         limit: Share by which head may be slower than base, both run in one job.
         recorded_limit: The same against a recorded baseline.
         processes: Timed processes of each side and scene.
-        limits, slack: For every scene that has none of its own, and for results.
+        limits, slack: For every scene that has none of its own, and for results; limits of a session's times are for
+            results alone.
     """
 
     scenes: tuple[GateScene, ...]
@@ -129,11 +131,11 @@ class GateSuite:
         """Limits of a result, which is no scene of the suite.
 
         They are those that all scenes of its method share, where there are such, else those of every scene that the
-        method promises to hold.
+        method promises to hold; and those of a session's times.
         """
         own = [scene.limits for scene in self.scenes if scene.method == method]
         if own and all(limits == own[0] for limits in own):
-            return own[0]
+            return {**own[0], **{name: limit for name, limit in self.limits.items() if name in OF_SESSIONS}}
         return {name: limit for name, limit in self.limits.items() if promised(name, method)}
 
 
@@ -239,8 +241,12 @@ def _scene(row: dict[str, Any], limits: Mapping[str, float], slack: Mapping[str,
 
 def _limits(table: dict[str, Any], where: str, usual: Mapping[str, float] | None = None) -> dict[str, float]:
     """Limits by figure: those of a scene on top of the usual ones; false takes one away."""
-    found = dict(usual or {})
-    for name, value in checked_table(where, "limits", table.get("limits", {}), tuple(judged_metrics())).items():
+    found = {name: limit for name, limit in (usual or {}).items() if name not in OF_SESSIONS}
+    limits = table.get("limits", {})
+    if usual is not None and isinstance(limits, dict) and not OF_SESSIONS.isdisjoint(limits):
+        name = min(OF_SESSIONS.intersection(limits))
+        raise InputError(f"{where}: limits: only a live session has {name}: set it in [limits], for hhsim gate SESSION")
+    for name, value in checked_table(where, "limits", limits, tuple(limitable())).items():
         if value is False:
             found.pop(name, None)
         else:

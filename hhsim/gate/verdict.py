@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hhsim.gate.input_hash import differences, new_options
+from hhsim.gate.limits import limitable
 from hhsim.gate.metrics import COUNTERS, RunFigures
 from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
 from hhsim.metrics.run.force import TREMBLING
@@ -24,7 +25,8 @@ class GateRow:
     """One judged figure.
 
     Attributes:
-        scene, kind, name: Which; `kind` is inputs, error, counter or time.
+        scene, kind, name: Which; `kind` is inputs, error, counter, time, or limit of a figure that is judged only where
+            the suite limits it.
         label: For people.
         unit: Of the three numbers as `scale` makes them.
         scale: From `unit` to SI.
@@ -80,10 +82,25 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         elif not limited and not promised(name, method):
             reason = f"not promised by {method}"
         rounding = max(metric.judged.rounding if metric.judged else 0.0, ROUNDING * abs(before))
-        word = _word(value, before, SLIGHT * abs(before), rounding)
+        sizes = (abs(value), abs(before)) if metric.signed else (value, before)
+        word = _word(*sizes, SLIGHT * abs(before), rounding)
         figure = metric if trembling or metric.moving_hold is None else metric.moving_hold
         shown = figure.label, figure.unit, figure.scale
         rows.append(GateRow(scene, "error", name, *shown, value, before, limit, word, passed, reason))
+    return rows
+
+
+def judge_others(scene: str, head: RunFigures, limits: Mapping[str, float]) -> list[GateRow]:
+    """Figures that only the suite's own limits judge; what is undefined is not judged."""
+    rows = []
+    for name, figure in limitable().items():
+        if name not in limits or name in judged_metrics():
+            continue
+        value = head.others.get(name, math.nan)
+        passed = math.isnan(value) or value <= limits[name]
+        reason = "undefined here, so not judged" if math.isnan(value) else "" if passed else "over the limit"
+        shown = figure.label, figure.unit, figure.scale
+        rows.append(GateRow(scene, "limit", name, *shown, value, limit=limits[name], passed=passed, reason=reason))
     return rows
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, MeshError
+from hhsim.system.media_kind import media_kind_of
 
 ENCODING_GUESSER = "charset_normalizer"
 """The package that trimesh asks in which encoding a text is that is no UTF-8."""
@@ -32,6 +33,9 @@ def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     kind = path.suffix.lower().removeprefix(".")
     known = sorted(trimesh.available_formats())
     if kind not in known:
+        media = media_kind_of(path)
+        if media:
+            raise MeshError(f"{path}: {media}; expected a mesh: {', '.join(known)}")
         what = f"unknown mesh format '.{kind}'" if kind else "no suffix that says which mesh format it is"
         raise MeshError(f"{path}: {what}; known: {', '.join(known)}")
     try:

@@ -21,6 +21,7 @@ class Figure:
         unit: Of what is shown.
         scale: From what is shown to SI.
         less_is_better: False where more is neither better nor worse.
+        signed: Whether it may be below 0, where it is as wrong as above: the nearer to 0 the better.
         paper: The paper's figure as printed there, in `unit`, or "".
     """
 
@@ -30,6 +31,7 @@ class Figure:
     unit: str = ""
     scale: float = 1.0
     less_is_better: bool = True
+    signed: bool = False
     paper: str = ""
 
     @property

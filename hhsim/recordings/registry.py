@@ -7,6 +7,7 @@ from hhsim.errors import InputError, TrajectoryError, UnknownNameError
 from hhsim.recordings.frames import axes_matrix
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.system.media_kind import media_kind
 
 FORMATS_PACKAGE = "hhsim.recordings.formats"
 """By its name: the formats build upon this package."""
@@ -71,6 +72,9 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
         return formats[options.form]
     if not content.head.strip() and not content.data.strip():
         raise TrajectoryError("empty; expected a recording")
+    media = media_kind(content.head)
+    if media:
+        raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)}")
     form = next((form for form in formats.values() if form.sniff(content, options)), None)
     if form is None:
         raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(formats)}")

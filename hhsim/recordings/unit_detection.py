@@ -6,6 +6,7 @@
 | positions | most samples are farther than 100 from the origin, or move faster than 200 a second | mm |
 | positions | else, most samples are farther than 8, or faster than 20 | refused: mm, cm and inches are all possible |
 | joint angles | one beyond ±200° in more than a fifth of the samples, read as radians | degrees |
+| joint angles | else, three more than 30° beyond a hand's range in so many | refused: they may be degrees |
 
 A unit that the file's mapping or the user stated is not guessed again: there the same signs refuse.
 """
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, default_fingers
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Phase
 from hhsim.recordings.recording import Finding, Recording, note
@@ -41,6 +43,8 @@ FAST = 20.0
 """A usual speed of the palm above this [m/s] is not in metres: a punch reaches 10."""
 JOINT_LIMIT = np.radians(200.0)
 """A joint angle beyond this [rad] is no joint's."""
+SLACK, JOINTS_BEYOND = np.radians(30.0), 3
+"""So far beyond its range [rad] one joint may be, whose zero is elsewhere; so many joints are not."""
 CERTAINLY_FAST = 200.0
 MANY = 0.2
 """A unit is wrong in all samples; a glitch is in few."""
@@ -122,6 +126,7 @@ def _angles(recording: Recording) -> Recording:
     beyond = np.abs(angles) > JOINT_LIMIT
     share = float(beyond.any(axis=1).mean()) if beyond.size else 0.0
     if share <= FEW:
+        _refuse_few_degrees(recording)
         return recording
     worst = float(np.nanmax(np.abs(angles)))
     reason = f"joint angles reach {worst:.4g} rad, beyond what a joint can do in {100.0 * share:.0f} % of the samples"
@@ -133,6 +138,25 @@ def _angles(recording: Recording) -> Recording:
     return _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit").changed(
         flexion=recording.flexion * factor, abduction=recording.abduction * factor
     )
+
+
+def _refuse_few_degrees(recording: Recording) -> None:
+    """Refuse angles so small that no joint would be beyond ±200° in degrees, and so large that no hand bends so."""
+    if "angle" in recording.stated:
+        return
+    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    least, most = (
+        np.concatenate([sizes[f"flexion_{end}"].ravel(), sizes[f"abduction_{end}"]]) for end in ("min", "max")
+    )
+    angles = recording.angles
+    beyond = np.maximum(least - angles, angles - most) > SLACK
+    share = float((beyond.sum(axis=1) >= JOINTS_BEYOND).mean()) if beyond.size else 0.0
+    if share > MANY:
+        raise TrajectoryError(
+            f"joint angles reach {float(np.nanmax(np.abs(angles))):.3g}: as radians, {JOINTS_BEYOND} or more are over "
+            f"{np.degrees(SLACK):.0f}° beyond a hand's range in {100.0 * share:.0f} % of the samples; say "
+            "--angle-unit deg, or --angle-unit rad if that is what they are"
+        )
 
 
 def _corrected(key: str) -> str:

@@ -5,15 +5,17 @@ matplotlib sorts triangles by their middles, which fails where bodies touch; her
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.kernels.sphere_rasterizer import nearest_spheres
-from hhsim.render.triangle_soup import Surface
+from hhsim.render.triangle_soup import Surface, count_up
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Image = NDArray[np.floating[Any]]
 
 LIGHT = np.array([-0.45, 0.55, 0.90])
 """Towards the key light, in the picture's frame (right, up, towards the viewer)."""
@@ -21,9 +23,10 @@ LIGHT = np.array([-0.45, 0.55, 0.90])
 OVERSAMPLING = 2
 """A picture is drawn this much larger and averaged."""
 
-
-TESTS = 1_000_000
-"""Most tests of a pixel against a triangle that are held in memory at once, but for one triangle."""
+PIXELS = 1_000_000
+"""Most pixels of triangles that are held in memory at once, but for one row of them."""
+EDGE = 1e-9
+"""A pixel's middle that lies on an edge belongs to both triangles, whatever is rounded [pixels]."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +56,9 @@ class Layer:
         facing: Cosine between the surface's normal and the direction to the viewer, shape (rows, columns).
     """
 
-    color: FloatArray
+    color: Image
     depth: FloatArray
-    facing: FloatArray
+    facing: Image
 
     def seen(self) -> NDArray[np.bool_]:
         """Where the surface is, shape (rows, columns)."""
@@ -86,13 +89,24 @@ def shade(surface: Surface, camera: Camera) -> Layer:
     scale = rows / camera.height
     points = (surface.points - camera.center) @ camera.rotation.T
     screen = np.stack([points[:, 0] * scale + 0.5 * columns, 0.5 * rows - points[:, 1] * scale], axis=1)
-    faces = surface.faces[((surface.normals @ camera.rotation[2])[surface.faces] > 0.0).any(axis=1)]
+    # Single precision and one component after another: what is done at every pixel is most of the work.
+    normals = np.ascontiguousarray((camera.rotation @ surface.normals.T).astype(np.float32))
+    faces = surface.faces[(normals[2] > 0.0)[surface.faces].any(axis=1)]
     depth, weight, face = rasterise(screen, points[:, 2], faces, (rows, columns))
-    seen = face >= 0
-    corner, weight = faces[face[seen]], weight[seen]
-    normals = np.einsum("pk,pki->pi", weight, surface.normals[corner]) @ camera.rotation.T
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return lit(depth, normals, np.einsum("pk,pki->pi", weight, surface.colors[corner]), camera)
+    there = face[face >= 0]
+    corners = [faces[:, k][there] for k in range(3)]
+    normal = _interpolated(normals, corners, weight)
+    normal /= np.maximum(np.sqrt(np.einsum("ip,ip->p", normal, normal)), 1e-12)
+    colors = np.ascontiguousarray(surface.colors.T.astype(np.float32))
+    return lit(depth, normal.T, _interpolated(colors, corners, weight).T, camera)
+
+
+def _interpolated(values: Image, corners: Sequence[IntArray], weight: FloatArray) -> Image:
+    """Values of vertices, shape (3, vertices), at pixels: shape (3, pixels)."""
+    if (values == values[:, :1]).all():
+        return np.repeat(values[:, :1], weight.shape[1], axis=1)
+    share = weight.astype(np.float32)
+    return np.stack([sum(share[k] * row[corners[k]] for k in range(3)) for row in values])
 
 
 def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -120,7 +134,7 @@ def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[F
     return depth / scale, normals, there
 
 
-def lit(depth: FloatArray, normals: FloatArray, color: FloatArray, camera: Camera) -> Layer:
+def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Layer:
     """Light what a camera sees.
 
     Args:
@@ -130,36 +144,66 @@ def lit(depth: FloatArray, normals: FloatArray, color: FloatArray, camera: Camer
         camera: That sees it.
     """
     rows, columns = depth.shape
-    scale, seen = rows / camera.height, np.isfinite(depth)
+    scale, pixel = rows / camera.height, np.flatnonzero(np.isfinite(depth))
+    there = depth.ravel()[pixel]
     light = LIGHT / np.linalg.norm(LIGHT)
     half = light + np.array([0.0, 0.0, 1.0])
-    diffuse = np.clip((normals @ light + 0.25) / 1.25, 0.0, None)
-    shine = np.clip(normals @ (half / np.linalg.norm(half)), 0.0, None) ** 30
+    kind = normals.dtype
+    diffuse = np.clip((normals @ light.astype(kind) + 0.25) / 1.25, 0.0, None)
+    shine = np.clip(normals @ (half / np.linalg.norm(half)).astype(kind), 0.0, None) ** 30
     # What lies behind its surroundings gets less light: depth against its blur stands in for ambient occlusion.
-    far = np.where(seen, depth, depth[seen].min(initial=0.0))
-    blur = _blurred(far, 0.006 * scale)
-    shadow = np.clip(1.0 - np.clip(blur - far, 0.0, None)[seen] / 0.012, 0.45, 1.0)
-    ambient = 0.36 + 0.10 * normals[:, 1]
-    color = color * ((ambient + 0.66 * diffuse) * shadow)[:, None] + 0.10 * shine[:, None]
-    # Skin lets red through where it turns away from the light.
-    color[:, 0] += 0.05 * (1.0 - diffuse)
-    picture, facing = np.zeros((rows, columns, 3)), np.zeros((rows, columns))
-    picture[seen], facing[seen] = np.clip(color, 0.0, 1.0), normals[:, 2]
-    return Layer(picture, depth, facing)
+    hollow = _blurred(there, pixel, depth.shape, 0.006 * scale) - there
+    shadow = np.clip(1.0 - np.clip(hollow, 0.0, None) / 0.012, 0.45, 1.0).astype(kind)
+    strength, gloss = (0.36 + 0.10 * normals[:, 1] + 0.66 * diffuse) * shadow, 0.10 * shine
+    picture, facing = np.zeros((3, rows * columns), np.float32), np.zeros(rows * columns, np.float32)
+    for channel in range(3):
+        # Skin lets red through where it turns away from the light.
+        glow = 0.05 * (1.0 - diffuse) if channel == 0 else 0.0
+        picture[channel, pixel] = np.clip(color[:, channel] * strength + gloss + glow, 0.0, 1.0)
+    facing[pixel] = normals[:, 2]
+    return Layer(np.moveaxis(picture.reshape(3, rows, columns), 0, 2), depth, facing.reshape(rows, columns))
 
 
-def _blurred(values: FloatArray, width: float) -> FloatArray:
-    """Smoothed by a Gaussian of so many pixels; a wide one is taken of a coarser grid, where it costs little."""
-    from scipy.ndimage import gaussian_filter, zoom
+def _blurred(depth: FloatArray, pixel: IntArray, shape: tuple[int, int], width: float) -> FloatArray:
+    """Depth smoothed by a Gaussian of so many pixels; a wide one is taken of a coarser grid, where it costs little.
 
+    Args:
+        depth: At the pixels where something is; elsewhere is the least of it; shape (pixels,).
+        pixel: Their numbers, row by row, shape (pixels,).
+        shape: Rows and columns of the picture.
+        width: Standard deviation [pixels].
+    """
     step = max(1, int(width / 4.0))
-    if step == 1:
-        return np.asarray(gaussian_filter(values, width))
-    rows, columns = values.shape
-    padded = np.pad(values, ((0, -rows % step), (0, -columns % step)), mode="edge")
-    coarse = padded.reshape(padded.shape[0] // step, step, -1, step).mean(axis=(1, 3))
-    smooth = gaussian_filter(coarse, width / step)
-    return np.asarray(zoom(smooth, step, order=1, grid_mode=True, mode="nearest"))[:rows, :columns]
+    row, column = np.divmod(pixel, shape[1])
+    lines, width_there = (np.bincount(np.arange(size) // step) for size in shape)
+    cell = row // step * len(width_there) + column // step
+    least = depth.min(initial=0.0)
+    total = np.bincount(cell, depth - least, len(lines) * len(width_there))
+    coarse = total.reshape(len(lines), -1) / np.outer(lines, width_there)
+    smooth = _gaussian(coarse.shape[0], width / step) @ coarse @ _gaussian(coarse.shape[1], width / step).T + least
+    # Bilinear between the middles of cells: down first, which is of all columns of cells, then across at each pixel.
+    above, down = _between(shape[0], step, len(lines))
+    left, across = _between(shape[1], step, len(width_there))
+    padded = np.pad(smooth, ((0, 1), (0, 1)), mode="edge")
+    strips = padded[above] + down[:, None] * (padded[above + 1] - padded[above])
+    start, share = row * strips.shape[1] + left[column], across[column]
+    flat = strips.ravel()
+    first = flat[start]
+    return np.asarray(first + share * (flat[start + 1] - first))
+
+
+def _gaussian(cells: int, width: float) -> FloatArray:
+    """Shares of the cells of a line, shape (cells, cells), that are blended into each; standard deviation in cells."""
+    place = np.arange(cells)
+    share = np.exp(-0.5 * ((place[:, None] - place) / width) ** 2)
+    return np.asarray(share / share.sum(axis=1, keepdims=True))
+
+
+def _between(pixels: int, step: int, cells: int) -> tuple[IntArray, FloatArray]:
+    """Of each pixel of a line the cell of `step` pixels whose middle is before it, and how far it is to the next."""
+    place = np.clip((np.arange(pixels) + 0.5) / step - 0.5, 0.0, cells - 1.0)
+    before = place.astype(np.int64)
+    return before, place - before
 
 
 def blend(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
@@ -172,20 +216,28 @@ def blend(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
         The picture, shape (rows, columns, 3), 0 to 1.
     """
     picture = composed(layers)
-    rows, columns = picture.shape[0] // OVERSAMPLING, picture.shape[1] // OVERSAMPLING
-    return np.asarray(picture.reshape(rows, OVERSAMPLING, columns, OVERSAMPLING, 3).mean(axis=(1, 3)))
+    parts = [picture[i::OVERSAMPLING, j::OVERSAMPLING] for i in range(OVERSAMPLING) for j in range(OVERSAMPLING)]
+    return np.asarray(sum(parts[1:], parts[0]) / len(parts))
 
 
 def composed(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
     """The same as `blend` at the pixels of the layers, before they are averaged."""
-    depth = np.stack([layer.depth for layer, _ in layers])
-    opacity = np.stack([np.where(layer.seen(), alpha, 0.0) for layer, alpha in layers])
-    color = np.stack([layer.color for layer, _ in layers])
-    picture = np.ones_like(color[0])
-    for rank in np.argsort(depth, axis=0, kind="stable"):
-        alpha = np.take_along_axis(opacity, rank[None], axis=0)[0][:, :, None]
-        picture += alpha * (np.take_along_axis(color, rank[None, :, :, None], axis=0)[0] - picture)
-    return np.asarray(picture)
+    seen = np.logical_or.reduce([layer.seen() for layer, _ in layers])
+    pixel = np.flatnonzero(seen)
+    depth = np.stack([layer.depth.ravel()[pixel] for layer, _ in layers])
+    opacity = np.stack([np.broadcast_to(alpha, seen.shape).ravel()[pixel] for _, alpha in layers])
+    opacity[np.isneginf(depth)] = 0.0
+    order = np.argsort(depth, axis=0, kind="stable")
+    flat = order * len(pixel) + np.arange(len(pixel))
+    opacity = opacity.ravel()[flat]
+    picture = np.ones((3, seen.size))
+    for channel in range(3):
+        color = np.concatenate([layer.color[:, :, channel].ravel()[pixel] for layer, _ in layers])[flat]
+        mixed = np.ones(len(pixel))
+        for alpha, over in zip(opacity, color):
+            mixed += alpha * (over - mixed)
+        picture[channel, pixel] = mixed
+    return np.moveaxis(picture.reshape(3, *seen.shape), 0, 2)
 
 
 def rasterise(
@@ -200,38 +252,83 @@ def rasterise(
         shape: Rows and columns of the picture.
 
     Returns:
-        Coordinate towards the viewer [m], shape (rows, columns); barycentric weights, shape (rows, columns, 3); the
-        triangle or -1, shape (rows, columns).
+        Coordinate towards the viewer [m], shape (rows, columns); barycentric weights of the pixels where a triangle is,
+        row by row, shape (3, pixels); the triangle or -1, shape (rows, columns).
     """
-    depth = np.full(shape[0] * shape[1], -np.inf)
-    weight = np.zeros((shape[0] * shape[1], 3))
-    owner = np.full(shape[0] * shape[1], -1, dtype=np.int64)
-    corners = screen[faces]
-    low = np.floor(corners.min(axis=1)).astype(np.int64)
-    span = (np.ceil(corners.max(axis=1)).astype(np.int64) - low).max(axis=1) + 1
-    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    area = e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0]
-    order = np.argsort(span, kind="stable")
-    order = order[np.abs(area[order]) > 1e-9]
+    rows, columns = shape
+    depth, owner = np.full(rows * columns, -np.inf), np.full(rows * columns, -1, dtype=np.int64)
+    weights = _weights(screen[faces])
+    spans = _spans(screen[faces], weights, shape)
+    # Towards the viewer along a row of pixels, as along any line in a triangle, goes evenly.
+    z = towards[faces]
+    slope = np.einsum("mk,mk->m", weights[:, :, 0], z)[spans.face]
+    start = np.einsum("mk,mk->m", weights[:, :, 2], z)[spans.face]
+    start += np.einsum("mk,mk->m", weights[:, :, 1], z)[spans.face] * spans.row
+    ends = np.cumsum(spans.length)
     done = 0
-    while done < len(order):
-        # Triangles of about one size are tested together, each against the square of the largest one.
-        count = np.count_nonzero(np.arange(1, 257)[: len(order) - done] * span[order[done : done + 256]] ** 2 <= TESTS)
-        chunk = order[done : done + max(int(count), 1)]
-        done += len(chunk)
-        grid = np.arange(span[chunk].max())
-        x = low[chunk, 0, None, None] + grid[None, None, :]
-        y = low[chunk, 1, None, None] + grid[None, :, None]
-        px, py = x - corners[chunk, 0, 0, None, None], y - corners[chunk, 0, 1, None, None]
-        u = (px * e2[chunk, 1, None, None] - py * e2[chunk, 0, None, None]) / area[chunk, None, None]
-        v = (py * e1[chunk, 0, None, None] - px * e1[chunk, 1, None, None]) / area[chunk, None, None]
-        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
-        index, _, _ = np.nonzero(hit)
-        pixel = (y * shape[1] + x)[hit]
-        bary = np.stack([1.0 - u[hit] - v[hit], u[hit], v[hit]], axis=1)
-        z = np.einsum("pk,pk->p", bary, towards[faces[chunk[index]]])
-        # Of several triangles at one pixel the last assignment wins: the nearest must come last.
-        near = np.argsort(z, kind="stable")
-        near = near[z[near] > depth[pixel[near]]]
-        depth[pixel[near]], weight[pixel[near]], owner[pixel[near]] = z[near], bary[near], chunk[index[near]]
-    return depth.reshape(shape), weight.reshape((*shape, 3)), owner.reshape(shape)
+    while done < len(ends):
+        before = ends[done - 1] if done else 0
+        part = slice(done, max(done + 1, int(np.searchsorted(ends, before + PIXELS, side="right"))))
+        done = part.stop
+        span = np.repeat(np.arange(part.start, part.stop), spans.length[part])
+        column = spans.column[span] + count_up(spans.length[part])
+        pixel = spans.row[span] * columns + column
+        value = start[span] + slope[span] * column
+        np.maximum.at(depth, pixel, value)
+        nearest = value == depth[pixel]
+        owner[pixel[nearest]] = spans.face[span[nearest]]
+    seen = np.flatnonzero(owner >= 0)
+    row, column = np.divmod(seen, columns)
+    parts = weights.reshape(-1, 9).T[:, owner[seen]].reshape(3, 3, -1)
+    weight = parts[:, 0] * column + parts[:, 1] * row + parts[:, 2]
+    return depth.reshape(shape), weight, owner.reshape(shape)
+
+
+class _Spans(NamedTuple):
+    """Pixels of triangles, row by row: the triangle, its row, the first column there, and how many; shapes (s,)."""
+
+    face: IntArray
+    row: IntArray
+    column: IntArray
+    length: IntArray
+
+
+def _weights(corners: FloatArray) -> FloatArray:
+    """Barycentric weights as functions of a pixel's column and row, and a constant: shape (m, 3, 3).
+
+    All are 0 of a triangle that is seen edge on.
+    """
+    first, second = corners[:, [1, 2, 0]], corners[:, [2, 0, 1]]
+    edge = second - first
+    area = edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0]
+    constant = first[:, :, 0] * edge[:, :, 1] - first[:, :, 1] * edge[:, :, 0]
+    weights = np.stack([-edge[:, :, 1], edge[:, :, 0], constant], axis=2)
+    seen = np.abs(area) > 1e-9
+    return weights * np.divide(1.0, area, out=np.zeros_like(area), where=seen)[:, None, None]
+
+
+def _spans(corners: FloatArray, weights: FloatArray, shape: tuple[int, int]) -> _Spans:
+    """The pixels whose middles lie in triangles.
+
+    Args:
+        corners: Column and row [pixels], shape (m, 3, 2).
+        weights: As from `_weights`.
+        shape: Rows and columns of the picture.
+    """
+    rows, columns = shape
+    low = np.clip(np.ceil(corners[:, :, 1].min(axis=1) - EDGE), 0, rows).astype(np.int64)
+    high = np.clip(np.floor(corners[:, :, 1].max(axis=1) + EDGE), -1, rows - 1).astype(np.int64)
+    count = np.where(weights.any(axis=(1, 2)), np.maximum(high - low + 1, 0), 0)
+    face = np.repeat(np.arange(len(corners)), count)
+    row = low[face] + count_up(count)
+    left, right = np.zeros(len(face)), np.full(len(face), columns - 1.0)
+    for k in range(3):
+        slope, there = weights[face, k, 0], weights[face, k, 1] * row + weights[face, k, 2]
+        # A weight that does not change along the row is not negative between the highest and the lowest corner.
+        end = np.divide(-there, slope, out=np.full(len(face), np.nan), where=slope != 0.0)
+        left = np.fmax(left, np.where(slope > 0.0, end, np.nan))
+        right = np.fmin(right, np.where(slope < 0.0, end, np.nan))
+    column = np.ceil(left - EDGE).astype(np.int64)
+    length = np.floor(right + EDGE).astype(np.int64) - column + 1
+    some = length > 0
+    return _Spans(face[some], row[some], column[some], length[some])

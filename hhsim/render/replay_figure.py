@@ -190,6 +190,7 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
 
     rows, columns = camera.shape
     scale = rows / camera.height
+    apart = np.array([max(40.0, 4.3 * size), max(15.0, 1.4 * size)]) / pixel
     placed: list[FloatArray] = []
     for force in forces:
         along = camera.rotation @ arrow(force)
@@ -201,7 +202,7 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
         edge = np.array([max(22.0, 0.5 * LETTER * size * len(text)), 9.0]) / pixel
         first = np.clip(first, edge, np.array([columns, rows]) - edge)
         place = first.copy()
-        while any((np.abs(place - other) < (40.0 / pixel, 15.0 / pixel)).all() for other in placed):
+        while any((np.abs(place - other) < apart).all() for other in placed):
             place[1] += 3.0 / pixel
         placed.append(place)
         color = tuple(0.8 * RED)

@@ -124,7 +124,7 @@ def mesh_surface(mesh: Mesh, color: FloatArray, crease: float = 55.0) -> Surface
     order = np.argsort(corners, kind="stable")
     _, first, count = np.unique(corners[order], return_index=True, return_counts=True)
     start, size = np.repeat(first, count), np.repeat(count, count)
-    corner, other = np.repeat(order, size), order[np.repeat(start, size) + _count_up(size)]
+    corner, other = np.repeat(order, size), order[np.repeat(start, size) + count_up(size)]
     smooth = np.einsum("ni,ni->n", unit[corner // 3], unit[other // 3]) > np.cos(np.radians(crease))
     normals = np.empty((len(corners), 3))
     for axis in range(3):
@@ -134,7 +134,7 @@ def mesh_surface(mesh: Mesh, color: FloatArray, crease: float = 55.0) -> Surface
     return Surface(mesh.vertices[corners], normals, np.tile(color, (len(corners), 1)), faces)
 
 
-def _count_up(lengths: NDArray[np.int64]) -> NDArray[np.int64]:
+def count_up(lengths: NDArray[np.int64]) -> NDArray[np.int64]:
     """0, 1, … up to each length, one after another."""
     ends = np.cumsum(lengths)
     return np.asarray(np.arange(lengths.sum()) - np.repeat(ends - lengths, lengths))

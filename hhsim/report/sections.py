@@ -238,7 +238,7 @@ def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) 
         "same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
     )
     headings = ("figure", "unit", *(run.label for run in runs), *(["paper"] if of_paper else []))
-    return table(caption, headings, rows, numbers=range(2, len(headings)))
+    return table(caption, headings, rows, numbers=range(2, len(headings)), cards=True)
 
 
 def _row(run: ReportRun, name: str) -> SummaryRow | None:

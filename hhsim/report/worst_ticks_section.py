@@ -6,9 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhsim.errors import InputError
+from hhsim.render.viewpoint import View
 from hhsim.report.figure import Album
 from hhsim.report.html import Html, code, element, joined, number, paragraph, table
-from hhsim.report.pictures import hand_picture
+from hhsim.report.pictures import hand_picture, overview_view
 from hhsim.report.run import ReportRun
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
@@ -46,9 +47,18 @@ def worst_section(runs: Sequence[ReportRun], album: Album) -> Html:
             found.setdefault(worst.tick, []).append(worst)
         if not found:
             parts.append(paragraph("No tick."))
+        usual = _usual_view(run.result) if found else None
         for tick, worsts in found.items():
-            parts.append(_card(run, tick, worsts, "h3" if len(runs) == 1 else "h4", album))
+            parts.append(_card(run, tick, worsts, "h3" if len(runs) == 1 else "h4", usual, album))
     return joined(parts)
+
+
+def _usual_view(result: Result) -> View | None:
+    try:
+        return overview_view(result)
+    except InputError:
+        # Each card says why it has no picture.
+        return None
 
 
 def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
@@ -66,9 +76,11 @@ def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], heading: str, album: Album) -> Html:
+def _card(
+    run: ReportRun, tick: int, worsts: Sequence[WorstTick], heading: str, usual: View | None, album: Album
+) -> Html:
     try:
-        image = album.shown(hand_picture(run.result, tick), run.prefix)
+        image = album.shown(hand_picture(run.result, tick, usual=usual), run.prefix)
     except InputError as error:
         image = paragraph(f"No picture: {error}")
     title = f"Tick {tick:,}: {', '.join(KINDS[worst.kind] for worst in worsts)}"

@@ -6,17 +6,26 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.result.schema import LIVE_TICK, LIVE_TICK_COLUMNS, TICK_COLUMNS, Column
 from hhsim.system.output_path import check_output_path
 
 USUAL = (
-    *("time", "input_seq", "haptic/position", "graphic/position", "force/total", "force_variation_rate"),
+    *("time", "input_seq", "haptic/position", "graphic/position", "force/total", "force/size", "force/finger"),
+    "force_variation_rate",
     *("penetration_depth", "contacts/candidates", "contacts/touching"),
     *("duration/total_cpu", "duration/total", "status", "lag"),
 )
 """Datasets that are written where none are named."""
+SIZES = {
+    "force/size": (Column("force/size", (), "<f8", "N", "size of the total force"), "force/total"),
+    "force/finger": (Column("force/finger", (5,), "<f8", "N", "size of the force on each finger"), "force/phalanx"),
+}
+"""Columns that are no datasets: sizes of forces summed over phalanges, and the dataset that each is computed from."""
 ALL = "all"
 SUFFIX = ".csv"
 Progress = Callable[[str, int, int], None]
@@ -30,8 +39,8 @@ def export_ticks(
     Args:
         result: Of which; complete or not.
         path: The table; a file that is there is replaced when the new one is complete.
-        columns: Names of datasets of /tick, of a session also of /live/tick, as live/tick/latency; or `all`. None for
-            the usual ones.
+        columns: Names of datasets of /tick or of `SIZES`, of a session also of /live/tick, as live/tick/latency; or
+            `all`. None for the usual ones.
         progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
@@ -46,7 +55,7 @@ def export_ticks(
     check_output_path(path)
     if path.is_file() and not _is_ours(path):
         raise OutputError(f"{path} exists and is no table of ticks, so it is not replaced: name another file")
-    known = {column.name: column for column in TICK_COLUMNS}
+    known = {column.name: column for column in TICK_COLUMNS} | {name: column for name, (column, _) in SIZES.items()}
     if result.live is not None:
         of_loop = (replace(column, name=f"{LIVE_TICK}/{column.name}") for column in LIVE_TICK_COLUMNS)
         known |= {column.name: column for column in of_loop}
@@ -62,11 +71,13 @@ def export_ticks(
             table = csv.writer(file, lineterminator="\n")
             table.writerow(("tick", *headings))
             first = 0
-            for block in result.blocks(wanted, CHUNK_TICKS):
+            needed = tuple(dict.fromkeys(SIZES[name][1] if name in SIZES else name for name in wanted))
+            for block in result.blocks(needed, CHUNK_TICKS):
                 if progress is not None:
                     progress("ticks", first, result.ticks)
                 # As Python's numbers: they are written with as many digits as give the same number back.
-                flat = [block[name].reshape(len(block[name]), -1).tolist() for name in wanted]
+                values = [_sizes(block[SIZES[name][1]]) if name in SIZES else block[name] for name in wanted]
+                flat = [each.reshape(len(each), -1).tolist() for each in values]
                 table.writerows([tick, *itertools.chain(*row)] for tick, row in enumerate(zip(*flat), start=first))
                 first += len(flat[0])
         part.replace(path)
@@ -75,6 +86,11 @@ def export_ticks(
     finally:
         part.unlink(missing_ok=True)
     return headings
+
+
+def _sizes(force: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sizes of forces [N]: of one a tick, shape (T, 3), or of the sums over phalanges, (T, fingers, 3, 3)."""
+    return np.asarray(np.linalg.norm(force if force.ndim == 2 else force.sum(axis=2), axis=-1))
 
 
 def column_headings(column: Column) -> Iterator[str]:

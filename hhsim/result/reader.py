@@ -31,6 +31,7 @@ from hhsim.result.schema import (
 )
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
+from hhsim.system.media_kind import media_kind_of
 from hhsim.system.output_path import check_output_path
 
 Array: TypeAlias = NDArray[Any]
@@ -283,7 +284,9 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     except KeyError as error:
         raise InputError(f"{path} is damaged or no result file: {error.args[0]}") from error
     except DAMAGE as error:
-        raise InputError(f"{path} is no HDF5 file, or one that is cut short or damaged") from error
+        media = media_kind_of(path)
+        what = f"{media}, not a result file" if media else "no HDF5 file, or one that is cut short or damaged"
+        raise InputError(f"{path} is {what}") from error
 
 
 def _check_format(file: h5py.File, path: Path) -> None:

@@ -18,6 +18,7 @@ from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.scene.script import Script, parse_script
+from hhsim.system.media_kind import media_kind_of
 from hhsim.system.toml_document import parse_toml, read_toml_text
 
 SCRIPT_SUFFIX = ".toml"
@@ -168,7 +169,8 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
         return load_recorded(path)
     if path.exists() or "/" in word:
         kinds = ", ".join((SCRIPT_SUFFIX, *RECORDING_SUFFIXES, *imported_suffixes()))
-        raise TrajectoryError(f"{word}: not a trajectory by its suffix; expected {kinds} or a name of the catalogue")
+        what = media_kind_of(path) or "not a trajectory by its suffix"
+        raise TrajectoryError(f"{word}: {what}; expected {kinds} or a name of the catalogue")
     raise UnknownNameError("trajectory", word, trajectory_names())
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.system.media_kind import media_kind_of
 
 
 def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) -> str:
@@ -29,7 +30,7 @@ def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) 
     except OSError as reason:
         raise error(f"{path}: cannot be read: {reason.strerror or reason}") from reason
     except UnicodeDecodeError:
-        raise error(f"{path}: not a text file; expected a TOML {what}") from None
+        raise error(f"{path}: {media_kind_of(path) or 'not a text file'}; expected a TOML {what}") from None
 
 
 def parse_toml(text: str, where: str, error: type[InputError] = InputError) -> dict[str, Any]:

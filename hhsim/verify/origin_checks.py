@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import HhsimError
+from hhsim.errors import HhsimError, MeshError
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.catalogue import load_object, names_a_file, object_names, resolve_object
-from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.mesh import Mesh, require_usable_arrays
 from hhsim.result.reader import Result
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
@@ -134,6 +134,10 @@ def _palm(result: Result) -> Claim:
     if not (np.array_equal(of_tree[0], center) and np.array_equal(of_tree[1], radius)):
         return judged("palm", says, [np.inf], COVER, "m", "exact", note="its tree has other leaves")
     vertices, faces = static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"]
+    try:
+        require_usable_arrays(np.array(vertices), np.array(faces), "its mesh")
+    except MeshError as error:
+        return judged("palm", says, [np.inf], COVER, "m", "exact", note=str(error))
     gap = outside_spheres(np.array(vertices), np.array(faces), np.array(center), np.array(radius))
     return judged("palm", says, gap, COVER, "m", "less than any figure is stated to")
 

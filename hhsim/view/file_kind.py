@@ -5,6 +5,7 @@ from typing import Literal, TypeAlias
 
 from hhsim.errors import InputError
 from hhsim.system.hdf5_input import hdf5_format
+from hhsim.system.media_kind import media_kind_of
 
 Kind: TypeAlias = Literal["result", "motion", "tree", "mesh"]
 
@@ -50,4 +51,6 @@ def _by_name(path: Path) -> Kind:
         return "mesh"
     if suffix == ".csv":
         return "motion"
-    raise InputError(f"{path} cannot be looked at: expected {EXPECTED}")
+    media = media_kind_of(path)
+    what = f"{path} is {media}" if media else f"{path} cannot be looked at"
+    raise InputError(f"{what}: expected {EXPECTED}")

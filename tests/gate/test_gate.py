@@ -20,8 +20,8 @@ from hhsim.gate.gate import GateReport, gate_result
 from hhsim.gate.input_hash import TOLERANCE, differences
 from hhsim.gate.metrics import COUNTERS, RunFigures, run_figures
 from hhsim.gate.report import cells, headline, junit, markdown, number
-from hhsim.gate.suite import default_suite, default_suite_text, load_suite, parse_suite
-from hhsim.gate.verdict import GateRow, judge_counters, judge_errors, judge_time, overall
+from hhsim.gate.suite import GateSuite, default_suite, default_suite_text, load_suite, parse_suite
+from hhsim.gate.verdict import GateRow, judge_counters, judge_errors, judge_others, judge_time, overall
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.limits import default_limits
 from hhsim.result.reader import load_result
@@ -282,6 +282,13 @@ def test_an_error_has_a_word_beside_its_limit(figures: RunFigures, value: float,
     assert (row.verdict, row.passed) == (word, value <= 1.1)
 
 
+@pytest.mark.parametrize(("before", "value", "word"), [(0.5, -20.0, "worse"), (-20.0, 0.5, "better")])
+def test_an_energy_below_the_optimum_is_not_better(figures: RunFigures, before: float, value: float, word: str) -> None:
+    head, base = (replace(figures, errors={**figures.errors, "tracking_excess": each}) for each in (value, before))
+    (row,) = (row for row in judge_errors("tiny", head, base, {}) if row.name == "tracking_excess")
+    assert row.verdict == word
+
+
 @pytest.mark.parametrize(
     ("before", "passed", "reason"),
     [
@@ -412,6 +419,45 @@ def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
     assert set(scene.limits) == {"penetration_max", "lag_ticks", "tracking_excess", "lag_max"}
     assert (scene.slack["pair_tests"], scene.slack["node_tests"]) == (0.0, 0.02)
     assert scene.replay_arguments() == ["cube", "short.toml", "--method", "coupled"]
+
+
+def limited(limits: str) -> GateSuite:
+    return parse_suite(f"{SUITE}[scene.limits]\n{limits}", Path(), "own")
+
+
+def test_a_suite_limits_any_figure_and_times_by_whose_clock_it_runs(result: Path) -> None:
+    found = load_result(result)
+    cpu, force = (float(found.summary[name]) for name in ("tick_cpu_p99", "force_contact_max"))
+    close = limited(f"tick_cpu_p99 = {0.9 * cpu!r}\nforce_contact_max = {0.9 * force!r}")
+    report = gate_result(found, close, None)
+    assert (missed(report), report.exit_code) == (["force_contact_max", "tick_cpu_p99"], 1)
+    row = report.missed[1]
+    assert (row.head, row.limit) == pytest.approx((cpu, 0.9 * cpu))
+    assert cells(row)[3:] == ("—", number(0.9e6 * cpu), "µs", "", "MISSED")
+    assert missed(gate_result(found, close, None, timed=False)) == ["force_contact_max"]
+    wide = gate_result(found, limited(f"tick_cpu_p99 = {1.1 * cpu!r}"), None)
+    assert [cells(row)[-1] for row in wide.rows if row.name == "tick_cpu_p99"] == ["ok"]
+    assert wide.exit_code == 0
+
+
+def test_a_figure_that_a_run_does_not_have_is_not_within_its_limit(figures: RunFigures) -> None:
+    (row,) = judge_others("tiny", replace(figures, others={}), {"tick_cpu_p99": 1.0})
+    assert (row.passed, row.reason, cells(row)[-1]) == (True, "undefined here, so not judged", "")
+
+
+def test_the_times_of_a_session_are_limited_beside_those_of_scenes(result: Path) -> None:
+    with h5py.File(result, "r+") as file:
+        file["summary"].attrs.update({"latency_p99": 3e-3, "missed": 2})
+    text = SUITE.replace("stuck_ticks = 0", "stuck_ticks = 0\nlatency_p99 = 2e-3\nmissed = 2")
+    suite = parse_suite(text, Path(), "own")
+    assert "latency_p99" not in suite.scenes[0].limits
+    replayed = load_result(result)
+    assert not {"latency_p99", "missed"} & {row.name for row in gate_result(replayed, suite, None).rows}
+    with pytest.raises(InputError, match="only a live session has latency_p99"):
+        limited("latency_p99 = 1.0")
+    assert set(suite.limits_of("coupled")) >= {"latency_p99", "missed"}
+    rows = {row.name: row for row in judge_others("s", run_figures(replayed), suite.limits_of("coupled"))}
+    assert (rows["latency_p99"].passed, rows["missed"].passed) == (False, True)
 
 
 @pytest.mark.parametrize(

@@ -267,6 +267,22 @@ def test_positions_in_millimetres_and_angles_in_degrees() -> None:
         repair(degrees, RepairOptions(angle_unit="rad"))
 
 
+def test_degrees_of_a_nearly_flat_hand_are_not_taken_for_radians() -> None:
+    share = 3.0 / np.degrees(np.abs(CLEAN.angles).max())
+    few = changed(flexion=share * np.degrees(CLEAN.flexion), abduction=share * np.degrees(CLEAN.abduction))
+    assert np.abs(few.angles).max() == pytest.approx(3.0), "below 200° and 2π as radians"
+    with pytest.raises(TrajectoryError, match=r"say --angle-unit deg, or --angle-unit rad if"):
+        repair(few)
+    assert np.allclose(repair(few, RepairOptions(angle_unit="deg")).trajectory.flexion, share * PLAIN.flexion)
+    assert len(flagged(repair(few, RepairOptions(angle_unit="rad")), SampleFlag.LIMITED)) > 0
+
+
+def test_a_joint_whose_zero_is_elsewhere_is_not_taken_for_degrees() -> None:
+    flexion = CLEAN.flexion.copy()
+    flexion[:, 0, :2] += 2.0
+    assert not {"unit"} & kinds(repair(changed(flexion=flexion)))
+
+
 def test_rows_in_no_order_are_refused() -> None:
     index = np.random.default_rng(5).permutation(300)
     with pytest.raises(TrajectoryError, match="out of order"):

@@ -51,7 +51,7 @@ def test_arrows_grow_with_the_root_of_the_force(result: Result) -> None:
     assert arrow(force) @ force.force > 0.0
 
 
-@pytest.mark.parametrize(("newtons", "size"), [(2.4, 9.0), (374.3, 9.0), (1445.0, 11.0)])
+@pytest.mark.parametrize(("newtons", "size"), [(2.4, 9.0), (374.3, 9.0), (374.3, 12.5), (1445.0, 11.0)])
 def test_a_number_at_the_edge_is_whole(newtons: float, size: float) -> None:
     rows, columns = shape = (544, 612)
     camera = frame(np.array([[-0.1, -0.1, -0.1], [0.1, 0.1, 0.1]]), look_from(View(0.0, 0.0).towards), shape)

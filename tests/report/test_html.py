@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_reader import read_page
 
-from hhsim.report.html import CARD_COLUMNS, Html, element, escaped, figure, joined, page, picture, table
+from hhsim.report.html import CARD_COLUMNS, MANY_COLUMNS, Html, element, escaped, figure, joined, page, picture, table
 from hhsim.report.style import STYLE
 
 NASTY = '</td><script>alert("x")</script>&amp; \' "'
@@ -41,14 +41,24 @@ def test_a_checksum_may_be_broken_and_a_word_is_not() -> None:
     assert [cell.attributes.get("class") for cell in cells] == ["long", None]
 
 
-@pytest.mark.parametrize(("columns", "sentences", "cards"), [(4, False, False), (5, False, True), (3, True, True)])
-def test_a_table_of_many_columns_is_cards_on_a_phone(columns: int, sentences: bool, cards: bool) -> None:
-    assert CARD_COLUMNS == 5
+@pytest.mark.parametrize(
+    ("columns", "sentences", "cards"),
+    [(4, False, None), (5, False, "cards"), (3, True, "cards"), (11, False, "cards"), (8, True, "cards many")],
+)
+def test_a_table_of_many_columns_is_cards_on_a_phone(columns: int, sentences: bool, cards: str | None) -> None:
+    assert (CARD_COLUMNS, MANY_COLUMNS) == (5, 8)
     headings = [f"column {i}" for i in range(columns)]
     found = read_page(table("t", headings, [["x"] * columns], cards=sentences))
-    assert found.one("table").attributes.get("class") == ("cards" if cards else None)
+    assert found.one("table").attributes.get("class") == cards
     named = [cell.attributes.get("data-heading") for cell in found.all("td")]
     assert named == (headings[1:] if cards else [None] * (columns - 1))
+
+
+def test_cards_of_many_columns_begin_on_a_wider_screen() -> None:
+    phone, small = (STYLE.split(f"@media screen and (max-width: {width}) {{")[1] for width in ("54rem", "70rem"))
+    assert phone.startswith("\n  table.cards, table.cards tbody")
+    assert small.startswith("\n  table.cards.many, table.cards.many tbody")
+    assert STYLE.count("{") == STYLE.count("}")
 
 
 def test_markup_is_not_escaped_twice() -> None:

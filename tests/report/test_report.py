@@ -79,9 +79,12 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
     makers = tuple((name, heading, lambda *_, name=name: dot(name)) for name, heading, _ in FIGURES)
     monkeypatch.setattr("hhsim.report.report.FIGURES", makers)
     monkeypatch.setattr("hhsim.report.report.overview_picture", lambda result: dot("overview"))
-    monkeypatch.setattr("hhsim.report.report.overview_view", lambda result: View(0.0, 0.0))
+    for module in ("report", "worst_ticks_section"):
+        monkeypatch.setattr(f"hhsim.report.{module}.overview_view", lambda result: View(0.0, 0.0))
     monkeypatch.setattr("hhsim.report.report.held_picture", lambda result, view: dot("overview"))
-    monkeypatch.setattr("hhsim.report.worst_ticks_section.hand_picture", lambda result, tick: dot(f"tick-{tick}"))
+    monkeypatch.setattr(
+        "hhsim.report.worst_ticks_section.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}")
+    )
 
 
 def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
@@ -365,6 +368,22 @@ def test_a_difference_within_noise_is_not_called_better(
     assert compared(one, other, report.comparisons[0]).word == word
 
 
+@pytest.mark.parametrize(
+    ("ours", "others", "word"),
+    [(0.5, -20.0, "worse"), (-20.0, 0.5, "better"), (-5.0, -20.0, "worse"), (5.0, 2.0, "better"), (5.0, -5.0, "same")],
+)
+def test_an_energy_below_the_optimum_is_as_wrong_as_one_above(
+    coupled: Path, tmp_path: Path, dots: None, ours: float, others: float, word: str
+) -> None:
+    def excess(value: float) -> Change:
+        return lambda file: file["summary"].attrs.update({"tracking_excess": value})
+
+    paths = (changed(coupled, tmp_path, excess(v), f"{i}.h5") for i, v in enumerate((ours, others)))
+    report = make_report(tuple(paths))
+    one, other = ({row.name: row for row in run.rows}["tracking_excess"] for run in report.runs)
+    assert compared(one, other, report.comparisons[0]).word == word
+
+
 def test_a_result_beside_itself_is_the_same(coupled: Path, tmp_path: Path, dots: None) -> None:
     report = make_report((coupled, changed(coupled, tmp_path, lambda file: None, "other.h5")))
     (found,) = report.comparisons
@@ -475,7 +494,7 @@ def test_a_page_of_eight_results_fits_the_smallest_screen(coupled: Path, tmp_pat
         inside = [e for e in page.elements[start:end] if "table" in e.parents]
         headings = [e.text for e in inside if e.tag == "th" and e.attributes.get("scope") == "col"]
         if len(headings) > 3:
-            assert table.attributes.get("class") == "cards", headings
+            assert table.attributes.get("class") in ("cards", "cards many"), headings
             assert all(e.attributes["data-heading"] for e in inside if e.tag == "td")
         for cell in (e for e in inside if e.tag in ("td", "th")):
             longest = max(map(len, cell.text.split()), default=0)

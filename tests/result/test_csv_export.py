@@ -35,7 +35,11 @@ def test_every_tick_and_digit_is_read_back(result: Result, tmp_path: Path) -> No
         stored = result[column.name].reshape(result.ticks, -1).astype(np.float64)
         np.testing.assert_array_equal(table[:, at : at + size], stored, err_msg=column.name)
         at += size
-    assert at == table.shape[1]
+    phalanx, total = result["force/phalanx"], result["force/total"]
+    assert list(headings[-6:]) == ["force/size [N]", *(f"force/finger[{finger}] [N]" for finger in range(5))]
+    np.testing.assert_array_equal(table[:, at], np.linalg.norm(total, axis=1))
+    np.testing.assert_array_equal(table[:, at + 1 :], np.linalg.norm(phalanx.sum(axis=2), axis=2))
+    assert table[:, at + 1 :].max() > 0.0 and at + 6 == table.shape[1]
 
 
 def test_the_usual_columns_have_their_units(result: Result, tmp_path: Path) -> None:

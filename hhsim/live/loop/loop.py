@@ -22,6 +22,7 @@ from hhsim.live.loop.deadlines import Clock, Deadlines
 from hhsim.live.loop.finger_command import FingerCommander
 from hhsim.live.loop.interlock import Interlock, SafetyLog
 from hhsim.live.loop.plausibility import GloveWatch, reading_of_no_hand
+from hhsim.live.loop.sample_interval import SampleInterval
 from hhsim.live.loop.tick_times import TickTimes
 from hhsim.live.pose.registry import PoseSource
 from hhsim.result.safety import Safety
@@ -43,6 +44,7 @@ _SOLVER_FAILED = int(Safety.SOLVER_FAILED)
 _NOT_FINITE = int(Safety.NOT_FINITE)
 _OVERRUN_STREAK = int(Safety.OVERRUN_STREAK)
 _DEVICE_LOST = int(Safety.DEVICE_LOST)
+_STALE_INPUT = int(Safety.STALE_INPUT)
 
 
 def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
@@ -94,8 +96,7 @@ class LiveLoop:
         self.interlock = Interlock(setup.safety, dry_run=setup.dry_run)
         self.watch = GloveWatch(device.info)
         self._safety_log = SafetyLog()
-        oldest = f"for more than {1e3 * setup.safety.stale:g} ms, as --stale says"
-        self._safety_log.detail[Safety.STALE_INPUT] = oldest
+        self._interval = SampleInterval()
         self._periods = None if setup.duration is None else max(1, round(setup.duration * setup.rate))
         self._reconnect_ticks = max(1, round(RECONNECT_SECONDS * setup.rate))
         self._longest_ns = setup.safety.overruns * period
@@ -112,7 +113,7 @@ class LiveLoop:
         self._sample_ns = self._pose_ns = -1
         self._input_seq = -1
         self._usable = True
-        self._lost = False
+        self._lost = self._stale = False
         self._status = memory.status
         self._due: list[Callable[[], None]] = []
         self._row["input_seq"] = -1
@@ -201,9 +202,18 @@ class LiveLoop:
             ticks.publish()
         self._show(safety)
         self._count(latency)
+        if safety & _STALE_INPUT and not self._stale:
+            self._tell_age()
+        self._stale = bool(safety & _STALE_INPUT)
         for level, text in self._safety_log.changed(safety, now):
             self.memory.log(level, text, now)
         self._work_at_leisure(clock.now() - now)
+
+    def _tell_age(self) -> None:
+        stale = self.setup.safety.stale
+        self._safety_log.detail[Safety.STALE_INPUT] = (
+            f"for more than {1e3 * stale:g} ms, as --stale says{self._interval.hint(stale)}"
+        )
 
     def _pass_over_backlog(self) -> None:
         """Record what came while the loop was made ready, and use none of it: read at once, it has lost its times."""
@@ -242,6 +252,7 @@ class LiveLoop:
                 )
             if self._usable:
                 self._sample_ns = int(sample["time_ns"])
+                self._interval.add(self._sample_ns)
                 self._input_seq = int(sample["seq"])
         self._status["sample_ns"] = self._sample_ns
         self._status["battery"] = sample["battery"]

@@ -5,24 +5,13 @@ from typing import Any
 
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import Figure
+from hhsim.metrics.session_times import SESSION_TIMES
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.safety import WORDS, Safety
 
-_TIMES = {
-    "wakeup": "wake-up after the deadline",
-    "latency": "sample in to command out",
-    "tick": "the solver's tick, wall",
-}
-_PERCENTILES = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
-
 SESSION_FIGURES: tuple[Figure, ...] = (
     Figure("ticks", "ticks with a hand"),
-    Figure("missed", "missed ticks"),
-    *(
-        Figure(f"{name}_{part}", f"{label}, {words}", 1, "µs", 1e-6)
-        for name, label in _TIMES.items()
-        for part, words in _PERCENTILES.items()
-    ),
+    *SESSION_TIMES,
     Figure("ticks_in_contact", "ticks with candidate pairs"),
     run_metrics()["candidates_max"],
     Figure("force_max", "force, most", 2, "N"),

@@ -12,6 +12,8 @@ METRICS = (
         label="coupling energy over the local optimum",
         digits=3,
         unit="%",
+        # Below the optimum of the hands that stay outside is a hand that is inside.
+        signed=True,
         place=50,
         own_run="is against an optimum that only a solver can find",
         judged=Judged(rounding=1e-6, limit=1.0, promise="nearest_to_user"),

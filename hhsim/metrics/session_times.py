@@ -1,0 +1,20 @@
+"""What is measured of a live session's times: how late its loop woke, from sample to command, the solver's tick."""
+
+from hhsim.metrics.run_metric import Figure
+
+_TIMES = {
+    "wakeup": "wake-up after the deadline",
+    "latency": "sample in to command out",
+    "tick": "the solver's tick, wall",
+}
+_PERCENTILES = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
+
+SESSION_TIMES: tuple[Figure, ...] = (
+    Figure("missed", "missed ticks"),
+    *(
+        Figure(f"{name}_{part}", f"{label}, {words}", 1, "µs", 1e-6)
+        for name, label in _TIMES.items()
+        for part, words in _PERCENTILES.items()
+    ),
+)
+"""In the order of the session's table; in its /summary by these names, SI units."""

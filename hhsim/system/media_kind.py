@@ -1,0 +1,39 @@
+"""Pictures, videos, sounds and documents that people name in the place of data, told by their first bytes."""
+
+from pathlib import Path
+
+_STARTS: tuple[tuple[bytes, str], ...] = (
+    (b"\x89PNG\r\n\x1a\n", "a picture (PNG)"),
+    (b"\xff\xd8\xff", "a picture (JPEG)"),
+    (b"GIF8", "a picture (GIF)"),
+    (b"II*\x00", "a picture (TIFF)"),
+    (b"MM\x00*", "a picture (TIFF)"),
+    (b"<svg", "a picture (SVG)"),
+    (b"\x1aE\xdf\xa3", "a video (Matroska or WebM)"),
+    (b"OggS", "a sound or a video (Ogg)"),
+    (b"ID3", "a sound (MP3)"),
+    (b"%PDF-", "a document (PDF)"),
+    (b"<!DOCTYPE html", "a page (HTML)"),
+    (b"<!doctype html", "a page (HTML)"),
+)
+_IN_RIFF = {b"WEBP": "a picture (WebP)", b"AVI ": "a video (AVI)", b"WAVE": "a sound (WAV)"}
+_HEAD_BYTES = 16
+
+
+def media_kind(head: bytes) -> str:
+    """What the first bytes of a file are of, as "a picture (PNG)"; "" where it is none of what people look at."""
+    if head[:4] == b"RIFF":
+        return _IN_RIFF.get(head[8:12], "")
+    if head[4:8] == b"ftyp":
+        # HEIF and AVIF are pictures in the same box as films.
+        return "a picture (HEIF)" if head[8:12] in (b"heic", b"heix", b"mif1", b"avif") else "a video (MP4)"
+    return next((kind for start, kind in _STARTS if head.startswith(start)), "")
+
+
+def media_kind_of(path: Path) -> str:
+    """The same of a file; "" where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return media_kind(file.read(_HEAD_BYTES))
+    except OSError:
+        return ""
