@@ -1,4 +1,4 @@
-"""A sphere tree around any triangles, for a mesh that encloses nothing: what finds them, not what stands for them.
+"""A sphere tree around any triangles: what finds them, not what stands for them.
 
 Its spheres reach out of the mesh by their radius. A hand that touches the triangles themselves does not feel that; what
 the tree serves there is to close a script's fingers on the object and to find where it is touched.
@@ -20,6 +20,8 @@ from hhsim.trees.sphere_tree import SphereTree
 FloatArray = NDArray[np.float64]
 
 BRANCHING = 8
+MANY = 20_000
+"""Triangles of a closed mesh from which a tree around them has to do: that of its inside takes minutes to build."""
 OPTIONS = {"around": "triangles"}
 """What such a tree says of how it was made."""
 
@@ -43,14 +45,14 @@ def triangle_tree(mesh: Mesh, level: int) -> SphereTree:
 
 
 def tree_of_any(mesh: Mesh, level: int, progress: Progress | None = None) -> SphereTree:
-    """The usual tree of a mesh that encloses something; a `triangle_tree` of one that does not.
+    """The usual tree of a mesh that encloses something; a `triangle_tree` of one that does not, or has very many faces.
 
     Args:
         mesh: Any triangles [m].
         level: Of the leaves.
         progress: As for `hhsim.trees.builder.build_sphere_tree`.
     """
-    if encloses(mesh):
+    if len(mesh.faces) <= MANY and encloses(mesh):
         try:
             return cached_sphere_tree(mesh, TreeOptions(level=level), progress)
         except MeshError:
