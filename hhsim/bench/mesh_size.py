@@ -81,7 +81,7 @@ COLUMNS = (
     Column("tick_p50", "CPU time of a tick in contact, median", "s"),
     Column("tick_p99", "the same, 99th percentile", "s"),
     Column("tick_ratio", "its median over that of the object as it is"),
-    Column("candidates", "features within the margin, median of the ticks in contact"),
+    Column("candidates", "features that a step may reach, median of the ticks in contact"),
     Column("pair_tests", "distances measured in a tick, median"),
     Column("node_tests", "spheres of the hierarchy looked at in a tick, most"),
     Column("ticks", "ticks in contact"),

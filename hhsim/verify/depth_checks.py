@@ -64,7 +64,10 @@ def _touching(judge: JudgedTicks) -> Claim:
 
 
 def _candidates(judge: JudgedTicks) -> list[Claim]:
-    """A tick begins at the hand of the tick before, and what is within the margin there enters its first program."""
+    """A tick begins at the hand of the tick before, and what is within the margin there enters its first program.
+
+    Of triangles only what a step may reach is listed: at least twice the step that ends a tick.
+    """
     if not judge.safe:
         return []
     result, pairs, size = judge.result, judge.candidates, len(judge.chosen)
@@ -73,11 +76,14 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
     full = judge.status & CAPACITY_EXCEEDED > 0
     looked = (after > judge.chosen) & follows(result)[after] & ~full[after] & ~full[judge.chosen] & (steps > 0)
     wrong = np.zeros(size, bool)
-    bodies = [pairs.within(margin + slack).bodies(size) for slack in (-LENGTH, LENGTH)]
-    for name, (least, most) in (("contacts/candidates", judge.pair_counts(pairs, margin)), ("work/bodies", bodies)):
+    surely = min(margin, 2.0 * float(judge.options["step_tolerance"])) if judge.on_mesh else margin
+    bodies = [pairs.within(limit).bodies(size) for limit in (surely - LENGTH, margin + LENGTH)]
+    counts = judge.pair_counts(pairs, surely)[0], judge.pair_counts(pairs, margin)[1]
+    for name, (least, most) in (("contacts/candidates", counts), ("work/bodies", bodies)):
         stored = np.asarray(result[name])[after]
         wrong |= (stored < least) | ((steps == 1) & (stored > most))
-    says = "as many pairs and bodies are within the margin as stored; no fewer where a tick went on from there"
+    within = "a step's reach" if judge.on_mesh else "the margin"
+    says = f"as many pairs and bodies are within {within} as stored; no fewer where a tick went on from there"
     why = "exact, but for pairs within 1 nm of the margin"
     return [all_true("candidates", says, wrong[looked], ticks=after[looked], why=why)]
 

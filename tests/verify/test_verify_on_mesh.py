@@ -25,7 +25,6 @@ from planted_faults import (
     thicker_finger,
     uncounted_pair,
     verdict,
-    wider_margin,
     wider_touch,
 )
 from stress_motion import random_targets
@@ -80,7 +79,7 @@ def touched_spheres(file: h5py.File) -> None:
 
 
 ON_MESH = [moved_hand, scaled_force, force_in_the_air, not_the_optimum, uncounted_pair, thicker_finger, swapped_forces]
-ON_MESH += [tangential_force, claimed_depth, fewer_bodies, wider_margin, wider_touch, renamed_method]
+ON_MESH += [tangential_force, claimed_depth, fewer_bodies, wider_touch, renamed_method]
 """Faults that geometry finds: of a run on the mesh by distances to its triangles, under the same names."""
 
 
