@@ -18,7 +18,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.mesh_contacts import closest_on_triangles, nearest_share
+from hhsim.verify.mesh_contacts import away_from_triangles, nearest_share, ready_triangles
 
 Array = NDArray[np.float64]
 
@@ -177,16 +177,16 @@ class Triangles:
 
     def _share(self, places: Sequence[Body]) -> Array:
         first, axis, _, drop = self._paired(places)
-        triangles = np.tile(self._corners, (len(places), 1, 1))
-        found: Array = nearest_share(first, axis, drop, triangles).reshape(len(places), -1)
+        ready = ready_triangles(self._corners).at(np.tile(np.arange(len(self._corners)), len(places)))
+        found: Array = nearest_share(first, axis, drop, ready).reshape(len(places), -1)
         return found
 
     def _at(self, places: Sequence[Body], share: Array) -> Array:
         first, axis, size, drop = self._paired(places)
         along = share.ravel()
         place = first + along[:, None] * axis
-        triangles = np.tile(self._corners, (len(places), 1, 1))
-        apart = np.linalg.norm(place - closest_on_triangles(triangles, place), axis=1) - size - along * drop
+        ready = ready_triangles(self._corners).at(np.tile(np.arange(len(self._corners)), len(places)))
+        apart = np.linalg.norm(away_from_triangles(ready, place.T), axis=0) - size - along * drop
         found: Array = apart.reshape(share.shape)
         return found
 
