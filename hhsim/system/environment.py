@@ -13,6 +13,7 @@ import subprocess
 import time
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -134,11 +135,12 @@ def revision() -> Revision:
     root = Path(__file__).resolve().parents[2]
     if not ((root / ".git").exists() and (root / "pyproject.toml").is_file()):
         return Revision(UNKNOWN, UNKNOWN)
-    commit = _git(root, "rev-parse", "HEAD")
-    status = _git(root, "status", "--porcelain", "--untracked-files=no")
-    if commit is None or status is None:
+    # Asked again for every file: what is imported from now on is that of the checkout as it is now.
+    status = _git(root, "status", "--porcelain=v2", "--branch", "--untracked-files=no")
+    commit = re.search(r"^# branch\.oid ([0-9a-f]+)$", status or "", re.MULTILINE)
+    if status is None or commit is None:
         return Revision(UNKNOWN, UNKNOWN)
-    return Revision(commit, bool(status))
+    return Revision(commit.group(1), any(not line.startswith("#") for line in status.splitlines()))
 
 
 def _git(root: Path, *arguments: str) -> str | None:
@@ -205,6 +207,7 @@ def _requirements() -> list[tuple[str, str]]:
     return rows
 
 
+@cache
 def _version(package: str) -> str | None:
     try:
         return importlib.metadata.version(package)

@@ -4,6 +4,8 @@ The distance of a triangle to the ball at a place of a phalanx's axis is convex 
 bisected. No hierarchy, no features and none of the solver's formulas.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,48 @@ from hhsim.verify.kinematics import OwnHand, Posed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+class ReadyTriangles(NamedTuple):
+    """Triangles, with all of a distance to them that does not depend on the point. Coordinates come before triangles.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | start | of each side, the corners [m] | (3, 3, N) |
+    | side | from there to the next corner [m] | (3, 3, N) |
+    | inverse | one over its squared length [1/m²]; 1 where it has none | (3, N) |
+    | inward | in the plane, across the side to where the triangle is [m] | (3, 3, N) |
+    | normal | unit; zero where there is no area | (3, N) |
+    | solid | whether there is an area | (N,) |
+    """
+
+    start: FloatArray
+    side: FloatArray
+    inverse: FloatArray
+    inward: FloatArray
+    normal: FloatArray
+    solid: NDArray[np.bool_]
+
+    def at(self, rows: IntArray | NDArray[np.bool_]) -> "ReadyTriangles":
+        """Some of them: numbers in their order, or a mask."""
+        return ReadyTriangles._make(values[..., rows] for values in self)
+
+
+def ready_triangles(corners: FloatArray) -> ReadyTriangles:
+    """Make triangles ready for `away_from_triangles`.
+
+    Args:
+        corners: [m], shape (N, 3, 3).
+    """
+    start = np.ascontiguousarray(corners.transpose(1, 2, 0))
+    side = start[[1, 2, 0]] - start
+    square = (side * side).sum(axis=1)
+    normal = np.cross(side[0], -side[2], axis=0)
+    length = np.sqrt((normal * normal).sum(axis=0))
+    solid = length > 0.0
+    normal /= np.where(solid, length, 1.0)
+    inward = np.cross(normal[None], side, axis=1)
+    return ReadyTriangles(start, side, 1.0 / np.where(square > 0.0, square, 1.0), inward, normal, solid)
 
 
 def near_triangle_pairs(
@@ -56,17 +100,19 @@ def _phalanges(
     ticks = len(posed.joints)
     a, b = posed.joints[:, :, :3].reshape(-1, 3), posed.joints[:, :, 1:].reshape(-1, 3)
     radius_a, radius_b = (np.tile(hand.radius[:, part].ravel(), ticks) for part in (slice(3), slice(1, 4)))
-    size = 0.5 * np.linalg.norm(b - a, axis=1) + np.maximum(radius_a, radius_b)
+    reach = 0.5 * np.linalg.norm(b - a, axis=1) + np.maximum(radius_a, radius_b)
     counts = np.tile(np.repeat(fingers, 3), ticks)
-    apart = cdist(0.5 * (a + b), middle) - size[:, None] - around
+    apart = cdist(0.5 * (a + b), middle) - reach[:, None] - around
     row, face = np.nonzero((apart <= near) & counts[:, None])
     axis, drop = b[row] - a[row], radius_b[row] - radius_a[row]
-    share = nearest_share(a[row], axis, drop, triangles[face])
-    parts = [_pairs(row, face, a[row] + share[:, None] * axis, radius_a[row] + share * drop, triangles, near)]
+    ready = ready_triangles(triangles[face])
+    share = nearest_share(a[row], axis, drop, ready)
+    parts = [_pairs(row, face, a[row] + share[:, None] * axis, radius_a[row] + share * drop, ready, near)]
     for end in (0.0, 1.0):
         other = share != end
         place = a[row[other]] + end * axis[other]
-        parts.append(_pairs(row[other], face[other], place, radius_a[row[other]] + end * drop[other], triangles, near))
+        size = radius_a[row[other]] + end * drop[other]
+        parts.append(_pairs(row[other], face[other], place, size, ready.at(other), near))
     together = Pairs(*(np.concatenate(values) for values in zip(*parts)))
     return together._replace(tick=together.tick // 15, body=together.tick % 15)
 
@@ -82,42 +128,36 @@ def _palm(
     center = posed.palm.reshape(-1, 3)
     apart = cdist(center, middle[close]) - np.tile(hand.palm_radius, len(posed.palm))[:, None] - around[close]
     row, face = np.nonzero(apart <= near)
-    pairs = _pairs(row, close[face], center[row], hand.palm_radius[row % spheres], triangles, near)
+    ready = ready_triangles(triangles[close[face]])
+    pairs = _pairs(row, close[face], center[row], hand.palm_radius[row % spheres], ready, near)
     return pairs._replace(tick=pairs.tick // spheres, body=np.full(len(pairs.tick), PALM))
 
 
-def nearest_share(a: FloatArray, axis: FloatArray, drop: FloatArray, triangles: FloatArray) -> FloatArray:
+def nearest_share(a: FloatArray, axis: FloatArray, drop: FloatArray, triangles: ReadyTriangles) -> FloatArray:
     """Where along its axis [0 to 1] each round cone is nearest to its triangle, shape (N,).
 
     Args:
         a: Start of the axes [m], shape (N, 3).
         axis: From there to the end [m], shape (N, 3).
         drop: Radius at the end less that at the start [m], shape (N,).
-        triangles: Corners [m], shape (N, 3, 3).
+        triangles: As many.
     """
+    start, along = np.ascontiguousarray(a.T), np.ascontiguousarray(axis.T)
     low, high = np.zeros(len(a)), np.ones(len(a))
     for _ in range(HALVINGS):
         share = 0.5 * (low + high)
-        place = a + share[:, None] * axis
-        away = place - closest_on_triangles(triangles, place)
-        length = np.sqrt(np.einsum("ni,ni->n", away, away))
-        falls = np.einsum("ni,ni->n", away, axis) < drop * length
+        away = away_from_triangles(triangles, start + share * along)
+        falls = (away * along).sum(axis=0) < drop * np.sqrt((away * away).sum(axis=0))
         low, high = np.where(falls, share, low), np.where(falls, high, share)
     # Bisection never arrives at an end.
     return np.where(low == 0.0, 0.0, np.where(high == 1.0, 1.0, 0.5 * (low + high)))
 
 
 def _pairs(
-    row: IntArray,
-    face: IntArray,
-    place: FloatArray,
-    size: FloatArray,
-    triangles: FloatArray,
-    near: float,
+    row: IntArray, face: IntArray, place: FloatArray, size: FloatArray, triangles: ReadyTriangles, near: float
 ) -> Pairs:
-    """Pairs of balls and triangles that are near; `tick` is the row."""
-    point = closest_on_triangles(triangles[face], place)
-    away = place - point
+    """Pairs of balls and triangles that are near, a triangle for each ball; `tick` is the row."""
+    away = away_from_triangles(triangles, place.T).T
     length = np.linalg.norm(away, axis=1)
     chosen = length - size <= near
     normal = away / np.where(length > 0.0, length, 1.0)[:, None]
@@ -127,24 +167,22 @@ def _pairs(
     return Pairs(*(values[chosen] for values in found))
 
 
-def closest_on_triangles(triangles: FloatArray, points: FloatArray) -> FloatArray:
-    """The point of each triangle [m], corners of shape (N, 3, 3), that is nearest to its point [m], shape (N, 3).
+def away_from_triangles(triangles: ReadyTriangles, points: FloatArray) -> FloatArray:
+    """To each point from the nearest one of its triangle [m], shape (3, N).
 
-    The foot on its plane where that lies inside, else the nearest of its sides' points.
+    That is the foot on its plane where the foot lies inside, else the nearest of its sides' points.
+
+    Args:
+        triangles: One for each point.
+        points: [m], shape (3, N).
     """
-    best, least = np.zeros((len(points), 3)), np.full(len(points), np.inf)
-    a, b, c = triangles.transpose(1, 0, 2)
-    normal = np.cross(b - a, c - a)
-    square = np.einsum("ni,ni->n", normal, normal)
-    height = np.einsum("ni,ni->n", points - a, normal) / np.where(square > 0.0, square, 1.0)
-    over = square > 0.0
-    for start, end in ((a, b), (b, c), (c, a)):
-        side = end - start
-        length = np.einsum("ni,ni->n", side, side)
-        share = np.einsum("ni,ni->n", points - start, side) / np.where(length > 0.0, length, 1.0)
-        on_side = start + np.clip(share, 0.0, 1.0)[:, None] * side
-        away = np.einsum("ni,ni->n", points - on_side, points - on_side)
-        nearer = away < least
-        best, least = np.where(nearer[:, None], on_side, best), np.where(nearer, away, least)
-        over &= np.einsum("ni,ni->n", np.cross(side, points - start), normal) >= 0.0
-    return np.where(over[:, None], points - height[:, None] * normal, best)
+    start, side, inverse, inward, normal, solid = triangles
+    away = points - start
+    share = np.clip((away * side).sum(axis=1) * inverse, 0.0, 1.0)
+    aside = away - share[:, None] * side
+    square = (aside * aside).sum(axis=1)
+    nearest = np.where(square[1] < square[0], aside[1], aside[0])
+    nearest = np.where(square[2] < np.minimum(square[0], square[1]), aside[2], nearest)
+    over = solid & ((away * inward).sum(axis=1) >= 0.0).all(axis=0)
+    found: FloatArray = np.where(over, (away[0] * normal).sum(axis=0) * normal, nearest)
+    return found

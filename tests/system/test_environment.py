@@ -60,10 +60,15 @@ def test_the_revision_is_that_of_the_checkout(tmp_path: Path, monkeypatch: pytes
     assert info.revision() == info.Revision("unknown", "unknown")
     git(tmp_path, "init", "--quiet")
     git(tmp_path, "add", ".")
+    assert info.revision() == info.Revision("unknown", "unknown")
     git(tmp_path, "commit", "--quiet", "-m", "first")
     assert info.revision() == info.Revision(git(tmp_path, "rev-parse", "HEAD"), False)
     module.write_text("changed\n")
     assert info.revision().dirty is True
+    git(tmp_path, "commit", "--quiet", "--all", "-m", "second")
+    git(tmp_path, "checkout", "--quiet", "--detach")
+    (tmp_path / "notes").write_text("not of the repository\n")
+    assert info.revision() == info.Revision(git(tmp_path, "rev-parse", "HEAD"), False)
 
 
 def test_an_installed_package_has_no_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

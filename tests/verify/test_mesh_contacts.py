@@ -7,7 +7,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from hhsim.verify.kinematics import OwnHand, Posed
-from hhsim.verify.mesh_contacts import near_triangle_pairs
+from hhsim.verify.mesh_contacts import away_from_triangles, near_triangle_pairs, ready_triangles
 
 Array = NDArray[np.float64]
 
@@ -55,3 +55,12 @@ def test_every_triangle_is_as_far_as_samples_of_the_axis_say() -> None:
                     assert ours.min() <= expected + 1e-12 and ours.min() > expected - 2e-6
                     checked += 1
     assert checked > 200
+
+
+def test_what_has_no_area_is_as_far_as_its_longest_side_or_its_corner() -> None:
+    flat = np.array([[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.04, 0.0, 0.0]], [[0.02, 0.0, 0.0]] * 3])
+    points = np.array([[0.07, 0.03, 0.04], [0.02, 0.0, 0.01]])
+    away = away_from_triangles(ready_triangles(flat), points.T).T
+    np.testing.assert_allclose(away, [[0.0, 0.03, 0.04], [0.0, 0.0, 0.01]], rtol=0.0, atol=1e-16)
+    both = ready_triangles(np.concatenate([flat, flat + 1.0])).at(np.array([1, 0]))
+    np.testing.assert_array_equal(away_from_triangles(both, points[::-1].T).T, away[::-1])

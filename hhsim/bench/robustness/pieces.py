@@ -18,7 +18,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.mesh_contacts import closest_on_triangles, nearest_share
+from hhsim.verify.mesh_contacts import ReadyTriangles, away_from_triangles, nearest_share, ready_triangles
 
 Array = NDArray[np.float64]
 
@@ -56,8 +56,8 @@ class Pieces(Protocol):
         It is clear of the pieces where none is negative; M is their number or a multiple of it.
         """
 
-    def least(self, body: Body) -> float:
-        """Signed distance of the body to the object [m], negative inside of it; infinite without a piece."""
+    def least(self, *bodies: Body) -> float:
+        """Signed distance of the nearest body to the object [m], negative inside of it; infinite without a piece."""
 
 
 def hand_bodies(shape: HandShape, joints: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> list[Body]:
@@ -86,7 +86,7 @@ def hand_distance(
 ) -> float:
     """Signed distance of one hand to an object [m], arguments as `hand_bodies`; NaN for a hand that is nowhere."""
     bodies = hand_bodies(shape, joints, position, orientation)
-    return float(np.min([pieces.least(body) if np.isfinite(body.ends).all() else np.nan for body in bodies]))
+    return pieces.least(*bodies) if all(np.isfinite(body.ends).all() for body in bodies) else float("nan")
 
 
 def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Pieces:
@@ -117,9 +117,9 @@ class Leaves:
         """One a sphere."""
         return np.stack([self._of(body) for body in places])
 
-    def least(self, body: Body) -> float:
+    def least(self, *bodies: Body) -> float:
         """Over all spheres."""
-        return float(self._of(body).min(initial=np.inf))
+        return float(min(self._of(body).min(initial=np.inf) for body in bodies))
 
     def _of(self, body: Body) -> Array:
         first, last = body.ends
@@ -128,6 +128,29 @@ class Leaves:
             apart: Array = np.linalg.norm(self._center - first, axis=1) - self._radius - size
             return apart
         return round_cone_distance(self._center, first, last, size, other) - self._radius
+
+
+class _Axes(NamedTuple):
+    """Of a body for each of some triangles: start (N, 3) of its axis, from there to its end (N, 3), radii (N,) [m]."""
+
+    start: Array
+    along: Array
+    size: Array
+    drop: Array
+
+    @classmethod
+    def of(cls, bodies: Sequence[Body], row: NDArray[np.int64]) -> "_Axes":
+        ends, radius = (np.stack(values)[row] for values in zip(*bodies))
+        return cls(ends[:, 0], ends[:, 1] - ends[:, 0], radius[:, 0], radius[:, 1] - radius[:, 0])
+
+    def ball(self, share: Array) -> tuple[Array, Array]:
+        """Centres and radii at a share of each axis."""
+        return self.start + share[:, None] * self.along, self.size + share * self.drop
+
+    def apart(self, share: Array, triangles: ReadyTriangles) -> Array:
+        """Distances [m] of the balls there to their triangles, without a sign."""
+        place, size = self.ball(share)
+        return np.asarray(np.linalg.norm(away_from_triangles(triangles, place.T), axis=0) - size)
 
 
 class Triangles:
@@ -143,58 +166,55 @@ class Triangles:
 
     def near(self, body: Body, limit: float) -> "Triangles":
         """Those whose ball reaches a ball around the body within the limit."""
-        return Triangles(self._corners[self._bounds(body) <= limit], self._closed)
+        return Triangles(self._corners[self._near(body, limit)], self._closed)
 
     def distances(self, places: Sequence[Body]) -> Array:
         """Of a sphere one a triangle; of a phalanx three: its least, and those of the balls at its ends.
 
         A phalanx that lies flat touches along a line, and what is least of it says nothing of its other end.
         """
-        ends = (0.0,) if places[0].is_sphere else (0.0, 1.0)
-        parts = [self._at(places, np.full((len(places), len(self._corners)), end)) for end in ends]
+        row, face = (number.ravel() for number in np.indices((len(places), len(self._corners))))
+        axes, triangles = _Axes.of(places, row), ready_triangles(self._corners).at(face)
+        shares = [np.zeros(len(row))]
         if not places[0].is_sphere:
-            parts.append(self._at(places, self._share(places)))
-        return np.concatenate(parts, axis=1)
+            shares += [np.ones(len(row)), nearest_share(axes.start, axes.along, axes.drop, triangles)]
+        return np.concatenate([axes.apart(share, triangles).reshape(len(places), -1) for share in shares], axis=1)
 
-    def least(self, body: Body) -> float:
-        """Over all triangles; where the place of the body that is nearest to one is inside, on the other side of it."""
+    def least(self, *bodies: Body) -> float:
+        """Over all triangles; where the place of a body that is nearest to one is inside, on the other side of it."""
         if len(self._corners) == 0:
             return np.inf
         # A triangle is no farther than its middle is from the ball at an end.
-        most = float((np.linalg.norm(self._middle - body.ends[0], axis=1) - body.radius[0]).min())
-        near = self.near(body, most)
-        share = np.zeros((1, len(near._corners))) if body.is_sphere else near._share([body])
-        share, distance = share[0], near._at([body], share)[0]
-        nearest = int(distance.argmin())
-        size = float(body.radius[0] + share[nearest] * (body.radius[1] - body.radius[0]))
-        place = body.ends[0] + share[nearest] * (body.ends[1] - body.ends[0])
-        outside = not self._closed or winding_number(self._corners, place) < INSIDE
-        return float(distance[nearest] if outside else -distance[nearest] - 2.0 * size)
+        most = [(np.linalg.norm(self._middle - body.ends[0], axis=1) - body.radius[0]).min() for body in bodies]
+        near = [self._near(body, limit) for body, limit in zip(bodies, most)]
+        row = np.repeat(np.arange(len(bodies)), [len(found) for found in near])
+        axes, triangles = _Axes.of(bodies, row), ready_triangles(self._corners[np.concatenate(near)])
+        share, long = np.zeros(len(row)), np.asarray(axes.along.any(axis=1))
+        share[long] = nearest_share(axes.start[long], axes.along[long], axes.drop[long], triangles.at(long))
+        distance = axes.apart(share, triangles)
+        # The first of each body's, the nearest one.
+        ranked = np.lexsort((distance, row))
+        nearest = ranked[np.searchsorted(row, np.arange(len(bodies)))]
+        distance, (place, size) = distance[nearest], (values[nearest] for values in axes.ball(share))
+        inside = self._inside(place, distance + size)
+        return float(np.where(inside, -distance - 2.0 * size, distance).min())
 
-    def _bounds(self, body: Body) -> Array:
+    def _near(self, body: Body, limit: float) -> NDArray[np.int64]:
         middle, half = body.ends.mean(axis=0), 0.5 * np.linalg.norm(body.ends[1] - body.ends[0])
-        return np.asarray(np.linalg.norm(self._middle - middle, axis=1) - self._around - half - body.radius.max())
+        apart = np.linalg.norm(self._middle - middle, axis=1) - self._around - half - body.radius.max()
+        return np.flatnonzero(apart <= limit)
 
-    def _share(self, places: Sequence[Body]) -> Array:
-        first, axis, _, drop = self._paired(places)
-        triangles = np.tile(self._corners, (len(places), 1, 1))
-        found: Array = nearest_share(first, axis, drop, triangles).reshape(len(places), -1)
-        return found
-
-    def _at(self, places: Sequence[Body], share: Array) -> Array:
-        first, axis, size, drop = self._paired(places)
-        along = share.ravel()
-        place = first + along[:, None] * axis
-        triangles = np.tile(self._corners, (len(places), 1, 1))
-        apart = np.linalg.norm(place - closest_on_triangles(triangles, place), axis=1) - size - along * drop
-        found: Array = apart.reshape(share.shape)
-        return found
-
-    def _paired(self, places: Sequence[Body]) -> tuple[Array, Array, Array, Array]:
-        # Start, axis, radius at the start, and what it is more at the end: of every place with every triangle.
-        ends = np.repeat(np.stack([body.ends for body in places]), len(self._corners), axis=0)
-        radius = np.repeat(np.stack([body.radius for body in places]), len(self._corners), axis=0)
-        return ends[:, 0], ends[:, 1] - ends[:, 0], radius[:, 0], radius[:, 1] - radius[:, 0]
+    def _inside(self, places: Array, clear: Array) -> NDArray[np.bool_]:
+        # Places [m], and how far each is from all triangles [m]: within that of it, all are on one side.
+        inside = np.zeros(len(places), np.bool_)
+        left = np.arange(len(places)) if self._closed else np.zeros(0, np.int64)
+        while len(left):
+            first = left[clear[left].argmax()]
+            same = np.linalg.norm(places[left] - places[first], axis=1) < clear[first]
+            same[left == first] = True
+            inside[left[same]] = winding_number(self._corners, places[first]) >= INSIDE
+            left = left[~same]
+        return inside
 
 
 def winding_number(corners: Array, point: Array) -> float:

@@ -1,7 +1,7 @@
 """Every hard case for the two methods that promise to pass it; the penetration once more, by brute force."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 from sphere_scenes import Motion, brute_pairs, record_clearance
 
-from hhsim.bench.robustness import invariance_cases
 from hhsim.bench.robustness.acceptance import common_figures
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.cases import hard_cases
@@ -18,13 +17,11 @@ from hhsim.bench.robustness.endurance_cases import LOOP
 from hhsim.bench.robustness.hard import judge_case, run_scene
 from hhsim.bench.robustness.pieces import hand_distance, pieces_of
 from hhsim.bench.robustness.postures import INDEX
-from hhsim.bench.robustness.sphere_objects import tree_of
 from hhsim.bench.robustness.triangle_cases import SLIDE
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.sphere_tree import SphereTree
 
 pytestmark = pytest.mark.slow
 
@@ -37,22 +34,6 @@ QUICK = ("sharp-edge", "flat-finger", "many-at-a-vertex")
 """On the mesh, every time; all of them in the soak."""
 MOST_PAIRS = pytest.mark.parametrize("most_pairs", [1.5e7, pytest.param(4e9, marks=pytest.mark.soak)])
 """Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def trees_once() -> Iterator[None]:
-    """A case of variants makes its trees, of thousands of spheres, again for every method that it judges."""
-    made: dict[tuple[bytes, bytes], SphereTree] = {}
-
-    def once(center: Array, radius: Array) -> SphereTree:
-        key = center.tobytes(), radius.tobytes()
-        if key not in made:
-            made[key] = tree_of(center, radius)
-        return made[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(invariance_cases, "tree_of", once)
-        yield
 
 
 @cache

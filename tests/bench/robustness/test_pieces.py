@@ -18,7 +18,7 @@ from hhsim.bench.robustness.pieces import (
     winding_number,
 )
 from hhsim.bench.robustness.random_targets import RandomTargets
-from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, sheet_mesh
+from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, ring_mesh, sheet_mesh
 from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -125,6 +125,20 @@ def test_what_is_inside_is_told_by_the_winding_number() -> None:
     # Of open triangles nothing is inside.
     opened = Mesh(box.vertices, box.faces[2:])
     assert pieces_of("mesh", opened, None).least(ball_at((0.03, 0.0, 0.0))) == pytest.approx(0.01, abs=1e-15)
+
+
+def test_bodies_together_are_as_near_as_the_nearest_alone() -> None:
+    least: list[float] = []
+    for mesh in (ball_mesh(0.02, 2), ring_mesh((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.03, 0.02)):
+        pieces = pieces_of("mesh", mesh, None)
+        for shown in hands(5, 12)[2::4]:
+            bodies = hand_bodies(SHAPE, *shown)[::4]
+            alone = np.array([pieces.least(body) for body in bodies])
+            for part in (slice(None), slice(0, None, 3), slice(3, 12)):
+                assert pieces.least(*bodies[part]) == pytest.approx(alone[part].min(), abs=1e-15)
+            least.extend(alone)
+    # Deeper than a body's radius is inside.
+    assert min(least) < -0.02 and max(least) > 0.02
 
 
 def test_a_hand_that_is_nowhere_has_no_distance() -> None:
