@@ -245,7 +245,7 @@ def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     _aim(state)
     state.clipped = False
     contacts = state.contacts.start[FINGER_COUNT + 1]
-    bodies, pairs = pairs_near(surface, hand, candidates, max(options.listed, reach))
+    bodies, pairs = pairs_near(surface, hand, candidates, max(options.listed, state.reach))
     state.work[WORK_BODIES] = max(state.work[WORK_BODIES], bodies)
     state.work[WORK_LINEARISATIONS] += 1
     state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], pairs)

@@ -25,7 +25,7 @@ def joined(state: Any) -> list[int]:
 @pytest.mark.parametrize("seed", [1, 3, 9])
 def test_palm_and_fingers_are_the_optima_of_their_own_programs(seed: int) -> None:
     plain, palms, fingers = 0, 0, 0
-    for solver in harvest("progressive", random_targets(HAND, TICKS, seed), 7):
+    for solver in harvest("progressive", random_targets(HAND, 2 * TICKS, seed), 7):
         state = solver.workspace.states[0]
         assert solve_prepared(solver) == OPTIMAL
         if joined(state):
