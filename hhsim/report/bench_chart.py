@@ -82,6 +82,7 @@ CHARTS: Mapping[str, Chart] = {
     "recorded": Chart("Slowest hundredth of the ticks", ("method",), x="cpu_p99", labels=("recording", "object")),
     "qp": Chart("Time of a program", ("solver",), x="native_p50", labels=("program",)),
     "trees": Chart("How far the spheres protrude", ("method",), x="spheres", y="protrusion_max"),
+    "mesh-size": Chart("Time of a tick by triangles", ("method",), x="triangles", y="tick_p50"),
     "threads": Chart("Wall time of a tick by threads", ("case",), x="threads", y="total"),
 }
 """What is drawn of each suite."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hhsim.bench import speed_error_table, threads, trees
+from hhsim.bench import mesh_size, speed_error_table, threads, trees
 from hhsim.bench.paper import table as paper
 from hhsim.bench.qp import bench as qp
 from hhsim.bench.robustness import hard, recorded_metrics, stress_metrics
@@ -25,6 +25,7 @@ COLUMNS = {
     "stress": stress_metrics.COLUMNS,
     "recorded": recorded_metrics.COLUMNS,
     "qp": qp.COLUMNS,
+    "mesh-size": mesh_size.COLUMNS,
     "trees": trees.COLUMNS,
     "threads": threads.COLUMNS,
 }

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 BRANCHING = 8
+GROUP_TESTS = 6
+"""Node tests that a group counts as: the vector unit looks at all of it at once."""
 ALONG = 1e-9
 """Sine of an angle that is none."""
 NOWHERE = 1e150
@@ -252,7 +254,7 @@ def gather_faces(
         top -= 1
         node = stack[top]
         _block_distances(spheres.block, node, cone, near)
-        tests += BRANCHING
+        tests += GROUP_TESTS
         for i in range(BRANCHING):
             if near[i] > look_out:
                 clearance = min(clearance, near[i])

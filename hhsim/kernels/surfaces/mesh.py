@@ -72,8 +72,8 @@ hold back what slides towards it.
 """
 LOOK_OUT = 3.0
 """A part that is near nothing looks so many times as far as its reach, for a slack that lasts."""
-LISTING = 6
-"""Node tests that a face near a part counts as: its edges and vertices are looked at too."""
+FINDING, LISTING = 1, 2
+"""Node tests that a face near a part counts as, and one of its features that is listed."""
 SOON = 0.7
 AHEAD_SPHERES = 6
 """In a tick that has nothing else to gather, up to so many of the palm's spheres are gathered ahead of need: of those
@@ -193,7 +193,7 @@ def _list_features(
     look_out = reach if _pair_count(candidates, part) > 0 else LOOK_OUT * reach
     found = walk.scratch
     count, slack, tests = gather_faces(mesh.spheres, cone, reach, look_out, walk.stack, candidates.near[part], found)
-    work[COUNT_NODE_TESTS] += tests + LISTING * max(count, 0)
+    work[COUNT_NODE_TESTS] += tests + FINDING * max(count, 0)
     if count < 0:
         return -np.inf
     one_sided = mesh.pseudonormal.shape[0] > 0
@@ -248,6 +248,7 @@ def _list_features(
     candidates.faces[part] = faces - start
     candidates.edges[part] = edges - start
     candidates.vertices[part] = vertices - start
+    work[COUNT_NODE_TESTS] += LISTING * _pair_count(candidates, part)
     return slack
 
 

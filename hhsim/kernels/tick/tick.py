@@ -212,13 +212,6 @@ def spent_units(state: Record) -> int:
 
 
 @jit
-def _is_spent(options: TickOptions, state: Record) -> bool:
-    # One linearisation more, as long as those before it, must fit in.
-    spent = spent_units(state)
-    return as_bool(spent + spent // max(state.work[WORK_LINEARISATIONS], 1) >= options.budget)
-
-
-@jit
 def _aim(state: Record) -> None:
     pose, haptic, problem = state.pose, state.haptic, state.problem
     rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
@@ -448,7 +441,7 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     began = monotonic_ns()
     status = 0
     candidates = state.candidates
-    cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and _is_spent(options, state)
+    cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
     state.idle = 0 if state.accepted else state.idle + 1
     unsafe = 0.0
     for body in range(BODY_COUNT):
@@ -500,7 +493,7 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
     begin_tick(options, state)
     status = 0
     for i in range(options.linearisations):
-        if i > 0 and _is_spent(options, state):
+        if i > 0 and spent_units(state) >= options.budget:
             break
         if is_oscillating(method, state, i):
             switch_to_coupled(state)

@@ -14,6 +14,7 @@ from scipy.optimize import linprog
 from hhsim.kernels.mesh.features import (
     ALONG,
     BRANCHING,
+    GROUP_TESTS,
     NOWHERE,
     FaceSpheres,
     face_spheres,
@@ -99,7 +100,7 @@ def test_every_face_within_reach_is_found_once(seed: int, count: int, reach: flo
     total, clearance, tests = gather_faces(spheres, cones.kernel(0), reach, reach, stack, near, found)
     faces = found[:total]
     assert len(set(faces.tolist())) == total
-    assert BRANCHING <= tests <= spheres.child.size
+    assert GROUP_TESTS <= tests <= spheres.child.size
     many = cones._replace(
         a=np.repeat(cones.a, count, axis=0),
         b=np.repeat(cones.b, count, axis=0),
