@@ -1,7 +1,6 @@
 """The figures that a suite can limit: all of a run, and the times of a live session."""
 
 from collections.abc import Mapping
-from functools import cache
 
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import Figure
@@ -11,7 +10,6 @@ OF_SESSIONS = frozenset(figure.name for figure in SESSION_TIMES)
 """Only a recorded session has them: no scene of a suite does."""
 
 
-@cache
 def limitable() -> dict[str, Figure]:
     """Every figure that can have a limit, by name."""
     return {**run_metrics(), **{figure.name: figure for figure in SESSION_TIMES}}
