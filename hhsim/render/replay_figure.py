@@ -49,6 +49,9 @@ ARROW_LENGTH = 0.02
 Longer by the square root of the force, so that small forces can be seen beside large ones.
 """
 
+LONGEST_ARROW = 10.0
+"""No force of a hand is this long in a picture [m]."""
+
 LETTER = 0.92
 """Width of a letter or digit, its white rim's share included [pixels at 100 to the inch, by the size in pt]."""
 
@@ -164,8 +167,10 @@ def seen_through(
     # Glass is clearest where one looks straight at it.
     glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
     layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (shade(body, camera), 0.5), (ghost, glass)]
-    if forces:
-        arrows = [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in forces]
+    # A damaged file may hold forces that no picture has room for.
+    shown = [force for force in forces if 0.0 < float(np.linalg.norm(arrow(force))) < LONGEST_ARROW]
+    if shown:
+        arrows = [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in shown]
         layer = shade(joined(arrows), camera)
         layers.append((replace(layer, depth=layer.depth + 10.0), 1.0))
     return blend(layers)
