@@ -126,8 +126,8 @@ def _along_a_curve(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, I
     # Z-curve, since a million triangles are in no cache.
     first, index = distinct_rows(vertices)
     place = vertices[first]
-    low, size = place.min(axis=0), max(float(np.ptp(place, axis=0).max()), np.finfo(np.float64).tiny)
-    cell = ((place - low) * ((2**CELLS - 1) / size)).astype(np.int64)
+    low, size = place.min(axis=0), float(np.ptp(place, axis=0).max()) or 1.0
+    cell = ((place - low) / size * (2**CELLS - 1)).astype(np.int64)
     code = np.zeros(len(place), dtype=np.int64)
     for bit in range(CELLS):
         for k in range(3):

@@ -12,7 +12,7 @@ BoolArray = NDArray[np.bool_]
 
 
 def distinct_rows(rows: NDArray[Any]) -> tuple[IntArray, IntArray]:
-    """Which rows of a table are equal; the same as `numpy.unique` finds along an axis, in a tenth of its time.
+    """Which rows of a table are equal; as `numpy.unique` finds them along an axis, in a third of its time.
 
     Args:
         rows: Shape (N, M), without NaN.

@@ -20,16 +20,20 @@ from hhsim.kernels.mesh.feature_distance import (
     ON,
     edge_bound,
     edge_distance,
+    edge_distances,
+    edge_end_distance,
     edge_witness,
     face_bounds,
     face_distance,
+    face_distances,
     line_witness,
     vertex_bound,
     vertex_distance,
+    vertex_distances,
     vertex_witness,
 )
 from hhsim.kernels.mesh.features import MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone
+from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.mesh.features import mesh_features
 
@@ -391,3 +395,37 @@ def test_bounds_of_what_can_be_touched_straight_away_are_the_distances(seed: int
     below = Cones(over.a * [1.0, 1.0, -1.0], over.b * [1.0, 1.0, -1.0], over.radius_a, over.radius_b).kernel(0)
     assert face_bounds(mesh.face, 0, below, False) == pytest.approx((0.013, 0.013), abs=EXACT)
     assert face_bounds(mesh.face, 0, below, True) == pytest.approx((0.013, 0.02), abs=EXACT)
+
+
+@given(SEEDS, st.integers(1, 40), st.booleans())
+@settings(max_examples=20)
+def test_lists_field_by_field_give_each_feature_its_own_distance(seed: int, count: int, spheres: bool) -> None:
+    random = np.random.default_rng(seed)
+    mesh, _ = mesh_features(
+        random_triangles(random, count).reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), closed=False
+    )
+    cone = random_cones(random, 1, 0.02).kernel(0)
+    if spheres:
+        cone = sphere_cone(cone.x, cone.y, cone.z, cone.radius)
+    face, edge, vertex = (np.ascontiguousarray(values.T).T for values in (mesh.face, mesh.edge, mesh.vertex))
+    faces, edges, vertices = len(face), len(edge), len(vertex)
+    distance, parameter, end = (np.full(max(faces, edges, vertices), np.nan) for _ in range(3))
+    face_distances(face, 1, faces, cone, distance)
+    assert np.isnan(distance[0])
+    of_faces = [face_distance(mesh.face, i, cone) for i in range(1, faces)]
+    np.testing.assert_allclose(distance[1:faces], of_faces, rtol=1e-12, atol=EXACT)
+    edge_distances(edge, 0, edges, cone, distance, parameter, end)
+    of_edges = [(*edge_distance(mesh.edge, i, cone), edge_end_distance(mesh.edge, i, cone)) for i in range(edges)]
+    found = np.stack([distance, parameter, end], axis=1)[:edges]
+    np.testing.assert_allclose(found, of_edges, rtol=1e-12, atol=EXACT)
+    vertex_distances(vertex, 0, vertices, cone, distance, parameter)
+    of_vertices = [vertex_distance(mesh.vertex, i, cone) for i in range(vertices)]
+    np.testing.assert_allclose(np.stack([distance, parameter], axis=1)[:vertices], of_vertices, rtol=1e-12, atol=EXACT)
+
+
+def test_an_end_over_an_edge_is_as_far_as_its_ball() -> None:
+    edge = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.05]])
+    # The larger end over the edge, 30 mm up; the smaller one beyond its end; and both beyond it.
+    for x, y, expected in ((0.01, 0.0, 0.02), (0.01, 0.04, 0.04), (0.2, 0.0, ELSEWHERE)):
+        cone = RoundCone(x, y, 0.03, 1.0, 0.0, 0.0, 0.06, 0.0, 1.0 / 0.06, 0.01, 0.0)
+        assert edge_end_distance(edge, 0, cone) == pytest.approx(expected, abs=EXACT)

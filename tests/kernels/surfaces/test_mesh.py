@@ -27,7 +27,7 @@ from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, li
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone
 from hhsim.kernels.sphere_tree import STACK_SIZE
-from hhsim.kernels.surfaces.mesh import NEAR_CONE
+from hhsim.kernels.surfaces.mesh import CROWD, NEAR_CONE
 from hhsim.kernels.tick.curvature import curvature_product
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
@@ -195,6 +195,29 @@ def test_a_face_of_slivers_holds_a_finger_as_one_face_does() -> None:
     np.testing.assert_allclose(rows["distance"], GAP, atol=1e-10)
     for radius in (RADIUS, END_RADIUS):
         assert np.abs(rows["radius"] - radius).min() < 1e-12
+
+
+def test_a_crowd_of_triangles_is_listed_less_far_and_the_nearest_is_still_among_them() -> None:
+    # Squares of 0.2 mm under the whole finger: more than a crowd within the reach of a phalanx.
+    x, y = np.meshgrid(np.arange(0.0, LENGTH, 2e-4), np.arange(-3e-3, 3e-3, 2e-4), indexing="ij")
+    across = RADIUS - np.sqrt(RADIUS**2 - y**2)
+    place = np.stack(
+        [x, y, beside(0.0, 1e-4) + (beside(LENGTH, 1e-4) - beside(0.0, 1e-4)) * x / LENGTH - 2.0 * across], axis=-1
+    )
+    number = np.arange(x.size).reshape(x.shape)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    mesh = under_the_finger(place.reshape(-1, 3), faces)
+    state, straight = new_state(), still(1, np.zeros(3))
+    set_pose(HAND, state.pose, straight)
+    assert evaluate(ARRAYS, state.pose, mesh, 2e-4, MARGIN, SKIN, state.candidates, state.work) == 0
+    candidates, middle = state.candidates, INDEX_MIDDLE
+    assert candidates.share[middle] > 0
+    listed = candidates.faces[middle] + candidates.edges[middle] + candidates.vertices[middle]
+    assert 0 < listed <= 3 * CROWD
+    assert 2e-4 <= candidates.slack[middle] < MARGIN + SKIN
+    cone = bodies(straight).kernel(middle)
+    assert candidates.nearest[middle] == pytest.approx(_least_of_all(mesh, cone), abs=FREE_OF_ROUNDING)
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
