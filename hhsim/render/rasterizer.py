@@ -195,7 +195,9 @@ def _blurred(depth: FloatArray, pixel: IntArray, shape: tuple[int, int], width: 
 def _gaussian(cells: int, width: float) -> FloatArray:
     """Shares of the cells of a line, shape (cells, cells), that are blended into each; standard deviation in cells."""
     place = np.arange(cells)
-    share = np.exp(-0.5 * ((place[:, None] - place) / width) ** 2)
+    # Where the blur is next to nothing beside a cell, its neighbours' share is none.
+    with np.errstate(over="ignore"):
+        share = np.exp(-0.5 * ((place[:, None] - place) / width) ** 2)
     return np.asarray(share / share.sum(axis=1, keepdims=True))
 
 

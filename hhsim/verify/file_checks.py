@@ -188,7 +188,8 @@ def _tree_encloses(result: Result) -> Claim:
     leaf = np.flatnonzero(level == level.max(initial=0))
     out = np.zeros(len(leaf))
     above = leaf.copy()
-    for _ in range(int(level.max(initial=0))):
+    # No chain of parents is longer than there are spheres, whatever levels a damaged file states.
+    for _ in range(min(int(level.max(initial=0)), len(radius) - 1)):
         above = np.clip(parent[above], 0, len(radius) - 1)
         away = np.linalg.norm(center[leaf] - center[above], axis=1)
         out = np.maximum(out, away + radius[leaf] - radius[above])

@@ -8,7 +8,7 @@ import pytest
 
 from hhsim.errors import InputError, OutputError
 from hhsim.render.figure import save_figure
-from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, rasterise, shade
+from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, lit, look_from, rasterise, shade
 from hhsim.render.triangle_soup import SKIN, SPHERE, round_cone_surface
 
 
@@ -90,3 +90,11 @@ def test_a_picture_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
         save_figure(Figure(), tmp_path / "picture.xyz")
     with pytest.raises(OutputError, match="cannot write the picture"):
         save_figure(Figure(), tmp_path / "nowhere" / "picture.png")
+
+
+def test_a_frame_beyond_any_size_is_lit_without_a_blur() -> None:
+    depth, normals = np.zeros((4, 6)), np.tile([0.0, 0.0, 1.0], (24, 1))
+    size = Camera(look_from((1.0, 0.0, 0.0)), np.zeros(3), 1e300, (4, 6))
+    near = replace(size, height=0.04)
+    assert np.isfinite(lit(depth, normals, 0.5 * np.ones((24, 3)), size).color).all()
+    np.testing.assert_array_equal(*(lit(depth, normals, np.ones((24, 3)), camera).color for camera in (size, near)))

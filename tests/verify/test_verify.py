@@ -49,6 +49,7 @@ from hhsim.trees.options import TreeOptions
 from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import axis_places
+from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.kinematics import own_hand, pose
 from hhsim.verify.posture_checks import posture_claims
@@ -253,6 +254,16 @@ def test_a_depth_set_to_zero_where_the_hand_penetrates_is_found(tmp_path: Path) 
         file["summary"].attrs["penetration_max"] = 0.0
 
     assert failing(verify(planted(deep.path, tmp_path, zeroed), every=5)) == {"depth"}
+
+
+def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: Path) -> None:
+    """Damaged so, a file once had the referee climb a chain of as many parents."""
+
+    def raised(file: h5py.File) -> None:
+        file["object/tree/level"][-1] = 2**62
+
+    claims = {claim.name: claim for claim in file_claims(planted(honest.path, tmp_path, raised))}
+    assert claims["tree order"].failed
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,9 @@ def round_cone_mesh_distance(
         x, y, z = a[0] + middle * ux, a[1] + middle * uy, a[2] + middle * uz
         value = _signed_distance(bvh, x, y, z, stack, stack_distance2) - (radius_a - middle * drop)
         best = min(best, value)
-        if value - 0.5 * width * slope >= best or width * length <= resolution or top + 2 > DEEPEST_INTERVAL:
+        # So said that an axis too long for its square has no piece worth a look: nothing of it is a number.
+        below = value - 0.5 * width * slope < best
+        if not below or width * length <= resolution or top + 2 > DEEPEST_INTERVAL:
             continue
         for side in (-0.25, 0.25):
             interval[0, top], interval[1, top] = middle + side * width, 0.5 * width

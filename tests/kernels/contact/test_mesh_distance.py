@@ -157,3 +157,10 @@ def test_a_pose_that_is_not_finite_has_no_distance() -> None:
     hand_mesh_distances(*hand_arrays(hand), CUBE_BVH, joints, *two, 0.05, RESOLUTION, found)
     assert np.isnan(found[0])
     assert np.isfinite(found[1])
+
+
+@pytest.mark.parametrize("far", [1e160, 1e300, np.inf])
+def test_an_axis_of_any_length_ends(far: float) -> None:
+    """As a damaged file states it: from a point above the cube to where no square of a distance is a number."""
+    found = distance(CUBE_BVH, np.array([0.0, 0.0, HALF + 0.02]), np.array([far, 0.0, far]), 0.01, 0.01)
+    assert found == pytest.approx(0.01)
