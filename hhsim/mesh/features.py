@@ -67,6 +67,8 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     without_area = int(len(high) - high.sum())
     if len(corners) == 0:
         raise MeshError(f"none of {len(faces)} triangles has an area; expected a surface mesh")
+    # First what needs most room beside it: a million triangles hold a gigabyte in the end.
+    face = _faces(place, corners, normal)
 
     ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
     low, top = ends.min(axis=1), ends.max(axis=1)
@@ -103,7 +105,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     features = MeshFeatures(
         spheres=face_spheres(corner),
         corner=corner,
-        face=_faces(place, corners, normal),
+        face=face,
         face_edge=face_edge.reshape(-1, 3),
         face_vertex=face_vertex.reshape(-1, 3),
         edge=np.ascontiguousarray(np.concatenate([start, along, length[:, None]], axis=1)).reshape(-1, EDGE_FIELDS),
@@ -168,10 +170,13 @@ def _faces(place: FloatArray, corners: IntArray, normal: FloatArray) -> FloatArr
 
 
 def _least_half_sine(triangle: FloatArray) -> FloatArray:
-    # Of half the sharpest corner of each triangle, shape (F, 3, 3).
-    out, back = np.roll(triangle, -1, axis=1) - triangle, np.roll(triangle, 1, axis=1) - triangle
-    angle = np.arctan2(np.linalg.norm(np.cross(out, back), axis=2), np.einsum("fkm,fkm->fk", out, back))
-    return np.asarray(np.sin(0.5 * angle.min(axis=1)))
+    # Of half the sharpest corner of each triangle, shape (F, 3, 3); corner by corner, since there may be a million.
+    least = np.full(len(triangle), np.inf)
+    for k in range(3):
+        out, back = triangle[:, (k + 1) % 3] - triangle[:, k], triangle[:, k - 1] - triangle[:, k]
+        angle = np.arctan2(np.linalg.norm(np.cross(out, back), axis=1), np.einsum("fm,fm->f", out, back))
+        np.minimum(least, angle, out=least)
+    return np.asarray(np.sin(0.5 * least))
 
 
 def _wings(

@@ -161,7 +161,8 @@ def face_spheres(corner: Array) -> FaceSpheres:
         for m in range(3):
             middle[m, i] = (corner[i, m] + corner[i, 3 + m] + corner[i, 6 + m]) / 3.0
     order = np.arange(faces)
-    most = faces + 1
+    # Of nodes whose children are all faces there are at most half as many as faces, and a seventh of that above them.
+    most = 4 * faces // 7 + 2
     block, child = np.full((most, 4, BRANCHING), NOWHERE), np.full((most, BRANCHING), -1)
     block[:, 3] = 0.0
     start, end = np.empty(most, np.int64), np.empty(most, np.int64)
