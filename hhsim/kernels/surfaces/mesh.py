@@ -61,6 +61,8 @@ PARTS = PALM_BODY + PALM_SPHERES
 """What is walked for: the phalanges, then the palm's spheres."""
 PHALANX_ROOM = 4096
 PALM_ROOM = 32768
+FOUND_ROOM = 4 * PHALANX_ROOM
+"""Faces whose spheres are near a part: more than those that are near themselves, where they are small."""
 ROOM = PALM_BODY * PHALANX_ROOM + PALM_ROOM
 """Faces near a phalanx and near the palm, and in all; as many edges, as many vertices."""
 NEAR_CONE = 0.03
@@ -82,7 +84,7 @@ CROWD = 512
 SHARES = (1.0, 0.3, 0.1, 0.0)
 """Where more features than a crowd are within the reach of a part, the next share of the way from what is needed to
 that reach is tried: a list that is measured at every step must be short, however fine the mesh."""
-LAST_SHARE = 0.25
+LAST_SHARES = (0.25, 0.06, 0.015)
 """Of what is needed, where even that is more than there is room for: the steps are as short then."""
 FLAT = np.inf
 """Radius of curvature of a face [m]."""
@@ -109,7 +111,7 @@ CANDIDATES = np.dtype(
         ("share", np.int64, (PARTS,)),
         ("near", np.float64, (PARTS, BRANCHING)),
         *SHARED_CANDIDATES,
-        ("scratch", np.int64, (PHALANX_ROOM,)),
+        ("scratch", np.int64, (FOUND_ROOM,)),
         ("stack", np.int64, (STACK_SIZE,)),
     ],
     align=True,
@@ -268,8 +270,11 @@ def _gather_part(
     room = PHALANX_ROOM if part < PALM_BODY else _palm_room(hand)
     needed, last = candidates.needed, len(SHARES) - 1
     slack = -np.inf
-    for k in range(candidates.share[part], last + 2):
-        least = needed + SHARES[k] * max(reach - needed, 0.0) if k <= last else LAST_SHARE * needed
+    for k in range(candidates.share[part], len(SHARES) + len(LAST_SHARES)):
+        if k <= last:
+            least = needed + SHARES[k] * max(reach - needed, 0.0)
+        else:
+            least = LAST_SHARES[k - len(SHARES)] * needed
         most = min(CROWD, room) if k < last else room
         slack = _list_features(mesh, cone, part, start, most, least, candidates, walk, work)
         if slack > -np.inf:

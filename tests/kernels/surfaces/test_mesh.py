@@ -27,7 +27,7 @@ from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, li
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone
 from hhsim.kernels.sphere_tree import STACK_SIZE
-from hhsim.kernels.surfaces.mesh import CROWD, NEAR_CONE
+from hhsim.kernels.surfaces.mesh import CROWD, NEAR_CONE, PHALANX_ROOM, SHARES
 from hhsim.kernels.tick.curvature import curvature_product
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
@@ -197,27 +197,41 @@ def test_a_face_of_slivers_holds_a_finger_as_one_face_does() -> None:
         assert np.abs(rows["radius"] - radius).min() < 1e-12
 
 
-def test_a_crowd_of_triangles_is_listed_less_far_and_the_nearest_is_still_among_them() -> None:
-    # Squares of 0.2 mm under the whole finger: more than a crowd within the reach of a phalanx.
-    x, y = np.meshgrid(np.arange(0.0, LENGTH, 2e-4), np.arange(-3e-3, 3e-3, 2e-4), indexing="ij")
+def fitted_sheet(square: float, gap: float, away: float) -> MeshFeatures:
+    """Squares [m] cut in two under the whole finger, at the gap [m]; to its sides as much lower as away says."""
+    x, y = np.meshgrid(np.arange(0.0, LENGTH, square), np.arange(-3e-3, 3e-3, square), indexing="ij")
     across = RADIUS - np.sqrt(RADIUS**2 - y**2)
-    place = np.stack(
-        [x, y, beside(0.0, 1e-4) + (beside(LENGTH, 1e-4) - beside(0.0, 1e-4)) * x / LENGTH - 2.0 * across], axis=-1
-    )
+    low, high = beside(0.0, gap), beside(LENGTH, gap)
+    place = np.stack([x, y, low + (high - low) * x / LENGTH - away * across], axis=-1)
     number = np.arange(x.size).reshape(x.shape)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
-    mesh = under_the_finger(place.reshape(-1, 3), faces)
+    return under_the_finger(place.reshape(-1, 3), np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3))
+
+
+def listed_at(mesh: MeshFeatures, needed: float) -> tuple[Any, int]:
+    """The lists of the straight hand, and how many features the middle phalanx of the index has."""
     state, straight = new_state(), still(1, np.zeros(3))
     set_pose(HAND, state.pose, straight)
-    assert evaluate(ARRAYS, state.pose, mesh, 2e-4, MARGIN, SKIN, state.candidates, state.work) == 0
+    assert evaluate(ARRAYS, state.pose, mesh, needed, MARGIN, SKIN, state.candidates, state.work) == 0
     candidates, middle = state.candidates, INDEX_MIDDLE
-    assert candidates.share[middle] > 0
-    listed = candidates.faces[middle] + candidates.edges[middle] + candidates.vertices[middle]
-    assert 0 < listed <= 3 * CROWD
-    assert 2e-4 <= candidates.slack[middle] < MARGIN + SKIN
     cone = bodies(straight).kernel(middle)
     assert candidates.nearest[middle] == pytest.approx(_least_of_all(mesh, cone), abs=FREE_OF_ROUNDING)
+    return candidates, candidates.faces[middle] + candidates.edges[middle] + candidates.vertices[middle]
+
+
+def test_a_crowd_of_triangles_is_listed_less_far_and_the_nearest_is_still_among_them() -> None:
+    candidates, listed = listed_at(fitted_sheet(2e-4, 1e-4, 2.0), 2e-4)
+    assert candidates.share[INDEX_MIDDLE] > 0
+    assert 0 < listed <= 3 * CROWD
+    assert 2e-4 <= candidates.slack[INDEX_MIDDLE] < MARGIN + SKIN
+
+
+def test_more_triangles_than_there_is_room_for_make_the_steps_short_and_no_error() -> None:
+    # A plane that a finger lies flat on, in squares of 0.1 mm: ten thousand within a quarter of what is needed.
+    candidates, listed = listed_at(fitted_sheet(1e-4, 1e-5, 0.0), 1e-3)
+    assert candidates.share[INDEX_MIDDLE] >= len(SHARES)
+    assert 0 < listed <= 3 * PHALANX_ROOM
+    assert 1e-5 <= candidates.slack[INDEX_MIDDLE] < 1e-3
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
