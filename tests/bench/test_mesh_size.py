@@ -26,9 +26,7 @@ def rows() -> Iterator[list[dict[str, Any]]]:
         patch.setattr(mesh_size, "MESH_LEVEL", 2)
         # A process takes two seconds of start: those of the object as it is are real.
         known, real = iter([Preparation(2.0, 1e8), Preparation(1.0, 1e8)]), mesh_size._in_fresh_process
-        patch.setattr(
-            mesh_size, "_in_fresh_process", lambda path: real(path) if path.stem == "cube" else next(known)
-        )
+        patch.setattr(mesh_size, "_in_fresh_process", lambda path: real(path) if path.stem == "cube" else next(known))
         yield measure(SMALL)
 
 

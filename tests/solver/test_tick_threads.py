@@ -72,7 +72,11 @@ def run(hand: HandModel, tree: SphereTree, motion: Motion, worth: int = 0, **opt
 @pytest.mark.parametrize(
     ("method", "name", "script"),
     sampled(
-        [(*case, script) for case in product(THREADED, ("cup", "bunny")) for script in ("grasp", "whole-hand", "slide")],
+        [
+            (*case, script)
+            for case in product(THREADED, ("cup", "bunny"))
+            for script in ("grasp", "whole-hand", "slide")
+        ],
         lambda place, case: case in (("coupled", "cup", "grasp"), ("progressive", "bunny", "whole-hand")),
     ),
 )

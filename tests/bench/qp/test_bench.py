@@ -13,8 +13,8 @@ from conftest import Run
 from pyarrow import parquet
 from qp_problems import contact_programs, degenerate_set
 
-from hhsim.bench.qp.backends import ProgramSolver, overhead, prepare
 from hhsim.bench.qp import bench, recorded_problems
+from hhsim.bench.qp.backends import ProgramSolver, overhead, prepare
 from hhsim.bench.qp.bench import Tally, bench_qp, missed_programs
 from hhsim.bench.qp.kkt_check import residuals
 from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest

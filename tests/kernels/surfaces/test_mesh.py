@@ -278,9 +278,10 @@ def least_by_search(motion: Motion, triangles: Array, tick: int = 0) -> Array:
     """Distance [m] of each body to the nearest of a few triangles, shape (15 + palm's spheres,)."""
     cones = bodies(motion, tick)
     count = len(triangles)
-    pairs = Cones(*(np.repeat(values, count, axis=0) for values in cones))
-    many = np.tile(triangles, (len(cones.a), 1, 1))
-    return np.asarray(along_axes(pairs, from_triangles(many)).reshape(-1, count).min(axis=1))
+    pairs = Cones(*(np.repeat(values[:PALM], count, axis=0) for values in cones))
+    phalanges = along_axes(pairs, from_triangles(np.tile(triangles, (PALM, 1, 1)))).reshape(-1, count)
+    palm = from_triangles(triangles)(cones.a[PALM:, None]) - cones.radius_a[PALM:, None]
+    return np.concatenate([phalanges, palm]).min(axis=1)
 
 
 def pose_of(state: Any) -> Motion:
