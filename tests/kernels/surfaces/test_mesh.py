@@ -281,7 +281,7 @@ def least_by_search(motion: Motion, triangles: Array, tick: int = 0) -> Array:
     pairs = Cones(*(np.repeat(values[:PALM], count, axis=0) for values in cones))
     phalanges = along_axes(pairs, from_triangles(np.tile(triangles, (PALM, 1, 1)))).reshape(-1, count)
     palm = from_triangles(triangles)(cones.a[PALM:, None]) - cones.radius_a[PALM:, None]
-    return np.concatenate([phalanges, palm]).min(axis=1)
+    return np.asarray(np.concatenate([phalanges, palm]).min(axis=1))
 
 
 def pose_of(state: Any) -> Motion:
