@@ -35,7 +35,7 @@ QUICK = ("sharp-edge", "flat-finger", "many-at-a-vertex")
 """On the mesh, every time; all of them in the soak."""
 SOME_PAIRS, ALL_PAIRS = 2e6, 4e9
 """Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
-BY_BOTH = ("start-inside", "opposed-surfaces", "many-at-a-vertex", "bad-samples", "all-limits", "stiffness-scale")
+BY_BOTH = ("start-inside", "opposed-surfaces", "bad-samples", "all-limits", "stiffness-scale")
 """By `progressive`, every time; by `coupled` all of them, and by both in the soak."""
 
 
